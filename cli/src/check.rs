@@ -1,6 +1,6 @@
 //! `dca check`: prints the diagnostics of a spec.
 
-mod json;
+pub(crate) mod json;
 mod sarif;
 
 use crate::follow::Spec;

@@ -1,8 +1,9 @@
 //! `dca fmea`: what each single fault of each program does.
 
 use crate::Controllers;
-use crate::verify::{LimitArgs, load};
+use crate::verify::{LimitArgs, load, story};
 use node::console::{self, Failure};
+use serde_json::{Value, json};
 use std::path::PathBuf;
 use verify::{Row, Severity, Table, seconds};
 
@@ -20,6 +21,9 @@ pub struct Arguments {
     /// Tell how each row comes about
     #[arg(long, conflicts_with_all = ["csv", "html"])]
     stories: bool,
+    /// Print the table as one JSON document, with the story of each row
+    #[arg(long, conflicts_with_all = ["csv", "html", "stories"])]
+    json: bool,
     #[command(flatten)]
     limits: LimitArgs,
     #[command(flatten)]
@@ -33,10 +37,11 @@ const COLUMNS: [&str; 7] = ["program", "fault", "while", "at once", "still runs"
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let loaded = load(&arguments.file, &arguments.controllers)?;
     let table = arguments.limits.with(|limits| verify::fmea(&loaded.plan, &loaded.sites, limits));
-    console::say(&match (arguments.csv, arguments.html) {
-        (true, _) => csv(&table),
-        (_, true) => html(&loaded.plan.name, &table),
-        (_, _) => text(&table, arguments.stories),
+    console::say(&match arguments {
+        Arguments { csv: true, .. } => csv(&table),
+        Arguments { html: true, .. } => html(&loaded.plan.name, &table),
+        Arguments { json: true, .. } => json(&loaded.plan.name, &table),
+        _ => text(&table, arguments.stories),
     });
     for program in &table.unfinished {
         console::note(&format!("`{program}` was not looked at whole: a limit was reached"));
@@ -78,6 +83,27 @@ fn csv(table: &Table) -> String {
     let line = |cells: &[String]| cells.iter().map(|cell| quoted(cell)).collect::<Vec<_>>().join(",") + "\n";
     let head = COLUMNS.map(str::to_owned);
     line(&head) + &table.rows.iter().map(|row| line(&cells(row))).collect::<String>()
+}
+
+/// `{"version", "spec", "rows": [{"program", "fault", "while", "at_once", "still_runs", "safe_within_s", "verdict", "story"}], "states",
+/// "unfinished"}`; without `safe_within_s` not everything stops.
+fn json(name: &str, table: &Table) -> String {
+    let row = |row: &Row| {
+        json!({
+            "program": row.program,
+            "fault": row.kind.word(),
+            "while": row.phase,
+            "at_once": row.effect.replace('`', ""),
+            "still_runs": row.running,
+            "safe_within_s": row.safe_within.map(|time| time.as_secs_f64()),
+            "verdict": row.severity.word().to_lowercase(),
+            "story": story(&row.story),
+        })
+    };
+    let rows: Vec<Value> = table.rows.iter().map(row).collect();
+    let document =
+        json!({ "version": 1, "spec": name, "rows": rows, "states": table.states, "unfinished": table.unfinished });
+    format!("{document:#}")
 }
 
 fn html(name: &str, table: &Table) -> String {

@@ -1,16 +1,19 @@
 //! `dca verify`: proves what holds of a spec in every order of events.
 
+use crate::check::json::diagnostic;
 use crate::{Controllers, check};
 use comms::io::clock;
 use comms::logic::time::Time;
 use language::plan::Plan;
 use language::sites::Sites;
-use language::{Severity, Source, compile_with_sites, render};
+use language::{Severity, Source, Texts, compile_with_sites, render};
 use node::console::{self, Failure};
 use node::logic::table::counted;
+use serde_json::{Value, json};
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use verify::{Finding, GoesOn, Limits, Report, Verdict};
+use verify::{Finding, GoesOn, Limits, Report, Story, Threads, Verdict};
 
 /// As many states of one exploration are looked at, unless the command line says otherwise.
 const STATES: u32 = 20_000_000;
@@ -18,12 +21,17 @@ const STATES: u32 = 20_000_000;
 const MEMORY: usize = 2048;
 /// As long may it take, in seconds.
 const SECONDS: u64 = 600;
+/// More threads are of no use.
+const THREADS_MAX: usize = 64;
 
 /// The arguments of `dca verify`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// The spec
     file: PathBuf,
+    /// Print the report as one JSON document
+    #[arg(long)]
+    json: bool,
     #[command(flatten)]
     limits: LimitArgs,
     #[command(flatten)]
@@ -42,6 +50,9 @@ pub struct LimitArgs {
     /// The longest time of it all
     #[arg(long, value_name = "SECONDS", default_value_t = SECONDS)]
     seconds: u64,
+    /// How many threads work on it; without it, one for each core
+    #[arg(long, value_name = "NUMBER")]
+    threads: Option<NonZeroUsize>,
 }
 
 /// The time until which something goes on.
@@ -54,11 +65,27 @@ impl GoesOn for Until {
     }
 }
 
+/// As many threads for a computation.
+#[derive(Debug)]
+struct Cores(usize);
+
+impl Threads for Cores {
+    fn count(&self) -> usize {
+        self.0
+    }
+
+    fn run(&self, work: &(dyn Fn(usize) + Sync)) {
+        std::thread::scope(|scope| (0..self.0).for_each(|thread| drop(scope.spawn(move || work(thread)))));
+    }
+}
+
 impl LimitArgs {
     /// Does something within the limits.
     pub(crate) fn with<T>(self, work: impl FnOnce(&Limits<'_>) -> T) -> T {
         let until = Until(clock::now() + Duration::from_secs(self.seconds));
-        work(&Limits { states: self.states, memory: self.memory << 20, threads: 1, goes_on: &until })
+        let threads = self.threads.or_else(|| std::thread::available_parallelism().ok()).map_or(1, NonZeroUsize::get);
+        let (threads, memory) = (Cores(threads.min(THREADS_MAX)), self.memory.saturating_mul(1 << 20));
+        work(&Limits { states: self.states, memory, threads: &threads, goes_on: &until })
     }
 }
 
@@ -88,11 +115,46 @@ pub(crate) fn load(file: &Path, controllers: &Controllers) -> Result<Loaded, Fai
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let loaded = load(&arguments.file, &arguments.controllers)?;
     let report = arguments.limits.with(|limits| verify::verify(&loaded.plan, &loaded.sites, limits));
-    console::say(&text(&loaded, &report));
+    console::say(&if arguments.json { json(&loaded, &report) } else { text(&loaded, &report) });
     if report.findings.iter().any(|finding| finding.verdict == Verdict::Fails) {
         return Err(Failure::Reported);
     }
     if report.is_limited { Err(Failure::Limited) } else { Ok(()) }
+}
+
+/// The whole report for a program: `{"version", "spec", "findings": [{"verdict", "sentence", "diagnostic", "story"}], "states",
+/// "transitions", "assumed"}`. A verdict is `proved`, `fails` or `open`; diagnostics are those of `dca check --format json`; what
+/// a limit has left open has neither diagnostic nor story.
+fn json(loaded: &Loaded, report: &Report) -> String {
+    let texts = Texts::new(&loaded.spec, &loaded.interfaces);
+    let finding = |found: &Finding| {
+        let verdict = match found.verdict {
+            Verdict::Proved => "proved",
+            Verdict::Fails => "fails",
+            Verdict::Open => "open",
+        };
+        json!({
+            "verdict": verdict,
+            "sentence": found.sentence,
+            "diagnostic": found.diagnostic.as_ref().map(|found| diagnostic(found, &texts)),
+            "story": found.story.as_ref().map(story),
+        })
+    };
+    let document = json!({
+        "version": 1,
+        "spec": loaded.spec.name,
+        "findings": report.findings.iter().map(finding).collect::<Vec<_>>(),
+        "states": report.states,
+        "transitions": report.transitions,
+        "assumed": report.assumptions,
+    });
+    format!("{document:#}")
+}
+
+/// A story as an object: `{"steps": [{"cause", "effects"}], "running", "stopping"}`.
+pub(crate) fn story(story: &Story) -> Value {
+    let steps = story.steps.iter().map(|step| json!({ "cause": step.cause, "effects": step.effects }));
+    json!({ "steps": steps.collect::<Vec<_>>(), "running": story.running, "stopping": story.stopping })
 }
 
 /// The whole report for a person.

@@ -9,9 +9,9 @@
 
 use language::{Options, Source, compile_with_sites};
 use std::time::Duration;
-use verify::{Always, Detail, Limits, flat, fmea, verify};
+use verify::{Alone, Always, Detail, Limits, flat, fmea, verify};
 
-const LIMITS: Limits<'static> = Limits { states: 20_000_000, memory: 4 << 30, threads: 1, goes_on: &Always };
+const LIMITS: Limits<'static> = Limits { states: 20_000_000, memory: 4 << 30, threads: &Alone, goes_on: &Always };
 
 fn main() {
     println!("| what | states | time | figure |\n|---|---|---|---|");

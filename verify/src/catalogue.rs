@@ -97,7 +97,7 @@ fn ends_of(system: &System<'_>, graph: &Graph) -> Ends {
     for state in 0..graph.store.count() {
         for (label, _) in graph.from(state).filter(|(_, target)| over[*target as usize]) {
             system.unpack(graph.store.get(state), &mut frame);
-            stepper.apply(&mut frame, label, &mut changes);
+            stepper.apply(&mut frame, label, Some(&mut changes));
             for change in changes.drain(..).filter(|change| change.member.is_none()) {
                 match change.what {
                     Changed::Done(value) if !ends.done.contains(&value) => ends.done.push(value),
@@ -232,7 +232,7 @@ fn at_the_end(system: &System<'_>, graph: &Graph, state: u32) -> Frame {
     system.unpack(graph.store.get(state), &mut frame);
     let (mut changes, mut stepper) = (Vec::new(), system.stepper());
     for label in graph.dead_end(state) {
-        stepper.apply(&mut frame, label, &mut changes);
+        stepper.apply(&mut frame, label, Some(&mut changes));
     }
     frame
 }

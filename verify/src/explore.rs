@@ -4,8 +4,9 @@
 
 use crate::store::{Batch, STATES_MAX, Store};
 use crate::system::{Change, Frame, Label, Phase, Stepper, System};
+use crate::threads::{Alone, Threads, each, lock};
 use std::ops::Range;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::Mutex;
 
 /// As many transitions are taken between two questions about the budget.
 const TURN: usize = 1024;
@@ -25,8 +26,8 @@ pub struct Limits<'l> {
     pub states: u32,
     /// The most memory of one exploration, in bytes.
     pub memory: usize,
-    /// How many threads work on it.
-    pub threads: usize,
+    /// Who works on it.
+    pub threads: &'l dyn Threads,
     /// Asked from time to time whether there is still time.
     pub goes_on: &'l dyn GoesOn,
 }
@@ -78,6 +79,9 @@ pub(crate) struct Graph {
 
 /// Sees every transition: what it changes, and where it leads.
 pub(crate) trait Observer {
+    /// Whether it looks at what a transition changes; else it is told of no change.
+    const LOOKS_AT_CHANGES: bool = true;
+
     /// `is_fault` says whether the fault happens. May change the notes of `after`. Returns false to end the exploration there:
     /// something was found.
     fn sees(&self, system: &System<'_>, is_fault: bool, changes: &[Change], after: &mut Frame) -> bool;
@@ -87,6 +91,8 @@ pub(crate) trait Observer {
 pub(crate) struct Nobody;
 
 impl Observer for Nobody {
+    const LOOKS_AT_CHANGES: bool = false;
+
     fn sees(&self, _: &System<'_>, _: bool, _: &[Change], _: &mut Frame) -> bool {
         true
     }
@@ -109,7 +115,7 @@ pub(crate) fn explore(
     observer: &(impl Observer + Sync),
 ) -> Found {
     let mut graph = Graph::new(system);
-    let mut workers = vec![Worker::new(system)];
+    let mut workers = vec![Mutex::new(Worker::new(system))];
     let (mut state, mut degree) = (0, 1);
     while state < graph.store.count() {
         graph.reached = over(&graph, limits);
@@ -120,10 +126,10 @@ pub(crate) fn explore(
         let end = graph.store.count().min(state + u32::try_from(size).unwrap_or(1));
         let jobs = jobs(state..end);
         if jobs.len() > 1 {
-            workers.resize_with(limits.threads.max(1), || Worker::new(system));
+            workers.resize_with(limits.threads.count().max(1), || Mutex::new(Worker::new(system)));
         }
-        let work = |worker: &mut Worker<'_>, job: Range<u32>| worker.expand(&graph.store, job, limits, observer);
-        let mut blocks = in_parallel(&mut workers, jobs, work);
+        let work = |thread: usize, job| lock(&workers[thread]).expand(&graph.store, job, limits, observer);
+        let mut blocks = each(limits.threads, jobs, work);
         graph.reached = blocks.iter().find_map(|block| block.reached);
         if graph.reached.is_some() {
             break;
@@ -169,7 +175,7 @@ impl<'s> Worker<'s> {
         Self { system, stepper, frame, labels: Vec::new(), changes: Vec::new() }
     }
 
-    fn expand(&mut self, store: &Store, states: Range<u32>, limits: &Limits<'_>, observer: &impl Observer) -> Block {
+    fn expand<O: Observer>(&mut self, store: &Store, states: Range<u32>, limits: &Limits<'_>, observer: &O) -> Block {
         let mut block = Block { batch: Batch::default(), degrees: Vec::new(), is_violated: false, reached: None };
         for state in states {
             let source = store.get(state);
@@ -178,7 +184,8 @@ impl<'s> Worker<'s> {
             block.degrees.push(u32::try_from(self.labels.len()).unwrap_or(u32::MAX));
             for &label in &self.labels {
                 let was_faulty = self.frame.is_faulty;
-                self.stepper.apply(&mut self.frame, label, &mut self.changes);
+                let changes = O::LOOKS_AT_CHANGES.then_some(&mut self.changes);
+                self.stepper.apply(&mut self.frame, label, changes);
                 let is_fault = self.frame.is_faulty && !was_faulty;
                 block.is_violated = !observer.sees(self.system, is_fault, &self.changes, &mut self.frame);
                 let items = self.stepper.changed();
@@ -187,7 +194,7 @@ impl<'s> Worker<'s> {
                 if block.is_violated {
                     return block;
                 }
-                if block.batch.count() % TURN == 0 || self.system.length() > LONG {
+                if block.batch.count().is_multiple_of(TURN) || self.system.length() > LONG {
                     block.reached = match block.batch.size() > limits.memory {
                         true => Some(Reached::Memory),
                         false => (!limits.goes_on.goes_on()).then_some(Reached::Time),
@@ -208,33 +215,6 @@ fn jobs(states: Range<u32>) -> Vec<Range<u32>> {
     starts.map(|start| start..states.end.min(start + JOB)).collect()
 }
 
-/// Does each job with one of the workers, each of which has a thread; the results are in the order of the jobs.
-fn in_parallel<W: Send, J: Send + Clone + Sync, R: Send>(
-    workers: &mut [W],
-    jobs: Vec<J>,
-    work: impl Fn(&mut W, J) -> R + Sync,
-) -> Vec<R> {
-    if workers.len() < 2 || jobs.len() < 2 {
-        return jobs.into_iter().map(|job| work(&mut workers[0], job)).collect();
-    }
-    let next = AtomicUsize::new(0);
-    let claim = || {
-        let index = next.fetch_add(1, Ordering::Relaxed);
-        jobs.get(index).map(|job| (index, job.clone()))
-    };
-    let own = |worker: &mut W| -> Vec<(usize, R)> {
-        std::iter::from_fn(&claim).map(|(index, job)| (index, work(&mut *worker, job))).collect()
-    };
-    let own = &own;
-    let mut done: Vec<(usize, R)> = std::thread::scope(|scope| {
-        let threads: Vec<_> = workers.iter_mut().map(|worker| scope.spawn(move || own(worker))).collect();
-        let done = threads.into_iter().map(|thread| thread.join());
-        done.flat_map(|done| done.unwrap_or_else(|panic| std::panic::resume_unwind(panic))).collect()
-    });
-    done.sort_unstable_by_key(|(index, _)| *index);
-    done.into_iter().map(|(_, result)| result).collect()
-}
-
 fn over(graph: &Graph, limits: &Limits<'_>) -> Option<Reached> {
     if graph.store.count() > limits.states.min(STATES_MAX) {
         return Some(Reached::States);
@@ -252,7 +232,7 @@ impl Graph {
         let (mut first, mut bytes) = (Batch::default(), Vec::new());
         system.pack(&system.initial(), &mut bytes);
         first.push((0, Label::Start), &bytes, |_| ());
-        store.add(&mut [first], 1, |_, _| ());
+        store.add(&mut [first], &Alone, |_, _| ());
         let parents = vec![(0, Label::Start)];
         Self { store, parents, starts: vec![0], targets: Vec::new(), labels: Vec::new(), transitions: 0, reached: None }
     }
@@ -264,7 +244,7 @@ impl Graph {
     }
 
     /// Adds what comes of the next states; returns where a story about a violation ends, if there is one.
-    fn add(&mut self, blocks: Vec<Block>, threads: usize, keeps_edges: bool) -> Option<u32> {
+    fn add(&mut self, blocks: Vec<Block>, threads: &dyn Threads, keeps_edges: bool) -> Option<u32> {
         let is_violated = blocks.last().is_some_and(|block| block.is_violated);
         let (mut batches, degrees): (Vec<Batch>, Vec<Vec<u32>>) =
             blocks.into_iter().map(|block| (block.batch, block.degrees)).unzip();

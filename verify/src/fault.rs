@@ -143,7 +143,7 @@ impl Case<'_, '_> {
             self.system.labels(&frame, &mut labels);
             let answer = labels.iter().find(|label| matches!(label, Label::Stopped(..) | Label::Reached(_)));
             let Some(&answer) = answer else { return frame };
-            stepper.apply(&mut frame, answer, &mut changes);
+            stepper.apply(&mut frame, answer, Some(&mut changes));
         }
     }
 

@@ -55,7 +55,7 @@ pub enum Detail {
 
 /// Explores a whole plan.
 pub fn flat(plan: &Plan, sites: &Sites, limits: &Limits<'_>, detail: Detail) -> Flat {
-    let model = Model::new(plan, sites);
+    let model = Model::of_groups(plan, sites);
     let mut system = System::new(&model, 0, &|_| true);
     system.mode = Mode { aborts: true, stops: true, ..Mode::default() };
     let graph = explore(&system, limits, detail == Detail::All, &Nobody).graph;

@@ -18,6 +18,7 @@ mod property;
 mod store;
 mod story;
 mod system;
+mod threads;
 mod times;
 mod wires;
 
@@ -28,6 +29,7 @@ pub use flat::{Detail, Ending, Flat, flat};
 pub use model::Model;
 pub use story::{Step, Story, seconds};
 pub use system::FaultKind;
+pub use threads::{Alone, Threads};
 
 use language::plan::Plan;
 use language::sites::{Sentence, Sites};

@@ -64,6 +64,16 @@ pub(crate) struct Ends {
 impl<'a> Model<'a> {
     /// Takes a plan apart.
     pub fn new(plan: &'a Plan, sites: &'a Sites) -> Self {
+        Self::with(plan, sites, WHOLE_MAX)
+    }
+
+    /// Leaves each group whole, however large.
+    pub(crate) fn of_groups(plan: &'a Plan, sites: &'a Sites) -> Self {
+        Self::with(plan, sites, u64::MAX)
+    }
+
+    /// Takes the groups apart that have more configurations than `whole`.
+    fn with(plan: &'a Plan, sites: &'a Sites, whole: u64) -> Self {
         let mut model = Self { plan, sites, parts: Vec::new(), around: vec![None; plan.groups.len()] };
         for (index, group) in (0..).zip(&plan.groups) {
             for (slot, member) in (0..).zip(&group.members) {
@@ -74,7 +84,7 @@ impl<'a> Model<'a> {
         }
         let mut pieces = Vec::new();
         for group in 0..plan.groups.len() {
-            let part = Outline::of(&model, group, &mut pieces);
+            let part = Outline::of(&model, (group, whole), &mut pieces);
             model.parts.push(part);
         }
         model.parts.append(&mut pieces);
@@ -142,12 +152,12 @@ struct Outline<'m> {
 }
 
 impl Outline<'_> {
-    fn of(model: &Model<'_>, group: usize, pieces: &mut Vec<Part>) -> Part {
+    fn of(model: &Model<'_>, (group, whole): (usize, u64), pieces: &mut Vec<Part>) -> Part {
         let source = &model.plan.groups[group];
         let first_piece = model.plan.groups.len();
         let mut outline = Outline { group, source, parts: pieces, first_piece };
         let mut part = Draft { members: seats(source), names: source.members.clone(), nodes: Vec::new() };
-        let expression = if configurations(&source.expression) > WHOLE_MAX {
+        let expression = if configurations(&source.expression) > whole {
             outline.write(&source.expression, &mut 0, &mut part)
         } else {
             part.nodes = (0..count(&source.expression)).collect();

@@ -6,6 +6,7 @@
 //! batches alone, not on the number of threads.
 
 use crate::system::Label;
+use crate::threads::{Alone, Threads, each};
 use std::sync::atomic::{AtomicU32, Ordering};
 
 /// As many tables there are.
@@ -14,6 +15,10 @@ const SHARDS: usize = 16;
 const PENDING: u32 = 1 << 31;
 /// More states than this have no number.
 pub(crate) const STATES_MAX: u32 = PENDING - 2;
+/// So few transitions are faster on one thread.
+const SMALL: usize = 4096;
+/// For so many transitions ahead the memory is asked.
+const AHEAD: usize = 16;
 /// Of a transition: its target is new and has no number yet.
 const NEW: u32 = u32::MAX;
 
@@ -108,7 +113,7 @@ impl Store {
     }
 
     /// Adds the states of some batches that are not known; calls `is_new` with batch and transition of each, in order.
-    pub(crate) fn add(&mut self, batches: &mut [Batch], threads: usize, mut is_new: impl FnMut(usize, usize)) {
+    pub(crate) fn add(&mut self, batches: &mut [Batch], threads: &dyn Threads, mut is_new: impl FnMut(usize, usize)) {
         for batch in batches.iter_mut() {
             batch.targets.resize_with(batch.hashes.len(), || AtomicU32::new(NEW));
         }
@@ -140,22 +145,11 @@ impl Store {
     }
 
     /// Looks every state up in its table.
-    fn find(&self, shards: &mut [Shard], batches: &[Batch], threads: usize) -> Vec<Fresh> {
-        if threads < 2 {
-            return shards.iter_mut().enumerate().map(|(index, shard)| self.find_in(shard, index, batches)).collect();
-        }
-        let each = SHARDS.div_ceil(threads);
-        let find = |(chunk, shards): (usize, &mut [Shard])| -> Vec<Fresh> {
-            let shards = shards.iter_mut().enumerate();
-            shards.map(|(index, shard)| self.find_in(shard, chunk * each + index, batches)).collect()
-        };
-        let find = &find;
-        std::thread::scope(|scope| {
-            let chunks = shards.chunks_mut(each).enumerate();
-            let threads: Vec<_> = chunks.map(|chunk| scope.spawn(move || find(chunk))).collect();
-            let found = threads.into_iter().map(|thread| thread.join());
-            found.flat_map(|found| found.unwrap_or_else(|panic| std::panic::resume_unwind(panic))).collect()
-        })
+    fn find(&self, shards: &mut [Shard], batches: &[Batch], threads: &dyn Threads) -> Vec<Fresh> {
+        let jobs: Vec<(usize, &mut Shard)> = shards.iter_mut().enumerate().collect();
+        let is_small = batches.iter().map(Batch::count).sum::<usize>() < SMALL;
+        let threads = if is_small { &Alone } else { threads };
+        each(threads, jobs, |_, (index, shard)| self.find_in(shard, index, batches))
     }
 
     fn find_in(&self, shard: &mut Shard, index: usize, batches: &[Batch]) -> Fresh {
@@ -163,7 +157,11 @@ impl Store {
         self.make_room(shard, wanted);
         let (mask, mut fresh) = (shard.slots.len() - 1, Fresh::default());
         for (number, batch) in batches.iter().enumerate() {
-            for &transition in &batch.shards[index] {
+            let all = &batch.shards[index];
+            for (place, &transition) in all.iter().enumerate() {
+                if place % AHEAD == 0 {
+                    self.touch(shard, batch, &all[place..all.len().min(place + AHEAD)]);
+                }
                 let transition = transition as usize;
                 let state = batch.state(transition, self.length);
                 let mut slot = slot_of(batch.hashes[transition]) & mask;
@@ -195,6 +193,17 @@ impl Store {
         }
         shard.count += fresh.states.len();
         fresh
+    }
+
+    /// Reads what the next few transitions will be compared with, so that the memory brings it all at once.
+    fn touch(&self, shard: &Shard, batch: &Batch, transitions: &[u32]) {
+        let known = transitions.iter().map(|&transition| {
+            let slot = slot_of(batch.hashes[transition as usize]) & (shard.slots.len() - 1);
+            shard.slots[slot]
+        });
+        let states = known.filter(|known| *known != 0 && known & PENDING == 0);
+        let sum = states.fold(0, |sum: u8, known| sum ^ self.bytes[(known - 1) as usize * self.length]);
+        std::hint::black_box(sum);
     }
 
     /// Has two thirds of the slots taken at the most, after `more` states.
@@ -253,9 +262,22 @@ fn hash(bytes: &[u8]) -> u64 {
 mod tests {
     use super::*;
 
+    #[derive(Debug)]
+    struct Crew(usize);
+
+    impl Threads for Crew {
+        fn count(&self) -> usize {
+            self.0
+        }
+
+        fn run(&self, work: &(dyn Fn(usize) + Sync)) {
+            std::thread::scope(|scope| (0..self.0).for_each(|thread| drop(scope.spawn(move || work(thread)))));
+        }
+    }
+
     #[test]
     fn numbers_are_in_the_order_of_the_transitions_whatever_the_threads() {
-        for threads in [1, 2, 5] {
+        for threads in [1, 2, 5].map(Crew) {
             let mut store = Store::new(4);
             for round in 0..2 {
                 let mut batches: Vec<Batch> = (0..7).map(|_| Batch::default()).collect();
@@ -265,7 +287,7 @@ mod tests {
                     }
                 }
                 let mut new = 0;
-                store.add(&mut batches, threads, |_, _| new += 1);
+                store.add(&mut batches, &threads, |_, _| new += 1);
                 assert_eq!(new, if round == 0 { 7500 } else { 0 });
                 for (number, batch) in (0..).zip(&batches) {
                     (0..1500).for_each(|i| assert_eq!(batch.target(i as usize), 1000 * number + i));

@@ -44,7 +44,7 @@ pub(crate) fn tell(system: &System<'_>, way: &[Label]) -> Story {
     let (mut story, mut changes, mut stepper) = (Story::default(), Vec::new(), system.stepper());
     for &label in way {
         let cause = cause(system, &frame, label);
-        stepper.apply(&mut frame, label, &mut changes);
+        stepper.apply(&mut frame, label, Some(&mut changes));
         let effects = effects(system, label, &changes);
         match story.steps.last_mut() {
             // Answers to stops are one step, as long as nothing else follows from them.

@@ -58,7 +58,8 @@ impl Times<'_, '_> {
     /// The same where some programs never end by themselves; nothing is assumed of the groups around them.
     pub(crate) fn without_end(&self, leaves: &BTreeSet<u32>) -> Self {
         let mut assumed = self.assumed.clone();
-        assumed.retain(|&(group, slot), _| !self.model.leaves_below(group, slot).iter().any(|leaf| leaves.contains(leaf)));
+        assumed
+            .retain(|&(group, slot), _| !self.model.leaves_below(group, slot).iter().any(|leaf| leaves.contains(leaf)));
         Self { model: self.model, assumed, endless: leaves.clone() }
     }
 
@@ -86,9 +87,9 @@ impl Times<'_, '_> {
             return Some(bound);
         }
         let operands = expression.operands().into_iter();
-        operands.filter_map(|operand| self.narrowest((group, source), operand, slot, bound)).reduce(|one, other| {
-            one.zip(other).map(|(one, other)| one.max(other))
-        })
+        operands
+            .filter_map(|operand| self.narrowest((group, source), operand, slot, bound))
+            .reduce(|one, other| one.zip(other).map(|(one, other)| one.max(other)))
     }
 
     /// How long an expression of a group takes.

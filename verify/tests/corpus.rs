@@ -3,9 +3,9 @@
 use language::{Options, Source, Style, compile_with_sites, render};
 use std::fs;
 use std::path::{Path, PathBuf};
-use verify::{Always, Limits, Report, Verdict};
+use verify::{Alone, Always, Limits, Report, Verdict};
 
-const LIMITS: Limits<'static> = Limits { states: 2_000_000, memory: 1 << 30, threads: 1, goes_on: &Always };
+const LIMITS: Limits<'static> = Limits { states: 2_000_000, memory: 1 << 30, threads: &Alone, goes_on: &Always };
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")

@@ -4,7 +4,7 @@
 use language::{Options, Severity, Source, compile_with_sites};
 use std::collections::BTreeSet;
 use std::path::Path;
-use verify::{Always, Finding, Limits, Report, Verdict};
+use verify::{Alone, Always, Finding, Limits, Report, Verdict};
 
 /// The mistakes of the catalogue, as the headers call them, with their code and whether a story belongs to it.
 const KINDS: [(&str, &str, bool); 7] = [
@@ -56,7 +56,7 @@ impl Entry {
         let errors: Vec<&str> = errors.map(|found| found.message.as_str()).collect();
         let plan = compiled.plan.unwrap_or_else(|| panic!("{} does not pass the check: {errors:?}", self.name));
         let sites = sites.expect("the sites of a plan");
-        verify::verify(&plan, &sites, &Limits { states: 100_000, memory: 64 << 20, threads: 1, goes_on: &Always })
+        verify::verify(&plan, &sites, &Limits { states: 100_000, memory: 64 << 20, threads: &Alone, goes_on: &Always })
     }
 
     /// What is wrong with the report on a spec that has a mistake.

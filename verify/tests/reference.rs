@@ -16,7 +16,7 @@ use random::Random;
 use std::collections::BTreeSet;
 use std::time::Duration;
 use term::{Expr, Phase, Universe};
-use verify::{Always, Detail, Ending, Limits, flat};
+use verify::{Alone, Always, Detail, Ending, Limits, flat};
 
 /// As many random specs are compared.
 const CASES: u64 = 10_000;
@@ -68,7 +68,7 @@ fn sites(leaves: usize) -> Sites {
 
 #[test]
 fn situations_and_verdicts_agree_with_the_reference() {
-    let limits = Limits { states: 1_000_000, memory: 1 << 30, threads: 1, goes_on: &Always };
+    let limits = Limits { states: 1_000_000, memory: 1 << 30, threads: &Alone, goes_on: &Always };
     let (mut states, mut stuck, mut hanging) = (0_u64, 0, 0);
     for seed in 0..CASES {
         let mut random = Random::new(seed);

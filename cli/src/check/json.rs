@@ -29,7 +29,8 @@ pub(super) fn json(checked: &Checked) -> String {
     format!("{document:#}")
 }
 
-fn diagnostic(found: &Diagnostic, texts: &Texts<'_>) -> Value {
+/// One diagnostic as an object.
+pub(crate) fn diagnostic(found: &Diagnostic, texts: &Texts<'_>) -> Value {
     let reason = |label: &Label| json!({"place": place(label.span, texts), "text": label.text});
     json!({
         "code": found.code.as_str(),

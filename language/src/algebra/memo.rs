@@ -4,8 +4,8 @@
 //! climbs. So most of the transitions of a large group are one of a few reactions, beside operands that do not matter.
 //!
 //! [`Steps`] runs `step` on a state that notes each item at which it looks, in that order. `step` is a function, so the same
-//! event with the same words in the items that it looked at has the same effect. The effects are kept in a tree: each fork asks
-//! for the word of one item. Nothing is known here of the rules.
+//! event with the same words in the items that it looked at has the same effect. A *footprint* is the items that a step has looked
+//! at; an effect is kept under its footprint and their words. Nothing is known here of the rules.
 
 use super::event::{Activation, Command, Event, Outcome};
 use super::packed::{Packing, Words, seat, word_of_seat};
@@ -13,11 +13,14 @@ use super::program::Program;
 use super::state::{Cell, MemberState, State};
 use super::step::step_in;
 use std::cell::{OnceCell, RefCell};
-use std::collections::HashMap;
 use std::ops::{Index, IndexMut};
 
 /// So many effects are kept of one event: of reactions that look at everything there are too many.
-const EFFECTS_MAX: u32 = 2048;
+const EFFECTS_MAX: u32 = 4096;
+/// So many footprints has one event.
+const FOOTPRINTS_MAX: usize = 12;
+/// After so many steps more that were looked for in vain than found, an event is not looked for any more.
+const MISSED_MAX: u32 = 64;
 
 /// What a step does.
 #[derive(Clone, Debug, Default)]
@@ -35,29 +38,36 @@ pub struct Effect {
 pub struct Steps<'p> {
     program: &'p Program,
     packing: Packing,
-    /// For each event, its tree and how many effects are in it.
-    roots: Vec<(Branch, u32)>,
+    roots: Vec<Root>,
     /// The roots of events that carry a value.
-    valued: HashMap<Event, usize>,
-    forks: Vec<Fork>,
-    effects: Vec<Effect>,
+    valued: Vec<(Event, usize)>,
+    footprints: Vec<Vec<u32>>,
+    kept: Vec<Kept>,
+    /// The words of all that is kept.
+    keys: Vec<u64>,
+    /// Indices into `kept`, plus 1, at places given by a hash; at most half of them are taken.
+    table: Vec<u32>,
     /// The effect of a step that was not kept.
     unkept: Effect,
     scratch: Scratch,
 }
 
-/// What a branch of a tree leads to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Branch {
-    Unknown,
-    Fork(u32),
-    Effect(u32),
+/// What is known of one event.
+#[derive(Clone, Debug, Default)]
+struct Root {
+    footprints: Vec<usize>,
+    /// How many effects are kept.
+    count: u32,
+    /// How many steps were looked for in vain, less those that were found.
+    missed: u32,
 }
 
+/// An effect, with its footprint and where the words of that begin.
 #[derive(Debug)]
-struct Fork {
-    item: u32,
-    branches: Vec<(u64, Branch)>,
+struct Kept {
+    footprint: usize,
+    key: usize,
+    effect: Effect,
 }
 
 #[derive(Debug, Default)]
@@ -82,10 +92,12 @@ impl<'p> Steps<'p> {
         Self {
             program,
             packing: packing.clone(),
-            roots: vec![(Branch::Unknown, 0); plain],
-            valued: HashMap::new(),
-            forks: Vec::new(),
-            effects: Vec::new(),
+            roots: vec![Root::default(); plain],
+            valued: Vec::new(),
+            footprints: Vec::new(),
+            kept: Vec::new(),
+            keys: Vec::new(),
+            table: vec![0; 64],
             unkept: Effect::default(),
             scratch,
         }
@@ -94,24 +106,82 @@ impl<'p> Steps<'p> {
     /// Returns what an event does in a state. All numbers of activations are 1.
     pub fn step(&mut self, words: &Words, event: Event) -> &Effect {
         let root = self.root(&event);
-        let mut at = self.roots[root].0;
-        while let Branch::Fork(fork) = at {
-            let Fork { item, branches } = &self.forks[fork as usize];
-            let word = words.get(*item);
-            at = branches.iter().find(|(known, _)| *known == word).map_or(Branch::Unknown, |(_, branch)| *branch);
-        }
-        if let Branch::Effect(effect) = at {
-            return &self.effects[effect as usize];
+        let known = &self.roots[root];
+        let found = if known.missed < MISSED_MAX { self.find(&known.footprints, words) } else { None };
+        if let Some(found) = found {
+            self.roots[root].missed = self.roots[root].missed.saturating_sub(1);
+            return &self.kept[found].effect;
         }
         let effect = self.compute(words, event);
-        if self.roots[root].1 >= EFFECTS_MAX {
-            self.unkept = effect;
-            return &self.unkept;
+        match self.footprint(root) {
+            Some(footprint) if self.roots[root].count < EFFECTS_MAX => self.keep(root, footprint, words, effect),
+            Some(_) | None => {
+                self.roots[root].missed += 1;
+                self.unkept = effect;
+                &self.unkept
+            }
         }
-        self.keep(root, words, effect)
     }
 
-    /// The number of the tree of an event.
+    /// What is kept under the words of one of some footprints.
+    fn find(&self, footprints: &[usize], words: &Words) -> Option<usize> {
+        footprints.iter().find_map(|&footprint| {
+            let items = &self.footprints[footprint];
+            let mask = self.table.len() - 1;
+            let mut slot = hash(footprint, items.iter().map(|&item| words.get(item))) & mask;
+            while let Some(index) = (self.table[slot] as usize).checked_sub(1) {
+                let Kept { footprint: own, key, .. } = self.kept[index];
+                let is_same = |(&item, &word): (&u32, &u64)| words.get(item) == word;
+                if own == footprint && items.iter().zip(&self.keys[key..]).all(is_same) {
+                    return Some(index);
+                }
+                slot = (slot + 1) & mask;
+            }
+            None
+        })
+    }
+
+    /// The number of what the last step has looked at, as a footprint of an event.
+    fn footprint(&mut self, root: usize) -> Option<usize> {
+        let (own, looked_at) = (&mut self.roots[root].footprints, &self.scratch.looked_at);
+        if let Some(known) = own.iter().find(|&&known| self.footprints[known] == *looked_at) {
+            return Some(*known);
+        }
+        if own.len() == FOOTPRINTS_MAX {
+            return None;
+        }
+        self.footprints.push(looked_at.clone());
+        own.push(self.footprints.len() - 1);
+        own.last().copied()
+    }
+
+    fn keep(&mut self, root: usize, footprint: usize, words: &Words, effect: Effect) -> &Effect {
+        let key = self.keys.len();
+        self.keys.extend(self.footprints[footprint].iter().map(|&item| words.get(item)));
+        self.kept.push(Kept { footprint, key, effect });
+        self.roots[root].count += 1;
+        if self.kept.len() * 2 > self.table.len() {
+            self.table = vec![0; 2 * self.table.len()];
+            (0..self.kept.len()).for_each(|index| self.place(index));
+        } else {
+            self.place(self.kept.len() - 1);
+        }
+        &self.kept[self.kept.len() - 1].effect
+    }
+
+    /// Finds a place in the table.
+    fn place(&mut self, index: usize) {
+        let Kept { footprint, key, .. } = self.kept[index];
+        let mask = self.table.len() - 1;
+        let words = self.keys[key..].iter().take(self.footprints[footprint].len());
+        let mut slot = hash(footprint, words.copied()) & mask;
+        while self.table[slot] != 0 {
+            slot = (slot + 1) & mask;
+        }
+        self.table[slot] = small(index + 1);
+    }
+
+    /// The number of what is known of an event.
     fn root(&mut self, event: &Event) -> usize {
         let of_member = |kind: usize, member: u32| 2 + 4 * member as usize + kind;
         let plain = match event {
@@ -124,17 +194,18 @@ impl<'p> Steps<'p> {
             Event::Elapsed { timer, .. } => Some(2 + 4 * self.program.endless.len() + *timer as usize),
             Event::Start(_) | Event::Done { .. } | Event::Aborted { .. } => None,
         };
-        if let Some(plain) = plain.or_else(|| self.valued.get(event).copied()) {
-            return plain;
+        let valued = || self.valued.iter().find(|(known, _)| known == event).map(|(_, root)| *root);
+        if let Some(root) = plain.or_else(valued) {
+            return root;
         }
-        self.roots.push((Branch::Unknown, 0));
-        self.valued.insert(event.clone(), self.roots.len() - 1);
+        self.roots.push(Root::default());
+        self.valued.push((event.clone(), self.roots.len() - 1));
         self.roots.len() - 1
     }
 
     /// Lets `step` run, and sees what it looks at.
     fn compute(&mut self, words: &Words, event: Event) -> Effect {
-        let Self { program, packing, scratch, .. } = self;
+        let Self { program, packing, scratch, unkept, .. } = self;
         let (nodes, start) = (scratch.cells.len(), packing.usings_start());
         scratch.looked_at.clear();
         scratch.looked_at.extend((start..packing.items()).map(small));
@@ -149,7 +220,9 @@ impl<'p> Steps<'p> {
             queue,
             holders,
         };
-        let mut effect = Effect::default();
+        let mut effect = std::mem::take(unkept);
+        effect.writes.clear();
+        effect.commands.clear();
         effect.outcome = step_in(program, &mut state, event, &mut effect.commands);
         let State { timers, queue, holders, .. } = state;
         (scratch.looked_at, scratch.timers) = (looked_at.into_inner(), timers);
@@ -166,47 +239,6 @@ impl<'p> Steps<'p> {
             effect.writes.extend(word.filter(|&word| word != words.get(item)).map(|word| (item, word)));
         }
         effect
-    }
-
-    /// Puts an effect at the end of the way that `step` has looked at.
-    fn keep(&mut self, root: usize, words: &Words, effect: Effect) -> &Effect {
-        let number = small(self.effects.len());
-        self.effects.push(effect);
-        self.roots[root].1 += 1;
-        let mut link: Option<(usize, usize)> = None;
-        let looked_at = std::mem::take(&mut self.scratch.looked_at);
-        for &item in &looked_at {
-            let fork = match self.branch(root, link) {
-                Branch::Fork(fork) => fork as usize,
-                Branch::Unknown | Branch::Effect(_) => {
-                    self.forks.push(Fork { item, branches: Vec::new() });
-                    let fork = self.forks.len() - 1;
-                    *self.branch_mut(root, link) = Branch::Fork(small(fork));
-                    fork
-                }
-            };
-            let (word, branches) = (words.get(item), &mut self.forks[fork].branches);
-            let known = branches.iter().position(|(known, _)| *known == word);
-            let branch = known.unwrap_or_else(|| {
-                branches.push((word, Branch::Unknown));
-                branches.len() - 1
-            });
-            link = Some((fork, branch));
-        }
-        self.scratch.looked_at = looked_at;
-        *self.branch_mut(root, link) = Branch::Effect(number);
-        &self.effects[number as usize]
-    }
-
-    fn branch(&self, root: usize, link: Option<(usize, usize)>) -> Branch {
-        link.map_or(self.roots[root].0, |(fork, branch)| self.forks[fork].branches[branch].1)
-    }
-
-    fn branch_mut(&mut self, root: usize, link: Option<(usize, usize)>) -> &mut Branch {
-        match link {
-            None => &mut self.roots[root].0,
-            Some((fork, branch)) => &mut self.forks[fork].branches[branch].1,
-        }
     }
 }
 
@@ -235,6 +267,12 @@ impl<T> IndexMut<usize> for Watched<'_, T> {
         let _ = &self[index];
         self.known[index].get_mut().expect("it was read just now")
     }
+}
+
+fn hash(footprint: usize, words: impl Iterator<Item = u64>) -> usize {
+    const FACTOR: u64 = 0x9e37_79b9_7f4a_7c15;
+    let sum = words.fold(footprint as u64, |sum, word| (sum ^ word).wrapping_mul(FACTOR).rotate_left(29));
+    usize::try_from(sum >> 32 ^ sum & 0xffff_ffff).unwrap_or(0)
 }
 
 fn small(count: usize) -> u32 {

@@ -15,7 +15,6 @@ use super::event::{Activation, Cause, Outcome, Reason, Value};
 use super::phase::Phase;
 use super::program::{Kind, Program};
 use super::state::{Activity, Cell, MemberState};
-use std::sync::Arc;
 
 /// How the states of one program are packed.
 #[derive(Clone, Debug)]
@@ -24,6 +23,8 @@ pub struct Packing {
     members: usize,
     places: usize,
     resources: usize,
+    /// How many bytes a packed state has.
+    length: usize,
     /// Each `Run` node with its member.
     runs: Vec<(usize, u32)>,
     /// The nodes that count their operands.
@@ -32,8 +33,6 @@ pub struct Packing {
     usings: Vec<usize>,
     /// Values by number; number 0 is the empty value, and every value that is not here.
     values: Vec<Value>,
-    /// The reason of every abort but an unconfirmed stop.
-    failed: Outcome,
 }
 
 /// A state of one program, a word for each item.
@@ -73,6 +72,17 @@ const CODES: [(Phase, Held); 16] = [
     (Phase::Second, Held::Unconfirmed),
     (Phase::Second, Held::Stopped),
 ];
+
+/// The code of a phase and what is held in it; 16 for what never is.
+const CODE_OF: [[u8; 5]; 7] = {
+    let (mut table, mut code) = ([[16; 5]; 7], 0);
+    while code < 16 {
+        let (phase, held) = CODES[code as usize];
+        table[phase as usize][held as usize] = code;
+        code += 1;
+    }
+    table
+};
 
 const CODE: u64 = 15;
 const VALUE: u32 = 4;
@@ -138,10 +148,8 @@ impl Packing {
     /// Returns the packing of the states of a program. `values` are the values that outcomes may have besides the empty one,
     /// at most 255; any other is packed as the empty value.
     pub fn new(program: &Program, values: &[Value]) -> Self {
-        let values = std::iter::once(Value::EMPTY).chain(values.iter().take(255).cloned()).collect();
-        let reason = Reason { member: None, cause: Cause::Failed(Arc::from("")) };
+        let values: Vec<Value> = std::iter::once(Value::EMPTY).chain(values.iter().take(255).cloned()).collect();
         let (nodes, members, places) = (program.nodes.len(), program.endless.len(), program.usings);
-        let failed = Outcome::Aborted(reason);
         let (mut runs, mut counting, mut usings) = (Vec::new(), Vec::new(), Vec::new());
         for (node, source) in program.nodes.iter().enumerate() {
             match source.kind {
@@ -167,13 +175,13 @@ impl Packing {
             }
         }
         let resources = program.resources().len();
-        Self { nodes, members, places, resources, runs, counting, usings, values, failed }
+        let length = nodes.div_ceil(2) + if values.len() > 1 { nodes } else { 0 } + 3 * places;
+        Self { nodes, members, places, resources, length, runs, counting, usings, values }
     }
 
     /// Returns how many bytes a packed state has.
     pub fn length(&self) -> usize {
-        let values = if self.values.len() > 1 { self.nodes } else { 0 };
-        self.nodes.div_ceil(2) + values + 3 * self.places
+        self.length
     }
 
     /// Returns the idle state.
@@ -204,7 +212,7 @@ impl Packing {
         } else if item < self.nodes {
             let byte = &mut bytes[item / 2];
             let code = bits[0] & 15;
-            *byte = if item % 2 == 0 { *byte & 0xf0 | code } else { *byte & 0x0f | code << 4 };
+            *byte = if item.is_multiple_of(2) { *byte & 0xf0 | code } else { *byte & 0x0f | code << 4 };
             if self.values.len() > 1 {
                 bytes[self.nodes.div_ceil(2) + item] = (word >> VALUE).to_le_bytes()[0];
             }
@@ -278,30 +286,38 @@ impl Packing {
         let outcome = match held {
             Held::Nothing => None,
             Held::Done => Some(Outcome::Done(self.values.get(value).cloned().unwrap_or_default())),
-            Held::Aborted => Some(self.failed.clone()),
-            Held::Unconfirmed => Some(Outcome::Aborted(Reason { member: None, cause: Cause::StopUnconfirmed })),
+            Held::Aborted => Some(aborted(Cause::Reported(Value::EMPTY))),
+            Held::Unconfirmed => Some(aborted(Cause::StopUnconfirmed)),
             Held::Stopped => Some(Outcome::Stopped),
         };
         let count = |shift: u32| u32::try_from(word >> shift & COUNT).unwrap_or(0);
         Cell { phase, open: count(OPEN), done: count(DONE), outcome }
     }
 
+    fn number(&self, value: &Value) -> usize {
+        let is_empty = value.bytes().is_empty();
+        if is_empty { 0 } else { self.values.iter().position(|other| other == value).unwrap_or(0) }
+    }
+
     /// The word of a cell.
     pub(super) fn word(&self, cell: &Cell) -> u64 {
         let (held, value) = match &cell.outcome {
             None => (Held::Nothing, 0),
-            Some(Outcome::Done(value)) => {
-                (Held::Done, self.values.iter().position(|other| other == value).unwrap_or(0))
-            }
+            Some(Outcome::Done(value)) => (Held::Done, self.number(value)),
             Some(Outcome::Aborted(reason)) if reason.cause == Cause::StopUnconfirmed => (Held::Unconfirmed, 0),
             Some(Outcome::Aborted(_)) => (Held::Aborted, 0),
             Some(Outcome::Stopped) => (Held::Stopped, 0),
         };
-        let code = CODES.iter().position(|&known| known == (cell.phase, held));
-        debug_assert!(code.is_some(), "every phase with the outcomes that it may hold is in the table");
+        let code = CODE_OF[cell.phase as usize][held as usize];
+        debug_assert!(code < 16, "every phase with the outcomes that it may hold is in the table");
         let (open, done) = (u64::from(cell.open), u64::from(cell.done));
-        code.unwrap_or(0) as u64 | (value as u64) << VALUE | open << OPEN | done << DONE
+        u64::from(code) | (value as u64) << VALUE | open << OPEN | done << DONE
     }
+}
+
+/// The outcome of all that has failed for this cause.
+fn aborted(cause: Cause) -> Outcome {
+    Outcome::Aborted(Reason { member: None, cause })
 }
 
 /// The seat of a word.

@@ -35,18 +35,21 @@ impl<'s> Stepper<'s> {
         }
     }
 
-    /// Lets something happen; returns what changes.
-    pub(crate) fn apply(&mut self, frame: &mut Frame, label: Label, changes: &mut Vec<Change>) {
-        changes.clear();
+    /// Lets something happen; writes down what changes, for one who wants to know.
+    pub(crate) fn apply(&mut self, frame: &mut Frame, label: Label, mut changes: Option<&mut Vec<Change>>) {
+        if let Some(changes) = &mut changes {
+            changes.clear();
+        }
         self.journal.clear();
         self.ordered.clone_from(&frame.ordered);
         self.notes.clone_from(&frame.notes);
         (self.phase, self.is_faulty) = (frame.phase, frame.is_faulty);
         let Self { system, steps, queue, journal, .. } = self;
         let mut reaction = Reaction { system, frame, changes, queue, journal };
-        reaction.begin(label);
-        while let Some((unit, event)) = reaction.queue.pop_front() {
+        let mut next = reaction.begin(label);
+        while let Some((unit, event)) = next {
             reaction.react(&mut steps[unit], unit, event);
+            next = reaction.queue.pop_front();
         }
     }
 
@@ -70,76 +73,87 @@ impl<'s> Stepper<'s> {
 struct Reaction<'r, 'a> {
     system: &'r System<'a>,
     frame: &'r mut Frame,
-    changes: &'r mut Vec<Change>,
+    changes: Option<&'r mut Vec<Change>>,
     queue: &'r mut VecDeque<(usize, Event)>,
     journal: &'r mut Vec<(usize, u32, u64)>,
 }
 
 impl Reaction<'_, '_> {
-    fn begin(&mut self, label: Label) {
+    /// What comes of it for the units: an event of one, at the most.
+    fn begin(&mut self, label: Label) -> Option<(usize, Event)> {
         match label {
             Label::Start => {
                 self.frame.phase = Phase::Running;
-                self.change(0, None, Changed::Started);
-                self.queue.push_back((0, Event::Start(Value::EMPTY)));
+                self.change(0, None, || Changed::Started);
+                Some((0, Event::Start(Value::EMPTY)))
             }
             Label::Stop => {
                 self.frame.phase = Phase::Stopping;
-                self.change(0, None, Changed::Stopping);
-                self.queue.push_back((0, Event::Stop));
+                self.change(0, None, || Changed::Stopping);
+                Some((0, Event::Stop))
             }
             Label::Done(unit, member, value) => self.ends(unit, member, Outcome::Done(self.system.value(value))),
             Label::Aborted(unit, member) => {
                 let (at, slot) = (usize::from(unit), u32::from(member));
-                let is_asked = self.frame.states[at].activity(slot) == Activity::Stopping;
                 let is_lost = self.frame.is_faulty && self.system.is_lost(at, slot);
-                self.ends(unit, member, if is_asked && is_lost { unconfirmed() } else { failed() });
+                let is_asked = is_lost && self.frame.states[at].activity(slot) == Activity::Stopping;
+                self.ends(unit, member, if is_asked { unconfirmed() } else { failed() })
             }
-            Label::Lost => self.frame.is_faulty = true,
+            Label::Lost => {
+                self.frame.is_faulty = true;
+                None
+            }
             Label::Stopped(unit, member) => self.ends(unit, member, Outcome::Stopped),
             Label::Elapsed(unit, timer) => {
                 let event = Event::Elapsed { timer: u32::from(timer), activation: ACTIVATION };
-                self.queue.push_back((usize::from(unit), event));
+                Some((usize::from(unit), event))
             }
             Label::Reached(unit) => {
                 self.frame.ordered[usize::from(unit)] = false;
-                self.queue.push_back((usize::from(unit), Event::Stop));
+                Some((usize::from(unit), Event::Stop))
             }
             Label::Fault(unit, member) => {
                 self.frame.is_faulty = true;
-                let kind = self.system.mode.fault.map(|fault| fault.kind);
-                match kind {
+                match self.system.mode.fault.map(|fault| fault.kind) {
                     Some(FaultKind::Crash) => self.ends(unit, member, failed()),
                     Some(FaultKind::Unanswered) => self.ends(unit, member, unconfirmed()),
-                    Some(FaultKind::Hang | FaultKind::HostLost) | None => {}
+                    Some(FaultKind::Hang | FaultKind::HostLost) | None => None,
                 }
             }
         }
     }
 
-    fn ends(&mut self, unit: u16, member: u16, outcome: Outcome) {
-        self.ended(usize::from(unit), u32::from(member), outcome);
+    fn ends(&mut self, unit: u16, member: u16, outcome: Outcome) -> Option<(usize, Event)> {
+        let (unit, member) = (usize::from(unit), u32::from(member));
+        Some((unit, self.ended(unit, member, outcome)))
     }
 
-    /// A member of a unit has ended.
-    fn ended(&mut self, unit: usize, member: u32, outcome: Outcome) {
+    /// A member of a unit has ended; returns what the unit hears.
+    fn ended(&mut self, unit: usize, member: u32, outcome: Outcome) -> Event {
+        if self.changes.is_some() {
+            let is_asked = self.frame.states[unit].activity(member) == Activity::Stopping;
+            let changed = match &outcome {
+                Outcome::Aborted(_) => Changed::Aborted,
+                Outcome::Done(value) if !is_asked => Changed::Done(value.clone()),
+                Outcome::Done(_) | Outcome::Stopped => Changed::Stopped,
+            };
+            self.change(unit, Some(member), || changed);
+        }
         let activation = ACTIVATION;
-        let is_asked = self.frame.states[unit].activity(member) == Activity::Stopping;
-        let (changed, event) = match outcome {
-            Outcome::Done(value) => (Changed::Done(value.clone()), Event::Done { member, activation, value }),
-            Outcome::Stopped => (Changed::Stopped, Event::Stopped { member, activation }),
+        match outcome {
+            Outcome::Done(value) => Event::Done { member, activation, value },
+            Outcome::Stopped => Event::Stopped { member, activation },
             Outcome::Aborted(reason) if reason.cause == Cause::StopUnconfirmed => {
-                (Changed::Aborted, Event::StopUnconfirmed { member, activation })
+                Event::StopUnconfirmed { member, activation }
             }
-            Outcome::Aborted(_) => (Changed::Aborted, Event::Aborted { member, activation, report: Value::EMPTY }),
-        };
-        let changed = if is_asked && changed != Changed::Aborted { Changed::Stopped } else { changed };
-        self.change(unit, Some(member), changed);
-        self.queue.push_back((unit, event));
+            Outcome::Aborted(_) => Event::Aborted { member, activation, report: Value::EMPTY },
+        }
     }
 
-    fn change(&mut self, unit: usize, member: Option<u32>, what: Changed) {
-        self.changes.push(Change { unit, member, what });
+    fn change(&mut self, unit: usize, member: Option<u32>, what: impl FnOnce() -> Changed) {
+        if let Some(changes) = &mut self.changes {
+            changes.push(Change { unit, member, what: what() });
+        }
     }
 
     fn react(&mut self, steps: &mut Steps<'_>, unit: usize, event: Event) {
@@ -150,7 +164,7 @@ impl Reaction<'_, '_> {
         for command in &effect.commands {
             match command {
                 Command::Activate { member, value, .. } => {
-                    self.change(unit, Some(*member), Changed::Started);
+                    self.change(unit, Some(*member), || Changed::Started);
                     if let Occupant::Unit(inner) = self.system.units[unit].seats[*member as usize] {
                         self.queue.push_back((inner, Event::Start(value.clone())));
                     }
@@ -167,7 +181,7 @@ impl Reaction<'_, '_> {
 
     /// A unit stops a member: what is a piece of the same group at once, another group when the order reaches it.
     fn stop(&mut self, unit: usize, member: u32) {
-        self.change(unit, Some(member), Changed::Stopping);
+        self.change(unit, Some(member), || Changed::Stopping);
         let Occupant::Unit(inner) = self.system.units[unit].seats[member as usize] else { return };
         if self.system.model.parts[self.system.units[inner].part].is_piece {
             self.queue.push_back((inner, Event::Stop));
@@ -182,7 +196,8 @@ impl Reaction<'_, '_> {
         if let Some((around, member)) = self.system.units[unit].parent {
             // A stop that comes too late finds nothing: its answer is the outcome that was under way.
             if self.frame.states[around].activity(member) != Activity::Idle {
-                self.ended(around, member, outcome);
+                let event = self.ended(around, member, outcome);
+                self.queue.push_back((around, event));
             }
             return;
         }
@@ -192,7 +207,7 @@ impl Reaction<'_, '_> {
             Outcome::Stopped => (Phase::Stopped, Changed::Stopped),
         };
         self.frame.phase = phase;
-        self.change(unit, None, what);
+        self.change(unit, None, || what);
     }
 }
 

@@ -9,7 +9,7 @@ use language::{Options, Source, compile_with_sites};
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::rc::Rc;
-use verify::{Always, Detail, Ending, Limits, Report, Verdict};
+use verify::{Alone, Always, Detail, Ending, Limits, Report, Verdict};
 
 /// What came of a seed.
 #[derive(Debug, PartialEq, Eq)]
@@ -50,7 +50,7 @@ pub(crate) fn compare(seed: u64) -> Compared {
     let (Some(rough), Some(calm)) = (explore(&lowered, &tags, true), explore(&lowered, &tags, false)) else {
         return Compared::LeftOut;
     };
-    let limits = Limits { states: 200_000, memory: 64 << 20, threads: 1, goes_on: &Always };
+    let limits = Limits { states: 200_000, memory: 64 << 20, threads: &Alone, goes_on: &Always };
     let report = verify::verify(&plan, &sites, &limits);
     let mut differences = of_catalogue(&plan, &rough, &report);
     let situations = situations(&rough, plan.groups[0].members.len());
