@@ -156,8 +156,23 @@ fn unreached(system: &System<'_>, graph: &Graph, part: usize, (catalogue, asked)
         let found = diagnostic(Code::E0812, span, format!("`{name}` is never started here"));
         let found = help(found, "what stands before it never ends in the way that would start it");
         asked.unreached = true;
-        catalogue.findings.push(Finding::fails(found, None));
+        let story = nearest(system, graph, (part, *node)).map(|state| story_to_the_end(system, graph, state));
+        catalogue.findings.push(Finding::fails(found, story));
     }
+}
+
+/// Where a run comes nearest to a node that it never reaches: the first state in which the innermost operator around it is active
+/// that ever is.
+fn nearest(system: &System<'_>, graph: &Graph, (part, node): (usize, usize)) -> Option<u32> {
+    let mut around = Vec::new();
+    let mut next = 0;
+    crate::model::walk(&system.model.parts[part].expression, &mut |expression| {
+        if (next..next + crate::model::count(expression) as usize).contains(&node) {
+            around.push(next);
+        }
+        next += 1;
+    });
+    around.into_iter().rev().find_map(|node| graph.first(system, |frame| frame.states[0].is_node_active(node)))
 }
 
 fn run_nodes(expression: &Expression) -> Vec<(usize, u32)> {

@@ -355,6 +355,15 @@ impl Graph {
         can
     }
 
+    /// The nearest state that has a property.
+    pub(crate) fn first(&self, system: &System<'_>, mut has: impl FnMut(&Frame) -> bool) -> Option<u32> {
+        let mut frame = system.initial();
+        (0..self.store.count()).find(|&state| {
+            system.unpack(self.store.get(state), &mut frame);
+            has(&frame)
+        })
+    }
+
     /// Which states have a property.
     pub(crate) fn which(&self, system: &System<'_>, mut has: impl FnMut(&Frame) -> bool) -> Vec<bool> {
         let mut frame = system.initial();

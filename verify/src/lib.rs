@@ -59,7 +59,7 @@ pub fn verify(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Report {
     let assumed = assumed(sites);
     let times = times::Times { model: &model, assumed, endless: BTreeSet::new() };
     findings.extend(wires::check(&model, limits));
-    findings.extend(limits::check(&times));
+    findings.extend(limits::check(&times, limits));
     findings.extend(property::check(&times, limits));
     let is_limited = findings.iter().any(|finding| finding.verdict == Verdict::Open);
     let assumptions = vec![

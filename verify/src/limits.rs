@@ -1,7 +1,10 @@
 //! Limits that always pass: `P within 5 s` where P takes longer than that at the least.
 
+use crate::explore::{Limits, Nobody, explore};
 use crate::finding::{Finding, diagnostic, help};
-use crate::story::seconds;
+use crate::model::{Model, count, walk};
+use crate::story::{Story, seconds, tell};
+use crate::system::{Label, System, small};
 use crate::times::Times;
 use language::Code;
 use language::plan::{DEADLINE, Expression};
@@ -9,11 +12,11 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 /// Finds every limit that is too short; says how many there are if none is.
-pub(crate) fn check(times: &Times<'_, '_>) -> Vec<Finding> {
+pub(crate) fn check(times: &Times<'_, '_>, limits: &Limits<'_>) -> Vec<Finding> {
     let (mut findings, mut count, mut seen) = (Vec::new(), 0, BTreeSet::new());
     for (group, source) in (0_u32..).zip(&times.model.plan.groups) {
         let mut node = 0;
-        crate::model::walk(&source.expression, &mut |expression| {
+        walk(&source.expression, &mut |expression| {
             let own = node;
             node += 1;
             let Some((body, limit)) = within(expression) else { return };
@@ -27,7 +30,7 @@ pub(crate) fn check(times: &Times<'_, '_>) -> Vec<Finding> {
             let (least, limit) = (seconds(least), seconds(limit));
             let message = format!("this takes {least} at the least, so the limit of {limit} always passes");
             let found = help(diagnostic(Code::E0815, span, message), format!("give it more than {least}"));
-            findings.push(Finding::fails(found, None));
+            findings.push(Finding::fails(found, passes(times.model, (group, own), limits)));
         });
     }
     if findings.is_empty() && count > 0 {
@@ -35,6 +38,47 @@ pub(crate) fn check(times: &Times<'_, '_>) -> Vec<Finding> {
         findings.push(Finding::proved(format!("{limits} longer than what is known of their bodies")));
     }
     findings
+}
+
+/// How it comes to the end of a limit: the `within` with this number in the expression of a group.
+fn passes(model: &Model<'_>, (group, within): (u32, usize), limits: &Limits<'_>) -> Option<Story> {
+    let is_piece = |part: usize| model.parts[part].is_piece && model.parts[part].group == group;
+    let system = System::new(model, group as usize, &is_piece);
+    let graph = explore(&system, limits, true, &Nobody).graph;
+    let limit = Some(limit_node(model, group, within)?);
+    let timer = system.units.iter().enumerate().find_map(|(unit, source)| {
+        let part = &model.parts[source.part];
+        let (mut node, mut timers, mut own) = (0, 0, None);
+        walk(&part.expression, &mut |expression| {
+            let is_wait = matches!(expression, Expression::Wait(_));
+            if is_wait && part.nodes.get(node).copied() == limit {
+                own = Some(timers);
+            }
+            timers += usize::from(is_wait || matches!(expression, Expression::Shield { bound: Some(_), .. }));
+            node += 1;
+        });
+        own.map(|timer| Label::Elapsed(small(unit), small(timer)))
+    })?;
+    let states = 0..graph.store.count();
+    let state = states.into_iter().find(|&state| graph.from(state).any(|(label, _)| label == timer))?;
+    let mut way = graph.way(state);
+    way.push(timer);
+    Some(tell(&system, &way))
+}
+
+/// The number of the `wait` in a `within`, by the number of that.
+fn limit_node(model: &Model<'_>, group: u32, within: usize) -> Option<u32> {
+    let (mut node, mut found) = (0, None);
+    walk(&model.plan.groups[group as usize].expression, &mut |expression| {
+        if node == within
+            && let Some((body, _)) = self::within(expression)
+        {
+            // The operator itself, its body, the `;` of the limit.
+            found = u32::try_from(within).ok().map(|within| within + 1 + count(body) + 1);
+        }
+        node += 1;
+    });
+    found
 }
 
 /// The body and the limit of `P within d`.

@@ -5,7 +5,7 @@ mod watch;
 use crate::explore::{Found, Graph, Limits, explore, is_natural};
 use crate::finding::{Finding, diagnostic, help};
 use crate::model::Model;
-use crate::story::{seconds, story};
+use crate::story::{seconds, story, tell};
 use crate::system::{FaultKind, Frame, Injection, Label, Mode, Phase, System};
 use crate::times::Times;
 use language::Code;
@@ -122,7 +122,14 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         }
         let done = graph.which(&system, |frame| frame.phase == Phase::Done);
         if !done.contains(&true) {
-            return self.fails("it is never done, whatever happens", None);
+            // A run that comes to a stand, or one as long as any.
+            let mut way = graph.dead_end(0);
+            if way.is_empty() {
+                way = graph.way(graph.store.count() - 1);
+            }
+            let mut found = self.fails("it is never done, whatever happens", None);
+            found.story = Some(tell(&system, &way));
+            return found;
         }
         let over = graph.which(&system, |frame| frame.phase.is_over());
         let can = graph.can_reach(&over, &is_natural);

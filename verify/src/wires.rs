@@ -176,12 +176,8 @@ impl<'w, 'a> Watch<'w, 'a> {
         findings
     }
 
-    fn first(&self, mut has: impl FnMut(&Frame) -> bool) -> Option<u32> {
-        let mut frame = self.system.initial();
-        (0..self.graph.store.count()).find(|&state| {
-            self.system.unpack(self.graph.store.get(state), &mut frame);
-            has(&frame)
-        })
+    fn first(&self, has: impl FnMut(&Frame) -> bool) -> Option<u32> {
+        self.graph.first(&self.system, has)
     }
 
     /// Processes that can end, and need an input of which no wire ever carries data while they run.
@@ -192,9 +188,10 @@ impl<'w, 'a> Watch<'w, 'a> {
             for port in &facts.inputs {
                 let Some(lines) = inputs.get(&(leaf, port.as_str())) else { continue };
                 let is_own = |line: &&Line| line.group == self.group;
-                if !lines.iter().all(|line| is_own(&line)) || self.is_service(leaf) || !self.ever(lines[0].to) {
+                if !lines.iter().all(|line| is_own(&line)) || self.is_service(leaf) {
                     continue;
                 }
+                let Some(state) = self.first(|frame| self.runs(frame, lines[0].to)) else { continue };
                 if lines.iter().any(|&line| self.ever_meets(line)) {
                     continue;
                 }
@@ -205,7 +202,7 @@ impl<'w, 'a> Watch<'w, 'a> {
                 let found = diagnostic(Code::E0816, sites.sets[line.set as usize], message);
                 let found = reason(found, sites.members[line.to as usize], "needs it");
                 let found = help(found, self.advice(line));
-                findings.push(Finding::fails(found, None));
+                findings.push(Finding::fails(found, Some(story(&self.system, &self.graph, state))));
             }
         }
         findings
@@ -214,10 +211,6 @@ impl<'w, 'a> Watch<'w, 'a> {
     fn is_service(&self, leaf: u32) -> bool {
         let seats = self.model.plan.groups.iter().flat_map(|group| &group.members);
         seats.into_iter().any(|member| member.kind == language::plan::MemberKind::Leaf(leaf) && member.service)
-    }
-
-    fn ever(&self, member: u32) -> bool {
-        self.first(|frame| self.runs(frame, member)).is_some()
     }
 
     fn ever_meets(&self, line: Line) -> bool {
