@@ -5,7 +5,7 @@ use crate::verify::{LimitArgs, load, story};
 use node::console::{self, Failure};
 use serde_json::{Value, json};
 use std::path::PathBuf;
-use verify::{Row, Severity, Table, seconds};
+use verify::{COLUMNS, Row, Severity, Table};
 
 /// The arguments of `dca fmea`.
 #[derive(Debug, clap::Args)]
@@ -24,14 +24,14 @@ pub struct Arguments {
     /// Print the table as one JSON document, with the story of each row
     #[arg(long, conflicts_with_all = ["csv", "html", "stories"])]
     json: bool,
+    /// Print the table in Markdown
+    #[arg(long, conflicts_with_all = ["csv", "html", "stories", "json"])]
+    markdown: bool,
     #[command(flatten)]
     limits: LimitArgs,
     #[command(flatten)]
     controllers: Controllers,
 }
-
-/// The columns of the table.
-const COLUMNS: [&str; 7] = ["program", "fault", "while", "at once", "still runs", "safe within", "verdict"];
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
@@ -41,6 +41,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         Arguments { csv: true, .. } => csv(&table),
         Arguments { html: true, .. } => html(&loaded.plan.name, &table),
         Arguments { json: true, .. } => json(&loaded.plan.name, &table),
+        Arguments { markdown: true, .. } => table.markdown(),
         _ => text(&table, arguments.stories),
     });
     for program in &table.unfinished {
@@ -49,19 +50,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if table.unfinished.is_empty() { Ok(()) } else { Err(Failure::Limited) }
 }
 
-fn cells(row: &Row) -> [String; 7] {
-    let running = if row.running.is_empty() { "nothing".to_owned() } else { row.running.join(", ") };
-    let safe = row.safe_within.map_or_else(String::new, seconds);
-    let effect = row.effect.replace('`', "");
-    let (kind, word) = (row.kind.word().to_owned(), row.severity.word().to_owned());
-    [row.program.clone(), kind, row.phase.clone(), effect, running, safe, word]
-}
-
 fn text(table: &Table, tells_stories: bool) -> String {
     let mut text = String::new();
     let mut program = "";
     for row in &table.rows {
-        let [_, kind, phase, effect, running, safe, word] = cells(row);
+        let [_, kind, phase, effect, running, safe, word] = row.cells();
         if program != row.program {
             text += &format!("{}\n", row.program);
             program = &row.program;
@@ -82,7 +75,7 @@ fn csv(table: &Table) -> String {
     let quoted = |cell: &str| format!("\"{}\"", cell.replace('"', "\"\""));
     let line = |cells: &[String]| cells.iter().map(|cell| quoted(cell)).collect::<Vec<_>>().join(",") + "\n";
     let head = COLUMNS.map(str::to_owned);
-    line(&head) + &table.rows.iter().map(|row| line(&cells(row))).collect::<String>()
+    line(&head) + &table.rows.iter().map(|row| line(&row.cells())).collect::<String>()
 }
 
 /// `{"version", "spec", "rows": [{"program", "fault", "while", "at_once", "still_runs", "safe_within_s", "verdict", "story"}], "states",
@@ -109,7 +102,7 @@ fn json(name: &str, table: &Table) -> String {
 fn html(name: &str, table: &Table) -> String {
     let escaped = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
     let row = |row: &Row| {
-        let cells = cells(row).map(|cell| format!("<td>{}</td>", escaped(&cell))).join("");
+        let cells = row.cells().map(|cell| format!("<td>{}</td>", escaped(&cell))).join("");
         format!("<tr class=\"{}\">{cells}</tr>\n", row.severity.word().to_lowercase().replace(' ', "-"))
     };
     let rows: String = table.rows.iter().map(row).collect();

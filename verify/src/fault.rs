@@ -5,7 +5,7 @@
 use crate::explore::{Found, Graph, Limits, Nobody, explore, is_natural};
 use crate::model::{Model, short};
 use crate::property::around;
-use crate::story::{Story, running, story};
+use crate::story::{Story, running, seconds, story, timer_of};
 use crate::system::{FaultKind, Frame, Injection, Label, Mode, Occupant, System};
 use language::algebra::Activity;
 use language::plan::MemberKind;
@@ -57,6 +57,28 @@ pub struct Table {
     pub states: u64,
 }
 
+/// What the columns of a table are called.
+pub const COLUMNS: [&str; 7] = ["program", "fault", "while", "at once", "still runs", "safe within", "verdict"];
+
+impl Row {
+    /// Returns what stands in the columns.
+    pub fn cells(&self) -> [String; 7] {
+        let running = if self.running.is_empty() { "nothing".to_owned() } else { self.running.join(", ") };
+        let safe = self.safe_within.map_or_else(String::new, seconds);
+        let (kind, word) = (self.kind.word().to_owned(), self.severity.word().to_owned());
+        [self.program.clone(), kind, self.phase.clone(), self.effect.replace('`', ""), running, safe, word]
+    }
+}
+
+impl Table {
+    /// Returns the table in Markdown.
+    pub fn markdown(&self) -> String {
+        let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
+        let rows: String = self.rows.iter().map(|row| line(&row.cells())).collect();
+        format!("{}{}{rows}", line(&COLUMNS.map(str::to_owned)), "|---".repeat(COLUMNS.len()) + "|\n")
+    }
+}
+
 const KINDS: [FaultKind; 3] = [FaultKind::Crash, FaultKind::Hang, FaultKind::Unanswered];
 
 /// Injects every fault into every program.
@@ -75,6 +97,10 @@ pub(crate) fn table(model: &Model<'_>, limits: &Limits<'_>) -> Table {
 
 fn of_leaf(model: &Model<'_>, (group, slot, leaf): (u32, u32, u32), limits: &Limits<'_>, table: &mut Table) {
     for kind in KINDS {
+        if !limits.goes_on.goes_on() {
+            table.unfinished.push(short(&model.plan.leaves[leaf as usize].path));
+            return;
+        }
         let mut system = around(model, 0, &[(group, slot)]);
         let Some((unit, member)) = system.find(group, slot) else { return };
         system.mode = Mode { fault: Some(Injection { unit, member, kind }), ..Mode::default() };
@@ -127,7 +153,10 @@ impl Case<'_, '_> {
             program: short(&model.plan.leaves[leaf as usize].path),
             kind: self.kind,
             phase: self.phase(before),
-            effect: effect.unwrap_or_else(|| "nothing follows at once".to_owned()),
+            effect: effect.unwrap_or_else(|| match self.new_pause(before, after) {
+                Some(pause) => format!("a pause of {} begins", seconds(pause)),
+                None => "nothing follows at once".to_owned(),
+            }),
             safe_within: is_over.then(|| self.longest_stop(before)),
             running,
             severity,
@@ -163,10 +192,20 @@ impl Case<'_, '_> {
             let own = crate::story::member_name(self.system, self.struck.0, self.struck.1);
             running.into_iter().filter(|name| Some(name) != own.as_ref()).collect::<Vec<_>>()
         };
-        match others(before) == others(settled) && before.phase == after.phase {
-            true => Severity::Degraded,
-            false => Severity::Handled,
-        }
+        let goes_on = others(before) == others(settled) && before.phase == after.phase;
+        if goes_on && self.new_pause(before, after).is_none() { Severity::Degraded } else { Severity::Handled }
+    }
+
+    /// The pause that a fault sets off, after which something goes on: a timer that was not armed before.
+    fn new_pause(&self, before: &Frame, after: &Frame) -> Option<Duration> {
+        (0..self.system.units.len()).find_map(|unit| {
+            let program = self.system.program(unit);
+            let is_new = |&timer: &u32| {
+                after.states[unit].is_armed(program, timer) && !before.states[unit].is_armed(program, timer)
+            };
+            let timer = (0..program.timers()).find(is_new)?;
+            timer_of(&self.system.model.parts[self.system.units[unit].part].expression, timer as usize)
+        })
     }
 
     /// Whether the program that hangs is one that was to end, so that something has to end it.

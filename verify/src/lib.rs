@@ -23,7 +23,7 @@ mod times;
 mod wires;
 
 pub use explore::{Always, GoesOn, Limits, Reached};
-pub use fault::{Row, Severity, Table};
+pub use fault::{COLUMNS, Row, Severity, Table};
 pub use finding::{Finding, Verdict};
 pub use flat::{Detail, Ending, Flat, flat};
 pub use model::Model;

@@ -87,6 +87,22 @@ fn the_specs_of_this_repository_are_not_refused() {
     assert!(count >= 5, "only {count} have a plan");
 }
 
+/// The table of the door in the manual is what `dca fmea --markdown` prints.
+#[test]
+fn the_faults_of_the_door_are_those_of_the_manual() {
+    let spec = read(&root().join("specs/door_opening.dca"));
+    let (compiled, sites) = compile_with_sites(&spec, &library(), &Options::named("door_opening"));
+    let (plan, sites) = compiled.plan.zip(sites).expect("the door has a plan");
+    let table = verify::fmea(&plan, &sites, &LIMITS);
+    assert!(table.unfinished.is_empty(), "{:?}", table.unfinished);
+    let page = format!(
+        "# Every single fault of the door\n\n`dca fmea specs/door_opening.dca --markdown` prints this table; what its columns say is in \
+         [Proofs before the run](verify.md#what-each-fault-does).\n\n{}",
+        table.markdown()
+    );
+    expect_test::expect_file![root().join("docs/src/verify_door.md")].assert_eq(&page);
+}
+
 /// What a limit leaves open is not decided, also of the groups around it.
 #[test]
 fn a_limit_refuses_no_good_spec() {
