@@ -57,7 +57,7 @@ pub fn verify(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Report {
     let catalogue = catalogue::explore_parts(&mut model, limits);
     let mut findings = catalogue.findings;
     let assumed = assumed(sites);
-    let times = times::Times { model: &model, assumed, endless: BTreeSet::new() };
+    let times = times::Times { model: &model, assumed, endless: BTreeSet::new(), hung: BTreeSet::new() };
     findings.extend(wires::check(&model, limits));
     findings.extend(limits::check(&times, limits));
     findings.extend(property::check(&times, limits));

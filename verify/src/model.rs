@@ -11,6 +11,8 @@ use language::sites::Sites;
 
 /// A group with at most so many configurations, as its operators suggest, is not taken apart.
 const WHOLE_MAX: u64 = 20_000;
+/// A group with more members is not taken apart either: each piece has a place for each of them.
+const MEMBERS_MAX: usize = 2000;
 /// As many operands of one `,` stay beside each other.
 const BESIDE_MAX: usize = 3;
 
@@ -157,7 +159,7 @@ impl Outline<'_> {
         let first_piece = model.plan.groups.len();
         let mut outline = Outline { group, source, parts: pieces, first_piece };
         let mut part = Draft { members: seats(source), names: source.members.clone(), nodes: Vec::new() };
-        let expression = if configurations(&source.expression) > whole {
+        let expression = if configurations(&source.expression) > whole && source.members.len() <= MEMBERS_MAX {
             outline.write(&source.expression, &mut 0, &mut part)
         } else {
             part.nodes = (0..count(&source.expression)).collect();

@@ -11,7 +11,6 @@ use crate::times::Times;
 use language::Code;
 use language::plan::MemberKind;
 use language::sites::{Consequence, Fault, Occurrence, ProcessRef, Property, Sentence};
-use std::collections::BTreeSet;
 use std::time::Duration;
 use watch::{Goal, Watch};
 
@@ -252,9 +251,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
 
     /// While a program hangs, something else ends a process: what that does by itself does not count, and it may never do it.
     fn ends_beside_a_hang(&self, hung: ProcessRef, who: ProcessRef, limit: Option<Duration>) -> Option<Finding> {
-        let own = self.leaves_of(who);
-        let without_end: BTreeSet<u32> = own.iter().copied().chain(self.leaves_of(hung)).collect();
-        let times = self.times.without_end(&without_end);
+        let times = self.times.without_end(&self.leaves_of(hung), &self.leaves_of(who));
         let span = match who.member {
             Some(slot) => times.of_member(who.group, slot),
             None => times.of_group(who.group),

@@ -25,6 +25,8 @@ pub(crate) struct Times<'m, 'a> {
     pub(crate) assumed: BTreeMap<(u32, u32), (Duration, Duration)>,
     /// Programs that never end by themselves, whatever the spec says of them.
     pub(crate) endless: BTreeSet<u32>,
+    /// Those of them that hang, so that they are never done.
+    pub(crate) hung: BTreeSet<u32>,
 }
 
 impl Times<'_, '_> {
@@ -49,18 +51,20 @@ impl Times<'_, '_> {
         if let Some(&(least, most)) = self.assumed.get(&(group, slot)) {
             (span.done, span.end) = (span.done.map(|_| least), Some(most));
         }
-        if matches!(member.kind, MemberKind::Leaf(leaf) if self.endless.contains(&leaf)) {
-            span.end = None;
+        if let MemberKind::Leaf(leaf) = member.kind {
+            span.end = span.end.filter(|_| !self.endless.contains(&leaf));
+            span.done = span.done.filter(|_| !self.hung.contains(&leaf));
         }
         span
     }
 
-    /// The same where some programs never end by themselves; nothing is assumed of the groups around them.
-    pub(crate) fn without_end(&self, leaves: &BTreeSet<u32>) -> Self {
+    /// The same where some programs hang and others never end by themselves; nothing is assumed of the groups around them.
+    pub(crate) fn without_end(&self, hung: &[u32], others: &[u32]) -> Self {
+        let leaves: BTreeSet<u32> = hung.iter().chain(others).copied().collect();
         let mut assumed = self.assumed.clone();
         assumed
             .retain(|&(group, slot), _| !self.model.leaves_below(group, slot).iter().any(|leaf| leaves.contains(leaf)));
-        Self { model: self.model, assumed, endless: leaves.clone() }
+        Self { model: self.model, assumed, endless: leaves, hung: hung.iter().copied().collect() }
     }
 
     /// How long a member is active at the most, by the narrowest thing around each of its places that has a bound.
@@ -103,7 +107,11 @@ impl Times<'_, '_> {
             Expression::Never => Span { done: None, end: None, ..NOW },
             Expression::Fail(_) => Span { done: None, ..NOW },
             Expression::Wait(time) => Span { done: Some(*time), end: Some(*time), ..NOW },
-            Expression::Sequence(..) | Expression::Conditional(..) => in_turn(&parts, stop),
+            Expression::Sequence(..) | Expression::Conditional(..) => {
+                let span = in_turn(&parts, stop);
+                // What is never done is followed by nothing.
+                if parts[0].done.is_none() { Span { end: parts[0].end, ..span } } else { span }
+            }
             Expression::Finally(..) => {
                 let after = add(parts[0].stop, parts[1].end);
                 Span { stop: after, ..in_turn(&parts, stop) }
