@@ -13,6 +13,7 @@ pub mod db;
 pub mod deploy;
 pub mod display;
 pub mod doctor;
+pub mod echo;
 pub mod events;
 pub mod explain;
 pub mod fix;
@@ -20,6 +21,7 @@ pub mod fmea;
 pub mod fmt;
 pub mod follow;
 pub mod graph;
+pub mod hz;
 pub mod io;
 pub mod logic;
 pub mod logs;
@@ -37,6 +39,7 @@ pub mod sim;
 pub mod status;
 pub mod stop;
 pub(crate) mod stored;
+pub(crate) mod tapped;
 pub mod team;
 pub mod verify;
 
@@ -104,6 +107,10 @@ enum Verb {
     Events(events::Arguments),
     /// Print the output of a process
     Logs(logs::Arguments),
+    /// Print the values that leave an output of a process
+    Echo(echo::Arguments),
+    /// Say how often values leave an output, how regularly, and how many bytes they are
+    Hz(hz::Arguments),
     /// Stop a deployment everywhere
     Stop(stop::Arguments),
     /// List and change parameters of running programs
@@ -177,6 +184,8 @@ pub fn main() -> ExitCode {
         Verb::Status(arguments) => status::run(&arguments),
         Verb::Events(arguments) => events::run(&arguments),
         Verb::Logs(arguments) => logs::run(&arguments),
+        Verb::Echo(arguments) => echo::run(&arguments),
+        Verb::Hz(arguments) => hz::run(&arguments),
         Verb::Stop(arguments) => stop::run(&arguments),
         Verb::Param(arguments) => param::run(arguments),
         Verb::Db(arguments) => db::run(arguments),

@@ -6,4 +6,5 @@ pub mod names;
 pub mod page;
 pub mod record;
 pub(crate) mod sentence;
+pub(crate) mod tap;
 pub mod tree;

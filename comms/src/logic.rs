@@ -10,4 +10,5 @@ pub mod pace;
 pub mod port;
 pub mod random;
 pub mod signals;
+pub mod tap;
 pub mod time;

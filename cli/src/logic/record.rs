@@ -17,6 +17,7 @@ mod row;
 mod schema;
 
 pub use lines::Lines;
+pub(crate) use message::decode as decoded;
 pub use ports::{Messages, Port, ports};
 
 pub use read::ReadError;

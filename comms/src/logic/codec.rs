@@ -9,6 +9,7 @@
 
 use crate::logic::control::{self, Notice, Order};
 use crate::logic::signals::{Peaks, Signals};
+use crate::logic::tap::{Outputs, Tapped};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use thiserror::Error;
@@ -40,6 +41,10 @@ pub enum Kind {
     Pull = 6,
     /// A part of a stream of answers.
     Piece = 7,
+    /// [`Tapped`].
+    Tapped = 8,
+    /// [`Outputs`].
+    Outputs = 9,
     /// A frame of the ordered link between two nodes.
     Frame = 100,
     /// A request to a node.
@@ -91,6 +96,17 @@ impl Enveloped for Peaks {
     const KIND: Kind = Kind::Peaks;
     const VERSION: u16 = 1;
     const SIZE_MAX: usize = 64 << 10;
+}
+
+impl Enveloped for Tapped {
+    const KIND: Kind = Kind::Tapped;
+    const VERSION: u16 = 1;
+}
+
+impl Enveloped for Outputs {
+    const KIND: Kind = Kind::Outputs;
+    const VERSION: u16 = 1;
+    const SIZE_MAX: usize = 1 << 20;
 }
 
 /// Why a message was not written or read.
@@ -216,6 +232,7 @@ mod tests {
     use super::*;
     use crate::logic::control::{Device, Dial, Incoming, Location, Outgoing, Shape, VERSION};
     use crate::logic::signals::{Peak, Signal};
+    use crate::logic::tap::OutputType;
     use crate::logic::time::Time;
     use proptest::prelude::*;
     use std::time::Duration;
@@ -289,6 +306,14 @@ mod tests {
         let values = vec![Peak { signal, age: Duration::from_nanos(3) }];
         let peaks = Peaks { stamp: Time::from_nanos(5), values };
         check(&peaks, "44430100040005010161014e000000000000f03f010003");
+    }
+
+    #[test]
+    fn golden_taps() {
+        let tapped = Tapped { number: 300, stamp: Time::from_nanos(5), bytes: vec![7, 8] };
+        check(&tapped, "444301000800ac0205020708");
+        let output = OutputType { name: "Out".into(), type_name: "W".into(), fields: "x: N".into() };
+        check(&Outputs { outputs: vec![output] }, "44430100090001034f7574015704783a204e");
     }
 
     #[test]

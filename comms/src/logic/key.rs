@@ -11,6 +11,8 @@
 //! dca/db/<team>/to|ask/<origin>      what one is told, and asked
 //! dca/<robot>/hw/<device>/state|cmd  a device; `<robot>` starts with `_` if it is one of the words above
 //! dca/<robot>/signals/<instance path>  what a program shows to people
+//! dca/<robot>/outputs/<instance path>  which outputs a program has
+//! dca/<robot>/tap/<output>/<instance path>  the values of an output, for people
 //! ```
 //!
 //! Names come from users, and a key expression gives a meaning to `/ * $ # ? @`. So every name is escaped: letters, digits,
@@ -175,8 +177,21 @@ pub fn hardware(robot: &str, device: &str, channel: Channel) -> String {
 
 /// Returns the key of the signals of one program; `instance` is its path, such as `main/arm/force`.
 pub fn signals(robot: &str, instance: &str) -> String {
-    let path: Vec<String> = instance.split('/').map(escape).collect();
-    format!("dca/{}/signals/{}", robot_name(robot), path.join("/"))
+    format!("dca/{}/signals/{}", robot_name(robot), escape_path(instance))
+}
+
+/// Returns the key on which one program answers which outputs it has.
+pub fn outputs(robot: &str, instance: &str) -> String {
+    format!("dca/{}/outputs/{}", robot_name(robot), escape_path(instance))
+}
+
+/// Returns the key of the values of one output of a program, for people.
+pub fn tap(robot: &str, instance: &str, output: &str) -> String {
+    format!("dca/{}/tap/{}/{}", robot_name(robot), escape(output), escape_path(instance))
+}
+
+fn escape_path(instance: &str) -> String {
+    instance.split('/').map(escape).collect::<Vec<_>>().join("/")
 }
 
 /// Returns the instance path of a [`signals`] key.
@@ -254,6 +269,8 @@ mod tests {
         assert_eq!(hardware("live", "arm", Channel::Command), "dca/_live/hw/arm/cmd");
         assert_eq!(signals("door", "main/hit/force"), "dca/door/signals/main/hit/force");
         assert_eq!(signals("door", "main/hold[2]"), "dca/door/signals/main/hold%5b2%5d");
+        assert_eq!(outputs("n", "main/hold[2]"), "dca/_n/outputs/main/hold%5b2%5d");
+        assert_eq!(tap("door", "main/plant", "arm/state"), "dca/door/tap/arm%2fstate/main/plant");
     }
 
     #[test]

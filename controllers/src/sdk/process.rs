@@ -18,6 +18,7 @@ mod inbox;
 mod links;
 mod node_line;
 mod peaks;
+mod taps;
 
 use super::arguments::Arguments;
 use super::interface::Interface;

@@ -20,6 +20,7 @@ use crate::logic::database::question::{Question, Reply};
 pub use absent::{Absent, AbsentHost, AbsentProcess, OpenEnd, OpenHost, Why};
 pub use change::{ChangeOrder, ChangeReply, ChangeRequest, Revision};
 use comms::logic::codec::{Enveloped, Kind};
+use comms::logic::control::Dial;
 pub use event::Event;
 pub use facts::LeafFacts;
 pub use failure::{Failure, FailureCause, ProgramEnd, signal_name};
@@ -36,7 +37,7 @@ use std::fmt;
 use std::time::Duration;
 
 /// Version of these messages.
-pub const VERSION: u16 = 5;
+pub const VERSION: u16 = 6;
 
 /// How long a node that has more to say may be silent: it says several times in that time that it is still there.
 pub const SILENCE_MAX: Duration = Duration::from_secs(8);
@@ -318,6 +319,11 @@ pub enum Request {
     },
     /// Answered by [`Answer::Names`].
     Names,
+    /// Answered by [`Answer::Locations`], or refused if the deployment has no part on the node.
+    Locations {
+        /// The deployment.
+        deployment: Deployment,
+    },
 }
 
 /// An element of the answer to a [`Request`].
@@ -356,6 +362,8 @@ pub enum Answer {
     Events(Vec<Event>),
     /// To `Names`.
     Names(Names),
+    /// To `Locations`: the programs of this host that have a data session, by absolute path, and where to dial each now.
+    Locations(Vec<(String, Dial)>),
 }
 
 impl Enveloped for Request {

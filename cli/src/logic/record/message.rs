@@ -49,7 +49,7 @@ fn names(fields: &[(String, Layout)]) -> Vec<String> {
 
 /// Returns a message as an object; nothing if the bytes are not laid out so, to the last one. A field with a number that JSON
 /// has not, as an infinite one, is left out.
-pub(super) fn decode(message: &Message, bytes: &[u8]) -> Option<Value> {
+pub(crate) fn decode(message: &Message, bytes: &[u8]) -> Option<Value> {
     let mut reader = Reader { rest: bytes };
     let value = reader.value(&message.layout)?;
     if !reader.rest.is_empty() {

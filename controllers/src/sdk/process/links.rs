@@ -2,6 +2,7 @@
 
 use super::flow::Flow;
 use super::inbox::{Hold, Inbox};
+use super::taps::Taps;
 use crate::sdk::interface::{Binding, Direction, Interface, PortInterface};
 use comms::io::clock::now;
 use comms::io::data::{DataError, DataSession, Payload, Priority, Publisher, Responder, Subscription};
@@ -65,12 +66,13 @@ struct Made {
     devices: Devices,
 }
 
-/// The links of a program to devices, from its first links on.
+/// The links of a program to devices and to people, from its first links on.
 #[derive(Debug, Default)]
 struct Devices {
     outputs: Vec<(&'static str, Publisher)>,
     inputs: Vec<Subscription>,
     signals: Option<Publisher>,
+    taps: Taps,
 }
 
 /// Every link of the program. Flags are flipped by the listener while the cycle sends.
@@ -201,6 +203,7 @@ impl Links {
     /// Sends a value of an output to whoever is to have it now.
     pub(super) fn send(&self, port: &str, bytes: Vec<u8>) {
         let (mut made, now) = (self.lock(), now());
+        made.devices.taps.pass(port, &bytes);
         let mut passing = Vec::new();
         for (&number, wire) in made.wires.iter_mut().filter(|(_, wire)| wire.port == port) {
             if wire.flow.offer(&bytes, now) {
@@ -317,6 +320,8 @@ impl Devices {
             let key = key::signals(&orders.robot, &orders.instance);
             devices.signals = Some(session.publisher(&key, Priority::Background).map_err(|error| error.to_string())?);
         }
+        let taps = Taps::make(session, interface, (&orders.robot, &orders.instance));
+        devices.taps = taps.map_err(|error| error.to_string())?;
         Ok(devices)
     }
 

@@ -23,8 +23,11 @@ impl Agent {
             Request::Absent => answer(call, Answer::Absent(self.absent(out.now)), out),
             Request::Plan { deployment } => {
                 let plan = self.participants.get(&deployment).map(|participant| Box::new(participant.plan().clone()));
-                let unknown = || Answer::Refused(format!("`{deployment}` is not known here"));
-                answer(call, plan.map_or_else(unknown, Answer::Plan), out);
+                answer(call, plan.map_or_else(|| unknown(&deployment), Answer::Plan), out);
+            }
+            Request::Locations { deployment } => {
+                let locations = self.participants.get(&deployment).map(Participant::locations);
+                answer(call, locations.map_or_else(|| unknown(&deployment), Answer::Locations), out);
             }
             Request::Forget { deployment } => {
                 let is_known = self.forget(&deployment);
@@ -45,7 +48,7 @@ impl Agent {
                 }
                 match self.over.iter().find(|over| *over.deployment() == deployment) {
                     Some(history) => history.tell_missed(call, seen, out),
-                    None => answer(call, Answer::Refused(format!("`{deployment}` is not known here")), out),
+                    None => answer(call, unknown(&deployment), out),
                 }
             }
             Request::Revision { name } => {
@@ -76,7 +79,7 @@ impl Agent {
             }
             Request::Output { deployment } => match self.programs(&deployment) {
                 Some(programs) => return out.effects.push(Effect::TailAll { call, deployment, programs }),
-                None => answer(call, Answer::Refused(format!("`{deployment}` is not known here")), out),
+                None => answer(call, unknown(&deployment), out),
             },
             // The driver hands these to the database; an agent alone has none.
             Request::Unlinked => answer(call, Answer::Unlinked(Vec::new()), out),
@@ -207,6 +210,10 @@ impl Agent {
             _ => Err(format!("{SEVERAL} `{process}`; give more of the path")),
         }
     }
+}
+
+fn unknown(deployment: &Deployment) -> Answer {
+    Answer::Refused(format!("`{deployment}` is not known here"))
 }
 
 fn answer(call: u64, answer: Answer, out: &mut Out<'_>) {

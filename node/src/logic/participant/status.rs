@@ -6,6 +6,8 @@ use crate::logic::instance::Instance;
 use crate::logic::parameters;
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{AbsentProcess, DeploymentStatus, InstanceParameters, Names, PortName, ProcessStatus};
+use crate::logic::wiring::observe;
+use comms::logic::control::Dial;
 use language::plan::{Leaf, LeafKind};
 use std::collections::BTreeSet;
 
@@ -65,6 +67,15 @@ impl Participant {
         // One port may have several wires.
         names.ports.extend(ports.collect::<BTreeSet<_>>());
         names.devices.extend(self.claims.names(&self.deployment));
+    }
+
+    /// Returns the programs of this host that have a data session, and where to dial each now.
+    pub fn locations(&self) -> Vec<(String, Dial)> {
+        let location = |(number, _)| {
+            let leaf = self.plan.leaves.get(number as usize)?;
+            Some((leaf.path.clone(), observe(&self.registrations, number)?))
+        };
+        self.instances.iter().filter_map(location).collect()
     }
 
     /// Returns what may be told to the programs of this host while they run.

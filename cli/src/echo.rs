@@ -1,0 +1,72 @@
+//! `dca echo`: prints the values that leave an output, while its program runs.
+
+use crate::logic::tap::{Gap, Numbers, value};
+use crate::tapped::{End, FollowedOutput, TapArgs, TapEvent, follow};
+use node::console::{self, Failure, block_on};
+use node::logic::printable::printable;
+use serde_json::json;
+
+/// The arguments of `dca echo`.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    #[command(flatten)]
+    tap: TapArgs,
+    /// End after so many values
+    #[arg(short = 'n', long, value_parser = clap::value_parser!(u64).range(1..))]
+    count: Option<u64>,
+}
+
+/// An output, and the numbers of its values.
+struct Echoed {
+    output: FollowedOutput,
+    numbers: Numbers,
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let (mut echoed, mut left): (Vec<Echoed>, _) = (Vec::new(), arguments.count);
+    let end = block_on(follow(&arguments.tap, |event| {
+        let (place, tapped) = match event {
+            TapEvent::Begun(outputs) => {
+                let echo = |output| Echoed { output, numbers: Numbers::default() };
+                echoed = outputs.into_iter().map(echo).collect();
+                return Ok(None);
+            }
+            TapEvent::Second => return Ok(None),
+            TapEvent::Value(place, tapped) => (place, tapped),
+        };
+        let has_name = echoed.len() > 1;
+        let Some(Echoed { output, numbers }) = echoed.get_mut(place) else { return Ok(None) };
+        let gap = numbers.take(tapped.number);
+        let value = value(output.message.as_ref(), &tapped.bytes);
+        let line = if arguments.tap.json {
+            let lost = if let Gap::Lost(lost) = gap { lost } else { 0 };
+            #[expect(clippy::cast_precision_loss, reason = "exact for 104 days of a machine")]
+            let stamp = tapped.stamp.nanos() as f64 / 1e9;
+            json!({
+                "output": output.name, "type": output.type_name, "number": tapped.number, "stamp": stamp, "lost": lost,
+                "restarted": gap == Gap::Restarted, "value": value,
+            })
+            .to_string()
+        } else {
+            match gap {
+                Gap::None => {}
+                Gap::Lost(lost) => console::note(&format!("{}: {lost} lost on the way here", output.name)),
+                Gap::Restarted => console::note(&format!("{}: its program was started again", output.name)),
+            }
+            let name = if has_name { format!("{} ", output.name) } else { String::new() };
+            format!("{name}{}: {value}", tapped.number)
+        };
+        if !console::pass(format!("{}\n", printable(&line)).as_bytes())? {
+            return Ok(Some(End::Interrupted));
+        }
+        left = left.map(|left| left - 1);
+        Ok((left == Some(0)).then_some(End::Enough))
+    }))?;
+    match (arguments.tap.json, end) {
+        (true, end) => console::say(&json!({ "end": end.word() }).to_string()),
+        (false, End::Finished) => console::note("the deployment is over"),
+        (false, End::Enough | End::Interrupted) => {}
+    }
+    Ok(())
+}

@@ -1,0 +1,82 @@
+//! `dca hz`: says how often values leave an output, how regularly, and how many bytes they are.
+
+use crate::logic::tap::Rate;
+use crate::tapped::{End, TapArgs, TapEvent, follow, until};
+use anyhow::anyhow;
+use comms::io::clock;
+use node::console::{self, Failure, block_on};
+use serde_json::json;
+
+/// The arguments of `dca hz`.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    #[command(flatten)]
+    tap: TapArgs,
+    /// End after so many seconds; without it, Ctrl-C ends it
+    #[arg(long = "for", value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
+    seconds: Option<f64>,
+}
+
+/// An output, and how often it had a value: since the last line, and in all.
+struct Counted {
+    name: String,
+    lately: Rate,
+    whole: Rate,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds: f64 = text.parse().map_err(|_not_a_number| "this is no number of seconds".to_owned())?;
+    if (0.1..=86_400.0).contains(&seconds) { Ok(seconds) } else { Err("it is from 0.1 to 86400 seconds".to_owned()) }
+}
+
+/// Runs the verb. A line comes each second, and in the end one for all of the time.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let (mut counted, mut ends): (Vec<Counted>, _) = (Vec::new(), None);
+    let line = |name: &str, rate: &Rate, of: &str| {
+        let line = if arguments.tap.json {
+            json!({ "output": name, "of": of, "rate": rate.json() }).to_string()
+        } else {
+            format!("{name}: {}{}", if of == "all" { "in all " } else { "" }, rate.text())
+        };
+        console::pass(format!("{line}\n").as_bytes())
+    };
+    let end = block_on(follow(&arguments.tap, |event| {
+        match event {
+            TapEvent::Begun(outputs) => {
+                let count = |name| Counted { name, lately: Rate::default(), whole: Rate::default() };
+                counted = outputs.into_iter().map(|output| count(output.name)).collect();
+                ends = until(arguments.seconds);
+            }
+            TapEvent::Value(place, tapped) => {
+                if let Some(one) = counted.get_mut(place) {
+                    one.lately.take(&tapped);
+                    one.whole.take(&tapped);
+                }
+            }
+            TapEvent::Second => {
+                for one in &mut counted {
+                    if !line(&one.name, &one.lately, "second")? {
+                        return Ok(Some(End::Interrupted));
+                    }
+                    one.lately = one.lately.next();
+                }
+            }
+        }
+        Ok(ends.is_some_and(|ends| clock::now() >= ends).then_some(End::Enough))
+    }))?;
+    for one in &counted {
+        line(&one.name, &one.whole, "all")?;
+    }
+    if arguments.tap.json {
+        console::say(&json!({ "end": end.word() }).to_string());
+    }
+    if end == End::Enough && counted.iter().all(|one| one.whole.is_empty()) {
+        let names: Vec<&str> = counted.iter().map(|one| one.name.as_str()).collect();
+        return Err(anyhow!(
+            "no value has left `{}` in that time; `dca status` says which processes run",
+            names.join("`, `")
+        )
+        .into());
+    }
+    Ok(())
+}

@@ -1,0 +1,78 @@
+//! A data session of the command line that hears the outputs of programs while they work.
+
+use comms::io::data::{DataError, DataSession, Subscription};
+use comms::logic::control::Dial;
+use comms::logic::tap::{Outputs, Tapped};
+use comms::logic::{codec, key};
+use node::console::Failure;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::mpsc::Sender;
+
+/// How long a program has to be reached, and then to answer: the longest way there and back is 3 s, and to dial takes four.
+const DIAL_WITHIN: Duration = Duration::from_secs(18);
+const ANSWER_WITHIN: Duration = Duration::from_secs(4);
+
+/// The session, and what it hears.
+pub(crate) struct Taps {
+    session: Arc<DataSession>,
+    subscriptions: Vec<Subscription>,
+}
+
+impl Taps {
+    /// Opens the session; it has no links yet.
+    pub(crate) async fn open() -> Result<Self, Failure> {
+        // Zenoh's own calls block.
+        let session = tokio::task::spawn_blocking(DataSession::open_observer).await.map_err(anyhow::Error::from)?;
+        Ok(Self { session: Arc::new(session.map_err(anyhow::Error::from)?), subscriptions: Vec::new() })
+    }
+
+    /// Links to a program, and keeps linked to it.
+    pub(crate) async fn dial(&self, dial: Dial) -> Result<(), Failure> {
+        let session = Arc::clone(&self.session);
+        let dialled = tokio::task::spawn_blocking(move || session.dial(&dial, DIAL_WITHIN)).await;
+        dialled.map_err(anyhow::Error::from)?.map_err(|error| Failure::Unreachable(error.into()))
+    }
+
+    /// Asks a program which outputs it has; none if it does not say.
+    pub(crate) async fn outputs(&self, robot: &str, path: &str) -> Result<Option<Outputs>, Failure> {
+        let (session, key) = (Arc::clone(&self.session), key::outputs(robot, path));
+        let answer = tokio::task::spawn_blocking(move || session.fetch(&key, ANSWER_WITHIN)).await;
+        let answer = answer.map_err(anyhow::Error::from)?.map_err(|error| Failure::Unreachable(error.into()))?;
+        Ok(answer.map(|bytes| codec::decode(&bytes)).transpose().map_err(anyhow::Error::from)?)
+    }
+
+    /// Hears an output from now on, wherever its program is started again. Each value goes to `sink` with `number`; when it is
+    /// full, values are left out.
+    pub(crate) async fn hear(
+        &mut self,
+        (robot, path, output): (&str, &str, &str),
+        number: usize,
+        sink: Sender<(usize, Tapped)>,
+    ) -> Result<(), Failure> {
+        let (session, key) = (Arc::clone(&self.session), key::tap(robot, path, output));
+        let hear = move || -> Result<Subscription, DataError> {
+            session.on_sample(&key, move |bytes| {
+                if let Ok(tapped) = codec::decode(&bytes) {
+                    // A full queue means that the screen is slow. The robot must not feel it, and the numbers show it.
+                    sink.try_send((number, tapped)).unwrap_or_default();
+                }
+            })
+        };
+        let heard = tokio::task::spawn_blocking(hear).await.map_err(anyhow::Error::from)?;
+        self.subscriptions.push(heard.map_err(anyhow::Error::from)?);
+        Ok(())
+    }
+
+    /// Closes the session.
+    pub(crate) async fn close(self) {
+        let Self { session, subscriptions } = self;
+        let closing = tokio::task::spawn_blocking(move || {
+            drop(subscriptions);
+            Arc::into_inner(session).into_iter().for_each(DataSession::close);
+        });
+        if let Err(error) = closing.await {
+            tracing::debug!(%error, "closing the taps");
+        }
+    }
+}

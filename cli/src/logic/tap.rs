@@ -1,0 +1,240 @@
+//! What `dca echo` and `dca hz` make of the values that leave an output: which outputs are meant, what is in a value, what was
+//! lost on the way, how often values come.
+
+use crate::logic::record::decoded;
+use comms::logic::human::span;
+use comms::logic::tap::{OutputType, Outputs, Tapped};
+use comms::logic::time::Time;
+use language::{Message, Source};
+use serde_json::{Value, json};
+use std::time::Duration;
+
+/// The outputs that a person means: `Out`, `force.Out`, `hit/force.Out`, `plant.arm/state`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Wanted {
+    /// The end of a path; every process if absent.
+    process: Option<String>,
+    output: String,
+}
+
+impl Wanted {
+    pub(crate) fn new(text: &str) -> Self {
+        let (process, output) = match text.rsplit_once('.') {
+            Some((process, output)) => (Some(process.to_owned()), output),
+            None => (None, text),
+        };
+        Self { process, output: output.to_owned() }
+    }
+
+    /// Returns whether the process with this path is meant.
+    pub(crate) fn is_process(&self, path: &str) -> bool {
+        let ends_with = |process: &String| path == process || path.ends_with(&format!("/{process}"));
+        self.process.as_ref().is_none_or(ends_with)
+    }
+
+    /// Returns whether the output of this name is meant, of a process that is.
+    pub(crate) fn is_output(&self, name: &str) -> bool {
+        self.output == name
+    }
+}
+
+/// Returns the type of an output's values, as far as the program names what is in them. `all` has the types that it may be
+/// made of.
+pub(crate) fn message(output: &OutputType, all: &Outputs) -> Option<Message> {
+    let mut types: Vec<&OutputType> = all.outputs.iter().filter(|one| !one.fields.is_empty()).collect();
+    types.sort_by_key(|one| &one.type_name);
+    types.dedup_by_key(|one| &one.type_name);
+    let mut text: String =
+        types.iter().map(|one| format!("type {} = {{ {} }};\n", one.type_name, one.fields)).collect();
+    text += &format!("module Program(host: Host) {{ out Out: {}; done; }}\n", output.type_name);
+    language::messages(&[Source::new("outputs", text)]).remove("Program")?.remove("Out")
+}
+
+/// Returns a value as JSON; without a type, or if it is not laid out so, how long it is.
+pub(crate) fn value(message: Option<&Message>, bytes: &[u8]) -> Value {
+    message.and_then(|message| decoded(message, bytes)).unwrap_or_else(|| json!({ "size": bytes.len() }))
+}
+
+/// What the number of a value says of those before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Gap {
+    None,
+    /// So many were lost on the way here.
+    Lost(u64),
+    /// The program was started again, and counts anew.
+    Restarted,
+}
+
+/// Compares the numbers of the values of one output.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Numbers {
+    last: Option<u64>,
+}
+
+impl Numbers {
+    pub(crate) fn take(&mut self, number: u64) -> Gap {
+        match self.last.replace(number) {
+            Some(last) if number <= last => Gap::Restarted,
+            Some(last) if number > last + 1 => Gap::Lost(number - last - 1),
+            Some(_) | None => Gap::None,
+        }
+    }
+}
+
+/// How often values leave an output, by the clock of the program's host: what was lost on the way counts as well.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Rate {
+    /// Number and time of the first value and of the last.
+    first: Option<(u64, Time)>,
+    last: Option<(u64, Time)>,
+    shortest: Option<Duration>,
+    longest: Option<Duration>,
+    /// Values that came, and their bytes.
+    count: u64,
+    size: u64,
+    lost: u64,
+}
+
+impl Rate {
+    pub(crate) fn take(&mut self, tapped: &Tapped) {
+        let this = (tapped.number, tapped.stamp);
+        match self.last {
+            Some((number, _)) if tapped.number <= number => {
+                *self = Self { lost: self.lost, ..Self::default() };
+            }
+            Some((number, at)) => {
+                self.lost += tapped.number - number - 1;
+                if tapped.number == number + 1 {
+                    let interval = tapped.stamp.since(at);
+                    self.shortest = Some(self.shortest.map_or(interval, |shortest| shortest.min(interval)));
+                    self.longest = Some(self.longest.map_or(interval, |longest| longest.max(interval)));
+                }
+            }
+            None => {}
+        }
+        self.first.get_or_insert(this);
+        self.last = Some(this);
+        self.count += 1;
+        self.size += u64::try_from(tapped.bytes.len()).unwrap_or(u64::MAX);
+    }
+
+    /// Returns the rate from the last value on: what came before no longer counts.
+    pub(crate) fn next(&self) -> Self {
+        Self { first: self.last, last: self.last, ..Self::default() }
+    }
+
+    /// Returns whether no value came.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
+    /// Returns values a second (Hz); none before there are two.
+    pub(crate) fn hertz(&self) -> Option<f64> {
+        let ((first, begin), (last, end)) = (self.first?, self.last?);
+        let took = end.since(begin).as_secs_f64();
+        #[expect(clippy::cast_precision_loss, reason = "a count for people")]
+        (last > first && took > 0.0).then(|| (last - first) as f64 / took)
+    }
+
+    /// Returns bytes a second; none before there are two values.
+    pub(crate) fn bytes(&self) -> Option<f64> {
+        #[expect(clippy::cast_precision_loss, reason = "a count for people")]
+        let size = (self.count > 0).then(|| self.size as f64 / self.count as f64)?;
+        Some(self.hertz()? * size)
+    }
+
+    /// Returns the rate in words.
+    pub(crate) fn text(&self) -> String {
+        let (Some(hertz), Some(bytes)) = (self.hertz(), self.bytes()) else {
+            return if self.is_empty() { "no value".to_owned() } else { "1 value".to_owned() };
+        };
+        let interval = match (self.shortest, self.longest) {
+            (Some(shortest), Some(longest)) => format!(", {} to {} apart", span(shortest), span(longest)),
+            _ => String::new(),
+        };
+        format!("{hertz:.1} Hz{interval}, {}, {} lost on the way here", a_second(bytes), self.lost)
+    }
+
+    /// Returns the rate for programs: Hz, seconds, bytes a second.
+    pub(crate) fn json(&self) -> Value {
+        let seconds = |time: Option<Duration>| time.map(|time| time.as_secs_f64());
+        json!({
+            "values": self.count, "hertz": self.hertz(), "shortest": seconds(self.shortest),
+            "longest": seconds(self.longest), "bytes_a_second": self.bytes(), "lost": self.lost,
+        })
+    }
+}
+
+fn a_second(bytes: f64) -> String {
+    match bytes {
+        large if large >= 1e6 => format!("{:.1} MB/s", large / 1e6),
+        middle if middle >= 1e3 => format!("{:.1} kB/s", middle / 1e3),
+        small => format!("{small:.0} B/s"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tapped(number: u64, millis: u64) -> Tapped {
+        Tapped { number, stamp: Time::from_nanos(millis * 1_000_000), bytes: vec![0; 50] }
+    }
+
+    #[test]
+    fn outputs_are_meant_by_the_end_of_their_path() {
+        let check = |text: &str, path: &str, output: &str, expected: bool| {
+            let wanted = Wanted::new(text);
+            assert_eq!(wanted.is_process(path) && wanted.is_output(output), expected, "{text}: {path}.{output}");
+        };
+        check("Out", "main/hit/force", "Out", true);
+        check("force.Out", "main/hit/force", "Out", true);
+        check("hit/force.Out", "main/hit/force", "Out", true);
+        check("orce.Out", "main/hit/force", "Out", false);
+        check("force.In", "main/hit/force", "Out", false);
+        check("plant.arm/state", "main/plant", "arm/state", true);
+        check("arm/state", "main/plant", "arm/state", true);
+    }
+
+    #[test]
+    fn values_are_read_by_what_the_program_says_of_its_types() {
+        let output = |name: &str, type_name: &str, fields: &str| OutputType {
+            name: name.into(),
+            type_name: type_name.into(),
+            fields: fields.into(),
+        };
+        let all =
+            Outputs { outputs: vec![output("Out", "Wrench", "force: Force[2], soft: Truth"), output("N", "Odd", "")] };
+        let known = message(&all.outputs[0], &all).unwrap();
+        let bytes: Vec<u8> = [1.5_f64.to_le_bytes(), 2.0_f64.to_le_bytes()].concat().into_iter().chain([1]).collect();
+        assert_eq!(value(Some(&known), &bytes), json!({ "force": [1.5, 2.0], "soft": true }));
+        assert_eq!(value(Some(&known), &bytes[1..]), json!({ "size": 16 }));
+        assert_eq!((message(&all.outputs[1], &all), value(None, b"abc")), (None, json!({ "size": 3 })));
+    }
+
+    #[test]
+    fn a_gap_in_the_numbers_is_what_was_lost() {
+        let mut numbers = Numbers::default();
+        let gaps: Vec<Gap> = [7, 8, 11, 1, 2].into_iter().map(|number| numbers.take(number)).collect();
+        assert_eq!(gaps, [Gap::None, Gap::None, Gap::Lost(2), Gap::Restarted, Gap::None]);
+    }
+
+    #[test]
+    fn a_rate_counts_what_was_lost_on_the_way() {
+        let mut rate = Rate::default();
+        assert_eq!(rate.text(), "no value");
+        rate.take(&tapped(5, 1000));
+        assert_eq!(rate.text(), "1 value");
+        for (number, millis) in [(6, 1010), (8, 1030), (9, 1042)] {
+            rate.take(&tapped(number, millis));
+        }
+        assert_eq!(rate.text(), "95.2 Hz, 10 ms to 12 ms apart, 4.8 kB/s, 1 lost on the way here");
+        let mut next = rate.next();
+        assert_eq!(next.text(), "no value");
+        next.take(&tapped(10, 1052));
+        assert_eq!(next.text(), "100.0 Hz, 10 ms to 10 ms apart, 5.0 kB/s, 0 lost on the way here");
+        // The program was started again.
+        next.take(&tapped(1, 1100));
+        assert_eq!(next.text(), "1 value");
+    }
+}

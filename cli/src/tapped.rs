@@ -1,0 +1,283 @@
+//! Follows outputs of programs that run, for `dca echo` and `dca hz`.
+//!
+//! The nodes say which programs are meant and where they are; then each value comes straight from its program. The home of the
+//! deployment says when a program was started again, and when all is over.
+
+use crate::client::{ANSWER_WITHIN, Answers, Client, Clients, unasked, words};
+use crate::io::taps::Taps;
+use crate::logic::tap::{Wanted, message};
+use crate::{ConnectArgs, absent};
+use anyhow::anyhow;
+use comms::io::clock;
+use comms::logic::control::Dial;
+use comms::logic::tap::{Outputs, Tapped};
+use comms::logic::time::Time;
+use language::Message;
+use node::console::{self, Failure};
+use node::logic::protocol::{Answer, Change, Deployment, Report, Request, leaves};
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::mpsc::{self, Receiver};
+
+/// How many values wait to be shown; more are left out, and counted as lost.
+const VALUES_MAX: usize = 4096;
+/// How many outputs are followed at once.
+const OUTPUTS_MAX: usize = 256;
+/// How often [`TapEvent::Second`] comes.
+const SECOND: Duration = Duration::from_secs(1);
+
+/// Which outputs are followed.
+#[derive(Debug, clap::Args)]
+pub(crate) struct TapArgs {
+    /// The output, and the end of its process's path: `force.Out`, `hit/force.Out`; of a device: `plant.arm/state`; without a
+    /// process all that have it
+    output: String,
+    /// In this deployment
+    #[arg(long)]
+    deployment: Option<String>,
+    /// Print objects of JSON, one on a line; the last has `end`
+    #[arg(long)]
+    pub(crate) json: bool,
+    #[command(flatten)]
+    connect: ConnectArgs,
+}
+
+/// An output that is followed.
+#[derive(Debug)]
+pub(crate) struct FollowedOutput {
+    /// Path of the process and its output: `main/hit/force.Out`.
+    pub(crate) name: String,
+    /// The type of its values, by the word of its program.
+    pub(crate) type_name: String,
+    /// What is in them, if the program says it.
+    pub(crate) message: Option<Message>,
+}
+
+/// What happens to the outputs.
+pub(crate) enum TapEvent {
+    /// The outputs are heard from now on.
+    Begun(Vec<FollowedOutput>),
+    /// A value, of the output with this place in the list.
+    Value(usize, Tapped),
+    /// A second is over.
+    Second,
+}
+
+/// How following has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum End {
+    /// The deployment is over.
+    Finished,
+    /// As much was heard as was asked for.
+    Enough,
+    /// A person has ended it, or reads it no more.
+    Interrupted,
+}
+
+impl End {
+    /// Returns the end in one word.
+    pub(crate) fn word(self) -> &'static str {
+        match self {
+            Self::Finished => "finished",
+            Self::Enough => "enough",
+            Self::Interrupted => "interrupted",
+        }
+    }
+}
+
+/// The programs that are meant: path, host, and where to dial them.
+type Programs = Vec<(String, String, Dial)>;
+
+/// Follows what is asked for until `take` returns how it ends, Ctrl-C comes or the deployment is over.
+pub(crate) async fn follow(
+    arguments: &TapArgs,
+    mut take: impl FnMut(TapEvent) -> anyhow::Result<Option<End>>,
+) -> Result<End, Failure> {
+    let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
+    let clients = Clients::open(&arguments.connect).await?;
+    let mut taps = Taps::open().await?;
+    let ended = tokio::select! {
+        ended = follow_with(&clients, &mut taps, arguments, &mut take) => ended,
+        _ = interrupt.recv() => Ok(End::Interrupted),
+        _ = terminate.recv() => Ok(End::Interrupted),
+    };
+    taps.close().await;
+    clients.close().await;
+    ended
+}
+
+async fn follow_with(
+    clients: &Clients,
+    taps: &mut Taps,
+    arguments: &TapArgs,
+    take: &mut impl FnMut(TapEvent) -> anyhow::Result<Option<End>>,
+) -> Result<End, Failure> {
+    let (client, deployment, home, mut programs) = find(clients, arguments).await?;
+    // Heard first, so that nothing of it is missed.
+    let mut reports = Some(client.ask_on(&home, &Request::Watch { deployment: deployment.clone(), seen: u64::MAX })?);
+    let (outputs, mut values) = hear(taps, arguments, &deployment, &programs).await?;
+    take(TapEvent::Begun(outputs))?;
+    let mut second = clock::now() + SECOND;
+    loop {
+        let end = tokio::select! {
+            value = values.recv() => match value {
+                Some((number, tapped)) => take(TapEvent::Value(number, tapped))?,
+                None => None,
+            },
+            () = clock::sleep_until(second) => {
+                second = second + SECOND;
+                take(TapEvent::Second)?
+            }
+            report = next(&mut reports) => match report {
+                Some(Ok(Answer::Report(Report::Finished { .. } | Report::Refused { .. }))) => Some(End::Finished),
+                Some(Ok(Answer::Report(Report::Process { path, change: Change::Started { .. } | Change::Activated | Change::Resumed, .. }))) => {
+                    if let Some(program) = programs.iter_mut().find(|(known, ..)| *known == path) {
+                        found_again(client, taps, &deployment, program).await;
+                    }
+                    None
+                }
+                Some(Ok(Answer::Report(_))) => None,
+                Some(Ok(other)) => return Err(unasked(&home, &other)),
+                Some(Err(failure)) => {
+                    console::note(&format!("warning: {}; values are still heard, and their end is not", words(&failure)));
+                    reports = None;
+                    None
+                }
+                None => Some(End::Finished),
+            },
+        };
+        if let Some(end) = end {
+            return Ok(end);
+        }
+    }
+}
+
+/// Returns the next report; never, if there are none.
+async fn next(reports: &mut Option<Answers>) -> Option<Result<Answer, Failure>> {
+    match reports {
+        Some(reports) => reports.next().await,
+        None => std::future::pending().await,
+    }
+}
+
+/// Finds the programs that are meant, all of one deployment.
+async fn find<'a>(
+    clients: &'a Clients,
+    arguments: &TapArgs,
+) -> Result<(&'a Client, Deployment, String, Programs), Failure> {
+    let (wanted, all) = (Wanted::new(&arguments.output), clients.statuses().await?);
+    let mut meant: BTreeMap<Deployment, (&Client, BTreeMap<String, BTreeSet<String>>)> = BTreeMap::new();
+    for (client, statuses) in &all {
+        for leaf in leaves(&statuses.nodes) {
+            let is_named = arguments.deployment.as_ref().is_none_or(|name| *name == leaf.deployment.name);
+            if is_named && wanted.is_process(&leaf.process.path) {
+                let (_, hosts) = meant.entry(leaf.deployment.clone()).or_insert((*client, BTreeMap::new()));
+                hosts.entry(leaf.host.to_owned()).or_default().insert(leaf.process.path.clone());
+            }
+        }
+    }
+    let mut found = Vec::new();
+    for (deployment, (client, hosts)) in meant {
+        let mut programs = Vec::new();
+        for (host, paths) in hosts {
+            let located = locations(client, &host, &deployment).await?;
+            let here = located.into_iter().filter(|(path, _)| paths.contains(path));
+            programs.extend(here.map(|(path, dial)| (path, host.clone(), dial)));
+        }
+        if !programs.is_empty() {
+            found.push((client, deployment, programs));
+        }
+    }
+    let what = format!("process with an output `{}`", arguments.output);
+    if found.len() > 1 {
+        let names: Vec<String> = found.iter().map(|(_, deployment, _)| format!("`{}`", deployment.name)).collect();
+        return Err(
+            anyhow!("several deployments have a {what}: {}; choose one with `--deployment`", names.join(", ")).into()
+        );
+    }
+    let Some((client, deployment, programs)) = found.pop() else { return Err(absent::missing(&what, &all).await) };
+    let mut parts = all.iter().flat_map(|(_, statuses)| &statuses.nodes).flat_map(|node| &node.deployments);
+    let home = parts.find(|part| part.deployment == deployment).map(|part| part.home.clone());
+    let home = home.ok_or_else(|| anyhow!("`{deployment}` has no home"))?;
+    Ok((client, deployment, home, programs))
+}
+
+/// Asks a host where the programs of a deployment are that have a data session.
+async fn locations(client: &Client, host: &str, deployment: &Deployment) -> Result<Vec<(String, Dial)>, Failure> {
+    let request = Request::Locations { deployment: deployment.clone() };
+    let answer = client.ask(host, &request, ANSWER_WITHIN).await?;
+    if let Answer::Locations(locations) = answer { Ok(locations) } else { Err(unasked(host, &answer)) }
+}
+
+/// Dials a program where it is now, if that is elsewhere.
+async fn found_again(client: &Client, taps: &Taps, deployment: &Deployment, program: &mut (String, String, Dial)) {
+    let (path, host, known) = program;
+    let found = match locations(client, host, deployment).await {
+        Ok(located) => located.into_iter().find(|(located, _)| located == path),
+        Err(failure) => {
+            return console::note(&format!("warning: {}: where `{path}` is now is not known", words(&failure)));
+        }
+    };
+    let Some((_, dial)) = found.filter(|(_, dial)| dial.session != known.session) else { return };
+    match taps.dial(dial.clone()).await {
+        Ok(()) => *known = dial,
+        Err(failure) => console::note(&format!("warning: `{path}` was started again: {}", words(&failure))),
+    }
+}
+
+/// Asks the programs for their outputs, and hears those that are meant.
+async fn hear(
+    taps: &mut Taps,
+    arguments: &TapArgs,
+    deployment: &Deployment,
+    programs: &Programs,
+) -> Result<(Vec<FollowedOutput>, Receiver<(usize, Tapped)>), Failure> {
+    let wanted = Wanted::new(&arguments.output);
+    let (sink, values) = mpsc::channel(VALUES_MAX);
+    let (mut followed, mut known, mut failure) = (Vec::new(), BTreeSet::new(), None);
+    for (path, _, dial) in programs {
+        let outputs = match outputs_of(taps, deployment, path, dial.clone()).await {
+            Ok(outputs) => outputs,
+            Err(why) => {
+                console::note(&format!("warning: `{path}`: {}", words(&why)));
+                failure = Some(why);
+                continue;
+            }
+        };
+        for output in &outputs.outputs {
+            let name = format!("{path}.{}", output.name);
+            if !wanted.is_output(&output.name) {
+                known.insert(name);
+                continue;
+            }
+            if followed.len() == OUTPUTS_MAX {
+                return Err(anyhow!("more than {OUTPUTS_MAX} outputs are meant; name the process, too").into());
+            }
+            taps.hear((&deployment.name, path, &output.name), followed.len(), sink.clone()).await?;
+            let message = message(output, &outputs);
+            followed.push(FollowedOutput { name, type_name: output.type_name.clone(), message });
+        }
+    }
+    if !followed.is_empty() {
+        return Ok((followed, values));
+    }
+    if let Some(failure) = failure {
+        return Err(failure);
+    }
+    let known: Vec<String> = known.into_iter().map(|name| format!("`{name}`")).collect();
+    let hint = if known.is_empty() { "they have none".to_owned() } else { format!("there are {}", known.join(", ")) };
+    Err(anyhow!("no process that is meant has an output `{}`; {hint}", arguments.output).into())
+}
+
+async fn outputs_of(taps: &Taps, deployment: &Deployment, path: &str, dial: Dial) -> Result<Outputs, Failure> {
+    taps.dial(dial).await?;
+    let outputs = taps.outputs(&deployment.name, path).await?;
+    Ok(outputs
+        .ok_or_else(|| anyhow!("it does not say which outputs it has: it has no links yet, or is of an older DCA"))?)
+}
+
+/// Returns when something ends that takes so many seconds.
+pub(crate) fn until(seconds: Option<f64>) -> Option<Time> {
+    seconds.map(|seconds| clock::now() + Duration::from_secs_f64(seconds))
+}
