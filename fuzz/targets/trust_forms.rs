@@ -5,6 +5,7 @@
 use libfuzzer_sys::fuzz_target;
 use trust::audit::Head;
 use trust::certificate::{Certificate, Renewal};
+use trust::delegation::Delegation;
 use trust::invite::Message;
 use trust::locked::LockedKeys;
 use trust::revocation::RevokedSet;
@@ -13,7 +14,7 @@ use trust::team::{Credential, Team};
 
 fuzz_target!(|bytes: &[u8]| {
     let Some((kind, bytes)) = bytes.split_first() else { return };
-    let again = match kind % 9 {
+    let again = match kind % 10 {
         0 => Certificate::from_bytes(bytes).map(|read| read.to_bytes()),
         1 => Renewal::from_bytes(bytes).map(|read| read.to_bytes()),
         2 => Credential::from_bytes(bytes).map(|read| read.to_bytes()),
@@ -22,6 +23,7 @@ fuzz_target!(|bytes: &[u8]| {
         5 => LockedKeys::from_bytes(bytes).map(|read| read.to_bytes()),
         6 => Message::from_bytes(bytes).map(|read| read.to_bytes()),
         7 => Team::from_bytes(bytes).map(|read| read.to_bytes()),
+        8 => Delegation::from_bytes(bytes).map(|read| read.to_bytes()),
         _ => Head::from_bytes(bytes).map(|read| read.to_bytes()),
     };
     assert!(again.is_err() || again.as_deref() == Ok(bytes), "a value has one form");

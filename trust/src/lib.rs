@@ -43,6 +43,7 @@
 pub mod audit;
 pub mod bundle;
 pub mod certificate;
+pub mod delegation;
 pub mod identity;
 pub mod invite;
 pub mod locked;

@@ -158,12 +158,14 @@ fn inviter(offer: &Offer, now: UnixTime) -> Result<PublicKeys, JoinError> {
 }
 
 /// An invitation that nobody has used, as the inviter keeps it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct OpenInvite {
     /// When it ends.
     pub expires: UnixTime,
     /// What who comes with it becomes: [`Role::Member`] or [`Role::Renewer`].
     pub role: Role,
+    /// The name that it gets; if none is given, the one that it would like.
+    pub name: Option<Name>,
 }
 
 /// What an inviter has to do, in this order.
@@ -235,11 +237,11 @@ impl Inviter {
         if let Some(given) = self.used.get(&hash).filter(|given| given.claims().keys == proof.keys) {
             return Ok(vec![reply(given.clone())]);
         }
-        let Some(open) = self.open.get(&hash).copied().filter(|open| now <= open.expires) else {
+        let Some(open) = self.open.get(&hash).cloned().filter(|open| now <= open.expires) else {
             self.failed.0 += 1;
             return Err(JoinError::NoInvite);
         };
-        let certificate = self.issue(proof, open.role, now, entropy).map_err(JoinError::Claims)?;
+        let certificate = self.issue(proof, open, now, entropy).map_err(JoinError::Claims)?;
         self.open.remove(&hash);
         if self.used.len() >= INVITES_MAX {
             self.used.pop_first();
@@ -277,7 +279,7 @@ impl Inviter {
     fn issue(
         &self,
         proof: &Proof,
-        role: Role,
+        open: OpenInvite,
         now: UnixTime,
         entropy: &mut Entropy,
     ) -> Result<Certificate, ClaimsError> {
@@ -286,8 +288,8 @@ impl Inviter {
         let renewable_until = own.map_or(end, |own| own.min(end));
         let claims = Claims {
             team: self.team.id(),
-            name: proof.name.clone(),
-            role,
+            name: open.name.unwrap_or_else(|| proof.name.clone()),
+            role: open.role,
             keys: proof.keys,
             not_before: now,
             not_after: now.plus(LIFE_MAX).min(renewable_until),

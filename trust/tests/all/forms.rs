@@ -64,7 +64,7 @@ fn joining(world: &World) -> [(&'static str, Message); 5] {
     let invite = invite(world);
     let mut inviter = Inviter::new(world.team.clone(), keys(2), Some(world.admin.1.clone()));
     inviter
-        .open(invite.hash(), OpenInvite { expires: invite.expires, role: Role::Member }, NOW)
+        .open(invite.hash(), OpenInvite { expires: invite.expires, role: Role::Member, name: None }, NOW)
         .expect("the input is good");
     let (mut joiner, hello) =
         Joiner::begin(invite, "r9".parse().expect("the input is good"), keys(30), NOW, Entropy::new(&[31; 32]))

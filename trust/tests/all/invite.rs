@@ -21,7 +21,7 @@ fn invite(team: &Team) -> Invite {
 
 fn inviter(world: &World) -> Inviter {
     let mut inviter = Inviter::new(world.team.clone(), keys(2), Some(world.admin.1.clone()));
-    let open = OpenInvite { expires: NOW.plus(900), role: Role::Member };
+    let open = OpenInvite { expires: NOW.plus(900), role: Role::Member, name: None };
     inviter.open(invite(&world.team).hash(), open, NOW).expect("the input is good");
     inviter
 }

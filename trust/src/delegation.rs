@@ -1,0 +1,167 @@
+//! A node vouches for a program that it has started: so a program has a key of its own, and never that of its node.
+
+use crate::certificate::DAY;
+use crate::identity::{KeyId, SIGNATURE_LEN, SecretKeys};
+use crate::name::UnixTime;
+use crate::role::Kind;
+use crate::team::{CREDENTIAL_MAX, Credential, Judge, TrustError};
+use crate::wire::{FormError, Reader, Writer};
+use thiserror::Error;
+
+/// The most bytes of a delegation.
+pub const DELEGATION_MAX: usize = 256 + CREDENTIAL_MAX;
+/// For how long a node can vouch for a program, in seconds. The node's own certificate ends earlier, mostly.
+pub const DELEGATION_LIFE: u64 = 366 * DAY;
+
+const DELEGATION: &str = "dca delegation 1";
+
+/// A key, signed by the node that has started the program which has it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Delegation {
+    /// The program's public Ed25519 key.
+    key: [u8; 32],
+    not_after: UnixTime,
+    signature: [u8; SIGNATURE_LEN],
+    /// The node's.
+    node: Credential,
+}
+
+/// Why a program is not trusted.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum DelegationError {
+    /// Nobody may vouch for programs but nodes.
+    #[error("who vouches for it is no node")]
+    Kind,
+    /// The node has not signed this.
+    #[error("its node has not signed for it")]
+    Signature,
+    /// It has ended.
+    #[error("its node does not vouch for it any more")]
+    Expired,
+    /// The node is not trusted.
+    #[error("its node is not trusted: {0}")]
+    Node(TrustError),
+}
+
+impl Delegation {
+    /// Vouches for a key as the node that has these keys and this credential.
+    pub fn sign(key: [u8; 32], now: UnixTime, node: &SecretKeys, credential: Credential) -> Self {
+        let not_after = now.plus(DELEGATION_LIFE);
+        let signature = node.sign(&form(&key, not_after, &node.public().id()));
+        Self { key, not_after, signature, node: credential }
+    }
+
+    /// Returns the program's key.
+    pub const fn key(&self) -> &[u8; 32] {
+        &self.key
+    }
+
+    /// Returns the credential of the node, which is not checked.
+    pub const fn node(&self) -> &Credential {
+        &self.node
+    }
+
+    /// Checks that a node of the team vouches for the key now.
+    ///
+    /// # Errors
+    /// It does not, with the reason.
+    pub fn check(&self, judge: &Judge<'_>) -> Result<(), DelegationError> {
+        self.node.check(judge).map_err(DelegationError::Node)?;
+        let certificate = self.node.certificate();
+        if certificate.kind() != Kind::Node {
+            return Err(DelegationError::Kind);
+        }
+        if !certificate
+            .claims()
+            .keys
+            .has_signed(&form(&self.key, self.not_after, &certificate.subject()), &self.signature)
+        {
+            return Err(DelegationError::Signature);
+        }
+        if judge.now > self.not_after { Err(DelegationError::Expired) } else { Ok(()) }
+    }
+
+    /// Returns its form.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let mut bytes = form(&self.key, self.not_after, &self.node.certificate().subject());
+        bytes.extend_from_slice(&self.signature);
+        bytes.extend(self.node.to_bytes());
+        bytes
+    }
+
+    /// Reads its form. The signature is not checked here.
+    ///
+    /// # Errors
+    /// The bytes are no delegation.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormError> {
+        let mut reader = Reader::new(bytes, DELEGATION, DELEGATION_MAX)?;
+        let (key, not_after) = (reader.fixed()?, UnixTime(reader.u64()?));
+        let node = KeyId(reader.fixed()?);
+        let signature = reader.fixed()?;
+        let credential = Credential::from_bytes(reader.rest())?;
+        if credential.certificate().subject() != node {
+            return Err(FormError::Field("node"));
+        }
+        Ok(Self { key, not_after, signature, node: credential })
+    }
+}
+
+fn form(key: &[u8; 32], not_after: UnixTime, node: &KeyId) -> Vec<u8> {
+    let mut writer = Writer::new(DELEGATION);
+    writer.fixed(key);
+    writer.u64(not_after.0);
+    writer.fixed(&node.0);
+    writer.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::certificate::{Certificate, Claims, LIFE_MAX};
+    use crate::identity::Entropy;
+    use crate::revocation::{Revocations, RevokedSet};
+    use crate::role::Role;
+    use crate::team::Team;
+
+    const NOW: UnixTime = UnixTime(1_800_000_000);
+
+    fn credential(team: &Team, root: &SecretKeys, keys: &SecretKeys, role: Role) -> Credential {
+        let claims = Claims {
+            team: team.id(),
+            name: "r1".parse().unwrap(),
+            role,
+            keys: *keys.public(),
+            not_before: NOW,
+            not_after: NOW.plus(LIFE_MAX),
+            renewable_until: NOW.plus(LIFE_MAX),
+            serial: [1; 16],
+        };
+        Credential::new(Certificate::issue(claims, root).unwrap(), None)
+    }
+
+    #[test]
+    fn only_a_trusted_node_vouches() {
+        let keys = |seed| SecretKeys::generate(&mut Entropy::new(&[seed; 32]));
+        let (root, node, other) = (keys(1), keys(2), keys(3));
+        let team = Team::found("acme".parse().unwrap(), &root);
+        let revoked = Revocations::default();
+        let judge = Judge { team: &team, revoked: &revoked, now: NOW, grace: 0 };
+        let good = Delegation::sign([7; 32], NOW, &node, credential(&team, &root, &node, Role::Member));
+        assert_eq!(good.check(&judge), Ok(()));
+        assert_eq!(Delegation::from_bytes(&good.to_bytes()), Ok(good.clone()));
+        let of_user = Delegation::sign([7; 32], NOW, &node, credential(&team, &root, &node, Role::Admin));
+        assert_eq!(of_user.check(&judge), Err(DelegationError::Kind));
+        let forged = Delegation::sign([7; 32], NOW, &other, credential(&team, &root, &node, Role::Member));
+        assert_eq!(forged.check(&judge), Err(DelegationError::Signature));
+        let mut moved = good.clone();
+        moved.key = [8; 32];
+        assert_eq!(moved.check(&judge), Err(DelegationError::Signature));
+        let late = Judge { now: NOW.plus(LIFE_MAX + 10_000), ..judge };
+        assert!(matches!(good.check(&late), Err(DelegationError::Node(TrustError::Expired(_)))));
+        let set = RevokedSet::sign(&team, 1, [(node.public().id(), NOW)].into(), &root, None).unwrap();
+        let mut revoked = Revocations::default();
+        revoked.receive(set, &judge).unwrap();
+        let judge = Judge { revoked: &revoked, ..judge };
+        assert!(matches!(good.check(&judge), Err(DelegationError::Node(TrustError::Revoked(_)))));
+    }
+}
