@@ -85,3 +85,23 @@ process main() { host { c1 } instantiated_processes { talker instof Talker(c1); 
     let other = here.ask(&["logs", "walker", "--runs", "runs", "--recorded"]);
     assert!(other.code == Some(1) && other.err.contains("no record in `runs` has"), "{other}");
 }
+
+/// The home of a deployment alone knows its events: what the others tell is not everything.
+#[test]
+fn events_are_not_complete_without_a_node() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let [_c1, c2] = pair(&here);
+    let last = || {
+        let told = here.ask(&["events", "--json"]);
+        let line = told.out.lines().last().unwrap_or_default();
+        let end: serde_json::Value = serde_json::from_str(line).unwrap_or_else(|why| panic!("{why}: {told}"));
+        (told.code, end["end"].as_str().map(str::to_owned), end["lost"].clone())
+    };
+    assert_eq!(last(), (Some(0), Some("complete".to_owned()), serde_json::json!([])));
+    kill(c2);
+    let began = now();
+    while now() - began < LOST_WITHIN {
+        assert_eq!(last(), (Some(3), Some("incomplete".to_owned()), serde_json::json!(["c2"])));
+    }
+}

@@ -5,11 +5,12 @@
 
 use super::{ANSWER_WITHIN, Answers, Client, Clients, unasked, words};
 use crate::ConnectArgs;
+use crate::absent::{self, ago};
 use comms::io::clock;
 use comms::logic::time::Time;
 use node::console::Failure;
 use node::io::run_dir;
-use node::logic::protocol::{Answer, Deployment, Event, Request};
+use node::logic::protocol::{AbsentHost, Answer, Deployment, Event, Request};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -92,23 +93,15 @@ impl Feed {
     /// Begins to listen to every node that can be reached.
     pub(crate) async fn open(connect: &ConnectArgs, mode: Mode) -> Result<Self, Failure> {
         let Clients { clients, .. } = Clients::open(connect).await?;
-        let (sink, messages) = mpsc::channel(MESSAGES_MAX);
-        let mut feed = Self {
-            mode,
-            clients: Vec::new(),
-            places: BTreeMap::new(),
-            catching_up: Some(BTreeSet::new()),
-            next: BTreeMap::new(),
-            ready: VecDeque::new(),
-            messages,
-            sink,
-            tasks: JoinSet::new(),
-        };
+        let mut feed = Self::new(mode);
         let known: Vec<PathBuf> = clients.iter().filter_map(|client| client.base.clone()).collect();
         for client in clients {
             let hosts = client.all().await.unwrap_or_default();
             feed.add(client);
             feed.found(feed.clients.len() - 1, hosts);
+        }
+        if mode == Mode::Snapshot {
+            feed.tell_absent().await;
         }
         let late = feed.sink.clone();
         feed.tasks.spawn(async move {
@@ -120,6 +113,33 @@ impl Feed {
         }
         feed.caught_up();
         Ok(feed)
+    }
+
+    /// Says of the hosts that the nodes miss that they are lost: the home of a deployment alone knows its events.
+    async fn tell_absent(&mut self) {
+        let clients = self.clients();
+        let Ok(found) = clients.look().await else { return };
+        for AbsentHost { host, heard, .. } in absent::ask(&found).await.hosts {
+            // One that is asked speaks for itself.
+            if self.places.keys().all(|(_, asked)| *asked != host) {
+                self.ready.push_back(FeedItem::Lost(host, format!("it does not answer, and was heard {}", ago(heard))));
+            }
+        }
+    }
+
+    fn new(mode: Mode) -> Self {
+        let (sink, messages) = mpsc::channel(MESSAGES_MAX);
+        Self {
+            mode,
+            clients: Vec::new(),
+            places: BTreeMap::new(),
+            catching_up: Some(BTreeSet::new()),
+            next: BTreeMap::new(),
+            ready: VecDeque::new(),
+            messages,
+            sink,
+            tasks: JoinSet::new(),
+        }
     }
 
     /// Returns what is said next.
@@ -173,18 +193,24 @@ impl Feed {
                 self.silent(place, State::Left);
             }
             SourceMessage::Broken(place, why) => {
-                let was_lost = self.places.get(&place) == Some(&State::Asked { was_lost: true });
-                if !was_lost {
-                    self.ready.push_back(FeedItem::Lost(place.1.clone(), why));
-                }
+                self.lost(&place, why);
                 self.silent(place, State::Lost);
             }
             SourceMessage::Late => {
-                for (_, host) in self.catching_up.iter_mut().flat_map(std::mem::take) {
-                    self.ready.push_back(FeedItem::Lost(host, "it has not answered in time".to_owned()));
+                for place in self.catching_up.iter_mut().flat_map(std::mem::take).collect::<Vec<_>>() {
+                    self.lost(&place, "it has not answered in time".to_owned());
+                    // It may answer yet: then it is back.
+                    self.places.insert(place, State::Asked { was_lost: true });
                 }
                 self.caught_up();
             }
+        }
+    }
+
+    /// Says that a node is lost, unless that was said.
+    fn lost(&mut self, place: &Place, why: String) {
+        if self.places.get(place) != Some(&State::Asked { was_lost: true }) {
+            self.ready.push_back(FeedItem::Lost(place.1.clone(), why));
         }
     }
 
@@ -309,4 +335,25 @@ async fn look_for_commands(base: PathBuf, known: Vec<PathBuf>, sink: Sender<Sour
 
 async fn next_look(last: Time) {
     clock::sleep_until(last + LOOK_EVERY).await;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_node_that_answers_late_is_back() {
+        let places = ["c2", "c3"].map(|host| (0, host.to_owned()));
+        let mut feed = Feed::new(Mode::Follow);
+        feed.places = places.clone().map(|place| (place, State::Asked { was_lost: false })).into();
+        feed.catching_up = Some(places.clone().into());
+        let [c2, c3] = places;
+        feed.take(SourceMessage::Late);
+        feed.take(SourceMessage::Events(c2, Vec::new()));
+        feed.take(SourceMessage::Broken(c3, "it went away".to_owned()));
+        let said: Vec<String> = feed.ready.iter().map(|item| format!("{item:?}")).collect();
+        let why = "it has not answered in time";
+        let expected = [format!("Lost(\"c2\", {why:?})"), format!("Lost(\"c3\", {why:?})")];
+        assert_eq!(said, [&expected[..], &["Current".to_owned(), "Back(\"c2\")".to_owned()]].concat());
+    }
 }
