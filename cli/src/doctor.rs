@@ -3,7 +3,7 @@
 use crate::io::machine;
 use crate::logic::checkup::{Check, Level, findings};
 use node::console::{self, Failure, block_on};
-use node::io::run_dir;
+use node::io::{run_dir, state_dir};
 use std::path::PathBuf;
 
 /// The arguments of `dca doctor`.
@@ -23,7 +23,7 @@ pub struct Arguments {
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let run = arguments.run_dir.clone().unwrap_or_else(run_dir::default_base);
-    let state = arguments.state.clone().or_else(machine::state_folder);
+    let state = arguments.state.clone().or_else(state_dir::default_base);
     let machine = block_on(async { Ok(machine::look(&run, state.as_deref()).await) })?;
     let checks = findings(&machine);
     if arguments.json {

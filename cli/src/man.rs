@@ -4,6 +4,7 @@ use crate::Command;
 use anyhow::{Context as _, anyhow};
 use clap::CommandFactory as _;
 use node::console::{self, Failure};
+use node::io::folder::no_folder;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -18,7 +19,7 @@ pub struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let folder = &arguments.folder;
     if folder.exists() && !folder.is_dir() {
-        return Err(anyhow!("`{}` is a file, where a folder is expected", folder.display()).into());
+        return Err(anyhow!(no_folder(folder)).into());
     }
     let count = write(folder).with_context(|| format!("writing the pages to `{}`", folder.display()))?;
     console::say(&format!("{}: {count} pages; try `man -l {0}/dca.1`", folder.display()));

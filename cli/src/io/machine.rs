@@ -4,13 +4,15 @@ use crate::logic::checkup::{Folder, Machine};
 use comms::io::clock;
 use comms::io::session;
 use comms::logic::human::cause;
-use node::io::{cgroup, programs, run_dir, state_dir};
+use node::io::folder::no_folder;
+use node::io::programs::ANSWER_WITHIN;
+use node::io::{cgroup, programs, run_dir};
 use rustix::fs::{Access, access, statvfs};
 use rustix::process::{Resource, getrlimit};
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, TcpListener};
 use std::path::Path;
-use std::process::Command;
+use std::time::Duration;
 
 /// The command that gives a program a real-time priority. Source: chrt(1), util-linux.
 const CHRT: &str = "chrt";
@@ -35,22 +37,16 @@ pub async fn look(run: &Path, state: Option<&Path>) -> Machine {
     }
 }
 
-/// Returns the folder with the states of this user's nodes, if the system has one.
-pub fn state_folder() -> Option<std::path::PathBuf> {
-    state_dir::default_base()
-}
-
 fn listen() -> io::Result<()> {
     TcpListener::bind((IpAddr::from(Ipv4Addr::UNSPECIFIED), 0)).map(drop)
 }
 
 /// Tries it with a program that does nothing.
 fn realtime() -> Result<(), String> {
-    let tried = Command::new(CHRT).args(["--fifo", "1", "true"]).output();
-    match tried {
-        Ok(output) if output.status.success() => Ok(()),
-        Ok(_) => Err("the kernel refuses it to this user".to_owned()),
-        Err(error) => Err(format!("`{CHRT}` of util-linux: {}", cause(&error))),
+    match asked(Path::new(CHRT), &["--fifo", "1", "true"], ANSWER_WITHIN) {
+        Ok((_, true)) => Ok(()),
+        Ok((_, false)) => Err("the kernel refuses it to this user".to_owned()),
+        Err(why) => Err(format!("{why} (it is a program of util-linux)")),
     }
 }
 
@@ -59,8 +55,7 @@ fn folder(path: &Path) -> Folder {
     let there = path.ancestors().find(|path| path.exists()).unwrap_or(path);
     let path = path.display().to_string();
     if !there.is_dir() {
-        let why = format!("`{}` is a file, where a folder is expected", there.display());
-        return Folder { path, free: None, writing: Err(why) };
+        return Folder { path, free: None, writing: Err(no_folder(there)) };
     }
     let free = statvfs(there).ok().map(|disk| disk.f_bavail.saturating_mul(disk.f_frsize));
     let writing = access(there, Access::WRITE_OK | Access::EXEC_OK).map_err(|error| cause(&error.into()));
@@ -68,11 +63,16 @@ fn folder(path: &Path) -> Folder {
 }
 
 fn shim(path: &Path) -> Result<String, String> {
-    let asked = Command::new(path).arg("--version").output();
-    let output = asked.map_err(|error| format!("`{}`: {}", path.display(), cause(&error)))?;
-    let said = String::from_utf8_lossy(&output.stdout);
+    let (said, _) = asked(path, &["--version"], ANSWER_WITHIN)?;
     let version = said.trim().strip_prefix("dca-shim ").map(str::to_owned);
     version.ok_or_else(|| format!("`{}` does not say its version", path.display()))
+}
+
+/// Returns what a program prints, and whether it ends well.
+fn asked(program: &Path, arguments: &[&str], within: Duration) -> Result<(String, bool), String> {
+    let (text, status) = programs::ask(program, arguments, within)
+        .map_err(|error| format!("`{}`: {}", program.display(), cause(&error)))?;
+    Ok((text, status.success()))
 }
 
 fn controllers(path: &Path) -> Result<usize, String> {
@@ -95,6 +95,12 @@ mod tests {
             let why = folder(Path::new(file)).writing.unwrap_err();
             assert_eq!(why, "`/dev/null` is a file, where a folder is expected");
         }
+    }
+
+    #[test]
+    fn a_program_that_hangs_is_not_waited_for() {
+        let hangs = asked(Path::new("sleep"), &["3600"], Duration::from_millis(20));
+        assert_eq!(hangs, Err("`sleep`: no answer within 20 ms".to_owned()));
     }
 
     #[test]

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 pub enum FolderError {
     /// Something else is where it would be, or where a folder above it would be.
-    #[error("`{file}` is a file, where a folder is expected; choose another with `{option}`")]
+    #[error("{}; choose another with `{option}`", no_folder(.file))]
     File {
         /// The kind of file that is there.
         file: PathBuf,
@@ -25,6 +25,11 @@ pub enum FolderError {
         /// The option that names another.
         option: &'static str,
     },
+}
+
+/// Says that a file stands where a folder is expected.
+pub fn no_folder(file: &Path) -> String {
+    format!("`{}` is a file, where a folder is expected", file.display())
 }
 
 /// Checks that nothing else stands where a folder is, or is going to be.

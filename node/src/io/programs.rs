@@ -1,4 +1,4 @@
-//! Asks executables which controller types they offer.
+//! Asks executables what they are, such as which controller types they offer.
 
 use comms::logic::human::span;
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
@@ -10,8 +10,8 @@ use std::time::Duration;
 
 /// The most text an executable may answer.
 const INTERFACE_MAX: u64 = 4 << 20;
-/// How long an executable may take for it.
-const ANSWER_WITHIN: Duration = Duration::from_secs(10);
+/// How long an executable may take for an answer.
+pub const ANSWER_WITHIN: Duration = Duration::from_secs(10);
 
 /// Why an executable's controller types are not known.
 #[derive(Debug, thiserror::Error)]
@@ -72,24 +72,31 @@ pub fn chosen(given: &[PathBuf]) -> Vec<PathBuf> {
 /// It cannot be run, fails, offers nothing, or does not answer within 10 s.
 pub fn interfaces(program: &Path) -> Result<String, ProgramsError> {
     let argument = "--dca-interface";
-    let text = ask(program, argument, ANSWER_WITHIN)?;
-    if text.trim().is_empty() {
-        return Err(ProgramsError::Nothing { program: program.to_owned(), argument });
+    let path = program.to_owned();
+    match ask(program, &[argument], ANSWER_WITHIN) {
+        Ok((_, status)) if !status.success() => Err(ProgramsError::Failed { program: path, argument, status }),
+        Ok((text, _)) if text.trim().is_empty() => Err(ProgramsError::Nothing { program: path, argument }),
+        Ok((text, _)) => Ok(text),
+        Err(cause) if cause.kind() == io::ErrorKind::TimedOut => {
+            Err(ProgramsError::Silent { program: path, argument, within: ANSWER_WITHIN })
+        }
+        Err(cause) => Err(ProgramsError::Run { program: path, cause }),
     }
-    Ok(text)
 }
 
-fn ask(program: &Path, argument: &'static str, within: Duration) -> Result<String, ProgramsError> {
-    let run = |cause| ProgramsError::Run { program: program.to_owned(), cause };
+/// Runs a program; returns what it prints and how it ends. One that has not ended within this time is killed.
+///
+/// # Errors
+/// `TimedOut`: it has not ended in time. Else it cannot be run, or prints no text.
+pub fn ask(program: &Path, arguments: &[&str], within: Duration) -> io::Result<(String, ExitStatus)> {
     let child = Command::new(program)
-        .arg(argument)
+        .args(arguments)
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
-        .spawn()
-        .map_err(run)?;
+        .spawn()?;
     // Names this very child, also once the thread has seen its end.
-    let pidfd = pidfd_open(Pid::from_child(&child), PidfdFlags::empty()).map_err(|errno| run(errno.into()))?;
+    let pidfd = pidfd_open(Pid::from_child(&child), PidfdFlags::empty())?;
     let (heard_tx, heard) = sync_channel(1);
     let hearing = move || drop(heard_tx.send(hear(child)));
     // Nobody joins it: what the child has started may hold its output open for longer than anybody waits.
@@ -99,13 +106,8 @@ fn ask(program: &Path, argument: &'static str, within: Duration) -> Result<Strin
         // One that has just ended needs no signal.
         pidfd_send_signal(&pidfd, Signal::KILL).unwrap_or_default();
     }
-    let silent = || ProgramsError::Silent { program: program.to_owned(), argument, within };
-    let (text, status) = answer.map_err(run)?.ok_or_else(silent)?.map_err(run)?;
-    if status.success() {
-        Ok(text)
-    } else {
-        Err(ProgramsError::Failed { program: program.to_owned(), argument, status })
-    }
+    let silent = || io::Error::new(io::ErrorKind::TimedOut, format!("no answer within {}", span(within)));
+    answer?.ok_or_else(silent)?
 }
 
 /// Reads what a program says until its end, and how that was.
@@ -124,8 +126,8 @@ mod tests {
 
     #[test]
     fn a_program_that_does_not_answer_is_not_waited_for() {
-        let silent = ask(Path::new("sleep"), "3600", Duration::from_millis(20)).unwrap_err();
-        assert_eq!(silent.to_string(), "`sleep` does not tell its interface: `3600` has no answer within 20 ms");
-        assert_eq!(ask(Path::new("echo"), "word", ANSWER_WITHIN).unwrap(), "word\n");
+        let silent = ask(Path::new("sleep"), &["3600"], Duration::from_millis(20)).unwrap_err();
+        assert_eq!((silent.kind(), &*silent.to_string()), (io::ErrorKind::TimedOut, "no answer within 20 ms"));
+        assert_eq!(ask(Path::new("echo"), &["word"], ANSWER_WITHIN).unwrap().0, "word\n");
     }
 }
