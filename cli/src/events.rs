@@ -3,10 +3,9 @@
 use crate::ConnectArgs;
 use crate::client::feed::{Feed, FeedItem, Mode, since_1970};
 use crate::logic::record::report_kind;
-use crate::logic::sentence::{change_text, report_text};
+use crate::logic::sentence::{change_text, date_and_time, report_text};
 use anyhow::anyhow;
 use comms::io::clock;
-use dbmanager::logic::view::date;
 use node::console::{self, Failure, block_on};
 use node::logic::protocol::{Event, Report};
 use serde_json::{Value, json};
@@ -171,14 +170,13 @@ impl Printer<'_> {
 
 /// Returns an event as a line: when, where, what.
 fn line(at: Duration, event: &Event) -> String {
-    let millis = u64::try_from(at.as_millis()).unwrap_or(u64::MAX);
     let text = if let Report::Process { path, change, .. } = &event.report {
         format!("{path}  {}", change_text(change))
     } else {
         report_text(&event.report)
     };
     let Event { deployment, host, .. } = event;
-    format!("{}.{:03}Z  {host}  {deployment}  {text}", date::text(millis).replace(' ', "T"), millis % 1000)
+    format!("{}.{:03}Z  {host}  {deployment}  {text}", date_and_time(at), at.subsec_millis())
 }
 
 fn object(at: Duration, event: &Event) -> Value {

@@ -1,8 +1,10 @@
 //! `dca fmea`: what each single fault of each program does.
 
 use crate::Controllers;
+use crate::logic::page::text::escape;
 use crate::verify::{LimitArgs, load, story};
 use node::console::{self, Failure};
+use node::logic::table::counted;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use verify::{COLUMNS, Row, Severity, Table};
@@ -68,7 +70,8 @@ fn text(table: &Table, tells_stories: bool) -> String {
     let count = |severity| table.rows.iter().filter(|row| row.severity == severity).count();
     let of = |severity: Severity| format!("{} {}", count(severity), severity.word());
     let all = [Severity::Safe, Severity::Handled, Severity::Degraded, Severity::Stuck].map(of).join(", ");
-    text + &format!("{} faults in {} states: {all}\n", table.rows.len(), table.states)
+    let (faults, states) = (counted(table.rows.len(), "fault"), counted(table.states, "state"));
+    text + &format!("{faults} in {states}: {all}\n")
 }
 
 fn csv(table: &Table) -> String {
@@ -100,14 +103,13 @@ fn json(name: &str, table: &Table) -> String {
 }
 
 fn html(name: &str, table: &Table) -> String {
-    let escaped = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
     let row = |row: &Row| {
-        let cells = row.cells().map(|cell| format!("<td>{}</td>", escaped(&cell))).join("");
+        let cells = row.cells().map(|cell| format!("<td>{}</td>", escape(&cell))).join("");
         format!("<tr class=\"{}\">{cells}</tr>\n", row.severity.word().to_lowercase().replace(' ', "-"))
     };
     let rows: String = table.rows.iter().map(row).collect();
     let head = COLUMNS.map(|column| format!("<th>{column}</th>")).join("");
-    let name = escaped(name);
+    let name = escape(name);
     format!(
         "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>Faults of {name}</title>\n<style>body{{font:15px sans-serif}}\
          td,th{{text-align:left;padding:3px 10px;border-bottom:1px solid #ccc;vertical-align:top}}.stuck{{background:#fdd}}\

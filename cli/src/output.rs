@@ -6,10 +6,8 @@ use node::console;
 use std::fmt;
 use std::io::{self, IsTerminal as _, Write};
 
-/// Columns of a terminal that does not tell.
-const COLUMNS_DEFAULT: usize = 80;
-/// Rows of a terminal that does not tell.
-const ROWS_DEFAULT: usize = 24;
+/// Rows and columns of a terminal that does not tell.
+pub const SCREEN_DEFAULT: (usize, usize) = (24, 80);
 
 /// Returns whether texts on standard error may have colours. Sources: <https://no-color.org>; `dumb` in terminfo(5).
 pub fn is_coloured() -> bool {
@@ -23,7 +21,7 @@ fn is_dumb() -> bool {
 
 fn columns(stream: impl std::os::fd::AsFd) -> usize {
     let columns = rustix::termios::tcgetwinsize(stream).map_or(0, |size| usize::from(size.ws_col));
-    if columns == 0 { COLUMNS_DEFAULT } else { columns }
+    if columns == 0 { SCREEN_DEFAULT.1 } else { columns }
 }
 
 /// Returns rows and columns of the terminal that results go to, if it can draw a line again.
@@ -32,7 +30,7 @@ pub fn screen() -> Option<(usize, usize)> {
         return None;
     }
     let rows = rustix::termios::tcgetwinsize(io::stdout()).map_or(0, |size| usize::from(size.ws_row));
-    Some((if rows == 0 { ROWS_DEFAULT } else { rows }, columns(io::stdout())))
+    Some((if rows == 0 { SCREEN_DEFAULT.0 } else { rows }, columns(io::stdout())))
 }
 
 /// Both streams of a command, and whether a live line stands on the second.

@@ -7,7 +7,7 @@ mod watch;
 
 use crate::ConnectArgs;
 use crate::absent::{self, Absences, open_hosts};
-use crate::client::Clients;
+use crate::client::{Client, Clients, Statuses};
 use crate::logic::tree::{Unknown, tree};
 use node::console::{self, Failure, block_on};
 use node::logic::protocol::{Absent, NodeStatus};
@@ -44,15 +44,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let (mut statuses, mut away) = block_on(async {
         let clients = Clients::open(&arguments.connect).await?;
-        let asked = asked(&clients).await;
+        let asked = asked(clients.statuses().await).await;
         clients.close().await;
         asked
     })?;
     only(&mut statuses, &mut away, arguments.name.as_deref());
     if arguments.json {
-        let absent = |status: &NodeStatus| away.told.get(&status.host).cloned().unwrap_or_default();
-        let nodes: Vec<Node> = statuses.into_iter().map(|status| Node { absent: absent(&status), status }).collect();
-        console::say(&serde_json::to_string_pretty(&nodes)?);
+        console::say(&serde_json::to_string_pretty(&nodes(&statuses, &away))?);
     } else {
         console::say(&text(&statuses, &away, arguments.name.as_deref()));
     }
@@ -72,11 +70,16 @@ fn only(statuses: &mut [NodeStatus], away: &mut Absences, name: Option<&str>) {
     }
 }
 
-/// Asks every node what runs there, and which others it misses.
-async fn asked(clients: &Clients) -> Result<(Vec<NodeStatus>, Absences), Failure> {
-    let found = clients.statuses().await?;
+/// Asks the nodes that say what runs there also which others they miss.
+async fn asked(found: Result<Vec<(&Client, Statuses)>, Failure>) -> Result<(Vec<NodeStatus>, Absences), Failure> {
+    let found = found?;
     let away = absent::ask(&found).await;
     Ok((found.into_iter().flat_map(|(_, statuses)| statuses.nodes).collect(), away))
+}
+
+fn nodes(statuses: &[NodeStatus], away: &Absences) -> Vec<Node> {
+    let absent = |status: &NodeStatus| away.told.get(&status.host).cloned().unwrap_or_default();
+    statuses.iter().map(|status| Node { absent: absent(status), status: status.clone() }).collect()
 }
 
 fn text(statuses: &[NodeStatus], away: &Absences, name: Option<&str>) -> String {

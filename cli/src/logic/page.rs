@@ -9,7 +9,7 @@ mod curves;
 mod lanes;
 mod panels;
 mod parts;
-mod text;
+pub(crate) mod text;
 
 use crate::logic::mission::Mission;
 use crate::logic::record::Run;

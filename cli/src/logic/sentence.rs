@@ -1,8 +1,15 @@
 //! The words for reports, for changes of processes and for endings. The progress line, the record and the page use the same.
 
+use dbmanager::logic::view::date;
 use node::logic::instance::{RESTARTS_MAX, WINDOW};
 use node::logic::protocol::{Change, Ending, FailureCause, Report};
 use node::logic::table::counted;
+use std::time::Duration;
+
+/// Returns a time since 1970 as UTC, to the second: `2026-11-23T00:00:00`.
+pub(crate) fn date_and_time(since_1970: Duration) -> String {
+    date::text(u64::try_from(since_1970.as_millis()).unwrap_or(u64::MAX)).replace(' ', "T")
+}
 
 /// Returns a report as one line.
 pub(crate) fn report_text(report: &Report) -> String {

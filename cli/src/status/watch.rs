@@ -3,14 +3,14 @@
 //! On a terminal one table is drawn again and again; elsewhere each process that has changed is a line, and with `--json` each
 //! state of everything is.
 
-use super::{Arguments, Node, only, text};
-use crate::absent::{self, Absences};
+use super::{Arguments, asked, nodes, only, text};
+use crate::absent::Absences;
 use crate::client::Clients;
 use crate::client::feed::{Feed, Mode};
+use crate::logic::sentence::date_and_time;
 use crate::output;
 use comms::io::clock;
 use comms::logic::time::Time;
-use dbmanager::logic::view::date;
 use node::console::{self, Failure, block_on};
 use node::logic::protocol::NodeStatus;
 use std::collections::BTreeMap;
@@ -96,12 +96,8 @@ async fn look(clients: Clients, last: Option<Time>, happened: &Notify) -> View {
             () = happened.notified() => clock::sleep_until(last + AGAIN_AFTER).await,
         }
     }
-    match clients.look().await {
-        Ok(found) => {
-            let away = absent::ask(&found).await;
-            let statuses = found.into_iter().flat_map(|(_, statuses)| statuses.nodes).collect();
-            View { statuses, away, failure: None }
-        }
+    match asked(clients.look().await).await {
+        Ok((statuses, away)) => View { statuses, away, failure: None },
         Err(failure) => View { failure: Some(crate::client::words(&failure)), ..View::default() },
     }
 }
@@ -111,7 +107,7 @@ impl Shown {
     fn show(&mut self, view: &View, name: Option<&str>) -> anyhow::Result<bool> {
         let said = match self {
             Self::Table(lines) => {
-                let (rows, columns) = output::screen().unwrap_or((24, 80));
+                let (rows, columns) = output::screen().unwrap_or(output::SCREEN_DEFAULT);
                 let (drawn, count) = drawn(&view.table(name), *lines, (rows, columns));
                 *lines = count;
                 drawn
@@ -173,9 +169,7 @@ impl View {
 
     /// Returns everything on one line, and without what is different each time.
     fn json(&self) -> serde_json::Result<(String, String)> {
-        let absent = |status: &NodeStatus| self.away.told.get(&status.host).cloned().unwrap_or_default();
-        let mut nodes: Vec<Node> =
-            self.statuses.iter().map(|status| Node { absent: absent(status), status: status.clone() }).collect();
+        let mut nodes = nodes(&self.statuses, &self.away);
         let line = serde_json::to_string(&nodes)?;
         for node in &mut nodes {
             node.status.up = Duration::ZERO;
@@ -189,8 +183,7 @@ impl View {
 
 /// Returns the time of day, in UTC.
 fn when() -> String {
-    let millis = u64::try_from(clock::unix_time().as_millis()).unwrap_or(u64::MAX);
-    format!("{}Z", date::text(millis).replace(' ', "T"))
+    format!("{}Z", date_and_time(clock::unix_time()))
 }
 
 /// Returns a line for each thing that is not as it was before.

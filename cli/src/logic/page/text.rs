@@ -1,7 +1,7 @@
 //! Escapes text for HTML, and writes numbers.
 
 /// Returns `text` with the characters that mean something in HTML replaced.
-pub(super) fn escape(text: &str) -> String {
+pub(crate) fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for character in text.chars() {
         match character {
