@@ -15,6 +15,7 @@ mod start;
 
 use crate::logic::effect::{Effect, Out, earliest};
 use crate::logic::history::History;
+use crate::logic::instance::watchdog::{READY_WITHIN, ready_within};
 use crate::logic::protocol::{
     Answer, Change, Deployment, Ending, Report, StopReply, Target, ToCoordinator, ToParticipant, Why,
 };
@@ -27,7 +28,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How long all hosts have to start their programs.
+/// How long all hosts have to start their programs, if none may take longer than usual to be ready.
 pub(super) const PREPARE_WITHIN: Duration = Duration::from_secs(40);
 /// How long all hosts have to make their links.
 pub(super) const CONNECT_WITHIN: Duration = Duration::from_secs(48);
@@ -94,6 +95,9 @@ impl Coordinator {
         out: &mut Out<'_>,
     ) -> Self {
         let hosts: Vec<String> = plan.hosts.clone();
+        // The plan may let a program take longer than usual.
+        let slowest = plan.leaves.iter().map(|leaf| ready_within(&leaf.policy)).max().unwrap_or_default();
+        let prepare_within = PREPARE_WITHIN + slowest.saturating_sub(READY_WITHIN);
         let mut coordinator = Self {
             registrations: Registrations { facts: Default::default(), machines: vec![String::new(); hosts.len()] },
             waiting: hosts.iter().cloned().collect(),
@@ -105,7 +109,7 @@ impl Coordinator {
             committed: false,
             begun: out.now,
             go_at: None,
-            deadline: Some(out.now + PREPARE_WITHIN),
+            deadline: Some(out.now + prepare_within),
             reasons: Vec::new(),
             lost: BTreeSet::new(),
             back: BTreeSet::new(),

@@ -26,14 +26,21 @@ fn a_program_that_hangs_at_its_start_shows_what_it_wrote() {
     let text = r#"
 process main() { host { "c1" } instantiated_processes { s instof Step("c1"); } internal_event_actions { s } }
 "#;
-    for (output, immortal) in [(&WRITES[..], false), (&[], false), (&[], true)] {
+    let patient = text.replace("Step(\"c1\");", "Step(\"c1\") { ready within 60 s; }");
+    for (text, output, immortal, within) in [
+        (text, &WRITES[..], false, 15),
+        (text, &[], false, 15),
+        (text, &[], true, 15),
+        (&patient, &[], false, 60),
+        (&patient, &[], true, 60),
+    ] {
         let mut world = World::new(&["c1"]);
         world.output = output.iter().map(|line| (*line).to_owned()).collect();
         (world.hangs_at_start, world.immortal) = (true, immortal);
         let call = world.deploy("c1", text);
-        world.run_for(Duration::from_secs(45));
+        world.run_for(Duration::from_secs(30 + within));
         let Report::Refused { reasons } = world.last_report(call) else { panic!("not refused") };
-        let mut expected = "`main/s` cannot take part on `c1`: it was not ready within 15 s".to_owned();
+        let mut expected = format!("`main/s` cannot take part on `c1`: it was not ready within {within} s");
         if !output.is_empty() {
             expected += &format!("; the end of its output:\n{}", output.join("\n"));
         }
