@@ -65,13 +65,9 @@ impl Claims {
 
     /// Returns the same where programs of `holder` could not be ended.
     pub fn conflicts_with_unended(&self, holder: &Deployment, theirs: &Self) -> Vec<String> {
-        let unended = |(device, path)| {
-            let forget = format!("once you know better, `dca stop {} --forget`", holder.name);
-            format!(
-                "`{device}` is held by `{path}` of `{holder}`, which could not be ended and may still run; {forget}"
-            )
-        };
-        self.both(theirs).map(unended).collect()
+        let unended = unended(holder);
+        let conflict = |(device, path)| format!("`{device}` is held by `{path}` of `{holder}`, which {unended}");
+        self.both(theirs).map(conflict).collect()
     }
 
     /// Returns each device that only one of the two can hold, and its path in the other.
@@ -88,6 +84,11 @@ impl Claims {
             *held = holder;
         }
     }
+}
+
+/// Says of programs of a deployment, after their name, that they could not be ended.
+pub fn unended(deployment: &Deployment) -> String {
+    format!("could not be ended and may still run; once you know better, `dca stop {} --forget`", deployment.name)
 }
 
 fn held(device: &str, holder: &Deployment, path: &str) -> String {

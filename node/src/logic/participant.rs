@@ -370,8 +370,7 @@ impl Participant {
         let target = Target::Leaf(leaf);
         match note {
             Note::Prepared(facts) => {
-                let owned = self.path(leaf).map(|path| Claims::of_owner(path, &facts.owns));
-                self.claims.extend(owned.unwrap_or_default());
+                self.hold_own(&facts);
                 self.facts.push(facts);
                 self.waiting.remove(&leaf);
                 self.report_prepared(out);
@@ -401,7 +400,10 @@ impl Participant {
                 }
                 self.happened(target, change, out);
             }
-            Note::Moved(facts) => self.rejoin(facts, out),
+            Note::Moved(facts) => {
+                self.hold_own(&facts);
+                self.rejoin(facts, out);
+            }
             Note::Rejoined => self.resume(leaf, out),
             Note::Linked(made) => self.linked(leaf, made, out),
             Note::Replaced => self.replaced(leaf, out),

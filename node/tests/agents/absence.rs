@@ -131,44 +131,6 @@ fn a_host_that_could_not_end_everything_confirms_when_the_last_program_has_ended
     assert_eq!(ends(&mut world, "c1"), []);
 }
 
-/// What a program held that could not be ended is held until it has ended after all, and nothing of its name starts beside it.
-#[test]
-fn what_could_not_be_ended_keeps_its_devices_and_its_name() {
-    let text = r#"
-process main() {
-    host { "c1" }
-    instantiated_processes { mover instof Arm("c1"); }
-    internal_event_actions { mover }
-}
-"#;
-    let mut world = World::new(&["c1"]);
-    (world.immortal, world.lingers) = (true, true);
-    world.deploy("c1", text);
-    world.run_for(Duration::from_secs(60));
-    assert_eq!(ends(&mut world, "c1").len(), 1);
-    let refusals = |world: &mut World, name: &str| {
-        let call = world.deploy_as(name, "c1", text);
-        world.run_for(Duration::from_secs(2));
-        match world.last_report(call) {
-            Report::Refused { reasons } => reasons.clone(),
-            _ => Vec::new(),
-        }
-    };
-    let same = "host `c1`: programs of `test@1` could not be ended and may still run; once you know better, `dca stop test --forget`";
-    assert_eq!(refusals(&mut world, "test"), [same]);
-    let held = "host `c1`: `arm` is held by `main/mover` of `test@1`, which could not be ended and may still run; once you know \
-         better, `dca stop test --forget`";
-    assert_eq!(refusals(&mut world, "other"), [held]);
-    let call = world.ask("c1", Request::Names);
-    world.run_for(Duration::from_millis(10));
-    let Some(Answer::Names(names)) = world.answers[&call].last() else { panic!("{:?}", world.answers[&call]) };
-    assert_eq!(names.devices.iter().map(|device| device.path.as_str()).collect::<Vec<_>>(), ["main/mover"]);
-    (world.immortal, world.lingers) = (false, false);
-    world.kill("c1", 0);
-    world.run_for(Duration::from_secs(1));
-    assert_eq!((ends(&mut world, "c1").len(), refusals(&mut world, "other")), (0, vec![]));
-}
-
 /// A host that comes back while the deployment ends has time to confirm, as long as others have not.
 #[test]
 fn a_host_that_is_back_before_the_end_confirms_it() {

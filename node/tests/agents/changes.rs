@@ -130,36 +130,6 @@ fn a_program_that_is_not_healthy_is_put_back_and_the_mission_goes_on() {
     }
 }
 
-/// What a program held that makes place is free once the change is made; what it takes instead is held from the beginning on.
-#[test]
-fn claims_change_hands_with_their_programs() {
-    let text = |first: &str, second: &str| {
-        format!(
-            "process main() {{ host {{ \"c1\" }}
-                instantiated_processes {{ a instof {first}(\"c1\"); b instof {second}(\"c1\"); long instof Long(\"c1\"); }}
-                internal_event_actions {{ (a , b , long) ;; skip }} }}"
-        )
-    };
-    let mut world = World::new(&["c1"]);
-    world.deploy("c1", &text("Arm", "Step"));
-    world.run_for(Duration::from_secs(1));
-    let holders = |world: &mut World| {
-        let call = world.ask("c1", Request::Names);
-        world.run_for(Duration::from_millis(1));
-        match &world.answers[&call][..] {
-            [Answer::Names(names)] => names.devices.iter().map(|device| device.path.clone()).collect::<Vec<_>>(),
-            other => panic!("{other:?}"),
-        }
-    };
-    assert_eq!(holders(&mut world), ["main/a"]);
-    for (revision, (first, second, expected)) in (0..).zip([("Step", "Arm", &["main/b"][..]), ("Step", "Step", &[])]) {
-        let change = world.change("c1", &text(first, second), (1, revision), &[]);
-        world.run_for(Duration::from_secs(60));
-        assert!(outcome(&world, change).is_ok(), "{:?}", outcome(&world, change));
-        assert_eq!(holders(&mut world), expected);
-    }
-}
-
 /// The watchdog finds that later than the probation would end that was asked for.
 #[test]
 fn a_program_that_hangs_from_its_first_calculation_on_is_put_back() {

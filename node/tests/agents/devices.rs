@@ -38,10 +38,12 @@ fn after_a_change_of_claims_the_holders_are_those_of_the_new_plan() {
     let swapped = TWO.replace("claims arm", "claims x").replace("claims leg", "claims arm");
     let other = TWO.replace("claims leg", "claims other");
     let replaced = other.replace("B(\"c2\")", "B(\"c2\", better)");
+    let none = TWO.replace("claims arm;", "").replace("claims leg;", "");
     for (text, expected) in [
-        (&swapped, ["arm: main/b of test", "x: main/a of test"]),
-        (&other, ["arm: main/a of test", "other: main/b of test"]),
-        (&replaced, ["arm: main/a of test", "other: main/b of test"]),
+        (&swapped, &["arm: main/b of test", "x: main/a of test"][..]),
+        (&other, &["arm: main/a of test", "other: main/b of test"]),
+        (&replaced, &["arm: main/a of test", "other: main/b of test"]),
+        (&none, &[]),
     ] {
         let mut world = World::new(&["c1", "c2"]);
         world.deploy("c1", TWO);
@@ -52,6 +54,28 @@ fn after_a_change_of_claims_the_holders_are_those_of_the_new_plan() {
         assert_eq!(reasons(&world, change), Vec::<String>::new());
         assert_eq!(held(&mut world, "c2"), expected);
     }
+}
+
+/// What a program says is its own is held from its hello on, not only once the change is made.
+#[test]
+fn what_a_new_program_owns_is_held_while_the_change_is_made() {
+    let text = |module: &str| {
+        format!(
+            "process main() {{ host {{ \"c1\" }}
+                instantiated_processes {{ a instof {module}(\"c1\"); long instof Long(\"c1\"); }}
+                internal_event_actions {{ (a , long) ;; skip }} }}"
+        )
+    };
+    let mut world = World::new(&["c1"]);
+    world.deploy("c1", &text("Step"));
+    world.run_for(Duration::from_secs(1));
+    assert_eq!(held(&mut world, "c1"), Vec::<String>::new());
+    let change = world.change("c1", &text("Owner"), (1, 0), &[]);
+    world.run_for(Duration::from_secs(1));
+    assert_eq!(world.answers.get(&change), None, "the new program is on probation");
+    assert_eq!(held(&mut world, "c1"), ["arm: main/a of test"]);
+    world.run_for(Duration::from_secs(30));
+    assert_eq!((reasons(&world, change), held(&mut world, "c1")), (vec![], vec!["arm: main/a of test".to_owned()]));
 }
 
 #[test]
@@ -74,7 +98,8 @@ fn a_change_that_claims_what_another_deployment_holds_is_refused_and_one_taken_b
     assert_eq!(held(&mut world, "c2"), before);
 }
 
-/// What could not be ended may still move the arm. It holds it until it has ended after all, or a person knows better.
+/// What could not be ended may still move the arm. It holds it until it has ended after all, or a person knows better. Nothing of
+/// its name starts beside it.
 #[test]
 fn a_program_that_could_not_be_ended_holds_its_devices() {
     for is_forgotten in [true, false] {
@@ -91,6 +116,10 @@ fn a_program_that_could_not_be_ended_holds_its_devices() {
         let why = "host `c2`: `arm` is held by `main/a` of `door@1`, which could not be ended and may still run; once you know \
                    better, `dca stop door --forget`";
         assert_eq!(reasons(&world, again), [why]);
+        let same = world.deploy_as("door", "c1", &door);
+        world.run_for(Duration::from_secs(3));
+        let why = "host `c2`: programs of `door@1` could not be ended and may still run; once you know better, `dca stop door --forget`";
+        assert_eq!(reasons(&world, same), [why]);
         if is_forgotten {
             let deployment = Deployment { name: "door".into(), epoch: 1 };
             for host in ["c1", "c2"] {

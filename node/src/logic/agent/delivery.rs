@@ -1,7 +1,7 @@
 //! Messages about deployments: each goes to the machine that it is for. The agent answers for one that is not there.
 
 use super::{Agent, DEPLOYMENTS_MAX};
-use crate::logic::claims::Claims;
+use crate::logic::claims::{Claims, unended};
 use crate::logic::effect::Out;
 use crate::logic::participant::Participant;
 use crate::logic::protocol::{
@@ -133,8 +133,7 @@ impl Agent {
             return refuse(format!("`{}` is already there (epoch {})", other.name, other.epoch), out);
         }
         if let Some(other) = self.unended.keys().find(|other| other.name == deployment.name) {
-            let forget = format!("once you know better, `dca stop {} --forget`", other.name);
-            return refuse(format!("programs of `{other}` could not be ended and may still run; {forget}"), out);
+            return refuse(format!("programs of `{other}` {}", unended(other)), out);
         }
         if self.participants.len() >= DEPLOYMENTS_MAX {
             return refuse(format!("it already takes part in {DEPLOYMENTS_MAX} deployments"), out);

@@ -1,7 +1,8 @@
 //! A change of the deployment while it runs, as this host carries it out.
 //!
 //! `Apply` brings the programs of the next plan, `Link` its links, beside the links that are still used; `Adopt` has the supervisors
-//! use the next connection sets, and drops what those do not have any more. In between both kinds of wires are linked, so no value
+//! use the next connection sets, and drops what those do not have any more; `Settle` frees the devices that no program claims any
+//! more. In between both kinds of wires are linked, so no value
 //! is lost on a wire that stays, and a new one is open only when both its ends stand.
 
 use super::{Participant, Phase, spawn_order};
@@ -10,7 +11,7 @@ use crate::logic::effect::{Effect, Out, ProcessId};
 use crate::logic::executer::leaf_host;
 use crate::logic::instance::{Instance, Start};
 use crate::logic::programs::Programs;
-use crate::logic::protocol::{ChangeOrder, ChangeReply, ToCoordinator};
+use crate::logic::protocol::{ChangeOrder, ChangeReply, LeafFacts, ToCoordinator};
 use crate::logic::wiring::{links, shapes};
 use language::plan::{LeafKind, Plan};
 use serde::{Deserialize, Serialize};
@@ -73,6 +74,12 @@ impl Participant {
                 }
             }
         }
+    }
+
+    /// Holds the devices that a controller says are its own.
+    pub(super) fn hold_own(&mut self, facts: &LeafFacts) {
+        let path = self.path(facts.leaf).unwrap_or_default();
+        self.claims.extend(Claims::of_owner(path, &facts.owns));
     }
 
     /// Returns what the programs of this host hold by the plan as it is, and by their own word.
