@@ -23,11 +23,14 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// The form of the log. One more with every change of what the agent and its inputs are made of: another form is not read.
 const FORM: u32 = 7;
 /// From which size on a checkpoint takes the place of the log, in bytes; or when it is twice as long as with its last checkpoint.
 const SIZE_MAX: u64 = 8 << 20;
+/// How long after the disk has refused it is tried again, at the first input then.
+const TRY_AGAIN_AFTER: Duration = Duration::from_secs(10);
 /// The name of the file, in the folder of the node.
 const FILE: &str = "inputs";
 
@@ -50,8 +53,8 @@ pub struct InputLog {
     size: u64,
     /// The size at which it is begun anew.
     limit: u64,
-    /// Whether the disk has refused; it is tried again when there is something else to take over.
-    is_refused: bool,
+    /// When the disk has refused last, unless it has taken something since.
+    refused: Option<Time>,
     /// Whether nobody takes over.
     is_off: bool,
 }
@@ -61,15 +64,7 @@ impl InputLog {
     /// the kernel and the network.
     pub fn new(folder: &Path, machine: &str, is_wanted: bool) -> Self {
         let head = Head { form: FORM, version: env!("CARGO_PKG_VERSION").to_owned(), machine: machine.to_owned() };
-        Self {
-            path: folder.join(FILE),
-            head,
-            file: None,
-            size: 0,
-            limit: SIZE_MAX,
-            is_refused: false,
-            is_off: !is_wanted,
-        }
+        Self { path: folder.join(FILE), head, file: None, size: 0, limit: SIZE_MAX, refused: None, is_off: !is_wanted }
     }
 
     /// Makes the agent of a killed node again, as it was after its last input; nothing if there is none to take over.
@@ -115,7 +110,7 @@ impl InputLog {
         });
         match written {
             Ok(length) => self.size += length as u64,
-            Err(error) => self.refuse(&error),
+            Err(error) => self.refuse(&error, at),
         }
     }
 
@@ -124,11 +119,11 @@ impl InputLog {
         let is_wanted = state.is_engaged();
         match &self.file {
             _ if self.is_off => {}
-            None if is_wanted && !self.is_refused => self.begin(state),
+            None if !is_wanted => self.refused = None,
+            None if self.refused.is_none_or(|at| state.at >= at + TRY_AGAIN_AFTER) => self.begin(state),
             Some(_) if !is_wanted => self.remove(),
             Some(_) if self.size >= self.limit => self.begin(state),
-            None => self.is_refused &= is_wanted,
-            Some(_) => {}
+            None | Some(_) => {}
         }
     }
 
@@ -138,13 +133,16 @@ impl InputLog {
             Ok((file, size)) => {
                 (self.file, self.size) = (Some(file), size);
                 self.limit = SIZE_MAX.max(2 * size);
+                if self.refused.take().is_some() {
+                    tracing::info!("the inputs are written down again: if this node is killed, its programs go on");
+                }
             }
-            Err(error) => self.refuse(&error),
+            Err(error) => self.refuse(&error, state.at),
         }
     }
 
     fn try_begin(&self, state: &NodeState) -> io::Result<(File, u64)> {
-        let unfinished = self.path.with_extension("new");
+        let unfinished = self.unfinished();
         let mut file = OpenOptions::new().create(true).write(true).truncate(true).mode(0o600).open(&unfinished)?;
         let head = record(&self.head)?;
         let state = record(state)?;
@@ -154,11 +152,18 @@ impl InputLog {
         Ok((file, (head.len() + state.len()) as u64))
     }
 
-    /// Goes on without: a log with a gap would make another agent.
-    fn refuse(&mut self, error: &io::Error) {
-        tracing::error!(%error, "the inputs cannot be written down: if this node is killed, its programs end");
-        self.is_refused = true;
+    /// Goes on without: a log with a gap would make another agent. It is begun anew when the disk takes one.
+    fn refuse(&mut self, error: &io::Error, at: Time) {
+        if self.refused.replace(at).is_none() {
+            tracing::error!(%error, "the inputs cannot be written down: if this node is killed, its programs end");
+        }
+        // What was written of it takes room.
+        drop(fs::remove_file(self.unfinished()));
         self.remove();
+    }
+
+    fn unfinished(&self) -> PathBuf {
+        self.path.with_extension("new")
     }
 
     /// Removes the file: there is nothing to take over.
@@ -206,7 +211,8 @@ mod tests {
     use super::*;
     use crate::logic::agent::{Agent, Identity};
     use crate::logic::programs::Programs;
-    use std::time::Duration;
+    use crate::logic::protocol::Request;
+    use language::{Options, Source, compile};
 
     fn state() -> NodeState {
         let (host, machine) = ("c1".to_owned(), "here".to_owned());
@@ -248,6 +254,38 @@ mod tests {
         let newer = record(&Head { form: FORM + 1, version: "9".to_owned(), machine: "here".to_owned() }).unwrap();
         fs::write(folder.join(FILE), newer).unwrap();
         assert!(log.replay().unwrap_err().to_string().contains(&format!("form {}", FORM + 1)));
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    /// A log with a gap is no log, so there is none while the disk is full. Then it begins with the state as it is.
+    #[test]
+    fn after_a_full_disk_the_log_begins_again() {
+        let text = "module A(host) { exec \"true\"; plain; done; }
+            process main() { host { \"c1\" } instantiated_processes { a instof A(\"c1\"); } internal_event_actions { a } }";
+        let plan = compile(&Source::new("test.dca", text), &[], &Options::named("test")).plan.unwrap();
+        let request = Box::new(Request::Deploy { request: 1, plan, by: "ann".to_owned() });
+        let mut state = state();
+        state.take(at(1), Input::Call { call: 1, request }, &mut Vec::new());
+        let folder = std::env::temp_dir().join(format!("dca-full-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let mut log = InputLog::new(&folder, "here", true);
+        let there = |log: &InputLog| log.replay().unwrap().map(|found| found.at);
+        log.keep_up(&state);
+        assert_eq!(there(&log), Some(at(1)));
+        log.file = Some(OpenOptions::new().write(true).open("/dev/full").unwrap());
+        log.append(at(2), &Input::Tick);
+        // Nothing can be made there: the disk is still full.
+        fs::create_dir(log.unfinished()).unwrap();
+        for (millis, is_full, expected) in
+            [(2, true, None), (10_002, true, None), (20_001, false, None), (20_002, false, Some(at(20_002)))]
+        {
+            if !is_full && log.unfinished().exists() {
+                fs::remove_dir(log.unfinished()).unwrap();
+            }
+            state.take(at(millis), Input::Tick, &mut Vec::new());
+            log.keep_up(&state);
+            assert_eq!(there(&log), expected, "after {millis} ms");
+        }
         fs::remove_dir_all(&folder).unwrap();
     }
 }
