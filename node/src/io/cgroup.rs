@@ -37,11 +37,9 @@ pub fn enter(folder: &Path) {
 pub fn is_possible() -> bool {
     let own = OWN.lock().unwrap_or_else(PoisonError::into_inner);
     let Some(place) = place().filter(|_| own.is_none()) else { return own.is_some() };
-    let controllers = std::fs::read_to_string(place.join("cgroup.subtree_control"));
     let trial = place.join(format!("{PREFIX}trial-{}", std::process::id()));
     // Without `cgroup.kill` the kernel is older than what it takes.
-    let is_made =
-        controllers.is_ok_and(|controllers| controllers.trim().is_empty()) && std::fs::create_dir(&trial).is_ok();
+    let is_made = takes_groups(&place) && std::fs::create_dir(&trial).is_ok();
     let is_possible = is_made && trial.join("cgroup.kill").exists();
     if is_made {
         remove(&trial);
@@ -102,15 +100,8 @@ pub fn remove(group: &Path) {
 }
 
 fn make() -> Option<PathBuf> {
-    let place = place()?;
-    // With controllers in it, a group of its own would change how much of the machine this process gets.
-    let controllers = std::fs::read_to_string(place.join("cgroup.subtree_control")).ok()?;
+    let place = place().filter(|place| takes_groups(place))?;
     let this = processes::this()?;
-    // Those of limits are there for programs of this or an earlier node.
-    let of_limits = ["memory", "pids", "cpu"];
-    if !controllers.split_whitespace().all(|one| of_limits.contains(&one)) {
-        return None;
-    }
     remove_abandoned(&place);
     let group = place.join(format!("{PREFIX}{}-{}", this.pid, this.started));
     let moved = std::fs::create_dir(&group).and_then(|()| join(&group));
@@ -119,6 +110,14 @@ fn make() -> Option<PathBuf> {
         return None;
     }
     Some(group)
+}
+
+/// Returns whether groups can be made in this one. With controllers in it, a group of its own would change how much of the
+/// machine this process gets; but those of limits are there for programs of this or an earlier node.
+fn takes_groups(place: &Path) -> bool {
+    let of_limits = ["memory", "pids", "cpu"];
+    let controllers = std::fs::read_to_string(place.join("cgroup.subtree_control"));
+    controllers.is_ok_and(|controllers| controllers.split_whitespace().all(|one| of_limits.contains(&one)))
 }
 
 /// Removes the empty groups of processes that were killed and never had a successor.

@@ -32,8 +32,6 @@ use tokio::sync::mpsc::{Receiver, Sender};
 const LAST_OUTPUT_MAX: u64 = 32 << 10;
 /// How long a shim may take for each step of an attachment: one that is suspended takes none.
 const ATTACH_WITHIN: Duration = Duration::from_secs(3);
-/// Until what a killed shim has left is ended again.
-const END_AGAIN: Duration = Duration::from_secs(1);
 /// The longest reply to an attachment, its end included, in bytes.
 const REPLY_MAX: usize = 64;
 /// How long [`OUTPUT_FILE`] was when the program started, in bytes: a number in the instance directory, for a later node.
@@ -167,17 +165,14 @@ pub fn ended(dir: &Path) -> Option<ShimReport> {
 
 /// Ends what a killed shim has left, for as long as anything is there: what the kernel does not remove may still move something.
 async fn end_left(dir: PathBuf) {
-    let ending = |end: fn(&Path) -> Vec<i32>| {
+    let ending = |round| {
         let folder = dir.clone();
-        tokio::task::spawn_blocking(move || end(&folder))
+        tokio::task::spawn_blocking(move || leftovers::end_round(&folder, round))
     };
-    let mut left = ending(leftovers::end_instance).await.unwrap_or_default();
-    if !left.is_empty() {
-        tracing::error!(?dir, ?left, "processes of a killed shim cannot be ended: they may still move something");
-    }
-    while !left.is_empty() {
-        clock::sleep_until(clock::now() + END_AGAIN).await;
-        left = ending(leftovers::end_again).await.unwrap_or_default();
+    let mut round = 0;
+    while !ending(round).await.unwrap_or(true) {
+        clock::sleep_until(clock::now() + leftovers::END_AGAIN).await;
+        round += 1;
     }
     remove_stale(&dir.join(EXIT_FILE)).unwrap_or_default();
 }

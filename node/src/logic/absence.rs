@@ -162,7 +162,7 @@ impl Absence {
     }
 
     /// Returns what people are told, but for the processes.
-    pub fn told(&self, now: Time) -> Absent {
+    pub fn report(&self, now: Time) -> Absent {
         let ago = |host: &str| self.gone.get(host).map(|gone| now.since(gone.heard));
         let host = |(host, gone): (&String, &LostHost)| AbsentHost {
             host: host.clone(),

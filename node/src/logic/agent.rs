@@ -300,7 +300,7 @@ impl Agent {
 
     /// Returns what is known of hosts that do not answer.
     fn absent(&self, now: Time) -> Absent {
-        let mut absent = self.absence.told(now);
+        let mut absent = self.absence.report(now);
         self.tell_unended(&mut absent.ends);
         let is_away = |host: &str| *host != *self.identity.host && !self.names.reaches(host);
         absent.processes = self.participants.values().flat_map(|participant| participant.elsewhere(is_away)).collect();

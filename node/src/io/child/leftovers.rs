@@ -20,6 +20,8 @@ const STOP_ROUNDS_MAX: usize = 20;
 const KILL_WITHIN: Duration = Duration::from_secs(5);
 /// How much longer than the grace of its program a shim may take.
 const SHIM_MARGIN: Duration = Duration::from_secs(1);
+/// Until what could not be ended is ended again: the kernel has not removed it.
+pub const END_AGAIN: Duration = Duration::from_secs(1);
 /// How often the processes are looked at.
 const LOOK_EVERY: Duration = Duration::from_millis(10);
 /// The name of a shim, as the kernel has it.
@@ -37,15 +39,21 @@ struct Search {
     adopts: bool,
 }
 
-/// Ends what a killed shim of this node has left of the program in `dir`, and returns what could not be ended. Blocks, for 5 s at
-/// the most.
-pub fn end_instance(dir: &Path) -> Vec<i32> {
-    Search::instance(dir).kill(KILL_WITHIN)
+/// Ends what a killed shim of this node has left of the program in `dir`, in one of several rounds; returns whether nothing is
+/// left. Blocks, for 5 s at the most in the first round, `0`. The next one is due [`END_AGAIN`] later.
+pub fn end_round(dir: &Path, round: u32) -> bool {
+    let left = Search::instance(dir).kill(if round == 0 { KILL_WITHIN } else { Duration::ZERO });
+    if round == 0 {
+        tell_left(&left, dir);
+    }
+    left.is_empty()
 }
 
-/// Tries once more to end what [`end_instance`] could not, and returns what is left.
-pub fn end_again(dir: &Path) -> Vec<i32> {
-    Search::instance(dir).kill(Duration::ZERO)
+/// Says that processes could not be ended, if so.
+pub fn tell_left(left: &[i32], whose: &Path) {
+    if !left.is_empty() {
+        tracing::error!(?left, ?whose, "processes without a shim cannot be ended: they may still move something");
+    }
 }
 
 /// Ends what earlier runs of the node in `folder` have left, and returns what could not be ended. A program has the grace
@@ -80,14 +88,7 @@ pub fn end_others(folder: &Path, known: &BTreeSet<PathBuf>) {
             Some(shim) => shims.push(shim.pid),
             None => {
                 tracing::warn!(?dir, "ending a program without its shim, or without a deployment");
-                let left = end_instance(&dir);
-                if !left.is_empty() {
-                    tracing::error!(
-                        ?dir,
-                        ?left,
-                        "processes of an earlier run cannot be ended: they may still move something"
-                    );
-                }
+                end_round(&dir, 0);
                 std::fs::remove_file(dir.join(RECORD_FILE)).unwrap_or_default();
             }
         }
@@ -116,8 +117,8 @@ fn end_strays(group: &Path, shims: &[i32]) {
             strays.iter().for_each(|stray| processes::signal(*stray, signal));
         }
         if now() >= until {
-            tracing::error!(?strays, "processes of an earlier run cannot be ended: they may still move something");
-            return;
+            let pids: Vec<i32> = strays.iter().map(|stray| stray.pid).collect();
+            return tell_left(&pids, group);
         }
         pause.wait(Some(now() + LOOK_EVERY));
     }

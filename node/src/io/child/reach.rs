@@ -1,6 +1,7 @@
 //! Attaches to the programs of a killed node, for its successor.
 
-use super::{Attached, attach, ended, ended_output, leftovers};
+use super::leftovers::{self, END_AGAIN};
+use super::{Attached, attach, ended, ended_output};
 use comms::io::clock::{Wakeup, now};
 use shim::process_record::RECORD_FILE;
 use shim::protocol::ShimReport;
@@ -9,9 +10,6 @@ use std::time::Duration;
 
 /// Until a shim that does not answer is tried again: it is suspended, or begins just now.
 const AGAIN: Duration = Duration::from_millis(100);
-
-/// Until what a killed shim has left, and the kernel has not removed, is looked for again.
-const LEFT_AGAIN: Duration = Duration::from_secs(1);
 
 /// The fate of a program while there was no node.
 #[derive(Debug)]
@@ -44,10 +42,10 @@ pub fn reach(dir: &Path, reports: u64) -> Reached {
         }
         pause.wait(Some(now() + AGAIN));
     }
-    let mut left = leftovers::end_instance(dir);
-    while !left.is_empty() {
-        pause.wait(Some(now() + LEFT_AGAIN));
-        left = leftovers::end_again(dir);
+    let mut round = 0;
+    while !leftovers::end_round(dir, round) {
+        pause.wait(Some(now() + END_AGAIN));
+        round += 1;
     }
     match ended(dir) {
         Some(end) => Reached::Ended(Some((end, ended_output(dir)))),

@@ -62,10 +62,7 @@ pub(super) async fn take_folder(config: &Config, machine: &str) -> anyhow::Resul
             return anyhow::Ok((dir, Some(state)));
         }
         inputs.remove();
-        let left = leftovers::end_all(dir.path());
-        if !left.is_empty() {
-            tracing::error!(pids = ?left, "processes of an earlier run cannot be ended: they may still move something");
-        }
+        leftovers::tell_left(&leftovers::end_all(dir.path()), dir.path());
         dir.clear();
         Ok((dir, None))
     });

@@ -6,6 +6,8 @@
 //!                                                         ▼
 //!                                       the same with the plan of before ─▶ taken back
 //! ```
+//! Whether it was made or taken back, the hosts get `Settle` at its end: only then they free what its programs do not claim any more.
+//!
 //! One change at a time, and each names the revision that it was made for: of two people the first one wins, and the other is
 //! told who that was.
 

@@ -184,7 +184,7 @@ impl Instance {
                     self.died(cause, context);
                 } else if self.restarts.are_allowed() {
                     // Nobody needs it now, and the mission may be about to end.
-                    (self.pid, self.cause, self.output) = (None, None, Vec::new());
+                    self.forget_program();
                     self.stage = Stage::Waiting { until: None };
                 } else {
                     self.cause = Some(cause);
@@ -230,7 +230,7 @@ impl Instance {
             return;
         }
         if let Some(until) = self.restarts.next(context.now) {
-            (self.pid, self.cause) = (None, None);
+            self.forget_program();
             self.stage = Stage::Waiting { until: Some(until) };
             let (cause, count) = (cause.of_program(0, output), self.restarts.count());
             context.notes.push(Note::Changed(Change::Restarting { cause, count }));
@@ -248,9 +248,14 @@ impl Instance {
         }
     }
 
+    /// Forgets a program of which nothing is left, before another one is started.
+    pub(super) fn forget_program(&mut self) {
+        (self.pid, self.cause, self.output, self.shim_was_killed) = (None, None, Vec::new(), false);
+    }
+
     /// Holds a plain program ready for its next activation: it runs once for each.
     fn hold_ready(&mut self, context: &mut InstanceContext<'_>) {
-        (self.pid, self.cause, self.output, self.shim_was_killed) = (None, None, Vec::new(), false);
+        self.forget_program();
         self.stage = Stage::Idle;
         context.effects.push(Effect::Spawn(Box::new(self.order.clone())));
     }

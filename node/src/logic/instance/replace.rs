@@ -55,29 +55,14 @@ impl Instance {
         let length = watchdog::probation(next.0.kind, &next.0.policy, probation);
         self.probation = Some(Probation { before, length, was_activated: false, until: None });
         context.notes.push(Note::Changed(Change::Replacing));
-        let is_stopping = matches!(self.stage, Stage::Stopping { .. });
         match self.stage {
             Stage::Dead | Stage::Waiting { .. } => self.take_place(next, context),
-            Stage::Prepared | Stage::Connecting { .. } | Stage::Idle | Stage::Running | Stage::Stopping { .. }
-                if self.is_controller() =>
-            {
-                let until = context.now + self.stop_within + GRACE;
-                self.stage = Stage::Replacing { until, forced: false, is_stopping };
-                self.next = Some(next);
-                self.tell(Order::Exit, context);
+            Stage::Prepared | Stage::Connecting { .. } | Stage::Idle | Stage::Running | Stage::Stopping { .. } => {
+                self.make_place(next, self.is_controller(), context);
             }
-            Stage::Prepared
-            | Stage::Connecting { .. }
-            | Stage::Idle
-            | Stage::Running
-            | Stage::Stopping { .. }
-            | Stage::Starting { .. }
-            | Stage::Removing { .. }
-            | Stage::Refused => {
-                let until = context.now + self.stop_within + GRACE + KILL_WITHIN;
-                self.stage = Stage::Replacing { until, forced: true, is_stopping };
-                self.next = Some(next);
-                self.tell_shim(ShimOrder::Stop { grace: self.stop_within.max(GRACE) }, context);
+            // One that has not said hello has no channel for an order yet.
+            Stage::Starting { .. } | Stage::Removing { .. } | Stage::Refused => {
+                self.make_place(next, false, context);
             }
             Stage::Replacing { .. } => self.next = Some(next),
             // Nothing takes the place of what is to leave.
@@ -105,17 +90,22 @@ impl Instance {
         if !runs || !self.restarts.are_allowed() || self.probation.is_some() {
             return;
         }
-        self.next = Some((self.order.clone(), self.stop_within));
-        if self.is_controller() {
-            let until = context.now + self.stop_within + GRACE;
-            self.stage = Stage::Replacing { until, forced: false, is_stopping: false };
+        self.make_place((self.order.clone(), self.stop_within), self.is_controller(), context);
+        context.notes.push(Note::Changed(Change::Renewing { with: with.to_owned() }));
+    }
+
+    /// Ends the program, so that `next` can take its place: asks it to leave if it takes orders, else has its shim end it.
+    fn make_place(&mut self, next: Start, takes_orders: bool, context: &mut InstanceContext<'_>) {
+        let is_stopping = matches!(self.stage, Stage::Stopping { .. });
+        let until = context.now + self.stop_within + GRACE;
+        self.next = Some(next);
+        if takes_orders {
+            self.stage = Stage::Replacing { until, forced: false, is_stopping };
             self.tell(Order::Exit, context);
         } else {
-            let until = context.now + self.stop_within + GRACE + KILL_WITHIN;
-            self.stage = Stage::Replacing { until, forced: true, is_stopping: false };
+            self.stage = Stage::Replacing { until: until + KILL_WITHIN, forced: true, is_stopping };
             self.tell_shim(ShimOrder::Stop { grace: self.stop_within.max(GRACE) }, context);
         }
-        context.notes.push(Note::Changed(Change::Renewing { with: with.to_owned() }));
     }
 
     /// Does what is due of a program that is to make place.
@@ -206,7 +196,7 @@ impl Instance {
         }
         self.failed = None;
         (self.order, self.stop_within) = (order, stop_within);
-        (self.pid, self.cause, self.output) = (None, None, Vec::new());
+        self.forget_program();
         self.start(context);
     }
 }
