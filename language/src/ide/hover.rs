@@ -120,7 +120,7 @@ impl Analysis {
             let _infallible = write!(text, "\n\nRuns on {}.", list(hosts.iter().map(String::as_str)));
         }
         if let Some(actions) = &group.actions {
-            let others = exclusivity::beside(actions, slot);
+            let others = exclusivity::concurrent_with(actions, slot);
             let others: BTreeSet<&str> = others.iter().map(|&other| self.written(&group.instances[other])).collect();
             let _infallible = match others.is_empty() {
                 true => write!(text, "\n\nOf `{}`, nothing runs together with it.", group.name.text),

@@ -1,7 +1,7 @@
 //! Cases that a checked spec does not contain but a plan may, and limits.
 
 use crate::pair::Pair;
-use crate::reference::{Declared, Event as Told, Outcome as Expected, Reason, Term};
+use crate::reference::{Declared, Event as Reported, Outcome as Expected, Reason, Term};
 use crate::spec::{Spec, number};
 use language::algebra::{Activation, Activity, Command, Event, Outcome, Program, State, Value, step};
 use language::plan::{DEPTH_MAX, Expression, Group, Member, MemberKind, Supervision};
@@ -114,10 +114,11 @@ fn a_loop_is_aborted_in_the_reaction_in_which_its_round_takes_no_time() {
     let spec = Spec { term, declared: vec![Declared::Task; 3] };
     let program = Program::compile(&spec.group());
     let mut pair = Pair::new(&spec, &program);
-    let round = [Told::Done(0, 1, vec![]), Told::Stopped(1, 1)];
-    let taken = [Told::Done(0, 2, vec![]), Told::Done(2, 1, vec![]), Told::Stopped(1, 2), Told::Stopped(0, 3)];
+    let round = [Reported::Done(0, 1, vec![]), Reported::Stopped(1, 1)];
+    let taken =
+        [Reported::Done(0, 2, vec![]), Reported::Done(2, 1, vec![]), Reported::Stopped(1, 2), Reported::Stopped(0, 3)];
     let mut outcome = None;
-    for event in [&[Told::Start(vec![])], &round[..], &taken].concat() {
+    for event in [&[Reported::Start(vec![])], &round[..], &taken].concat() {
         assert_eq!(outcome, None, "before {event:?}");
         outcome = pair.send(&event).unwrap();
     }

@@ -131,7 +131,7 @@ fn collect(expr: &Expr, around: &mut Enclosing, places: &mut Vec<Place>) {
 }
 
 /// The instances of a group that its event actions may run while they run another one.
-pub(crate) fn beside(actions: &Expr, slot: usize) -> BTreeSet<usize> {
+pub(crate) fn concurrent_with(actions: &Expr, slot: usize) -> BTreeSet<usize> {
     let places = Places::new(Some(actions));
     let own = places.some(places.of_slot.get(&slot));
     let others = places.all.iter().filter(|other| other.slot != slot);
