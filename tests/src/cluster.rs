@@ -14,15 +14,17 @@ mod trace;
 
 pub use hosts::{Hosts, NAMES};
 pub use network::Network;
-pub use processes::{Process, descriptors, threads};
+pub use processes::{Busy, Process, descriptors, memory, threads};
 pub use program::{Ended, Program, Stream};
 pub use trace::{Sample, Trace, peak};
 
 use comms::io::clock::{Wakeup, now};
 use node::logic::protocol::{NodeStatus, ProcessStatus};
 use rustix::process::{Signal, getpid};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::str::FromStr;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
@@ -44,6 +46,11 @@ pub fn wait_until(within: Duration, mut condition: impl FnMut() -> bool) -> Opti
         }
         pause.wait(Some(now() + LOOK_EVERY));
     }
+}
+
+/// Returns how often a test does something: `usual`, or what `DCA_TEST_ROUNDS` says.
+pub fn rounds<T: FromStr>(usual: T) -> T {
+    std::env::var("DCA_TEST_ROUNDS").ok().and_then(|rounds| rounds.parse().ok()).unwrap_or(usual)
 }
 
 /// Lets `time` pass, for a test that measures what happens meanwhile.
@@ -305,6 +312,14 @@ impl Host {
         let ended = self.ask(&[&["status", "--json"], arguments].concat());
         assert_eq!(ended.code, Some(0), "{ended}");
         serde_json::from_str(&ended.out).expect("`dca status --json` prints statuses")
+    }
+
+    /// Returns the process id of each program that is up, by its path.
+    ///
+    /// # Panics
+    /// No node answers.
+    pub fn pids(&self) -> BTreeMap<String, u32> {
+        self.processes(&[]).into_iter().filter_map(|(_, process)| Some((process.path, process.pid?))).collect()
     }
 
     /// Returns every leaf and group that `dca status` shows, with its host.

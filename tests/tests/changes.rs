@@ -27,26 +27,21 @@ process main(){
 "#
 );
 
-/// Returns the process id of each program that is up.
-fn pids(here: &Host) -> BTreeMap<String, u32> {
-    here.processes(&[]).into_iter().filter_map(|(_, one)| Some((one.path, one.pid?))).collect()
-}
-
 /// Two nodes, with the mission on them.
 fn deploy(cluster: &Cluster) -> (Host, [Program; 2], Program, BTreeMap<String, u32>) {
     let here = cluster.here();
     let nodes = [here.node("c3", &[]), here.node("c2", &[])];
     let mission = here.dca(&["deploy", "--no-record", &cluster.file("push.dca", SPEC)]);
     let paths = ["main/beside", "main/hit/force", "main/hit/threshold", "main/world"];
-    let are_up = || pids(&here).keys().map(String::as_str).eq(paths);
-    assert!(wait_until(SOON, are_up).is_some(), "{:?} {}", pids(&here), mission.text(Stream::Err));
-    let pids = pids(&here);
+    let are_up = || here.pids().keys().map(String::as_str).eq(paths);
+    assert!(wait_until(SOON, are_up).is_some(), "{:?} {}", here.pids(), mission.text(Stream::Err));
+    let pids = here.pids();
     (here, nodes, mission, pids)
 }
 
 /// Returns the programs that are others now.
 fn others(here: &Host, before: &BTreeMap<String, u32>) -> Vec<String> {
-    let now = pids(here);
+    let now = here.pids();
     assert!(now.keys().eq(before.keys()), "{now:?}");
     now.into_iter().filter(|(path, pid)| before[path] != *pid).map(|(path, _)| path).collect()
 }
@@ -79,7 +74,7 @@ fn a_changed_spec_changes_what_differs_and_nothing_else() {
     let ended = mission.ended(Duration::from_secs(60));
     assert_eq!(ended.code, Some(0), "{ended}");
     assert!(ended.out.contains("is replaced"), "{ended}");
-    assert_eq!(pids(&here), BTreeMap::new());
+    assert_eq!(here.pids(), BTreeMap::new());
 }
 
 #[test]
@@ -96,7 +91,7 @@ fn a_program_that_fails_is_put_back_and_the_mission_goes_on() {
     assert!(plan.code == Some(0) && plan.out.contains("revision 0:\n  keep       4 programs"), "{plan}");
 
     // What cannot be started is found before anything makes place for it.
-    let pids_before = pids(&here);
+    let pids_before = here.pids();
     for (exec, why) in
         [("/no/such/program", "there is no program"), ("/tmp", "is a folder"), ("/dev/null", "is no regular file")]
     {
@@ -123,7 +118,7 @@ fn a_program_that_fails_is_put_back_and_the_mission_goes_on() {
     let stopped = here.ask(&["stop", "push"]);
     assert_eq!(stopped.code, Some(0), "{stopped}");
     assert_eq!(mission.ended(SOON).code, Some(1));
-    assert_eq!(pids(&here), BTreeMap::new());
+    assert_eq!(here.pids(), BTreeMap::new());
 }
 
 #[test]

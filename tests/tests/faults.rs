@@ -1,9 +1,10 @@
 //! Cases of the table in `docs/src/faults.md` that no other file has: files run out, links flap, two want one name.
 
-use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, Stream, descriptors, executable, wait_until};
+use dca_tests::cluster::{
+    Cluster, Hosts, Network, Program, SOON, Stream, descriptors, executable, memory, rounds, wait_until,
+};
 use node::logic::nameserver::LOST_AFTER;
 use rustix::process::Signal;
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
@@ -19,11 +20,6 @@ const GROWTH_MAX: u64 = 20 << 20;
 /// How long a node may take to have its links again.
 const SETTLE: Duration = Duration::from_secs(20);
 
-/// Returns how often something is done: `usual`, or what `DCA_TEST_ROUNDS` says.
-fn rounds(usual: usize) -> usize {
-    std::env::var("DCA_TEST_ROUNDS").ok().and_then(|rounds| rounds.parse().ok()).unwrap_or(usual)
-}
-
 /// Returns a spec of programs that wait.
 fn crowd(host: &str, count: usize) -> String {
     let leaves: Vec<String> = (1..=count).map(|leaf| format!("idle{leaf}")).collect();
@@ -33,17 +29,6 @@ fn crowd(host: &str, count: usize) -> String {
          instantiated_processes {{ {declared}}}\n  internal_event_actions {{ {} }}\n}}",
         leaves.join(" , ")
     )
-}
-
-/// Returns the process ids of all programs, by path.
-fn pids(host: &Host) -> BTreeMap<String, u32> {
-    host.processes(&[]).into_iter().filter_map(|(_, process)| Some((process.path, process.pid?))).collect()
-}
-
-/// Returns how much memory a process has, in bytes.
-fn memory(pid: u32) -> u64 {
-    let pages = std::fs::read_to_string(format!("/proc/{pid}/statm")).unwrap_or_default();
-    pages.split(' ').nth(1).and_then(|pages| pages.parse::<u64>().ok()).unwrap_or(0) * 4096
 }
 
 /// Case 23: a node whose files run out refuses what does not fit, in words, and goes on; what runs can be stopped.
@@ -65,7 +50,7 @@ fn a_node_without_free_files_refuses_and_goes_on() {
     assert_eq!(many.code, Some(1), "{many}");
     assert!(many.out.contains("many: refused") && many.out.contains("oo many open files"), "{many}");
     // What ran goes on, and can be stopped; then there is room again.
-    assert_eq!(pids(&here).len(), 2);
+    assert_eq!(here.pids().len(), 2);
     let stop = here.ask(&["stop", "few"]);
     assert_eq!(stop.code, Some(0), "{stop}");
     drop(few.ended(SOON));
@@ -94,8 +79,8 @@ fn what_cannot_be_killed_is_told_and_not_started_again() {
     let file = cluster.file("stuck.dca", &text);
     let mission = here.dca(&["deploy", "--no-record", &file]);
     mission.wait_for(Stream::Err, "1 program on 1 host", SOON);
-    wait_until(SOON, || pids(&here).len() == 1).expect("it runs");
-    freezer.freeze(pids(&here)["main/idle1"]);
+    wait_until(SOON, || here.pids().len() == 1).expect("it runs");
+    freezer.freeze(here.pids()["main/idle1"]);
     let stop = here.dca(&["stop", "stuck"]).ended(2 * SOON);
     assert!(stop.code == Some(3) && stop.err.contains("has not confirmed that nothing of it is left"), "{stop}");
     let ended = mission.ended(SOON);
@@ -148,37 +133,33 @@ impl Drop for Freezer {
 #[test]
 fn two_hosts_that_a_third_reaches_are_not_lost() {
     for both_ways in [false, true] {
-        let Some(network) = Network::new(3) else { return };
-        let cluster = Cluster::new();
-        let hosts: Vec<Host> = network.hosts().map(|number| cluster.host(&network, number)).collect();
-        let start = |(name, host): (&str, &Host)| host.node(name, &["--lan"]);
-        let nodes: Vec<Program> = ["c1", "c2", "c3"].into_iter().zip(&hosts).map(start).collect();
+        let Some(hosts) = Hosts::start(3, None) else { return };
+        let home = hosts.host(1);
         let text = crowd("c1", 3).replace("idle3 instof Idle(\"c1\")", "idle3 instof Idle(\"c2\")");
-        let mission = hosts[0].dca(&["deploy", "--no-record", &cluster.file("pair.dca", &text)]);
+        let mission = home.dca(&["deploy", "--no-record", &hosts.cluster.file("pair.dca", &text)]);
         mission.wait_for(Stream::Err, "3 programs on 2 hosts", SOON);
-        wait_until(SOON, || pids(&hosts[0]).len() == 3).expect("all run");
-        let sees_all = |host: &Host| host.statuses(&[]).iter().all(|node| node.peers.len() == 2);
-        wait_until(SOON, || sees_all(&hosts[0])).expect("all see each other");
-        let before = pids(&hosts[0]);
+        wait_until(SOON, || home.pids().len() == 3).expect("all run");
+        let sees_all = || home.statuses(&[]).iter().all(|node| node.peers.len() == 2);
+        wait_until(SOON, sees_all).expect("all see each other");
+        let before = home.pids();
         if both_ways {
-            network.keep_apart(&[1, 2]);
+            hosts.network.keep_apart(&[1, 2]);
         } else {
-            network.set(1, "route add blackhole 10.77.0.2/32");
+            hosts.network.set(1, "route add blackhole 10.77.0.2/32");
         }
         for (node, other) in [(0, "c2"), (1, "c1")] {
             let told = format!("the node `{other}` does not answer itself; `c3` reaches it and passes messages on");
-            nodes[node].wait_for(Stream::Err, &told, SOON);
+            hosts.nodes[node].wait_for(Stream::Err, &told, SOON);
         }
         dca_tests::cluster::pass(2 * LOST_AFTER);
-        let stop = hosts[0].ask(&["stop", "pair"]);
+        let stop = home.ask(&["stop", "pair"]);
         assert_eq!(stop.code, Some(0), "{stop}");
         assert_eq!(mission.ended(SOON).code, Some(1));
-        for node in &nodes {
+        for node in &hosts.nodes {
             assert!(!node.text(Stream::Err).contains("is lost"), "{}", node.text(Stream::Err));
         }
         assert_eq!(before.len(), 3);
-        nodes.iter().for_each(|node| node.signal(Signal::TERM));
-        cluster.expect_nothing_left(SOON);
+        hosts.end();
     }
 }
 
@@ -194,8 +175,8 @@ fn a_flapping_link_restarts_nothing() {
     let text = crowd("c1", 3).replace("idle3 instof Idle(\"c1\")", "idle3 instof Idle(\"c2\")");
     let mission = c1.dca(&["deploy", "--no-record", &cluster.file("pair.dca", &text)]);
     mission.wait_for(Stream::Err, "3 programs on 2 hosts", SOON);
-    wait_until(SOON, || pids(&c1).len() == 3).expect("all run");
-    let before = pids(&c1);
+    wait_until(SOON, || c1.pids().len() == 3).expect("all run");
+    let before = c1.pids();
     let sizes = || nodes.iter().map(|node| (memory(node.pid()), descriptors(node.pid()).len())).collect::<Vec<_>>();
     let first = sizes();
     for _ in 0..rounds(10) {
@@ -206,9 +187,9 @@ fn a_flapping_link_restarts_nothing() {
     }
     let all_there = || {
         let statuses = c1.ask(&["status", "--json"]);
-        statuses.code == Some(0) && statuses.out.matches("\"pid\"").count() >= 5 && pids(&c1) == before
+        statuses.code == Some(0) && statuses.out.matches("\"pid\"").count() >= 5 && c1.pids() == before
     };
-    assert!(wait_until(SETTLE, all_there).is_some(), "{before:?}, then {:?}", pids(&c1));
+    assert!(wait_until(SETTLE, all_there).is_some(), "{before:?}, then {:?}", c1.pids());
     assert!(mission.is_running(), "the mission goes on");
     let is_small = || {
         let now = sizes();
@@ -242,8 +223,8 @@ fn two_users_of_one_name_are_one_winner_and_one_refusal() {
         .unwrap_or_else(|| panic!("round {round}: {}{}", ann.text(Stream::Err), bob.text(Stream::Err)));
         let is_anns = has_begun(&ann);
         assert!(is_anns != has_begun(&bob), "round {round}: both have it");
-        wait_until(SOON, || pids(&here).len() == if is_anns { 1 } else { 2 })
-            .unwrap_or_else(|| panic!("round {round}: {:?}", pids(&here)));
+        wait_until(SOON, || here.pids().len() == if is_anns { 1 } else { 2 })
+            .unwrap_or_else(|| panic!("round {round}: {:?}", here.pids()));
         let stop = here.ask(&["stop", "arm"]);
         assert_eq!(stop.code, Some(0), "round {round}: {stop}");
         let (winner, loser) = if is_anns { (ann, bob) } else { (bob, ann) };

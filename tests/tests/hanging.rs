@@ -1,10 +1,9 @@
 //! Programs that hang: in a calculation, in `Init`, at their start, or suspended as a whole.
 
-use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, executable, pass, wait_until};
+use dca_tests::cluster::{Busy, Cluster, Host, Program, SOON, Stream, executable, pass, wait_until};
 use node::logic::protocol::{Change, ProcessStatus};
 use rustix::process::Signal;
 use std::collections::BTreeMap;
-use std::process::Child;
 use std::time::Duration;
 
 /// A spec with these instances, whose controllers hang in the place that they name.
@@ -140,25 +139,6 @@ fn a_stop_by_the_loss_of_the_node_is_told_as_such() {
     end(&cluster, node);
 }
 
-/// Processes that do nothing but take processor time. Dropped, they end.
-struct Load(Vec<Child>);
-
-impl Load {
-    fn of(count: usize) -> Self {
-        let busy = |_| std::process::Command::new("sh").args(["-c", "while :; do :; done"]).spawn().expect("a shell");
-        Self((0..count).map(busy).collect())
-    }
-}
-
-impl Drop for Load {
-    fn drop(&mut self) {
-        for busy in &mut self.0 {
-            busy.kill().unwrap_or_default();
-            drop(busy.wait());
-        }
-    }
-}
-
 #[test]
 fn a_starved_machine_raises_no_alarm() {
     let cluster = Cluster::new();
@@ -169,7 +149,7 @@ fn a_starved_machine_raises_no_alarm() {
     let mission = here.dca(&["deploy", &spec(&cluster, &instances, &names.join(", "))]);
     wait_until(2 * SOON, || are_running(&here, 20)).expect("they run");
     let before = states(&here);
-    let load = Load::of(20);
+    let load = Busy::start(20, 0);
     // Three times the usual bound.
     pass(Duration::from_secs(15));
     drop(load);

@@ -1,6 +1,6 @@
 //! A large spec, again and again: nothing is left of it, and the node does not grow.
 
-use dca_tests::cluster::{Cluster, Process, SOON, Stream, descriptors, threads, wait_until};
+use dca_tests::cluster::{Cluster, Process, SOON, Stream, descriptors, rounds, threads, wait_until};
 use node::logic::protocol::NodeStatus;
 use std::fmt::Write;
 use std::time::Duration;
@@ -28,8 +28,7 @@ fn two_hundred_leaves_come_and_go() {
     assert_eq!(here.ask(&["nodes"]).code, Some(0));
     let threads_first = threads(node.pid());
     let mut descriptors_first = None;
-    let rounds = std::env::var("DCA_TEST_ROUNDS").ok().and_then(|rounds| rounds.parse().ok()).unwrap_or(ROUNDS);
-    for round in 1..=rounds {
+    for round in 1..=rounds(ROUNDS) {
         let deployed = here.dca(&["deploy", "--no-record", &file]);
         deployed.wait_for(Stream::Err, "200 programs on 1 host, started in", SOON);
         if round == 1 {

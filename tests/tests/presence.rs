@@ -4,10 +4,9 @@ use comms::io::clock::{now, sleep_until, unix_time};
 use comms::io::session::Session;
 use comms::logic::random::Random;
 use comms::logic::{codec, key};
-use dca_tests::cluster::{Hosts, NAMES, Program, SOON, Stream, pass, wait_until};
+use dca_tests::cluster::{Busy, Hosts, NAMES, Program, SOON, Stream, pass, rounds, wait_until};
 use node::logic::protocol::{NodeStatus, Ping};
 use rustix::process::Signal;
-use std::process::{Child, Command};
 use std::time::Duration;
 
 /// How long a node may hear another one before it lists it.
@@ -132,34 +131,14 @@ fn disturbances(random: &mut Random) -> Vec<(u64, usize, Act)> {
     all
 }
 
-/// Processes that never end by themselves.
-struct Busy(Vec<Child>);
-
-impl Busy {
-    fn start(count: usize) -> Self {
-        let one = |_| Command::new("nice").args(["-n", "19", "sh", "-c", "while :; do :; done"]).spawn();
-        Self((0..count).map(one).map(|child| child.expect("a shell is everywhere")).collect())
-    }
-}
-
-impl Drop for Busy {
-    fn drop(&mut self) {
-        for child in &mut self.0 {
-            child.kill().unwrap_or_default();
-            drop(child.wait());
-        }
-    }
-}
-
 /// Links and interfaces that come and go, hosts that reach some others only, nodes that are suspended or killed, on a machine that is
 /// busy, in an order that is drawn: once all is well again each node lists each other that it hears within 2 s, and each answers when
 /// it is called.
 #[test]
 fn a_node_that_is_heard_is_listed_within_2_s() {
     let Some(mut hosts) = start(NAMES.len()) else { return };
-    let _busy = Busy::start(BUSY);
-    let rounds = std::env::var("DCA_TEST_ROUNDS").ok().and_then(|rounds| rounds.parse().ok()).unwrap_or(ROUNDS);
-    for seed in 0..rounds {
+    let _busy = Busy::start(BUSY, 19);
+    for seed in 0..rounds(ROUNDS) {
         let disturbances = disturbances(&mut Random::new(seed));
         let mut now = 0;
         for (at, host, act) in &disturbances {

@@ -3,6 +3,7 @@
 use rustix::process::{Pid, Signal, getpid, kill_process};
 use std::fmt;
 use std::path::{Path, PathBuf};
+use std::process::{Child, Command};
 
 /// A process that was alive when it was looked at.
 #[derive(Clone)]
@@ -51,6 +52,31 @@ impl Process {
     }
 }
 
+/// Processes that do nothing but take processor time. Dropped, they end.
+#[derive(Debug)]
+pub struct Busy(Vec<Child>);
+
+impl Busy {
+    /// Starts so many, as nice as `niceness` says: 19 gives way to everybody else.
+    ///
+    /// # Panics
+    /// There is no shell.
+    pub fn start(count: usize, niceness: u8) -> Self {
+        let niceness = niceness.to_string();
+        let one = |_| Command::new("nice").args(["-n", &niceness, "sh", "-c", "while :; do :; done"]).spawn();
+        Self((0..count).map(one).map(|child| child.expect("a shell is everywhere")).collect())
+    }
+}
+
+impl Drop for Busy {
+    fn drop(&mut self) {
+        for child in &mut self.0 {
+            child.kill().unwrap_or_default();
+            drop(child.wait());
+        }
+    }
+}
+
 /// Returns every process that works in `folder`, or names it in its arguments or its environment.
 pub(super) fn of_folder(folder: &Path) -> Vec<Process> {
     let entries = std::fs::read_dir("/proc").into_iter().flatten().flatten();
@@ -62,6 +88,12 @@ pub(super) fn of_folder(folder: &Path) -> Vec<Process> {
 /// Returns how many threads a process has.
 pub fn threads(pid: u32) -> usize {
     std::fs::read_dir(format!("/proc/{pid}/task")).map_or(0, Iterator::count)
+}
+
+/// Returns how much memory a process has, in bytes; 0 for one that is gone.
+pub fn memory(pid: u32) -> u64 {
+    let pages = std::fs::read_to_string(format!("/proc/{pid}/statm")).unwrap_or_default();
+    pages.split(' ').nth(1).and_then(|pages| pages.parse::<u64>().ok()).unwrap_or(0) * 4096
 }
 
 /// Returns what each open file descriptor of a process stands for.
