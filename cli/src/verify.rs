@@ -32,10 +32,20 @@ pub struct Arguments {
     /// Print the report as one JSON document
     #[arg(long)]
     json: bool,
+    /// Print all states and transitions for other tools instead, nothing reduced: Aldebaran (CADP, mCRL2) or Graphviz
+    #[arg(long, value_name = "FORMAT", conflicts_with = "json")]
+    export: Option<Export>,
     #[command(flatten)]
     limits: LimitArgs,
     #[command(flatten)]
     controllers: Controllers,
+}
+
+/// The formats of transition systems.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum Export {
+    Aut,
+    Dot,
 }
 
 /// What may be spent.
@@ -114,12 +124,29 @@ pub(crate) fn load(file: &Path, controllers: &Controllers) -> Result<Loaded, Fai
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let loaded = load(&arguments.file, &arguments.controllers)?;
+    if let Some(format) = arguments.export {
+        return export(&loaded, arguments.limits, format);
+    }
     let report = arguments.limits.with(|limits| verify::verify(&loaded.plan, &loaded.sites, limits));
     console::say(&if arguments.json { json(&loaded, &report) } else { text(&loaded, &report) });
     if report.findings.iter().any(|finding| finding.verdict == Verdict::Fails) {
         return Err(Failure::Reported);
     }
     if report.is_limited { Err(Failure::Limited) } else { Ok(()) }
+}
+
+/// Prints the transition system; one that is not whole is not printed.
+fn export(loaded: &Loaded, limits: LimitArgs, format: Export) -> Result<(), Failure> {
+    let all = limits.with(|limits| verify::transitions(&loaded.plan, &loaded.sites, limits));
+    if let Some(reached) = all.reached {
+        console::note(&format!("nothing is exported: {}", reached.words()));
+        return Err(Failure::Limited);
+    }
+    console::say(&match format {
+        Export::Aut => all.aut(),
+        Export::Dot => all.dot(),
+    });
+    Ok(())
 }
 
 /// The whole report for a program: `{"version", "spec", "findings": [{"verdict", "sentence", "diagnostic", "story"}], "states",

@@ -19,7 +19,19 @@ fn main() {
     groups(100, 10);
     door();
     let objects = std::env::args().nth(1).and_then(|objects| objects.parse().ok());
-    flat_system(objects.unwrap_or(10));
+    let objects = objects.unwrap_or(10);
+    flat_system(&format!("tidy-up, {objects} objects, flat"), &tidy_up_spec(objects));
+    let steps = objects + objects / 3;
+    flat_system(&format!("{steps} steps side by side, flat"), &side_by_side(steps));
+}
+
+/// So many steps at once.
+fn side_by_side(steps: usize) -> String {
+    let instances = (0..steps).map(|i| format!("p{i} instof Step(c1);")).collect::<String>();
+    let actions = (0..steps).map(|i| format!("p{i}")).collect::<Vec<_>>().join(", ");
+    format!(
+        "module Step {{ done; }}\nprocess main(){{ host{{c1}} instantiated_processes{{ {instances} }} internal_event_actions{{ {actions} }} }}"
+    )
 }
 
 /// How long this thread has been on a processor.
@@ -95,16 +107,13 @@ fn door() {
     );
 }
 
-/// The tidy-up without any reduction.
-fn flat_system(objects: usize) {
-    let (plan, sites) = compiled(&tidy_up_spec(objects), &[]);
+/// A spec without any reduction.
+fn flat_system(what: &str, text: &str) {
+    let (plan, sites) = compiled(text, &[]);
     let start = busy();
     let found = flat(&plan, &sites, &LIMITS, Detail::Count);
     let time = (busy() - start).as_secs_f64();
     let (states, rate) = (found.states, found.transitions as f64 / time / 1e6);
-    let bytes = found.memory / states.max(1) as usize;
-    println!(
-        "| tidy-up, {objects} objects, flat | {states} | {time:.3} s | {rate:.2} M of {} transitions/s, {bytes} bytes a stored state |",
-        found.transitions
-    );
+    let (bytes, all) = (found.memory / states.max(1) as usize, found.transitions);
+    println!("| {what} | {states} | {time:.3} s | {rate:.2} M of {all} transitions/s, {bytes} bytes a stored state |");
 }

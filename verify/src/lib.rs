@@ -9,6 +9,7 @@
 
 mod catalogue;
 mod explore;
+mod export;
 mod fault;
 mod finding;
 mod flat;
@@ -23,6 +24,7 @@ mod times;
 mod wires;
 
 pub use explore::{Always, GoesOn, Limits, Reached};
+pub use export::{Transitions, transitions};
 pub use fault::{COLUMNS, Row, Severity, Table};
 pub use finding::{Finding, Verdict};
 pub use flat::{Detail, Ending, Flat, flat};

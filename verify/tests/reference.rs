@@ -16,7 +16,7 @@ use random::Random;
 use std::collections::BTreeSet;
 use std::time::Duration;
 use term::{Expr, Phase, Universe};
-use verify::{Alone, Always, Detail, Ending, Limits, flat};
+use verify::{Alone, Always, Detail, Ending, Limits, flat, transitions};
 
 /// As many random specs are compared.
 const CASES: u64 = 10_000;
@@ -105,4 +105,59 @@ fn situations_and_verdicts_agree_with_the_reference() {
         hanging += u64::from(found.stop_hangs);
     }
     assert!(states > 100_000 && stuck > 100, "{states} states, {stuck} stuck, {hanging} stops that hang");
+}
+
+/// As many random specs are exported and read again.
+const EXPORTS: u64 = 1_000;
+
+/// What another tool would find in the export: a checker of its own that reads the Aldebaran format and knows no spec.
+#[test]
+fn the_exported_system_has_the_states_and_the_dead_ends_of_the_reference() {
+    let limits = Limits { states: 1_000_000, memory: 1 << 30, threads: &Alone, goes_on: &Always };
+    let mut dead = 0;
+    for seed in 0..EXPORTS {
+        let mut random = Random::new(seed);
+        let services: Vec<bool> = (0..LEAVES_MAX).map(|_| random.below(4) == 0).collect();
+        let expr = random.expression(&mut (0..LEAVES_MAX).collect::<Vec<_>>(), 3);
+        let exported = transitions(&plan(&expr, &services), &sites(LEAVES_MAX), &limits);
+        let expected = Universe::explore(&expr, &services);
+        let (states, all) = read_aut(&exported.aut());
+        assert_eq!(states, expected.states, "seed {seed}: {expr:?}");
+        let ends = can_end(states, &all);
+        let has_dead_end = (1..states).any(|state| !ends[state]);
+        assert_eq!(has_dead_end, expected.gets_stuck || expected.stop_hangs, "seed {seed}: {expr:?}");
+        assert_eq!(exported.dot().matches(" -> ").count(), all.len());
+        dead += usize::from(has_dead_end);
+    }
+    assert!(dead > 10, "only {dead} have dead ends");
+}
+
+fn read_aut(text: &str) -> (usize, Vec<(usize, String, usize)>) {
+    let mut lines = text.lines();
+    let head = lines.next().and_then(|line| line.strip_prefix("des (0, ")?.strip_suffix(')'));
+    let (count, states) = head.and_then(|head| head.split_once(", ")).expect("a head");
+    let read = |line: &str| {
+        let (from, rest) = line.strip_prefix('(')?.split_once(", \"")?;
+        let (word, to) = rest.strip_suffix(')')?.rsplit_once("\", ")?;
+        Some((from.parse().ok()?, word.to_owned(), to.parse().ok()?))
+    };
+    let all: Vec<(usize, String, usize)> = lines.map(|line| read(line).expect("a transition")).collect();
+    assert_eq!(count.parse(), Ok(all.len()));
+    (states.parse().expect("a number of states"), all)
+}
+
+/// From which states one without transitions can be reached, nobody failing and nobody asking for a stop.
+fn can_end(states: usize, all: &[(usize, String, usize)]) -> Vec<bool> {
+    let mut ends = vec![true; states];
+    all.iter().for_each(|(from, ..)| ends[*from] = false);
+    let natural = |word: &str| ["start", "done(", "stopped(", "elapsed("].iter().any(|begin| word.starts_with(begin));
+    loop {
+        let before = ends.iter().filter(|end| **end).count();
+        for (from, word, to) in all {
+            ends[*from] |= natural(word) && ends[*to];
+        }
+        if ends.iter().filter(|end| **end).count() == before {
+            return ends;
+        }
+    }
 }
