@@ -35,6 +35,9 @@ pub struct Arguments {
     controllers: Controllers,
 }
 
+/// So many programs that were not looked at whole are named.
+const UNFINISHED_MAX: usize = 10;
+
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let loaded = load(&arguments.file, &arguments.controllers)?;
@@ -46,8 +49,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         Arguments { markdown: true, .. } => table.markdown(),
         _ => text(&table, arguments.stories),
     });
-    for program in &table.unfinished {
+    for program in table.unfinished.iter().take(UNFINISHED_MAX) {
         console::note(&format!("`{program}` was not looked at whole: a limit was reached"));
+    }
+    if let Some(more @ 1..) = table.unfinished.len().checked_sub(UNFINISHED_MAX) {
+        console::note(&format!("and {} were not, too", counted(more, "other program")));
     }
     if table.unfinished.is_empty() { Ok(()) } else { Err(Failure::Limited) }
 }

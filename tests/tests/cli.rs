@@ -65,6 +65,12 @@ fn proofs_have_their_exit_codes() {
         (&["fmea", &good], 0, "find_a"),
         (&["fmea", "--csv", &good], 0, "\"program\",\"fault\",\"while\""),
         (&["fmea", "--html", &good], 0, "<table>"),
+        (&["fmea", "--markdown", &good], 0, "| program | fault | while |"),
+        (&["fmea", "--json", &good], 0, "\"at_once\": "),
+        (&["verify", "--json", "--threads", "2", &good], 0, "\"verdict\": \"proved\""),
+        (&["verify", "--json", &bad], 1, "\"code\": \"E0811\""),
+        (&["verify", "--export", "aut", &good], 0, "des (0, "),
+        (&["verify", "--export", "dot", &good], 0, "digraph {"),
     ];
     for (arguments, code, text) in cases {
         let ended = cluster.here().ask(arguments);

@@ -17,6 +17,7 @@ fn main() {
     println!("| what | states | time | figure |\n|---|---|---|---|");
     tidy_up(14);
     groups(100, 10);
+    checked(99, 100);
     door();
     let objects = std::env::args().nth(1).and_then(|objects| objects.parse().ok());
     let objects = objects.unwrap_or(10);
@@ -58,15 +59,27 @@ fn tidy_up(objects: usize) {
 
 /// So many groups of so many processes each, side by side.
 fn groups(groups: usize, size: usize) {
+    whole(&format!("{} processes in {groups} groups, by composition", groups * size), &groups_spec(groups, size));
+}
+
+/// The same, by the structural rules of `dca check` alone.
+fn checked(groups: usize, size: usize) {
+    let text = groups_spec(groups, size);
+    let start = busy();
+    let (plan, _) = compiled(&text, &[]);
+    let time = (busy() - start).as_secs_f64();
+    println!("| {} processes in {groups} groups, checked |  | {time:.3} s |  |", plan.leaves.len());
+}
+
+fn groups_spec(groups: usize, size: usize) -> String {
     let instances = (0..size).map(|i| format!("p{i} instof Step(c1);")).collect::<String>();
     let pairs = (0..size / 2).map(|i| format!("(p{} ; p{})", 2 * i, 2 * i + 1)).collect::<Vec<_>>().join(", ");
     let all = (0..groups).map(|i| format!("g{i} instof Group();")).collect::<String>();
     let together = (0..groups).map(|i| format!("g{i}")).collect::<Vec<_>>().join(", ");
-    let text = format!(
+    format!(
         "module Step {{ done; }}\nprocess Group(){{ host{{c1}} instantiated_processes{{ {instances} }} internal_event_actions{{ {pairs} }} }}\n\
          process main(){{ host{{c1}} instantiated_processes{{ {all} }} internal_event_actions{{ {together} }} }}"
-    );
-    whole(&format!("{} processes in {groups} groups, by composition", groups * size), &text);
+    )
 }
 
 fn compiled(text: &str, interfaces: &[Source]) -> (language::plan::Plan, language::sites::Sites) {

@@ -113,6 +113,7 @@ fn a_limit_refuses_no_good_spec() {
         let Some((plan, sites)) = compiled.plan.zip(sites) else { continue };
         for states in [1, 10, 25, 50, 100, 200, 400] {
             let report = verify::verify(&plan, &sites, &Limits { states, ..LIMITS });
+            assert!(report.is_limited || states > 5, "{} with {states} states", file.display());
             let refused = report.findings.iter().find(|finding| finding.verdict == Verdict::Fails);
             assert!(refused.is_none(), "{} with {states} states: {refused:?}", file.display());
         }
