@@ -128,21 +128,6 @@ impl State {
         self.queue.iter().map(|&node| program.taken(node).iter().map(|&index| program.resources()[index].as_str()))
     }
 
-    /// Returns whether a node of the program is active, by its place in textual order.
-    pub fn is_node_active(&self, node: usize) -> bool {
-        self.cells.get(node).is_some_and(|cell| cell.phase.is_active())
-    }
-
-    /// Returns whether a node is a `using` that waits for what it takes.
-    pub fn is_node_waiting(&self, node: usize) -> bool {
-        self.cells.get(node).is_some_and(|cell| cell.phase == Phase::Waiting)
-    }
-
-    /// Returns the node that holds a member now, by its place in textual order.
-    pub fn node_of(&self, member: u32) -> Option<usize> {
-        self.seats.get(member as usize).and_then(|seat| seat.node)
-    }
-
     /// Returns what decides the future but for the numbers of activations: two states of one program with equal
     /// configurations react alike to the same events. An explorer keys its visited states by this. It is what each node
     /// does, and which of them wait, the first to come first.
