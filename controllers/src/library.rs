@@ -26,11 +26,11 @@ use crate::sdk::{Registry, Tick};
 use comms::logic::time::Time;
 use std::time::Duration;
 
-/// How old a command may be: ten periods of the servo group, so that a busy machine's 30 ms do not stop the arm.
+/// The largest age of a command: ten periods of the servo group, so that a busy machine's 30 ms do not stop the arm.
 pub const FRESH: Duration = Duration::from_millis(100);
-/// How old a sample may be, counted from when its device measured it: 50 ms for each of three hops, and one period.
+/// The largest age of a sample, counted from its measurement by the device: 50 ms for each of three hops, and one period.
 const SENSED: Duration = Duration::from_millis(200);
-/// How long a controller waits for its sensor before it gives up.
+/// The longest wait of a controller for its sensor.
 const SILENCE: Duration = Duration::from_secs(1);
 
 /// Returns every type of this library.

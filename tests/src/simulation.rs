@@ -28,7 +28,7 @@ pub fn plan(name: &str, text: &str) -> Result<Plan, String> {
     compiled.plan.ok_or_else(|| render(&compiled.diagnostics, &spec, &interfaces, Style::Plain))
 }
 
-/// How a deployment ended.
+/// The ending of a deployment.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Finish {
     /// Normally.

@@ -19,7 +19,7 @@ use std::time::Duration;
 pub use rows::{Group, Row, rows};
 
 const WORLD: &str = "main/world";
-/// Where a spec takes the arguments of its world.
+/// The place in a spec for the arguments of its world.
 const PLACE: &str = "DoorWorld(\"c3\"";
 /// The task with the drive through the door, and how long it may take.
 const THROUGH: &str = include_str!("../../specs/door_through.dca");
@@ -27,7 +27,7 @@ const THROUGH_LIMIT: Duration = Duration::from_secs(200);
 /// The task that is tried again, and how long it may take.
 const RECOVERY: &str = include_str!("../../specs/door_recovery.dca");
 const RECOVERY_LIMIT: Duration = Duration::from_secs(240);
-/// And those of the law that opens the door.
+/// The place for those of the law that opens the door.
 const LAW: &str = "ModelBasedCtrl(host1";
 /// A mission that ended well below this angle is a false success (deg).
 pub const OPEN: f64 = 60.0;
@@ -39,7 +39,7 @@ pub const PULL_MAX: f64 = 60.0;
 pub const BEYOND: f64 = 0.31;
 /// From this angle on leaf and wall can be told apart (deg).
 const SEEN_FROM: f64 = 15.0;
-/// How often a mission is looked at: half a window of the world's peaks, so none is missed.
+/// The period at which a mission is looked at: half a window of the world's peaks, so none is missed.
 const LOOK: Duration = Duration::from_millis(20);
 /// The phases of the mission, by a part of the paths of what is active in them, and how far into them it is meddled (s).
 pub const PHASES: [(&str, f64); 5] =
@@ -50,7 +50,7 @@ pub const PHASES: [(&str, f64); 5] =
 pub struct Phase {
     /// A part of the paths of what makes it.
     pub part: &'static str,
-    /// How far into it things are done to it (s).
+    /// The longest time into it at which things are done to it (s).
     pub span: f64,
     /// The paths of all that is active in it.
     pub active: Vec<String>,
@@ -61,24 +61,24 @@ pub struct Phase {
 pub struct Mission {
     /// The arguments of its world, as in a spec.
     pub arguments: String,
-    /// What it is to do.
+    /// The task.
     pub task: Task,
-    /// Which way the law is told that the door opens, if at all.
+    /// The direction in which the law is told that the door opens, if at all.
     pub told: Option<&'static str>,
-    /// What controllers are told of their devices: the beginning of an instance in the spec, and its further arguments.
+    /// The calibration that controllers are told: the beginning of an instance in the spec, and its further arguments.
     pub calibration: Vec<(&'static str, String)>,
-    /// What its network is like.
+    /// The disturbance of its network.
     pub disturbance: Disturbance,
-    /// What is done to a controller in the middle.
+    /// The meddling with a controller in the middle.
     pub meddling: Option<Meddling>,
-    /// Where in the row's range it is, if the row has one.
+    /// The value in the row's range, if the row has one.
     pub value: Option<f64>,
 }
 
-/// What a mission is to do.
+/// The task of a mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Task {
-    /// What the spec that is surveyed says: open the door.
+    /// The task of the spec that is surveyed: open the door.
     Open,
     /// Then drive through, as `specs/door_through.dca` has it.
     Through,
@@ -93,13 +93,13 @@ pub struct Meddling {
     pub leaf: String,
     /// A part of the paths of the phase in which it is done.
     pub phase: &'static str,
-    /// How long after both are active.
+    /// The time after both are active.
     pub after: Duration,
-    /// What is done to it.
+    /// The disruption.
     pub disruption: Disruption,
 }
 
-/// What is done.
+/// A disruption of a controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Disruption {
     /// Started again with its memory gone, as a supervisor does that restarts it alone.
@@ -108,14 +108,14 @@ pub enum Disruption {
     Kill,
 }
 
-/// What came of a mission.
+/// The outcome of a mission.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
-    /// How it ended.
+    /// The ending.
     pub finish: Finish,
     /// The true angle of the door then (deg).
     pub angle: f64,
-    /// How far the middle of the base is beyond the wall then (m), if it was to drive through.
+    /// The distance of the base's middle beyond the wall then (m), if it was to drive through.
     pub beyond: Option<f64>,
     /// The largest force while the hand came to the handle and closed (N).
     pub hit: f64,
@@ -123,9 +123,9 @@ pub struct Outcome {
     pub pull: f64,
     /// The largest force at all (N).
     pub worst: f64,
-    /// By how much the laser was wrong about the angle of the door while it opened (deg).
+    /// The largest error of the angle that the laser sees while the door opens (deg).
     pub wrong: f64,
-    /// How long it took (s).
+    /// The duration (s).
     pub seconds: f64,
 }
 
@@ -141,7 +141,7 @@ impl Outcome {
         self.finish == Finish::Done && self.is_there()
     }
 
-    /// Whether all is as a mission that is done says.
+    /// Returns whether all is as a mission that is done says.
     fn is_there(&self) -> bool {
         self.angle >= OPEN && self.beyond.is_none_or(|beyond| beyond > BEYOND)
     }

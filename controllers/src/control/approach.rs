@@ -14,7 +14,7 @@ pub struct Approach {
     pub fast: f64,
     /// Over the last part (m/s).
     pub slow: f64,
-    /// How far it is fast (m).
+    /// The length of its fast part (m).
     pub free: f64,
     /// The whole way (m).
     pub length: f64,
@@ -22,7 +22,7 @@ pub struct Approach {
     pub acceleration: f64,
 }
 
-/// Where on the way it is.
+/// A place on the way.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Progress {
     /// (m).

@@ -1,4 +1,4 @@
-//! How much room there is around the robot, by what its laser sees.
+//! The room around the robot, by what its laser sees.
 //!
 //! Seen from above: the base is a disc, upper arm, forearm and wrist are capsules. Everything that a ray has met may be as high
 //! as the robot. The fingers are left out, for they are there to touch.
@@ -12,7 +12,7 @@ use nalgebra::Vector2;
 pub const BASE_RADIUS: f64 = 0.31;
 /// Of upper arm, forearm and wrist (m).
 const RADII: [f64; 3] = [0.09, 0.07, 0.05];
-/// How many points may be nearer: a ray or two may be wrong.
+/// The number of points that may be nearer: a ray or two may be wrong.
 const STRAYS: usize = 2;
 
 /// Returns the distance from the robot with its joints at `q` (rad) to the `points` (m, base axes) that are nearest; none if

@@ -36,16 +36,16 @@ pub const BUDGET: f64 = 0.6;
 /// Beyond this delay (s) even the smallest useful gain is too much, and the loop refuses.
 pub const DELAY_MAX: f64 = 0.40;
 
-/// Where another law leads the hand, so that compliance leaves that direction alone. Unit vectors in tool axes.
+/// The direction in which another law leads the hand; compliance leaves it alone. Unit vectors in tool axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guide {
     /// The way the hand is led.
     pub tangent_in_tool: Vector3<f64>,
     /// The vertical, upwards.
     pub up_in_tool: Vector3<f64>,
-    /// Whether the hand may give way upwards and downwards.
+    /// The hand may give way upwards and downwards.
     pub upward: bool,
-    /// Whether another law turns the hand about the vertical, so that compliance leaves this turn alone.
+    /// Another law turns the hand about the vertical, so compliance leaves this turn alone.
     pub turned: bool,
 }
 
@@ -80,7 +80,7 @@ pub fn loop_delay(age: f64) -> f64 {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Compliance {
     slow: LowPass<3>,
-    /// How large forces have been lately, whatever their direction.
+    /// The recent size of forces, whatever their direction.
     size: LowPass<1>,
     guard: OscillationGuard,
 }

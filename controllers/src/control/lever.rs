@@ -9,7 +9,7 @@
 use super::press::{LEVER, ROLL};
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// How a height is held (1/s), and with at most which speed (m/s).
+/// The gain with which a height is held (1/s), and the largest speed (m/s).
 const GAIN: f64 = 3.0;
 const HOLD_MAX: f64 = 0.02;
 /// A lever that pushes harder than at first by so much (N) gives the height; it may push as hard as this, and is never held
@@ -18,13 +18,13 @@ const HARDER: f64 = 8.0;
 const FORCE_MAX: (f64, f64) = (30.0, 48.0);
 /// The time over which the force at the beginning is averaged (s).
 const FELT_TIME: f64 = 0.25;
-/// How fast the hand rises (m/s), and the force of a lever that is up (N).
+/// The speed at which the hand rises (m/s), and the force of a lever that is up (N).
 const RISE: f64 = 0.03;
 const RISE_FORCE: f64 = 12.0;
 /// A hand that leans no further is level (rad), and one that leans no further may turn about the lever.
 const LEVEL: f64 = 0.04;
 const LEANS: f64 = 0.35;
-/// How long it takes at most (s).
+/// The longest time it takes (s).
 const TIME_MAX: f64 = 5.0;
 
 /// A lever in the hand.
@@ -32,9 +32,9 @@ const TIME_MAX: f64 = 5.0;
 pub struct Lever {
     /// Of the hand that keeps it down (m).
     height: Option<f64>,
-    /// How hard it pushes at first (N), and for how long that has been felt (s).
+    /// The force with which it pushes at first (N), and the time for which that has been felt (s).
     felt: (f64, f64),
-    /// How long it has been let up (s); none if it is up.
+    /// The time for which it has been let up (s); none if it is up.
     rising: Option<f64>,
 }
 

@@ -15,7 +15,7 @@ pub struct Line {
     pub normal: Vector2<f64>,
     /// Distance of the line from the origin (m), not negative.
     pub distance: f64,
-    /// How many points lie on it.
+    /// The number of points on it.
     pub inliers: usize,
 }
 
@@ -37,10 +37,10 @@ pub fn fit(points: &[Vector2<f64>], tolerance: f64, random: &mut Random) -> Opti
     through(&inliers).map(|(line, _)| line)
 }
 
-/// How well points fix their line.
+/// The accuracy with which points fix their line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spread {
-    /// How many points there are.
+    /// The number of points.
     pub count: usize,
     /// From the first to the last along the line (m).
     pub length: f64,

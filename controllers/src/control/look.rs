@@ -6,7 +6,7 @@
 use super::ramp::towards;
 use nalgebra::Vector6;
 
-/// How long it stands and looks first (s).
+/// The time for which it stands and looks first (s).
 const STAND: f64 = 0.4;
 /// (m/s), (m).
 const BACK_SPEED: f64 = 0.06;
@@ -17,7 +17,7 @@ const SIDES: [f64; 5] = [0.35, -0.35, 0.8, -0.8, 0.0];
 /// (m/s², rad/s²).
 const ACCELERATION: f64 = 0.4;
 
-/// Where the search is.
+/// The state of the search.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Search {
     time: f64,
@@ -35,7 +35,7 @@ impl Search {
     /// Returns the velocity of the hand (m/s, rad/s, tool axes) for the next `dt` (s), with the vertical `up_in_tool`.
     ///
     /// # Errors
-    /// When it has looked everywhere.
+    /// It has looked everywhere.
     pub fn advance(&mut self, up_in_tool: &nalgebra::Vector3<f64>, dt: f64) -> Result<Vector6<f64>, Nowhere> {
         self.time += dt;
         let (mut linear, mut angular) = (0.0, 0.0);

@@ -1,4 +1,4 @@
-//! Whether a force loop swings, and how much of its gain it may keep.
+//! Oscillation of a force loop, and the share of its gain that it may keep.
 //!
 //! Whether a loop is calm depends on the stiffness of what the hand holds, which nobody knows beforehand: fingers on a lever
 //! may be eight times as stiff as the budget of [`super::compliant`] has it. A loop beyond its budget swings to and fro, and

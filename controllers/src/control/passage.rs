@@ -23,7 +23,7 @@ const TOLERANCE: f64 = 0.02;
 const AROUND: f64 = 0.30;
 /// From the leaf's edge back to where the robot stands to look through the door, likewise (m).
 const BEFORE: f64 = 0.45;
-/// How far beyond the wall the base stands in the end, beside its radius (m): wheels may be wrong by 5 % of the way.
+/// The distance of the base beyond the wall in the end, beside its radius (m): wheels may be wrong by 5 % of the way.
 const BEYOND: f64 = 0.30;
 /// A corridor may turn from where it is expected by so much (rad), in such steps, and lie so far beside (m).
 const TURN: f64 = 0.20;
@@ -46,11 +46,11 @@ pub struct Way {
 /// A door that stands open, as seen from above (m).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Doorway {
-    /// Where the leaf meets the wall.
+    /// The point where the leaf meets the wall.
     pub hinge: Vector2<f64>,
     /// The free edge of the leaf.
     pub edge: Vector2<f64>,
-    /// Where that edge is when the door is shut.
+    /// The place of that edge when the door is shut.
     pub latch: Vector2<f64>,
     /// The normal of the wall, towards the robot's side.
     pub out: Vector2<f64>,
@@ -208,7 +208,7 @@ fn lossless(steps: f64) -> u32 {
     steps.round() as u32
 }
 
-/// Where two lines meet.
+/// The point where two lines meet.
 fn crossing(a: &Line, b: &Line) -> Option<Vector2<f64>> {
     let cross = a.normal.perp(&b.normal);
     let meet = Vector2::new(

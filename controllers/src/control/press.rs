@@ -50,13 +50,13 @@ const CUTOFF: f64 = 12.0;
 /// The state of one pressing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Press {
-    /// Where it began, once the hand has relaxed.
+    /// The pose at which it began, once the hand has relaxed.
     height: Option<f64>,
     time: f64,
     give: Compliance,
     /// From the robot's view, horizontal.
     left: Vector3<f64>,
-    /// Where the lever points, once known.
+    /// The direction of the lever, once known.
     lever: Option<Vector3<f64>>,
     filter: LowPass<3>,
     /// Depths (m) and forces (N) of the last few millimetres, as they were measured.
@@ -69,7 +69,7 @@ pub struct Press {
     variance: f64,
 }
 
-/// How far it has come.
+/// The state of a press.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum State {
     /// On the way.
@@ -85,9 +85,9 @@ pub enum State {
 pub struct Down {
     /// Velocity of the hand (m/s, rad/s, tool axes).
     pub twist_in_tool: Vector6<f64>,
-    /// How far the hand has gone down (m).
+    /// The way of the hand downwards (m).
     pub depth: f64,
-    /// Whether the lever is down.
+    /// The state of the lever.
     pub state: State,
 }
 
@@ -166,7 +166,7 @@ impl Press {
         }
     }
 
-    /// How fast the hand goes down (m/s): back from the stop until hardly more than the lever's spring is left.
+    /// The speed of the hand downwards (m/s): back from the stop until hardly more than the lever's spring is left.
     fn ease(&mut self, state: State, felt: f64, dt: f64) -> (State, f64) {
         if state == State::Down && self.eases.is_none() {
             let spring = self.way.iter().map(|(_, felt)| *felt).fold(felt, f64::min);
@@ -185,7 +185,7 @@ impl Press {
         -Vector3::z() * c - lever * s
     }
 
-    /// How long a way (m) tells the slope of a stop from that of a spring, with samples so far apart (m): that of a line's
+    /// The way (m) that tells the slope of a stop from that of a spring, with samples so far apart (m): that of a line's
     /// slope, deviation / way / sqrt(samples / 12), is to be small enough.
     fn slope_way(&self, apart: f64) -> f64 {
         let enough = (STOP_SLOPE - SPRING_SLOPE) / SURE;

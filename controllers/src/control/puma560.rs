@@ -33,7 +33,7 @@ pub const RATES_MAX: [f64; 6] = [1.4, 1.0, 1.8, 3.0, 3.0, 3.0];
 /// The posture to work at a door from (deg): hand level, x along the lever, z ahead.
 pub const DOOR_POSTURE_DEG: [f64; 6] = [0.0, 45.0, -180.0, 0.0, 45.0, 90.0];
 
-/// Where the tool is, and how it moves with the joints.
+/// The pose of the tool, and its motion with the joints.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Forward {
     /// Pose of the tool in the base frame.

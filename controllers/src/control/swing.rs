@@ -1,6 +1,6 @@
 //! The direction in which a door opens, and how it is found out: gently in either direction first.
 
-/// Where the pull is gone: at first, and for a door that has not moved for some time (N).
+/// The pull at which the hand stops: at first, and for a door that has not moved for some time (N).
 pub const PULL_MAX: (f64, f64) = (50.0, 70.0);
 /// The most that pull and lever may come to together (N).
 pub const TOTAL_MAX: f64 = 72.0;
@@ -11,13 +11,13 @@ const GENTLE: [Attempt; 4] = [
     Attempt { pull: 46.0, total: 54.0 },
     Attempt { pull: 55.0, total: 58.0 },
 ];
-/// And for a door that does not move with that.
+/// The same for a door that does not move with that.
 pub const HARD: Attempt = Attempt { pull: PULL_MAX.1, total: TOTAL_MAX };
 
-/// How hard the hand tries (N).
+/// The forces of one try (N).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Attempt {
-    /// Where the pull is gone at last.
+    /// The pull at which the hand stops at last.
     pub pull: f64,
     /// The most that pull and lever may come to together (N).
     pub total: f64,

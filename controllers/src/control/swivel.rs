@@ -1,4 +1,4 @@
-//! Where a robot has to be that pushes a door open: its base goes into the opening, not into the jambs.
+//! The stance of a robot that pushes a door open: its base goes into the opening, not into the jambs.
 //!
 //! A hand that stays square to the leaf would drive the forearm through the jamb on the side of the latch at 10 degrees. So the
 //! hand turns about the handle, which turns between the fingers, by as much as it takes for the base to be in the opening when
@@ -21,17 +21,17 @@ const JAMB: f64 = 0.01;
 const ASKEW: (f64, f64) = (0.70, 1.25);
 /// The hand begins to turn at this angle of the door (rad), and has to be on its way by that.
 const FROM: (f64, f64) = (0.03, 0.28);
-/// How it approaches its angle (1/s), and at most how fast (rad/s).
+/// The gain with which the hand approaches its angle (1/s), and its largest rate (rad/s).
 const GAIN: f64 = 2.0;
 const RATE_MAX: f64 = 0.30;
 /// The door waits for a hand that is so far behind (rad): it begins to, and is as slow as it gets.
 const BEHIND: (f64, f64) = (0.05, 0.30);
 const PACE_MIN: f64 = 0.2;
-/// The motion of the base besides: how it approaches its place (1/s), and at most how fast (m/s).
+/// The motion of the base besides: the gain with which it approaches its place (1/s), and its largest speed (m/s).
 const BASE_GAIN: f64 = 1.0;
 const BASE_MAX: f64 = 0.12;
 
-/// Where the robot stands, seen from above in a frame that does not move.
+/// The place of the robot, seen from above in a frame that does not move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stance {
     /// (m).
@@ -47,9 +47,9 @@ pub struct Stance {
 pub struct Turn {
     /// Of the hand about the vertical (rad/s), counter-clockwise.
     pub rate: f64,
-    /// How fast the door may go meanwhile, at most 1.
+    /// The share of its speed that the door may go with meanwhile, at most 1.
     pub pace: f64,
-    /// How far the door is open by the way the handle goes (rad).
+    /// The angle of the door by the way the handle goes (rad).
     pub angle: f64,
     /// Of the base, as far as the hand does not notice (m/s), in the frame of the stances.
     pub base: Vector2<f64>,

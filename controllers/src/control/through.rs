@@ -14,9 +14,9 @@ use super::ramp::towards_together;
 use super::redundancy::{BASE_ACCELERATION_MAX, Rates};
 use nalgebra::{Isometry2, Isometry3, Point2, Rotation2, Vector2, Vector3};
 
-/// How near anything may come to the robot (m), as while it opens the door.
+/// The least room around the robot (m), as while it opens the door.
 pub const ROOM_MIN: f64 = 0.03;
-/// How far the hand backs away from the handle (m).
+/// The distance by which the hand backs away from the handle (m).
 const BACK: f64 = 0.25;
 /// The arm above the base's disc (deg): upper arm up, forearm above it, 1.9 m high. Joint 6 stays as it is.
 const FOLDED_DEG: [f64; 5] = [0.0, 110.0, -140.0, 0.0, -95.0];
@@ -40,7 +40,7 @@ const AHEAD: f64 = 0.35;
 const LOOKS: u32 = 10;
 /// A corridor is believed by so much of each sweep.
 const SHARE: f64 = 0.2;
-/// How much wider it may look from one sweep to the next (m).
+/// The largest growth of the opening from one sweep to the next (m).
 const TOLERANCE: f64 = 0.02;
 /// The jambs are beside the laser when it has so far to go (m); from then on it drives straight on.
 const BLIND: f64 = 1.05;
@@ -55,13 +55,13 @@ const GUESS: f64 = 0.03;
 pub struct Sweep {
     /// In base axes (m).
     pub points: Vec<Vector2<f64>>,
-    /// Where the base was then, in the odometry frame.
+    /// The pose of the base then, in the odometry frame.
     pub from: Pose,
-    /// Where the arm was then (rad).
+    /// The joints then (rad).
     pub joints: Joints,
 }
 
-/// Why it is not through.
+/// A reason why the robot is not through.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Failure {
     /// The leaf does not stay where it was let go.

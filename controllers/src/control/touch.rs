@@ -22,7 +22,7 @@ const FIRST: u32 = 12;
 /// Watches the samples of a force.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Touch {
-    /// How long it takes until a force counts as one that was always there (s); none if it never does.
+    /// The time after which a force counts as one that was always there (s); none if it never does.
     forgets: Option<f64>,
     usual: Vector3<f64>,
     last: Option<Vector3<f64>>,

@@ -20,7 +20,7 @@ const GAP: f64 = 0.08;
 /// The inputs of [`Puma560Ctrl`].
 #[derive(Debug, Inputs)]
 pub(super) struct CtrlInputs {
-    /// How the joints shall move.
+    /// The rates of the joints.
     #[port("In")]
     rates: In<JointVelocity>,
     /// The arm's encoders.
@@ -193,7 +193,7 @@ impl Controller for Puma560Joints {
 /// The inputs of [`Puma560`].
 #[derive(Debug, Inputs)]
 pub(super) struct ArmInputs {
-    /// How the hand shall move.
+    /// The velocity of the hand.
     #[port("In1")]
     velocity: In<Velocity>,
     /// The arm's encoders.

@@ -17,7 +17,7 @@ const SETTLING: Duration = Duration::from_millis(400);
 /// The inputs of [`Xr4000Ctrl`].
 #[derive(Debug, Inputs)]
 pub(super) struct CtrlInputs {
-    /// How the base shall move.
+    /// The velocity of the base.
     #[port("In")]
     velocity: In<BaseVelocity>,
 }
@@ -95,7 +95,7 @@ pub(super) struct OdometryInputs {
 /// The outputs of [`Xr4000Odometry`].
 #[derive(Debug, Outputs)]
 pub(super) struct OdometryOutputs {
-    /// Where the base is, from where it was when this began.
+    /// The pose of the base in the frame of its start.
     #[port("Out")]
     pose: Out<BasePose>,
 }

@@ -59,7 +59,7 @@ pub(super) struct GripperControl {
     held: Debounce,
     empty: Debounce,
     started: Time,
-    /// When closing fingers met something, and for how long the hand has been at ease since.
+    /// The time at which closing fingers met something, and the time for which the hand has been at ease since.
     met: Option<Time>,
     at_ease: Debounce,
     watch: Watch,
@@ -73,7 +73,7 @@ impl GripperControl {
         }
     }
 
-    /// How hard the fingers press (N).
+    /// The force of the fingers (N).
     fn press(&mut self, now: Time, inputs: &Inputs) -> f64 {
         if self.goal == Goal::Open {
             return FIRM;

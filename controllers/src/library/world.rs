@@ -25,7 +25,7 @@ const SIGNALS_EVERY: Duration = Duration::from_millis(40);
 /// A visitor's push grows for this long (s), then ends.
 const PUSH_TIME: f64 = 4.0;
 
-/// What it hears.
+/// The inputs of the controller.
 #[derive(Debug, Inputs)]
 pub(super) struct Inputs {
     /// To the arm.
@@ -42,7 +42,7 @@ pub(super) struct Inputs {
     gripper: In<GripperCommand>,
 }
 
-/// What it says.
+/// The outputs of the controller.
 #[derive(Debug, Outputs)]
 pub(super) struct Outputs {
     /// The arm's encoders.
@@ -70,7 +70,7 @@ pub(super) struct Outputs {
 pub(super) struct DoorWorld {
     setup: Setup,
     delays: Delays,
-    /// When a visitor begins to push the hand (s), never if negative, and how hard in the end (N).
+    /// The time at which a visitor begins to push the hand (s), never if negative, and the final force (N).
     push: (f64, f64),
     failing: Failing,
     state: Option<Box<State>>,
@@ -132,7 +132,7 @@ impl<T: Stamped> Line<T> {
     }
 }
 
-/// What samples meet between their devices and their readers.
+/// The delays and failures of samples between their devices and their readers.
 struct Bus<'a> {
     delays: Delays,
     failure: &'a Failure,

@@ -35,13 +35,13 @@ const STIFFNESS: f64 = 2e4;
 /// A force on a part of the robot, world frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Load {
-    /// Where (m).
+    /// The point it acts at (m).
     pub at: Vector3<f64>,
     /// (N).
     pub force: Vector3<f64>,
     /// (Nm).
     pub torque: Vector3<f64>,
-    /// How many joints there are between the base and the part.
+    /// The number of joints between the base and the part.
     pub joints: usize,
 }
 
@@ -52,11 +52,11 @@ pub struct Hit {
     pub load: Load,
     /// The index of the wall.
     pub wall: usize,
-    /// Where on the wall (m).
+    /// The point on the wall (m).
     pub at: Vector2<f64>,
 }
 
-/// Where the joints are.
+/// The robot's joints and links in the world frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Body {
     base: Pose,
@@ -158,7 +158,7 @@ impl Body {
     }
 }
 
-/// Where a part comes nearest to a wall: as a share of the part's length, and the place on the wall.
+/// The point of a part that is nearest to a wall, as a share of the part's length, and the nearest point on the wall.
 fn nearest(part: &Wall, wall: &Wall) -> (f64, Vector2<f64>) {
     let along = part.1 - part.0;
     let on_wall = |p: &Vector2<f64>| {

@@ -51,7 +51,7 @@ impl Camera {
         })
     }
 
-    /// Where a point of the camera frame (m) appears (px), and how deep it is (m).
+    /// The image (px) and the depth (m) of a point of the camera frame (m).
     fn project(&self, point: &Vector3<f64>) -> Option<([f64; 2], f64)> {
         if point.z < DEPTH_MIN {
             return None;

@@ -3,21 +3,21 @@
 use super::door::Handle;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-/// What closed fingers leave of the lever's place between them, handle axes: all of it along the lever, nothing across.
+/// The share of the lever's offset that closed fingers leave, handle axes: all of it along the lever, nothing across.
 const CENTRED: Vector3<f64> = Vector3::new(1.0, 0.0, 0.3);
 
-/// What hand and lever are like where they touch.
+/// The contact of hand and lever.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Description {
     /// Of a fingertip against the lever (N/m).
     pub touch_stiffness: f64,
     /// (N s/m).
     pub touch_damping: f64,
-    /// How far beside its middle a fingertip still meets the lever (m).
+    /// The largest distance from the lever's middle at which a fingertip meets it (m).
     pub touch_reach: f64,
-    /// How far from the lever's middle closing fingers still meet it (m).
+    /// The largest distance from the lever's middle at which closing fingers meet it (m).
     pub grasp_reach: f64,
-    /// By how much hand and lever may be turned against each other for the fingers to close on it (rad): the approach, and
+    /// The largest angle between hand and lever at which the fingers close on it (rad): of the approach, and
     /// the lever's direction either way round.
     pub grasp_turn: f64,
     /// Of the lever in closed fingers (N/m).
@@ -72,7 +72,7 @@ pub struct Push {
     pub torque: Vector3<f64>,
 }
 
-/// Whether the lever is held, and how.
+/// The state of the grasp.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grasp {
     description: Description,
@@ -82,9 +82,9 @@ pub struct Grasp {
 /// A lever between closed fingers.
 #[derive(Clone, Debug, PartialEq)]
 struct Held {
-    /// Where the hand is when the fingers do not strain the lever, in the handle frame (m).
+    /// The position of the hand at which the fingers do not strain the lever, in the handle frame (m).
     offset: Vector3<f64>,
-    /// Where that is once the fingers have centred the lever (m).
+    /// The same once the fingers have centred the lever (m).
     centred: Vector3<f64>,
     /// The hand in the handle frame, when it closed.
     rotation: UnitQuaternion<f64>,

@@ -6,14 +6,14 @@ const LEVER_INERTIA: f64 = 0.01;
 /// Of a torque of the fingers about the lever's axis, what reaches the lever; the rest slips.
 const FINGERS_TURN: f64 = 0.3;
 
-/// What a door is like.
+/// The description of a door.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Description {
-    /// Where the hinge is, as the robot sees it.
+    /// The side of the hinge, as the robot sees it.
     pub side: Side,
-    /// Which way the leaf goes, as the robot sees it.
+    /// The direction in which the leaf opens, as the robot sees it.
     pub swing: Swing,
-    /// Whether the lever frees the latch.
+    /// The state of the lock.
     pub lock: Lock,
     /// From the hinge to where the lever is held (m).
     pub radius: f64,
@@ -23,7 +23,7 @@ pub struct Description {
     pub inertia: f64,
     /// Torque of the closer at rest (Nm).
     pub closer: f64,
-    /// By how much that grows with the angle (Nm/rad).
+    /// The growth of that with the angle (Nm/rad).
     pub closer_rate: f64,
     /// Dry friction of the hinge (Nm).
     pub friction: f64,
@@ -49,7 +49,7 @@ pub struct Description {
     pub lever_stop: f64,
     /// Torque of the lever's spring when it leaves its rest (Nm).
     pub lever_torque: f64,
-    /// By how much that grows with the lever's angle (Nm/rad).
+    /// The growth of that with the lever's angle (Nm/rad).
     pub lever_rate: f64,
 }
 
@@ -82,7 +82,7 @@ impl Default for Description {
     }
 }
 
-/// Where the hinge is, as the robot sees it.
+/// The side of the hinge, as the robot sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
     /// On the left; the lever points to the left, too.
@@ -91,7 +91,7 @@ pub enum Side {
     Right,
 }
 
-/// Which way the leaf goes, as the robot sees it.
+/// The direction in which the leaf opens, as the robot sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Swing {
     /// Towards the robot.
@@ -100,7 +100,7 @@ pub enum Swing {
     Push,
 }
 
-/// Whether the lever frees the latch.
+/// The state of the lock: a lever frees the latch only if the door is unlocked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lock {
     /// It does.
@@ -121,7 +121,7 @@ pub struct Door {
     lever_rate: f64,
 }
 
-/// Where the handle is and how it moves, in the world frame.
+/// Pose and motion of the handle in the world frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Handle {
     /// Pose: x along the lever from its axis outwards, z into the door.
@@ -165,7 +165,7 @@ impl Door {
         }
     }
 
-    /// How the leaf turns about the vertical when it opens: +1 counter-clockwise seen from above.
+    /// The sense in which the leaf turns when it opens: +1 counter-clockwise seen from above.
     fn sense(&self) -> f64 {
         match self.description.swing {
             Swing::Pull => -self.mirror(),

@@ -4,7 +4,7 @@ use crate::control::ramp::towards;
 use comms::logic::time::Time;
 use std::time::Duration;
 
-/// How long a command is obeyed.
+/// The validity of a command.
 pub const WATCHDOG: Duration = Duration::from_millis(100);
 
 /// The controller that may speak to a device.

@@ -64,7 +64,7 @@ pub fn walls(door: &Door) -> [(Vector2<f64>, Vector2<f64>); 7] {
     ]
 }
 
-/// Where a ray meets a stretch of wall.
+/// The range (m) at which a ray meets a stretch of wall.
 fn hit(from: &Vector2<f64>, along: &Vector2<f64>, a: &Vector2<f64>, b: &Vector2<f64>) -> Option<f64> {
     let (wall, to) = (b - a, a - from);
     let cross = along.perp(&wall);

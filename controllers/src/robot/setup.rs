@@ -17,15 +17,15 @@ pub struct Setup {
     pub contact: contact::Description,
     /// Drives and wheels.
     pub machine: Machine,
-    /// What sensors see.
+    /// The errors of the sensors.
     pub sensors: Sensors,
-    /// Where it begins.
+    /// The start pose.
     pub start: Start,
-    /// What goes wrong.
+    /// The faults.
     pub faults: Faults,
 }
 
-/// What the robot is like.
+/// The description of the robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Machine {
     /// Time constant of the base's drives (s).
@@ -50,9 +50,9 @@ pub struct Machine {
     pub arm_speed: f64,
     /// See above.
     pub arm_acceleration: f64,
-    /// What the fingers press with at most (N).
+    /// The largest force of the fingers (N).
     pub grip_force: f64,
-    /// How fast they close and open (m/s).
+    /// The speed at which they close and open (m/s).
     pub grip_speed: f64,
 }
 
@@ -76,7 +76,7 @@ impl Default for Machine {
     }
 }
 
-/// What is wrong with the sensors: noise, and calibrations that do not hold.
+/// The errors of the sensors: noise, and calibrations that do not hold.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sensors {
     /// All noise is so many times what it says here.
@@ -93,7 +93,7 @@ pub struct Sensors {
     pub focal_error: f64,
     /// The camera sits off its place by up to this along each axis (m).
     pub camera_shift: f64,
-    /// And is turned by up to this about each axis (rad).
+    /// The largest turn of it about each axis (rad).
     pub camera_turn: f64,
     /// Each encoder of the arm is off by up to this (rad).
     pub joint_offset: f64,
@@ -151,7 +151,7 @@ impl Sensors {
     }
 }
 
-/// Where the robot begins: before the handle, looking at it.
+/// The start pose of the robot: before the handle, looking at it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Start {
     /// From the wall (m).
@@ -172,14 +172,14 @@ impl Default for Start {
     }
 }
 
-/// What goes wrong.
+/// The faults of a world.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Faults {
     /// The lever leaves the fingers for good when the door is this far open (rad).
     pub lose_at: f64,
-    /// When the base's wheels begin to turn on the spot.
+    /// The trigger at which the base's wheels begin to turn on the spot.
     pub base_slip: Slip,
-    /// For how long they do (s).
+    /// The duration of that (s).
     pub base_slip_for: f64,
     /// A visitor begins to shut the door when it is so far open for the first time (rad).
     pub shut_at: f64,
@@ -189,14 +189,14 @@ pub struct Faults {
     pub shut_for: f64,
 }
 
-/// What makes the wheels slip: whatever comes first.
+/// The triggers of wheel slip; the first one counts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Slip {
     /// So long after the start (s).
     pub time: f64,
-    /// When the lever is so far down for the first time (rad).
+    /// The angle of the lever at which it begins (rad).
     pub lever: f64,
-    /// When the door is so far open for the first time (rad).
+    /// The angle of the door at which it begins (rad).
     pub door: f64,
 }
 

@@ -9,7 +9,7 @@ use std::time::Duration;
 /// A number of the world: its parameter, its unit, from where to where.
 type Number = (&'static str, &'static str, f64, f64);
 
-/// What may be wrong: the numbers of each line are drawn together.
+/// The faults: the numbers of each line are drawn together.
 const WRONG: [&[Number]; 26] = [
     &[("base_slip_door", "rad", 0.0, 66.0 * DEGREE), ("base_slip_for", "s", 0.5, 15.0)],
     &[("base_slip_door", "rad", 45.0 * DEGREE, 62.0 * DEGREE), ("base_slip_for", "s", 5.0, 15.0)],

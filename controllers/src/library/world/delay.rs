@@ -5,7 +5,7 @@ use comms::logic::time::Time;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// How long samples and commands take between a device and its bus, beyond what the network takes.
+/// The delays of samples and commands between a device and its bus, beyond those of the network.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Delays {
     /// Of the samples of arm, base, wrist, gripper, laser and camera.

@@ -7,7 +7,7 @@ use comms::logic::time::Time;
 /// The devices, in the order in which the world measures.
 const DEVICES: [&str; 6] = ["arm", "base", "force", "gripper", "laser", "camera"];
 
-/// What a device does in place of measuring.
+/// The behaviour of a device that fails.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum How {
     /// It says nothing.
@@ -26,7 +26,7 @@ pub(super) struct Failing {
     how: How,
     /// So long after the start (s), or when the door is so far open (rad), whatever comes first; never if negative.
     at: (f64, f64),
-    /// For how long (s).
+    /// The duration (s).
     span: f64,
 }
 
@@ -68,7 +68,7 @@ macro_rules! stamped {
 
 stamped!(ArmState, BaseState, FtState, GripperState, LaserState, CameraState);
 
-/// What the device that fails sent last, and since when it fails.
+/// The state of the device that fails: its last sample, and the time at which it began to fail.
 #[derive(Clone, Debug)]
 pub(super) struct Failure {
     failing: Failing,
