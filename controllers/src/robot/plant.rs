@@ -25,9 +25,11 @@ const DT: f64 = 1e-3;
 /// (m/s²).
 const GRAVITY: f64 = 9.81;
 const GRIP_FORCE_RISE: f64 = 400.0;
-/// What the drives of our base can do, but for their lag.
+/// The time in which a visitor's torque on the leaf rises (s): that of a person's push.
+const SHUT_RISE: f64 = 0.2;
+/// The limits of our base's drives, without their lag.
 const BASE: Limits<3> = Limits { lag: 0.0, acceleration: [1.0, 1.0, 1.5], speed: [0.6, 0.6, 0.7] };
-/// And those of our arm.
+/// The limits of our arm's drives, without their lag.
 const ARM: Limits<6> = Limits { lag: 0.0, acceleration: [8.0; 6], speed: puma560::RATES_MAX };
 
 /// Everything that moves.
@@ -170,7 +172,7 @@ impl Plant {
         std::array::from_fn(|i| self.rates()[i + 3])
     }
 
-    /// What the axes do: as the drives will have it, and as forces make them.
+    /// The rates of the axes: what the drives command, and what forces add.
     fn rates(&self) -> redundancy::Rates {
         let driven = redundancy::Rates::from_fn(|i, _| {
             if i < 3 { self.base_drive.velocity[i] } else { self.arm_drive.velocity[i - 3] }
@@ -213,9 +215,8 @@ impl Plant {
         }
         self.push = self.grasp.push(&hand, &handle);
         self.visitor = *visitor;
-        if self.is_being_shut() {
-            self.door.push_shut(self.setup.faults.shut_torque, DT);
-        }
+        let share = self.shut_share();
+        self.door.push_shut(share * self.setup.faults.shut_torque, DT);
         self.door.step(&-self.push.force, &-self.push.torque, DT);
         self.step_body(&hand, visitor);
         self.step_robot();
@@ -227,14 +228,14 @@ impl Plant {
         self.force_torque.step(&[force.x, force.y, force.z, torque.x, torque.y, torque.z], DT);
     }
 
-    /// What a payload does to the hand (N, world axes): its weight and its inertia.
+    /// The force of a payload on the hand (N, world axes): its weight and its inertia.
     fn load(&mut self, hand: &Hand) -> Vector3<f64> {
         let before = self.hand_velocity.replace(hand.velocity).unwrap_or(hand.velocity);
         let acceleration = (hand.velocity - before) / DT;
         -(acceleration + Vector3::z() * GRAVITY) * self.setup.machine.payload
     }
 
-    /// Whether the wheels turn on the spot.
+    /// Returns whether the wheels turn on the spot.
     fn slips(&mut self) -> bool {
         let faults = &self.setup.faults;
         let is_time = self.now.since(self.began).as_secs_f64() >= faults.base_slip.time;
@@ -245,16 +246,17 @@ impl Plant {
         self.slipping_since.is_some_and(|since| self.now.since(since).as_secs_f64() < faults.base_slip_for)
     }
 
-    /// Whether a visitor leans on the leaf.
-    fn is_being_shut(&mut self) -> bool {
+    /// Returns the share of his torque with which a visitor leans on the leaf.
+    fn shut_share(&mut self) -> f64 {
         let faults = &self.setup.faults;
         if self.shutting_since.is_none() && self.door.angle >= faults.shut_at {
             self.shutting_since = Some(self.now);
         }
-        self.shutting_since.is_some_and(|since| self.now.since(since).as_secs_f64() < faults.shut_for)
+        let since = self.shutting_since.map(|since| self.now.since(since).as_secs_f64());
+        since.filter(|since| *since < faults.shut_for).map_or(0.0, |since| (since / SHUT_RISE).min(1.0))
     }
 
-    /// What the robot runs into and what pushes it, and how its drives give way.
+    /// Finds the collisions and forces on the robot, and how far its drives give way.
     fn step_body(&mut self, hand: &Hand, visitor: &Vector3<f64>) {
         let body = Body::new(&self.base, &self.joints);
         let at = hand.world_from_tool.translation.vector;
@@ -400,6 +402,43 @@ mod tests {
         // what 0.3 m/s of sliding takes on top, 150 N: 17.5 mm at 20 N/mm.
         assert!((plant.base().y - (2.5 - 0.31 + 0.0175)).abs() < 2e-3, "{}", plant.base());
         assert!((plant.collision() - 350.0).abs() < 25.0, "{}", plant.collision());
+    }
+
+    /// A hand that stands at a lever which slips out of its fingers at 10 N.
+    fn at_the_lever() -> Plant {
+        let hand = puma560::forward(&puma560::door_posture()).base_from_tool.translation.vector;
+        let mut setup = Setup { seed: 1, ..Setup::default() };
+        setup.start.distance = hand.x + setup.door.lever_standoff;
+        (setup.start.aside, setup.start.yaw, setup.start.spread) = (-hand.y, 0.0, 0.0);
+        (setup.door.lever_height, setup.contact.slip_force) = (hand.z, 10.0);
+        Plant::new(setup, Time::ZERO)
+    }
+
+    #[test]
+    fn a_lever_that_has_slipped_out_is_not_held_again_before_the_fingers_open() {
+        let mut plant = at_the_lever();
+        let grip = |plant: &mut Plant, width: f64| {
+            plant.grip_to(width, 40.0);
+            let mut held = false;
+            for _ in 0..1500 {
+                plant.step(&Vector3::zeros());
+                held |= plant.holds();
+            }
+            held
+        };
+        assert!(!grip(&mut plant, GRIP_MAX), "the fingers are open");
+        assert!(grip(&mut plant, 0.0) && plant.holds(), "the fingers are closed");
+        while plant.holds() {
+            assert!(plant.now < Time::ZERO + Duration::from_secs(6), "it does not slip");
+            plant.base_drive.command(Some(&[-0.05, 0.0, 0.0]), plant.now);
+            plant.step(&Vector3::zeros());
+        }
+        // A millimetre or two away, still well within reach, and the fingers still close.
+        assert!(plant.grasp.reaches(&plant.hand(), &plant.door.handle()));
+        assert!(!grip(&mut plant, 0.0) && plant.grip().0 <= 0.0, "{:?}", plant.grip());
+        assert!(!grip(&mut plant, GRIP_MAX));
+        assert!(plant.grasp.reaches(&plant.hand(), &plant.door.handle()));
+        assert!(grip(&mut plant, 0.0), "fingers that have opened hold it again");
     }
 
     #[test]

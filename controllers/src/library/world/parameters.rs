@@ -132,7 +132,7 @@ parameters! {
     "grip_force": force(5.0, 200.0), "40", "N", "the fingers press with this at most";
     "grip_speed": from(0.02, 0.5), "0.12", "m/s", "how fast they open and close";
     "shut_at": angle(-1.0, 2.5), "-1", "rad", "a visitor begins to shut the door when it is so far open; -1: never";
-    "shut_torque": torque(0.0, 100.0), "30", "Nm", "with this torque about the hinge";
+    "shut_torque": torque(0.0, 100.0), "30", "Nm", "with this torque about the hinge, risen within 0.2 s";
     "shut_for": time(0.0, 60.0), "2", "s", "for how long";
     "fails": Kind::Text(&["none", "arm", "base", "force", "gripper", "laser", "camera"]), "none", "", "the sensor that fails for a while";
     "fails_how": Kind::Text(&["silent", "repeats", "restamps"]), "silent", "", "it says nothing, repeats its last sample, or stamps old values as new";
