@@ -38,16 +38,18 @@ macro_rules! messages {
 }
 
 messages! {
-    /// How the hand shall move, and what the rest of the robot may do meanwhile.
+    /// A velocity for the hand, and wishes for the rest of the robot.
     Velocity {
         /// Linear (m/s), then angular (rad/s), of the grasp point along tool axes.
         twist: [f64; 6] = "Number[6]",
         /// A wish for what the hand does not notice: base x, y (m/s), yaw (rad/s), six joints (rad/s).
         null: [f64; 9] = "Number[9]",
+        /// The base does not turn; the arm turns in its place.
+        steady: bool = "Truth",
     }
     /// A force and a torque on the hand, by what it touches.
     Wrench {
-        /// When it was measured, as the device says (s since the origin of its host's clock).
+        /// The time of measurement by the device's stamp (s since the origin of its host's clock).
         measured: f64 = "Time",
         /// (N), tool axes.
         force: [f64; 3] = "Force[3]",
@@ -60,33 +62,33 @@ messages! {
         tangent: [f64; 3] = "Number[3]",
         /// Unit vector upwards, tool axes.
         up: [f64; 3] = "Number[3]",
-        /// Whether the hand may give way upwards and downwards.
+        /// The hand may give way upwards and downwards.
         upward: bool = "Truth",
-        /// Whether another law turns the hand about the vertical, so that compliance does not.
+        /// Another law turns the hand about the vertical, so compliance does not.
         turned: bool = "Truth",
     }
     /// The arm's joints.
     JointState {
-        /// When it was measured, as the device says (s since the origin of its host's clock).
+        /// The time of measurement by the device's stamp (s since the origin of its host's clock).
         measured: f64 = "Time",
         /// (rad).
         angles: [f64; 6] = "Angle[6]",
         /// (rad/s).
         rates: [f64; 6] = "AngularSpeed[6]",
     }
-    /// How the arm's joints shall move.
+    /// Commanded rates of the arm's joints.
     JointVelocity {
         /// (rad/s).
         rates: [f64; 6] = "AngularSpeed[6]",
     }
-    /// How the base shall move.
+    /// A commanded velocity of the base.
     BaseVelocity {
         /// x, y (m/s), yaw (rad/s), base axes.
         rates: [f64; 3] = "Number[3]",
     }
-    /// Where the base is by dead reckoning.
+    /// The pose of the base by dead reckoning.
     BasePose {
-        /// When it was measured, as the device says (s since the origin of its host's clock).
+        /// The time of measurement by the device's stamp (s since the origin of its host's clock).
         measured: f64 = "Time",
         /// x, y (m), yaw (rad), in the frame of the first sample.
         pose: [f64; 3] = "Number[3]",
@@ -136,7 +138,7 @@ messages! {
         force: [f64; 3],
         /// (Nm).
         torque: [f64; 3],
-        /// How often it has been set to zero.
+        /// The number of times it has been set to zero.
         zeroed: u32,
     }
     /// Device `ft`: sets what it measures now to zero.
@@ -175,5 +177,15 @@ messages! {
         stamp: Time,
         /// Column, row (px) and depth (m) of each mark that is seen.
         marks: [Option<[f64; 3]>; 4],
+    }
+}
+
+impl Velocity {
+    /// The hand at rest.
+    pub const REST: Self = Self { twist: [0.0; 6], null: [0.0; 9], steady: false };
+
+    /// Returns a motion of the hand (m/s, rad/s, tool axes) that leaves it to others how the rest of the robot moves.
+    pub fn of_hand(twist: [f64; 6]) -> Self {
+        Self { twist, ..Self::REST }
     }
 }

@@ -26,9 +26,9 @@ use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector2, Vector3, Vector6};
 
 /// Speed of the handle (m/s).
 pub const SPEED: f64 = 0.12;
-/// How quickly it is leant on harder (N/s).
+/// The rate at which a door is leant on harder (N/s).
 const LEAN: f64 = 15.0;
-/// And a door that is pushed, once it goes and slows the hand down, up to that (N/s, N).
+/// The same for a door that is pushed, once it goes and slows the hand down, up to that force (N/s, N).
 const LEAN_SLOWLY: f64 = 4.0;
 const PUSH_EASY: f64 = 58.0;
 /// A force on the hand that ends everything (N).
@@ -75,10 +75,10 @@ const MOVED_FIRST: f64 = 0.015;
 /// A handle that is pushed has left its latch when it has gone this far, and is pushed so fast until the lever is up (m, m/s).
 const UNLATCHED: f64 = 0.025;
 const LIFT_SPEED: f64 = 0.012;
-/// How fast a handle is pushed (m/s): the base has to get out of the way of the jambs meanwhile.
+/// The speed at which a handle is pushed (m/s): the base has to get out of the way of the jambs meanwhile.
 const PUSH_SPEED: f64 = 0.09;
 
-/// Where hand and base are.
+/// The places of hand and base.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Posture {
     /// The hand.
@@ -102,17 +102,17 @@ pub struct Opening {
     /// +1 if the lever points to the left, so that a door that is pulled opens clockwise seen from above.
     left: f64,
     opens: Opens,
-    /// How it tries now, whether that is the first, and what is left to be tried.
+    /// The present try, whether it is the first, and those that are left.
     trying: (Swing, Attempt),
     is_first: bool,
     left_to_try: Vec<(Swing, Attempt)>,
-    /// How far the handle has gone at most when it was pulled, and when it was pushed (m).
+    /// The furthest way of the handle when it was pulled, and when it was pushed (m).
     went: (f64, f64),
-    /// How far the hand has moved the way of this try (m), and the pull when it began (N).
+    /// The way of the hand in the direction of this try (m), and the pull when it began (N).
     way: f64,
     pull_from: Option<f64>,
     quick: LowPass<1>,
-    /// How much the grasp gives (m/N), at most.
+    /// The largest compliance of the grasp (m/N).
     soft: f64,
     /// The leaf against the wall as seen last (rad, counter-clockwise).
     seen: Option<f64>,
@@ -122,7 +122,7 @@ pub struct Opening {
     /// The speed at which the handle may go (m/s).
     top: f64,
     stalled: f64,
-    /// Where the pull is gone (N).
+    /// The pull at which the hand stops (N).
     pull_max: f64,
     slow: LowPass<1>,
     beside: LowPass<1>,
@@ -143,15 +143,15 @@ pub struct Pull {
     pub guide: Guide,
     /// Of the base, as far as the hand does not notice (m/s, odometry axes).
     pub base: Vector2<f64>,
-    /// How far the door is open by the estimate (rad).
+    /// The estimated angle of the door (rad).
     pub angle: f64,
     /// The slow part of the pull, where it is gone (N), and how much everything is slowed down, at most 1.
     pub effort: [f64; 3],
-    /// Why it cannot go on.
+    /// The reason why it cannot go on.
     pub failure: Option<Failure>,
 }
 
-/// Why an opening cannot go on.
+/// A reason why an opening cannot go on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Failure {
     /// The hand has pulled and pushed, as far as it was told to, and the door never moved.
@@ -233,9 +233,12 @@ impl Opening {
     }
 
     /// Takes the angle of the leaf against the wall as it is seen (rad, counter-clockwise): a leaf that stands the other
-    /// way corrects what the hand's roll has told.
-    pub fn see(&mut self, leaf: f64) {
+    /// way corrects what the hand's roll has told. And the distance of the hinge (m), if it is seen.
+    pub fn see(&mut self, leaf: f64, radius: Option<f64>) {
         self.seen = Some(leaf);
+        if let Some(radius) = radius.filter(|_| self.pushes()) {
+            self.hinge.see(radius);
+        }
         if leaf * self.sense() < -SEEN {
             self.left = -self.left;
             self.hinge = Hinge::new(1.0);
@@ -307,7 +310,7 @@ impl Opening {
         }
     }
 
-    /// How far the handle has moved (m) with a hand that moves at a `speed` (m/s) where it was told to move `along`, with a
+    /// The way of the handle (m) with a hand that moves at a `speed` (m/s) where it was told to move `along`, with a
     /// `pull` (N). What the wheels say counts only as far as a hand can have moved; until the door has come for sure, not what
     /// the grasp may have given, either.
     fn moved(&mut self, speed: f64, along: f64, pull: f64, dt: f64) -> f64 {
@@ -321,7 +324,7 @@ impl Opening {
         (self.way - strained.max(0.0) * self.soft - self.travelled).max(0.0)
     }
 
-    /// How a hand that pushes turns about the lever, once it may.
+    /// The turn of a hand that pushes about the lever, once it may.
     fn turn(&self, stance: &Stance, rotation: &UnitQuaternion<f64>) -> Turn {
         let turn = Swivel::new(&self.start, self.left).turn(stance, self.hinge.beside(), self.hinge.radius());
         match self.swing() {
@@ -330,12 +333,12 @@ impl Opening {
         }
     }
 
-    /// From where on the latch is free (m).
+    /// The way of the handle after which the latch is free (m).
     fn free_at(&self) -> f64 {
         if self.swing() == Swing::Pull { LEVER_FREE } else { UNLATCHED }
     }
 
-    /// How fast the hand goes upwards (m/s) and rolls (rad/s): it keeps the lever down while the latch may catch, and lets it up
+    /// The speed of the hand upwards (m/s) and its roll (rad/s): it keeps the lever down while the latch may catch, and lets it up
     /// where it has to turn about it.
     fn lift(&mut self, odometry_from_tool: &Isometry3<f64>, upward: f64, dt: f64) -> (f64, f64) {
         if self.travelled < self.free_at() {
@@ -345,7 +348,7 @@ impl Opening {
         rise.flatten().unwrap_or_default()
     }
 
-    /// Whether the door has moved the way it is tried.
+    /// Returns whether the door has moved the way it is tried.
     fn has_come(&self) -> bool {
         let enough = match self.swing() {
             Swing::Push => MOVED_PUSHED,
@@ -364,7 +367,7 @@ impl Opening {
         }
     }
 
-    /// Where the pull is gone now, and at last (N), with so much force `beside` it (N).
+    /// The pulls at which the hand stops now, and at last (N), with so much force `beside` it (N).
     fn limits(&mut self, beside: f64, dt: f64) -> (f64, f64) {
         let [beside] = self.beside.update(&[beside.min(TOTAL_MAX)], dt);
         // A door that has come is the right way.

@@ -4,7 +4,7 @@
 //! as they hold it. Its angle beside the hand's axis and the curvature of its circle are adapted by the force across it and
 //! the torque about the vertical; neither odometry nor a map is used, so wheels that slip teach nothing wrong.
 //!
-//! Why it converges: let e be the error of the direction, k the stiffness across, g the compliance, v the speed. The force
+//! Convergence: let e be the error of the direction, k the stiffness across, g the compliance, v the speed. The force
 //! across settles at v e / g within 1/(k g), then de/dt = -rate v² / g · e: an error shrinks by exp(-rate/g · ∫v² dt), as
 //! long as the hand moves. With c the turning compliance and s the turning stiffness the error of the curvature obeys
 //! x'' + c s x' + rate v² s x = 0, which is stable for every positive rate. Without motion nothing is learnt; that is
@@ -21,12 +21,14 @@
 
 use super::compliant::ACROSS;
 
-/// How quickly the direction is adapted (rad/s per N and m/s).
+/// The rate at which the direction is adapted (rad/s per N and m/s).
 const DIRECTION_RATE: f64 = 0.036;
-/// How quickly the curvature is (1/m/s per Nm and m/s).
+/// The rate at which the curvature is adapted (1/m/s per Nm and m/s).
 const CURVATURE_RATE: f64 = 2.0;
 /// The same by the force across (1/m/s per N and m/s).
 const BEND_RATE: f64 = 0.06;
+/// The share by which a curvature that is seen replaces the one that is felt, each time.
+const SEEN: f64 = 0.1;
 /// The direction is at most this far beside the axis of a hand that turns with the door (rad), and of one that does not.
 const BESIDE_MAX: (f64, f64) = (0.5, 1.5);
 /// Curvatures of doors (1/m): radii of 0.33 to 2 m.
@@ -68,6 +70,14 @@ impl Hinge {
         self.adapt(speed, force_left, dt, BESIDE_MAX.1);
         let curvature = self.curvature + BEND_RATE * speed * sense * force_left * dt;
         self.curvature = curvature.clamp(CURVATURE.0, CURVATURE.1);
+    }
+
+    /// Takes the distance of the hinge as it is seen (m), for a hand that learns by the force alone: it needs half of the way for that, and
+    /// then nobody could tell wheels that slip from what it has not learnt yet.
+    pub fn see(&mut self, radius: f64) {
+        if radius > 0.0 {
+            self.curvature += SEEN * ((1.0 / radius).clamp(CURVATURE.0, CURVATURE.1) - self.curvature);
+        }
     }
 
     /// A force to the left: the hand is too far to the right, so the way goes more to the left.
@@ -173,6 +183,17 @@ mod tests {
                 assert!((hand + hinge.beside() - way).abs() < 0.05 && late < 8.0, "{hinge:?} {radius} m, {late} N");
                 assert!((hinge.radius() / radius - 1.0).abs() < 0.12, "{hinge:?} for {radius} m");
             }
+        }
+    }
+
+    #[test]
+    fn what_is_seen_is_learnt_at_once() {
+        let mut hinge = Hinge::new(0.7);
+        (0..40).for_each(|_| hinge.see(1.05));
+        assert!((hinge.radius() - 1.05).abs() < 0.01, "{hinge:?}");
+        for radius in [f64::NAN, 0.0, -1.0, 1e9] {
+            hinge.see(radius);
+            assert!((0.9..2.1).contains(&hinge.radius()), "{radius}: {hinge:?}");
         }
     }
 

@@ -1,4 +1,4 @@
-//! How far a door is open by what the laser sees: the leaf against the wall, in one sweep.
+//! The angle of a door by what the laser sees: the leaf against the wall, in one sweep.
 //!
 //! Both are straight lines in the same sweep, so neither wheels that slip nor a hand that has lost the handle can make a
 //! shut door look open. The wall is found once and then followed from sweep to sweep; the leaf is the line right before the
@@ -12,7 +12,7 @@ use super::line::{self, Line, Spread, horizontal};
 use crate::sdk::Random;
 use nalgebra::{Isometry3, Matrix2, Rotation2, Vector2, Vector3};
 
-/// How far from where the wall was a sweep ago its points may be now (m): the base turns by a degree or two meanwhile.
+/// The largest distance of a wall's points from where it was a sweep ago (m): the base turns by a degree or two meanwhile.
 const WALL_GATE: f64 = 0.06;
 /// A wall does not turn by more than this from one sweep to the next, beyond what the wheels say (rad).
 const WALL_TURN: f64 = 0.06;
@@ -26,7 +26,7 @@ const WHEELS: (f64, f64) = (0.01, 0.08);
 const TOLERANCE: f64 = 0.02;
 /// The leaf is so far behind the grasp point, from and to (m).
 const BEHIND: (f64, f64) = (-0.01, 0.22);
-/// And so far to its sides (m).
+/// The same to its sides (m).
 const BESIDE: f64 = 0.6;
 /// The leaf may stand so far askew to the hand (rad): the lever turns in the fingers.
 const ASKEW: f64 = 0.40;
@@ -64,8 +64,8 @@ pub struct Leaf {
 #[derive(Clone, Debug)]
 pub struct Wall {
     line: Option<Line>,
-    /// How far the base has turned since the wall was seen last (rad).
-    turned: f64,
+    /// The turns of the base since the wall was seen last (rad); none while it is in sight.
+    turned: Option<f64>,
     /// From the handle to where leaf and wall meet (m), a mean over so many sweeps.
     radius: (f64, u32),
     random: Random,
@@ -73,7 +73,7 @@ pub struct Wall {
 
 impl Default for Wall {
     fn default() -> Self {
-        Self { line: None, turned: 0.0, radius: (0.0, 0), random: Random::new(1) }
+        Self { line: None, turned: None, radius: (0.0, 0), random: Random::new(1) }
     }
 }
 
@@ -90,7 +90,6 @@ impl Wall {
             None => self.find(points, base_from_tool)?,
             Some(line) => seen_from(&line, moved),
         };
-        self.turned += moved.z.abs();
         let near = near(points, &wall, WALL_GATE);
         let found = line::through(&near).and_then(|first| line::through(&self::near(&near, &first.0, TOLERANCE)));
         let away = wall.distance - wall.normal.x * LASER;
@@ -100,15 +99,18 @@ impl Wall {
         };
         let (wall, deviation) = match found.filter(is_wall) {
             Some((line, spread)) => {
-                self.turned = 0.0;
+                self.turned = None;
                 (line, spread.direction)
             }
             // Out of sight for a sweep, it is where the wheels say, as far as they can be believed.
-            None => (wall, WHEELS.0 + WHEELS.1 * self.turned),
+            None => {
+                let turned = self.turned.insert(self.turned.unwrap_or(0.0) + moved.z.abs());
+                (wall, WHEELS.0 + WHEELS.1 * *turned)
+            }
         };
         self.line = Some(wall);
         let (leaf, spread) = self.leaf(points, base_from_tool)?;
-        if self.turned <= 0.0 && turn(&wall.normal, &leaf.normal).abs() > MEETS {
+        if self.turned.is_none() && turn(&wall.normal, &leaf.normal).abs() > MEETS {
             self.meet(&wall, &leaf, &base_from_tool.translation.vector.xy());
         }
         let hand = turn(&wall.normal, &horizontal(&(base_from_tool.rotation * Vector3::z())));
@@ -139,8 +141,9 @@ impl Wall {
         (self.radius.1 >= MEAN_FROM).then_some(self.radius.0)
     }
 
-    /// Returns how far the base has turned since the wall was seen last (rad), as the wheels say.
-    pub fn turned(&self) -> f64 {
+    /// Returns the turns of the base to either side since the wall was seen last (rad), as the wheels say; none while
+    /// it is in sight.
+    pub fn turned(&self) -> Option<f64> {
         self.turned
     }
 

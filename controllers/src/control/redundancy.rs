@@ -6,6 +6,9 @@
 //! a model of the base's lag says is missing at the hand is added to the arm. Without that a stop at the handle overran by
 //! 2 mm, which cost 19 N.
 //!
+//! The arm stands in the middle of the base, so base and joint 1 turn about one axis. A base that shall be steady gives its turn to
+//! joint 1, and neither the hand nor the outline of the robot notices.
+//!
 //! Source: Chan and Dubey, IEEE Trans. Robotics and Automation 11(2), 1995 (joint-limit weights; ours are a sixth of theirs,
 //! the mean over the joints); Maciejewski and Klein, J. Robotic Systems 5(6), 1988, in the form of Chiaverini, Siciliano and
 //! Egeland, IEEE Trans. Control Systems Technology 2(2), 1994 (damping by the smallest singular value); Petersson, Austin, Christensen, "DCA", section 5 (the module's place).
@@ -26,6 +29,9 @@ pub const BASE_LAG: f64 = 0.08;
 /// Largest change of a joint rate (rad/s²).
 pub const JOINT_ACCELERATION_MAX: f64 = 6.0;
 
+/// The two rates that turn about the vertical through the middle of the base.
+const YAW: usize = 2;
+const JOINT_1: usize = 3;
 const WEIGHTS: [f64; 9] = [4.0, 4.0, 3.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5];
 const SINGULAR_BELOW: f64 = 0.10;
 const DAMPING: f64 = 0.08;
@@ -38,8 +44,19 @@ pub struct Resolved {
     pub rates: Rates,
     /// Smallest singular value of the weighted Jacobian.
     pub singular_value_min: f64,
-    /// By how much the command was too fast; 1 if it was not.
+    /// The factor by which the command was too fast; 1 if it was not.
     pub scaling: f64,
+}
+
+/// The motion that is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motion {
+    /// Velocity of the hand (m/s, rad/s, tool axes, at the grasp point).
+    pub twist_in_tool: Vector6<f64>,
+    /// A wish for what the hand does not notice.
+    pub null: Rates,
+    /// The base does not turn.
+    pub steady: bool,
 }
 
 /// Remembers the last command, for the joint-limit weights and the acceleration limits, and what the base makes of it.
@@ -82,9 +99,9 @@ impl Resolver {
         self.base = rates.fixed_rows::<3>(0).into();
     }
 
-    /// Returns the rates for a hand velocity `twist_in_tool` (m/s, rad/s, tool axes, at the grasp point), with a wish
-    /// `null` for what the hand does not notice. `dt` (s) is the time since the last call.
-    pub fn resolve(&mut self, q: &Joints, twist_in_tool: &Vector6<f64>, null: &Rates, dt: f64) -> Resolved {
+    /// Returns the rates for a motion with the joints at `q` (rad). `dt` (s) is the time since the last call.
+    pub fn resolve(&mut self, q: &Joints, motion: &Motion, dt: f64) -> Resolved {
+        let Motion { twist_in_tool, null, steady } = motion;
         let forward = puma560::forward(q);
         let rotation = forward.base_from_tool.rotation;
         let linear = rotation * twist_in_tool.fixed_rows::<3>(0);
@@ -104,7 +121,10 @@ impl Resolver {
         let Some(factor) = damped.cholesky() else {
             return Resolved { rates: self.rest(q, dt), singular_value_min, scaling: 1.0 };
         };
-        let wanted = weighted * factor.solve(&(twist - jacobian * null)) + null;
+        let mut wanted = weighted * factor.solve(&(twist - jacobian * null)) + null;
+        if *steady {
+            wanted[JOINT_1] += std::mem::take(&mut wanted[YAW]);
+        }
         let fastest = Rates::from_fn(|i, _| if i < 3 { BASE_RATES_MAX[i] } else { puma560::RATES_MAX[i - 3] });
         let scaling = wanted.zip_map(&fastest, |rate, max| rate.abs() / max).max().max(1.0);
         Resolved { rates: self.limited(&jacobian, wanted / scaling, dt), singular_value_min, scaling }
@@ -137,13 +157,30 @@ impl Resolver {
 mod tests {
     use super::*;
 
+    fn motion(twist_in_tool: Vector6<f64>, null: Rates) -> Motion {
+        Motion { twist_in_tool, null, steady: false }
+    }
+
+    #[test]
+    fn a_steady_base_leaves_its_turn_to_the_arm() {
+        let q = puma560::door_posture() + Joints::new(0.4, -0.1, 0.2, 0.1, -0.2, 0.1);
+        let null = Rates::from_fn(|i, _| 0.02 * (i as f64 - 4.0));
+        let free = motion(Vector6::new(0.02, -0.03, 0.05, 0.05, -0.02, 0.04), null);
+        let [free, steady] =
+            [free, Motion { steady: true, ..free }].map(|motion| Resolver::default().resolve(&q, &motion, 3.0).rates);
+        assert!(steady[YAW].abs() <= 0.0 && free[YAW].abs() > 0.01, "{free} {steady}");
+        let jacobian = jacobian_in_base(&puma560::forward(&q));
+        assert!((jacobian * (free - steady)).norm() < 1e-12, "the hand moves alike");
+        assert!((free - steady).fixed_rows::<5>(4).norm() < 1e-12, "and so does the arm above its foot");
+    }
+
     #[test]
     fn hand_moves_as_asked_and_null_motion_stays_unnoticed() {
         let q = puma560::door_posture() + Joints::new(0.1, -0.1, 0.2, 0.1, -0.2, 0.1);
         let twist = Vector6::new(0.02, -0.03, 0.01, 0.05, -0.02, 0.04);
         let null = Rates::from_fn(|i, _| 0.02 * (i as f64 - 4.0));
         // Three seconds of acceleration reach any rate and let the base follow, so only rounding is left: 1e-9.
-        let rates = Resolver::default().resolve(&q, &twist, &null, 3.0).rates;
+        let rates = Resolver::default().resolve(&q, &motion(twist, null), 3.0).rates;
         let forward = puma560::forward(&q);
         let got = jacobian_in_base(&forward) * rates;
         let inverse = forward.base_from_tool.rotation.inverse();
@@ -158,7 +195,7 @@ mod tests {
         let (mut resolver, mut base) = (Resolver::default(), Vector3::zeros());
         let mut rates = Rates::zeros();
         for _ in 0..10 {
-            rates = resolver.resolve(&q, &twist, &Rates::zeros(), 0.01).rates;
+            rates = resolver.resolve(&q, &motion(twist, Rates::zeros()), 0.01).rates;
             base += (rates.fixed_rows::<3>(0) - base) * (1.0 - (-0.01f64 / BASE_LAG).exp());
         }
         let forward = puma560::forward(&q);
@@ -172,11 +209,11 @@ mod tests {
     fn too_fast_keeps_its_direction_and_starts_gently() {
         let twist = Vector6::new(3.0, 0.0, 0.0, 0.0, 0.0, 0.0);
         let q = puma560::door_posture();
-        let resolved = Resolver::default().resolve(&q, &twist, &Rates::zeros(), 10.0);
+        let resolved = Resolver::default().resolve(&q, &motion(twist, Rates::zeros()), 10.0);
         assert!(resolved.scaling > 1.0);
         let got = jacobian_in_base(&puma560::forward(&q)) * resolved.rates * resolved.scaling;
         assert!((got.norm() - 3.0).abs() < 1e-9);
-        let first = Resolver::default().resolve(&q, &twist, &Rates::zeros(), 0.01).rates;
+        let first = Resolver::default().resolve(&q, &motion(twist, Rates::zeros()), 0.01).rates;
         assert!(first.iter().skip(3).all(|rate| rate.abs() <= 0.06 + 1e-12));
         // From rest, the base accelerates the way it will go.
         let (first, wanted) = (first.fixed_rows::<3>(0), resolved.rates.fixed_rows::<3>(0));

@@ -7,18 +7,18 @@ use nalgebra::{SMatrix, SVector, Vector3, Vector6};
 
 /// Width and height of the image (px); its centre is the principal point.
 pub const IMAGE: [f64; 2] = [640.0, 480.0];
-/// How far the camera is behind the grasp point, along the approach (m); its axes are the tool's.
+/// The distance of the camera behind the grasp point, along the approach (m); its axes are the tool's.
 pub const CAMERA_BEHIND: f64 = 0.12;
 /// The marks on the lever (m, handle frame: x along the lever, z into the door, origin where it is held).
 pub const MARKS: [[f64; 3]; 4] = [[-0.05, -0.015, 0.0], [-0.05, 0.015, 0.0], [0.04, -0.012, 0.0], [0.04, 0.012, 0.0]];
 /// (1/s) far from the goal and at it; at 0.9 half a pixel of noise turned the hand by up to 1.7 degrees.
 const GAIN: (f64, f64) = (0.8, 0.4);
-/// Where it is far, and where it is at it (px).
+/// The image errors at which the handle counts as far, and as reached (px).
 const FAR: (f64, f64) = (40.0, 8.0);
 const LINEAR_MAX: f64 = 0.15;
 const ANGULAR_MAX: f64 = 0.4;
 
-/// What is known of the camera, and where it is to stop. It is measured on each robot.
+/// The calibration of the camera, and its distance from the handle in the end. It is measured on each robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibration {
     /// Focal length (px).
@@ -35,14 +35,14 @@ impl Default for Calibration {
 
 /// A mark as the camera sees it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Seen {
+pub struct Mark {
     /// Column and row (px).
     pub pixel: [f64; 2],
     /// Distance along the optical axis (m).
     pub depth: f64,
 }
 
-/// What to do about an image.
+/// The motion for one image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Servo {
     /// Velocity of the hand (m/s, rad/s, tool axes, at the grasp point).
@@ -52,17 +52,17 @@ pub struct Servo {
 }
 
 /// Returns where a point of the camera frame (m) appears at a focal length (px), if it is in front and within the image.
-pub fn project(point_in_camera: &Vector3<f64>, focal: f64) -> Option<Seen> {
+pub fn project(point_in_camera: &Vector3<f64>, focal: f64) -> Option<Mark> {
     let (x, y, depth) = (point_in_camera.x, point_in_camera.y, point_in_camera.z);
     if depth < 0.02 {
         return None;
     }
     let pixel = [x / depth * focal + IMAGE[0] / 2.0, y / depth * focal + IMAGE[1] / 2.0];
     let inside = pixel.iter().zip(IMAGE).all(|(p, size)| (0.0..size).contains(p));
-    inside.then_some(Seen { pixel, depth })
+    inside.then_some(Mark { pixel, depth })
 }
 
-/// Which way round the hand takes the lever: fingers are the same both ways.
+/// The way round in which the hand takes the lever: fingers are the same both ways.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Way {
     /// The tool's x axis along the lever, away from its axis.
@@ -80,14 +80,14 @@ impl Way {
     }
 
     /// Returns the way that the hand has to turn less for.
-    pub fn nearer(seen: &[Seen; 4]) -> Self {
+    pub fn nearer(seen: &[Mark; 4]) -> Self {
         let column = |a: usize, b: usize| seen[a].pixel[0] + seen[b].pixel[0];
         if column(2, 3) >= column(0, 1) { Self::Along } else { Self::Against }
     }
 }
 
 /// Returns how far each mark is from where it should be, column and row in turn (px).
-pub fn errors(seen: &[Seen; 4], way: Way, calibration: &Calibration) -> SVector<f64, 8> {
+pub fn errors(seen: &[Mark; 4], way: Way, calibration: &Calibration) -> SVector<f64, 8> {
     let turned = way.turned();
     SVector::from_fn(|i, _| {
         let (mark, axis) = (MARKS[i / 2], i % 2);
@@ -97,7 +97,7 @@ pub fn errors(seen: &[Seen; 4], way: Way, calibration: &Calibration) -> SVector<
 }
 
 /// Returns the velocity that brings the four marks to where they belong.
-pub fn servo(seen: &[Seen; 4], way: Way, calibration: &Calibration) -> Servo {
+pub fn servo(seen: &[Mark; 4], way: Way, calibration: &Calibration) -> Servo {
     let focal = calibration.focal;
     let mut interaction = SMatrix::<f64, 8, 6>::zeros();
     let errors = errors(seen, way, calibration) / focal;

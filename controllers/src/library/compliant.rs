@@ -10,7 +10,7 @@ use std::time::Duration;
 
 /// The measured age is averaged (Hz).
 const CUTOFF: f64 = 0.5;
-/// How long the loop may be too slow.
+/// The longest time for which the loop may be too slow.
 const PATIENCE: Duration = Duration::from_millis(500);
 
 /// The inputs of [`CompliantCtrl`].
@@ -27,7 +27,7 @@ pub(super) struct Inputs {
 /// The outputs of [`CompliantCtrl`].
 #[derive(Debug, Outputs)]
 pub(super) struct Outputs {
-    /// How the hand shall move.
+    /// The velocity of the hand.
     #[port("Out1")]
     velocity: Out<Velocity>,
 }
@@ -102,7 +102,7 @@ impl Controller for CompliantCtrl {
             return Progress::Aborted(format!("the force loop is too slow: {is:.0} ms of at most {most:.0} ms"));
         }
         let twist = self.twist(tick, inputs).unwrap_or_else(Vector6::zeros);
-        outputs.velocity.send(Velocity { twist: twist.into(), null: [0.0; 9] });
+        outputs.velocity.send(Velocity::of_hand(twist.into()));
         Progress::Continue
     }
 

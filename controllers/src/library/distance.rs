@@ -3,7 +3,7 @@
 use super::servoing::{CALIBRATION, calibration};
 use super::{SENSED, Watch};
 use crate::control::filter::Debounce;
-use crate::control::servoing::{self, Calibration, Seen, Way};
+use crate::control::servoing::{self, Calibration, Mark, Way};
 use crate::control::{line, puma560};
 use crate::message::{ArmState, CameraState, LaserScan, LaserState};
 use crate::robot::laser;
@@ -27,7 +27,7 @@ const ARRIVED: f64 = 5.0;
 /// Of the newest image in that average: over some 20 images.
 const IMAGE_SHARE: f64 = 0.05;
 
-/// What [`LaserSensor`] hears.
+/// The inputs of [`LaserSensor`].
 #[derive(Debug, Inputs)]
 pub(super) struct SensorInputs {
     /// The laser.
@@ -35,7 +35,7 @@ pub(super) struct SensorInputs {
     state: In<LaserState>,
 }
 
-/// What [`LaserSensor`] says.
+/// The outputs of [`LaserSensor`].
 #[derive(Debug, Outputs)]
 pub(super) struct SensorOutputs {
     /// The sweep.
@@ -90,7 +90,7 @@ pub(super) fn points(ranges: &[f64], sector: f64) -> Vec<Vector2<f64>> {
         .collect()
 }
 
-/// What [`DistanceThreshold`] hears.
+/// The inputs of [`DistanceThreshold`].
 #[derive(Debug, Inputs)]
 pub(super) struct ThresholdInputs {
     /// The laser's sweep.
@@ -111,7 +111,7 @@ pub(super) struct DistanceThreshold {
     calibration: Calibration,
     debounce: Debounce,
     recent: Vec<f64>,
-    /// How far marks are from where they should be, column and row, lately (px); none before the first image.
+    /// The recent error of the marks, column and row (px); none before the first image.
     image: Option<SVector<f64, 8>>,
     random: Random,
     watch: Watch,
@@ -120,7 +120,7 @@ pub(super) struct DistanceThreshold {
 impl DistanceThreshold {
     fn look(&mut self, image: Option<&CameraState>) {
         let Some([Some(a), Some(b), Some(c), Some(d)]) = image.map(|image| image.marks) else { return };
-        let seen = [a, b, c, d].map(|[u, v, depth]| Seen { pixel: [u, v], depth });
+        let seen = [a, b, c, d].map(|[u, v, depth]| Mark { pixel: [u, v], depth });
         let errors = servoing::errors(&seen, Way::nearer(&seen), &self.calibration);
         // It begins at the first image rather than at none. Means of columns and rows: noise is no distance.
         let lately = self.image.get_or_insert(errors);

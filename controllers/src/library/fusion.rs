@@ -22,7 +22,7 @@ pub(super) struct ConfigInputs {
 /// The outputs of both.
 #[derive(Debug, Outputs)]
 pub(super) struct Outputs {
-    /// How the hand shall move.
+    /// The velocity of the hand.
     #[port("Out")]
     velocity: Out<Velocity>,
 }
@@ -59,7 +59,7 @@ impl Controller for ConfigCtrl {
             let angles = Joints::from(joints.angles);
             let back = (*self.reference.get_or_insert(angles) - angles) * POSTURE_GAIN;
             let null = std::array::from_fn(|i| if i < 3 { 0.0 } else { back[i - 3] });
-            outputs.velocity.send(Velocity { twist: [0.0; 6], null });
+            outputs.velocity.send(Velocity { null, ..Velocity::REST });
         }
         Progress::Continue
     }
@@ -79,7 +79,7 @@ pub(super) struct AddInputs {
     third: In<Velocity>,
 }
 
-/// Adds velocities; one that has fallen silent counts as zero.
+/// Adds velocities; one that has fallen silent counts as zero. The base is steady if one of them asks for it.
 #[derive(Debug)]
 pub(super) struct AddVelocity;
 
@@ -106,13 +106,14 @@ impl Controller for AddVelocity {
         let linear = Vector3::new(twist[0], twist[1], twist[2]).cap_magnitude(LINEAR_MAX);
         let angular = Vector3::new(twist[3], twist[4], twist[5]).cap_magnitude(ANGULAR_MAX);
         let twist = [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z];
-        outputs.velocity.send(Velocity { twist, null: null.into() });
+        let steady = fresh().any(|velocity| velocity.steady);
+        outputs.velocity.send(Velocity { twist, null: null.into(), steady });
         Progress::Continue
     }
 
     fn stop(&mut self, _: Tick, _: &AddInputs, outputs: &mut Outputs) -> Stopping {
         // Whoever moves the hand learns at once, rather than when the last velocity has grown old.
-        outputs.velocity.send(Velocity { twist: [0.0; 6], null: [0.0; 9] });
+        outputs.velocity.send(Velocity::REST);
         Stopping::Finished
     }
 }

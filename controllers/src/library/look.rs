@@ -25,7 +25,7 @@ pub(super) struct Inputs {
 /// The outputs of the controller.
 #[derive(Debug, Outputs)]
 pub(super) struct Outputs {
-    /// How the hand shall move.
+    /// The velocity of the hand.
     #[port("Out")]
     velocity: Out<Velocity>,
 }
@@ -63,7 +63,7 @@ impl Controller for LookAround {
         let mut twist = [0.0; 6];
         let seen = inputs.camera.fresh().map(|image| image.marks.iter().all(Option::is_some));
         if seen.is_some_and(|seen| self.seen.update(seen)) {
-            outputs.velocity.send(Velocity { twist, null: [0.0; 9] });
+            outputs.velocity.send(Velocity::of_hand(twist));
             return Progress::Done(Vec::new());
         }
         if let Some(arm) = inputs.arm.fresh_within(tick.now, SENSED) {
@@ -73,13 +73,13 @@ impl Controller for LookAround {
                 Err(_nowhere) => return Progress::Aborted("the handle is nowhere to be seen".to_owned()),
             }
         }
-        outputs.velocity.send(Velocity { twist, null: [0.0; 9] });
+        outputs.velocity.send(Velocity::of_hand(twist));
         Progress::Continue
     }
 
     fn stop(&mut self, _: Tick, _: &Inputs, outputs: &mut Outputs) -> Stopping {
         // Whoever moves the hand learns at once, rather than when the last velocity has grown old.
-        outputs.velocity.send(Velocity { twist: [0.0; 6], null: [0.0; 9] });
+        outputs.velocity.send(Velocity::REST);
         Stopping::Finished
     }
 }

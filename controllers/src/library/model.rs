@@ -21,12 +21,12 @@ use std::time::Duration;
 
 /// The longest an opening may take.
 const TIMEOUT: Duration = Duration::from_secs(55);
-/// How far before its goal a door is slowed down (rad), and to which share of its speed.
+/// The angle before its goal from which a door is slowed down (rad), and the smallest share of its speed.
 const BRAKE: f64 = 0.2;
 const PACE_MIN: f64 = 0.25;
 const PUSH_PACE_MIN: f64 = 0.6;
-/// How near anything may come to the robot, but for what it holds; from so much more on it goes more slowly (m). A sweep is
-/// 50 ms old and a base takes 200 ms to stop. And for how long it looks for the wall.
+/// The least room around the robot, but for what it holds, and the room above it at which the robot slows down (m). A sweep is
+/// 50 ms old and a base takes 200 ms to stop. The last is the longest search for the wall.
 const ROOM_MIN: f64 = 0.03;
 const ROOM_SLOW: f64 = 0.04;
 const LOOK: Duration = Duration::from_secs(2);
@@ -34,10 +34,10 @@ const LOOK: Duration = Duration::from_secs(2);
 const HELD: f64 = 0.3;
 const HELD_DEPTH: f64 = 0.16;
 const HELD_BESIDE: f64 = 0.3;
-/// How long it stands still and waits for inputs that are too old to be believed.
+/// The longest wait at rest for inputs that are too old.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// What it hears.
+/// The inputs of the controller.
 #[derive(Debug, Inputs)]
 pub(super) struct Inputs {
     /// The wrench on the hand.
@@ -46,7 +46,7 @@ pub(super) struct Inputs {
     /// The arm's joints.
     #[port("In2")]
     joints: In<JointState>,
-    /// Where the base is.
+    /// The pose of the base.
     #[port("In3")]
     pose: In<BasePose>,
     /// The gripper, which holds the handle as long as its width says so.
@@ -57,13 +57,13 @@ pub(super) struct Inputs {
     laser: In<LaserState>,
 }
 
-/// What it says.
+/// The outputs of the controller.
 #[derive(Debug, Outputs)]
 pub(super) struct Outputs {
-    /// How the hand shall move.
+    /// The velocity of the hand.
     #[port("Out1")]
     velocity: Out<Velocity>,
-    /// Where it leads the hand, for compliance beside it.
+    /// The direction in which the hand is led, for compliance beside it.
     #[port("Out2")]
     guide: Out<Constraint>,
 }
@@ -79,7 +79,7 @@ pub(super) struct ModelBasedCtrl {
     opening: Option<Opening>,
     watch: Watch,
     wall: Wall,
-    /// Where the base was at the last sweep, in the odometry frame.
+    /// The pose of the base at the last sweep, in the odometry frame.
     swept_from: Option<Pose>,
     anchor: Anchor,
     poses: History<3>,
@@ -91,7 +91,7 @@ pub(super) struct ModelBasedCtrl {
     leaf: Option<Leaf>,
     /// From the robot to what is nearest, as seen last (m).
     room: Option<f64>,
-    /// For how long an input has been too old.
+    /// The time since every input was fresh.
     blind: Duration,
     spent: Duration,
 }
@@ -125,7 +125,7 @@ impl Anchor {
     }
 }
 
-/// What it has to know at each calculation.
+/// The fresh inputs of one calculation.
 struct Known {
     odometry_from_base: Isometry3<f64>,
     base_from_tool: Isometry3<f64>,
@@ -216,7 +216,7 @@ impl ModelBasedCtrl {
     }
 }
 
-/// Whether a point (m, base axes) is on the leaf right before the fingers, as they face it.
+/// Returns whether a point (m, base axes) is on the leaf right before the fingers, as they face it.
 fn is_held(point: &Vector2<f64>, base_from_facing: &Isometry3<f64>) -> bool {
     let normal = horizontal(&(base_from_facing.rotation * Vector3::z()));
     let from = point - base_from_facing.translation.vector.xy();
@@ -318,7 +318,7 @@ impl Controller for ModelBasedCtrl {
         self.spent += tick.elapsed;
         let Some(known) = self.known(tick, inputs) else {
             // Without eyes it does not pull; the others see a fresh zero.
-            outputs.velocity.send(Velocity { twist: [0.0; 6], null: [0.0; 9] });
+            outputs.velocity.send(Velocity::REST);
             self.blind += tick.elapsed;
             return if self.blind > PATIENCE {
                 Progress::Aborted(
@@ -333,7 +333,7 @@ impl Controller for ModelBasedCtrl {
         let base = known.odometry_from_base.translation.vector.xy();
         let posture = Posture { odometry_from_tool: hand, base };
         // A door that moves when the hand stops runs into it.
-        let left = self.leaf.map_or(self.goal, |leaf| self.goal - leaf.angle);
+        let left = self.leaf.map_or(self.goal, |leaf| self.goal + self.watch.slip() - leaf.angle);
         let room = self.room.map_or(1.0, |room| ((room - ROOM_MIN) / ROOM_SLOW).clamp(PACE_MIN, 1.0));
         let opening = self.opening.get_or_insert_with(|| Opening::new(&posture, self.radius, self.opens));
         // A door that is pushed is slower anyway, and does not run into the hand.
@@ -345,11 +345,14 @@ impl Controller for ModelBasedCtrl {
         (self.angle, self.effort) = (pull.angle, pull.effort);
         let leaf = self.look(inputs, (sense, askew));
         if let (Some(leaf), Some(opening)) = (leaf, &mut self.opening) {
-            opening.see(sense * leaf.angle);
+            let is_in_sight = self.wall.turned().is_none();
+            opening.see(sense * leaf.angle, self.wall.radius().filter(|_| is_in_sight));
         }
         let base = known.odometry_from_base.rotation.inverse() * pull.base.push(0.0);
         let null = std::array::from_fn(|i| if i < 2 { base[i] } else { 0.0 });
-        outputs.velocity.send(Velocity { twist: pull.twist_in_tool.into(), null });
+        // The angle of a leaf whose wall is out of sight rests on how the wheels turn the base: so they do not.
+        let steady = self.opening.as_ref().is_some_and(Opening::pushes) || self.wall.turned().is_some();
+        outputs.velocity.send(Velocity { twist: pull.twist_in_tool.into(), null, steady });
         outputs.guide.send(Constraint {
             tangent: pull.guide.tangent_in_tool.into(),
             up: pull.guide.up_in_tool.into(),
@@ -373,9 +376,10 @@ impl Controller for ModelBasedCtrl {
             signal("largest pull", "N", self.effort[1]),
             signal("pace", "", self.effort[2]),
             signal("seen angle", "deg", seen(|leaf| leaf.angle)),
+            signal("slip at most", "deg", self.watch.slip().to_degrees()),
             signal("hand turned", "deg", seen(|leaf| leaf.hand)),
             signal("seen radius", "m", self.wall.radius().unwrap_or(f64::NAN)),
-            signal("turned without the wall", "deg", self.wall.turned().to_degrees()),
+            signal("turned without the wall", "deg", self.wall.turned().map_or(f64::NAN, f64::to_degrees)),
             signal("room", "m", self.room.unwrap_or(f64::NAN)),
             signal("odometry jumps", "", f64::from(self.anchor.jumps)),
         ]

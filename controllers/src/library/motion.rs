@@ -11,7 +11,7 @@ const ACCELERATION: f64 = 0.1;
 /// The outputs of the controllers.
 #[derive(Debug, Outputs)]
 pub(super) struct Outputs {
-    /// How the hand shall move.
+    /// The velocity of the hand.
     #[port("Out")]
     velocity: Out<Velocity>,
 }
@@ -62,13 +62,13 @@ impl Controller for LinearTrajectory {
         self.at = self.way.advance(self.at, ramp_dt(tick));
         let mut twist = [0.0; 6];
         twist[2] = self.sense * self.at.speed;
-        outputs.velocity.send(Velocity { twist, null: [0.0; 9] });
+        outputs.velocity.send(Velocity::of_hand(twist));
         if self.at.speed > 0.0 { Progress::Continue } else { Progress::Done(Vec::new()) }
     }
 
     fn stop(&mut self, _: Tick, _: &(), outputs: &mut Outputs) -> Stopping {
         // Whoever moves the hand learns at once, rather than when the last velocity has grown old.
-        outputs.velocity.send(Velocity { twist: [0.0; 6], null: [0.0; 9] });
+        outputs.velocity.send(Velocity::REST);
         Stopping::Finished
     }
 }

@@ -35,7 +35,7 @@ pub(super) struct Inputs {
 /// The outputs of the controller.
 #[derive(Debug, Outputs)]
 pub(super) struct Outputs {
-    /// How the hand shall move.
+    /// The velocity of the hand.
     #[port("Out")]
     velocity: Out<Velocity>,
 }
@@ -95,7 +95,7 @@ impl Controller for PressHandle {
         if state != State::Pressing || lost {
             twist = Vector6::zeros();
         }
-        outputs.velocity.send(Velocity { twist: twist.into(), null: [0.0; 9] });
+        outputs.velocity.send(Velocity::of_hand(twist.into()));
         match state {
             _ if lost => Progress::Aborted("lost the handle: there is nothing between the fingers".to_owned()),
             State::Down => Progress::Done(super::value(&self.depth)),
@@ -109,7 +109,7 @@ impl Controller for PressHandle {
 
     fn stop(&mut self, _: Tick, _: &Inputs, outputs: &mut Outputs) -> Stopping {
         // Whoever moves the hand learns at once, rather than when the last velocity has grown old.
-        outputs.velocity.send(Velocity { twist: [0.0; 6], null: [0.0; 9] });
+        outputs.velocity.send(Velocity::REST);
         Stopping::Finished
     }
 

@@ -1,7 +1,7 @@
 //! RedundancyResolution: one hand velocity to base and arm.
 
 use super::{FRESH, SENSED, Watch, ramp_dt};
-use crate::control::redundancy::{Rates, Resolver};
+use crate::control::redundancy::{Motion, Rates, Resolver};
 use crate::message::{BaseVelocity, JointState, JointVelocity, Velocity};
 use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Progress, Tick};
 use comms::logic::signals::Signal;
@@ -14,7 +14,7 @@ const GAP: f64 = 0.08;
 /// The inputs of the controller.
 #[derive(Debug, Inputs)]
 pub(super) struct Inputs {
-    /// How the hand shall move.
+    /// The velocity of the hand.
     #[port("In")]
     velocity: In<Velocity>,
     /// The arm's joints.
@@ -25,10 +25,10 @@ pub(super) struct Inputs {
 /// The outputs of the controller.
 #[derive(Debug, Outputs)]
 pub(super) struct Outputs {
-    /// How the base shall move.
+    /// The velocity of the base.
     #[port("Out1")]
     base: Out<BaseVelocity>,
-    /// How the arm's joints shall move.
+    /// The rates of the arm's joints.
     #[port("Out2")]
     arm: Out<JointVelocity>,
 }
@@ -73,8 +73,9 @@ impl Controller for RedundancyResolution {
         }
         let rates = match (joints, inputs.velocity.fresh_within(tick.now, FRESH)) {
             (Some(joints), Some(velocity)) => {
-                let (twist, null) = (Vector6::from(velocity.twist), Rates::from(velocity.null));
-                let resolved = self.resolver.resolve(&joints.angles.into(), &twist, &null, ramp_dt(tick));
+                let (twist_in_tool, null) = (Vector6::from(velocity.twist), Rates::from(velocity.null));
+                let motion = Motion { twist_in_tool, null, steady: velocity.steady };
+                let resolved = self.resolver.resolve(&joints.angles.into(), &motion, ramp_dt(tick));
                 self.singular_value = resolved.singular_value_min;
                 self.scaling = resolved.scaling;
                 resolved.rates

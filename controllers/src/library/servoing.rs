@@ -1,6 +1,6 @@
 //! VisualServoing: brings the hand before the handle by what the camera on it sees.
 
-use crate::control::servoing::{self, Calibration, Seen, Way};
+use crate::control::servoing::{self, Calibration, Mark, Way};
 use crate::message::{CameraState, Velocity};
 use crate::sdk::{
     About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Quantity, Stopping, Tick,
@@ -9,12 +9,12 @@ use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use std::time::Duration;
 
-/// How long one image is followed: three periods of the camera and a busy machine's hold-up.
+/// The time for which one image is followed: three periods of the camera and a busy machine's hold-up.
 const IMAGE_FRESH: Duration = Duration::from_millis(160);
-/// How long it waits for a handle that is out of sight.
+/// The longest wait for a handle that is out of sight.
 const LOST: Duration = Duration::from_secs(5);
 
-/// What controllers of the camera take: `focal` (px) and `standoff` (m) of [`Calibration`].
+/// The parameters of controllers that use the camera: `focal` (px) and `standoff` (m) of [`Calibration`].
 pub(super) const CALIBRATION: [Parameter; 2] = [
     Parameter::new("focal", Kind::Number(100.0, 5000.0)).or("600"),
     Parameter::new("standoff", Kind::Quantity(Quantity::Length, 0.2, 0.6)).or("0.3"),
@@ -25,7 +25,7 @@ pub(super) fn calibration(arguments: &Arguments) -> Calibration {
     Calibration { focal: arguments.number("focal"), standoff: arguments.number("standoff") }
 }
 
-/// What it hears.
+/// The inputs of the controller.
 #[derive(Debug, Inputs)]
 pub(super) struct Inputs {
     /// The camera.
@@ -33,10 +33,10 @@ pub(super) struct Inputs {
     camera: In<CameraState>,
 }
 
-/// What it says.
+/// The outputs of the controller.
 #[derive(Debug, Outputs)]
 pub(super) struct Outputs {
-    /// How the hand shall move.
+    /// The velocity of the hand.
     #[port("Out")]
     velocity: Out<Velocity>,
 }
@@ -87,14 +87,14 @@ impl Controller for VisualServoing {
         let image = inputs.camera.fresh().map(|image| image.marks).filter(|marks| Some(*marks) != self.last);
         self.last = image.or(self.last);
         if let Some([Some(a), Some(b), Some(c), Some(d)]) = image {
-            let seen = [a, b, c, d].map(|[u, v, depth]| Seen { pixel: [u, v], depth });
+            let seen = [a, b, c, d].map(|[u, v, depth]| Mark { pixel: [u, v], depth });
             let servo = servoing::servo(&seen, *self.way.get_or_insert_with(|| Way::nearer(&seen)), &self.calibration);
             self.error = servo.error;
             self.seen = Some((tick.now, servo.twist_in_tool.into()));
         }
         let followed = self.seen.filter(|(at, _)| tick.now.since(*at) <= IMAGE_FRESH);
         let twist = followed.map_or([0.0; 6], |(_, twist)| twist);
-        outputs.velocity.send(Velocity { twist, null: [0.0; 9] });
+        outputs.velocity.send(Velocity::of_hand(twist));
         let since = self.seen.map_or(self.started, |(at, _)| at);
         if tick.now.since(since) > LOST {
             return Progress::Aborted("the handle has been out of sight for 5 s".to_owned());
@@ -104,7 +104,7 @@ impl Controller for VisualServoing {
 
     fn stop(&mut self, _: Tick, _: &Inputs, outputs: &mut Outputs) -> Stopping {
         // Whoever moves the hand learns at once, rather than when the last velocity has grown old.
-        outputs.velocity.send(Velocity { twist: [0.0; 6], null: [0.0; 9] });
+        outputs.velocity.send(Velocity::REST);
         Stopping::Finished
     }
 

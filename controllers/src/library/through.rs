@@ -18,14 +18,14 @@ use std::time::Duration;
 
 /// Fingers this far apart hold no handle (m).
 const OPEN: f64 = 0.06;
-/// How long it looks for leaf and wall, and how long it stands still and waits for inputs that are too old.
+/// The longest search for leaf and wall, and the longest wait at rest for inputs that are too old.
 const LOOK: Duration = Duration::from_secs(2);
 const PATIENCE: Duration = Duration::from_secs(1);
 
 /// The inputs of the controller.
 #[derive(Debug, Inputs)]
 pub(super) struct Inputs {
-    /// Where the base is.
+    /// The pose of the base.
     #[port("In")]
     pose: In<BasePose>,
     /// The arm's encoders.
@@ -42,7 +42,7 @@ pub(super) struct Inputs {
 /// The outputs of the controller.
 #[derive(Debug, Outputs)]
 pub(super) struct Outputs {
-    /// How base and arm shall move.
+    /// The motion of base and arm.
     #[port("Out")]
     velocity: Out<Velocity>,
 }
@@ -142,7 +142,7 @@ impl Controller for DriveThrough {
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
-        let rest = Velocity { twist: [0.0; 6], null: [0.0; 9] };
+        let rest = Velocity::REST;
         self.spent += tick.elapsed;
         let pose = inputs.pose.fresh_within(tick.now, SENSED).zip(inputs.pose.measured());
         let arm = inputs.arm.fresh_within(tick.now, SENSED).zip(inputs.arm.measured());
@@ -187,7 +187,7 @@ impl Controller for DriveThrough {
                 let tool = forward.base_from_tool.rotation.inverse();
                 let (linear, angular) = (tool * twist.fixed_rows::<3>(0), tool * twist.fixed_rows::<3>(3));
                 let twist = [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z];
-                outputs.velocity.send(Velocity { twist, null: rates.into() });
+                outputs.velocity.send(Velocity { null: rates.into(), ..Velocity::of_hand(twist) });
                 Progress::Continue
             }
             Step::Through => {
@@ -204,7 +204,7 @@ impl Controller for DriveThrough {
 
     fn stop(&mut self, _: Tick, _: &Inputs, outputs: &mut Outputs) -> Stopping {
         // Whoever moves the base learns at once, rather than when the last velocity has grown old.
-        outputs.velocity.send(Velocity { twist: [0.0; 6], null: [0.0; 9] });
+        outputs.velocity.send(Velocity::REST);
         Stopping::Finished
     }
 
