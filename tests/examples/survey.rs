@@ -16,7 +16,8 @@ use std::time::Duration;
 /// draws the same worlds, and a row draws the same worlds whatever rows are flown beside it.
 ///
 /// success: DONE, and the door really at 60 degrees or more. strict: success, at most 30 N from the approach to the
-/// grasp, and at most 60 N while the door opens. FALSE: DONE with the door below 60 degrees. Forces are the largest
+/// grasp, and at most 60 N while the door opens. FALSE: DONE with the door below 60 degrees; done deg: the least angle of
+/// all that were DONE. Forces are the largest
 /// true contact forces of all runs of a row: hit while the hand comes and closes, open while the door opens, worst at
 /// any time.
 ///

@@ -103,6 +103,40 @@ fn who_is_started_again_in_the_opening_sees_how_far_it_is() {
     }
 }
 
+/// Wheels that turn on the spot for 7 to 11 s from 58 degrees on, while the laser did not see the wall, made three of these doors look open
+/// at 58.4 and 59.3 degrees. Then the base turned; now it is steady, and the hand feels that the hinge is elsewhere.
+#[test]
+fn wheels_that_spin_shortly_before_the_end_open_no_door() {
+    let rows = rows(10, 3, &[]).into_iter().filter(|row| row.name == "base spins at the end").collect();
+    let flown = fly(DOOR, rows);
+    let (text, failures) = (table::text(&flown), table::failures(&flown));
+    let outcomes: Vec<&Outcome> = flown.iter().flat_map(|(_, outcomes)| outcomes).collect();
+    let is_bad = |outcome: &&Outcome| outcome.is_false() || outcome.worst > FORCE_MAX;
+    assert!(outcomes.len() == 40 && !outcomes.iter().any(is_bad), "{text}\n{failures}");
+    let told = outcomes.iter().filter(|outcome| outcome.reason().contains("the wheels have slipped")).count();
+    assert!(told > 10, "{text}\n{failures}");
+}
+
+/// Wheels that slide turn the base without turning themselves. Before that was bounded this one was done at 61.9 degrees, 8 short.
+#[test]
+fn wheels_that_slide_open_no_door() {
+    for (closer, traction) in [(20, 60), (25, 80), (15, 50)] {
+        let world = format!("seed = 5, swing = \"push\", closer = {closer} Nm, traction = {traction} N");
+        let mission = Mission { arguments: world.clone(), ..Mission::nominal() };
+        let outcome = mission.fly(DOOR, LIMIT).unwrap_or_else(|why| panic!("{why}"));
+        let is_told = outcome.reason().contains("the wheels have slipped");
+        assert!(outcome.worst < 60.0 && (is_told || outcome.angle > 66.0), "{world}: {outcome:?}");
+    }
+}
+
+/// With a sensor that is 23 N off after it was set to zero the laws pulled with 105 N.
+#[test]
+fn a_force_sensor_that_is_not_at_zero_is_refused() {
+    let mission = Mission { arguments: "seed = 1, force_bias = 20 N".to_owned(), ..Mission::nominal() };
+    let outcome = mission.fly(DOOR, LIMIT).unwrap_or_else(|why| panic!("{why}"));
+    assert!(outcome.reason().contains("the force sensor is not at zero") && outcome.worst < 1.0, "{outcome:?}");
+}
+
 #[test]
 fn a_force_loop_that_is_too_slow_is_refused() {
     for transfer in [70, 80].map(Duration::from_millis) {

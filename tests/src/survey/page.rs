@@ -24,14 +24,16 @@ pub fn html(rows: &[(Row, Vec<Outcome>)], title: &str) -> String {
     put(&format!("<title>{title}</title><style>{STYLE}</style></head><body><h1>{title}</h1>"));
     put(
         "<p>Strict: done, the door really at 60° or more, at most 30 N when the hand meets the handle, at most 60 N while \
-        the door opens. FALSE: done with the door below 60°. Forces are the largest of all runs of the row.</p>",
+        the door opens. FALSE: done with the door below 60°; least: the smallest angle of all that are done. Forces are the largest of all runs of the row.</p>",
     );
-    put("<table><tr><th>row</th><th>worlds</th><th>success</th><th>strict</th><th>FALSE</th><th>hit (N)</th>");
+    put(
+        "<table><tr><th>row</th><th>worlds</th><th>success</th><th>strict</th><th>FALSE</th><th>least (°)</th><th>hit (N)</th>",
+    );
     put("<th>opening (N)</th><th>worst (N)</th><th>time (s)</th><th>why the others ended</th></tr>");
     let mut group = None;
     for (row, outcomes) in rows {
         if group.replace(row.group) != Some(row.group) {
-            put(&format!("<tr class=\"group\"><td colspan=\"10\">{}</td></tr>", row.group.name()));
+            put(&format!("<tr class=\"group\"><td colspan=\"11\">{}</td></tr>", row.group.name()));
         }
         put(&line(&row.name, &Summary::of(outcomes)));
     }
@@ -50,12 +52,12 @@ pub fn html(rows: &[(Row, Vec<Outcome>)], title: &str) -> String {
 }
 
 fn line(name: &str, summary: &Summary) -> String {
-    let Summary { worlds, success, strict, false_successes, hit, pull, worst, seconds, reasons } = summary;
+    let Summary { worlds, success, strict, false_successes, angle_min, hit, pull, worst, seconds, reasons } = summary;
     let bad = |is_bad: bool| if is_bad { " class=\"bad\"" } else { "" };
     let reasons: Vec<String> = reasons.iter().map(|(why, count)| format!("{count} × {}", escaped(why))).collect();
     format!(
         "<tr><td>{}</td><td>{worlds}</td><td>{success}</td><td>{strict}</td><td{}>{false_successes}</td>\
-        <td>{hit:.0}</td><td>{pull:.0}</td><td{}>{worst:.0}</td><td>{seconds:.1}</td><td>{}</td></tr>",
+        <td>{angle_min:.1}</td><td>{hit:.0}</td><td>{pull:.0}</td><td{}>{worst:.0}</td><td>{seconds:.1}</td><td>{}</td></tr>",
         escaped(name),
         bad(*false_successes > 0),
         bad(*worst > 100.0),
@@ -63,7 +65,7 @@ fn line(name: &str, summary: &Summary) -> String {
     )
 }
 
-/// How a mission is drawn.
+/// The drawing of a mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     Strict,

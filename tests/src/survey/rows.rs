@@ -6,7 +6,7 @@ use controllers::sdk::{Quantity, Random};
 use std::fmt::Write as _;
 use std::time::Duration;
 
-/// What kind of a row it is.
+/// The kind of a row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Group {
     /// One dimension, all else nominal.
@@ -43,11 +43,11 @@ impl Group {
 /// A row of the table and its missions.
 #[derive(Clone, Debug)]
 pub struct Row {
-    /// What kind it is.
+    /// The kind.
     pub group: Group,
-    /// What varies: `radius`, `50 ms a hop`.
+    /// The name of what varies: `radius`, `50 ms a hop`.
     pub name: String,
-    /// What the missions' values are: `m`.
+    /// The unit of the missions' values: `m`.
     pub unit: &'static str,
     /// Its worlds.
     pub missions: Vec<Mission>,
@@ -78,7 +78,7 @@ const fn dimension(name: &'static str, unit: &'static str, [low, nominal, high]:
 
 pub(super) const DEGREE: f64 = std::f64::consts::PI / 180.0;
 
-/// What varies alone only: what is not about the door's kind.
+/// The dimensions that vary alone only: those that are not about the door's kind.
 const MORE: [Dimension; 31] = [
     dimension("closer_rate", "Nm/rad", [0.0, 2.0, 8.0]),
     dimension("viscosity", "Nm s/rad", [0.0, 1.5, 6.0]),
@@ -113,7 +113,7 @@ const MORE: [Dimension; 31] = [
     dimension("grip_speed", "m/s", [0.05, 0.12, 0.25]),
 ];
 
-/// What varies alone, and all at once.
+/// The dimensions that vary alone, and all at once.
 const DIMENSIONS: [Dimension; 31] = [
     dimension("radius", "m", [0.6, 0.82, 1.1]),
     dimension("closer", "Nm", [0.0, 8.0, 30.0]),
@@ -177,6 +177,11 @@ fn mission(arguments: String) -> Mission {
     Mission { arguments, ..Mission::nominal() }
 }
 
+/// The side of the hinge: left and right by turns.
+fn side(number: u32) -> &'static str {
+    if number.is_multiple_of(2) { "left" } else { "right" }
+}
+
 /// Draws the worlds of rows: each row has its own stream, so that leaving out rows changes no other.
 struct Draw {
     worlds: u32,
@@ -205,7 +210,8 @@ impl Draw {
     fn alone(&self, dimension: &Dimension) -> Row {
         self.row(Group::Single, dimension.name, dimension.unit, &mut |number, random| {
             let value = dimension.draw(1.0, random);
-            let arguments = format!("seed = {}, {}", self.world(number), dimension.argument(value));
+            let (seed, side) = (self.world(number), side(number));
+            let arguments = format!("seed = {seed}, side = \"{side}\", {}", dimension.argument(value));
             Mission { value: Some(value), ..mission(arguments) }
         })
     }
@@ -240,7 +246,6 @@ impl Draw {
     /// door opens, rightly or wrongly.
     fn pushes(&self) -> Vec<Row> {
         let push = ", swing = \"push\"";
-        let side = |number: u32| if number.is_multiple_of(2) { "left" } else { "right" };
         let plain = |name: &str, told: Option<&'static str>, swing: &'static str| {
             self.row(Group::Push, name, "", &mut |number, _| {
                 let arguments = format!("seed = {}, side = \"{}\"{swing}", self.world(number), side(number));
@@ -274,7 +279,8 @@ impl Draw {
     fn trigger(&self, name: &str, unit: &'static str, parameter: &str, [low, high]: [f64; 2]) -> Row {
         self.row(Group::Trigger, name, unit, &mut |number, random| {
             let value = random.between(low, high);
-            let arguments = format!("seed = {}, {}", self.world(number), argument(parameter, value, unit));
+            let (seed, side) = (self.world(number), side(number));
+            let arguments = format!("seed = {seed}, side = \"{side}\", {}", argument(parameter, value, unit));
             Mission { value: Some(value), ..mission(arguments) }
         })
     }
@@ -315,6 +321,29 @@ impl Draw {
             let traction = random.between(40.0, 200.0);
             let slip = format!("base_slip_door = {at:.6} rad, base_slip_for = {span:.6} s, traction = {traction:.3} N");
             let arguments = format!("seed = {}, side = \"{side}\", swing = \"{swing}\", {slip}", self.world(number));
+            Mission { value: Some(at), ..mission(arguments) }
+        })
+    }
+
+    /// Wheels that begin to turn on the spot shortly before the door is open, every half degree, three of four on doors to push,
+    /// where the laser does not see the wall then; on doors to pull it fails.
+    fn aimed_spins(&self) -> Row {
+        // Each angle on either side as often as there are worlds for it, four times as many as in other rows.
+        let draw = Self { worlds: self.worlds * 4, seed: self.seed };
+        draw.row(Group::Trigger, "base spins at the end", "rad", &mut |number, random| {
+            let at = (50.0 + 0.5 * f64::from(number % 25)) * DEGREE;
+            let (span, traction) = (random.between(1.0, 15.0), random.between(40.0, 300.0));
+            let (radius, wheels) = (random.between(0.62, 1.05), random.between(-0.05, 0.05));
+            let side = if random.unit() < 0.5 { "left" } else { "right" };
+            let swing = if number % 4 < 3 {
+                "swing = \"push\"".to_owned()
+            } else {
+                let how = if random.unit() < 0.5 { "repeats" } else { "restamps" };
+                format!("fails = \"laser\", fails_how = \"{how}\", fails_door = {at:.6} rad, fails_for = {span:.6} s")
+            };
+            let slip = format!("base_slip_door = {at:.6} rad, base_slip_for = {span:.6} s, traction = {traction:.3} N");
+            let robot = format!("side = \"{side}\", radius = {radius:.6} m, wheel_error = {wheels:.6}");
+            let arguments = format!("seed = {}, {robot}, {swing}, {slip}", self.world(number));
             Mission { value: Some(at), ..mission(arguments) }
         })
     }
@@ -395,7 +424,7 @@ pub fn rows(worlds: u32, seed: u64, phases: &[Phase]) -> Vec<Row> {
     rows.push(draw.hops("0-20 ms a hop", 0, 20));
     rows.push(draw.hops("5-30 ms a hop", 5, 30));
     rows.push(draw.hops("5-50 ms a hop", 5, 50));
-    rows.extend([draw.shut(), draw.spins(), draw.fails()]);
+    rows.extend([draw.shut(), draw.spins(), draw.aimed_spins(), draw.fails()]);
     let open = Task::Open;
     for (disruption, task) in [(Disruption::Restart, open), (Disruption::Kill, open), (Disruption::Kill, Task::Recover)]
     {

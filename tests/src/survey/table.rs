@@ -1,20 +1,23 @@
 //! The survey's numbers, row by row, and as a text.
 
 use super::{Outcome, Row};
+use crate::simulation::Finish;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-/// How the missions of a row ended.
+/// The summary of a row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
-    /// How many there were.
+    /// The number of missions.
     pub worlds: usize,
-    /// How many succeeded.
+    /// The number that succeeded.
     pub success: usize,
-    /// How many did with no more force than they may use.
+    /// The number that did with no more force than they may use.
     pub strict: usize,
-    /// How many said so with the door shut.
+    /// The number that said so with the door shut.
     pub false_successes: usize,
+    /// The least true angle at which one was done (deg); not a number if none was.
+    pub angle_min: f64,
     /// The largest force when the hand came to the handle (N), of all runs.
     pub hit: f64,
     /// The largest while the door opened (N), of all runs.
@@ -23,7 +26,7 @@ pub struct Summary {
     pub worst: f64,
     /// The longest success (s); zero if there was none.
     pub seconds: f64,
-    /// Why the others ended, the most frequent first.
+    /// The reasons of the others, the most frequent first.
     pub reasons: Vec<(String, usize)>,
 }
 
@@ -35,6 +38,7 @@ impl Summary {
             success: 0,
             strict: 0,
             false_successes: 0,
+            angle_min: f64::NAN,
             hit: 0.0,
             pull: 0.0,
             worst: 0.0,
@@ -47,6 +51,9 @@ impl Summary {
             summary.success += usize::from(outcome.is_success());
             summary.strict += usize::from(outcome.is_strict());
             summary.false_successes += usize::from(outcome.is_false());
+            if outcome.finish == Finish::Done {
+                summary.angle_min = summary.angle_min.min(outcome.angle);
+            }
             summary.hit = summary.hit.max(outcome.hit);
             summary.pull = summary.pull.max(outcome.pull);
             summary.worst = summary.worst.max(outcome.worst);
@@ -66,8 +73,18 @@ impl Summary {
 /// Returns the table as text: one line a row, then one for all; reasons with how often they were met.
 pub fn text(rows: &[(Row, Vec<Outcome>)]) -> String {
     let mut text = format!(
-        "{:<28} {:>6} {:>8} {:>7} {:>6} {:>6} {:>7} {:>8} {:>6}  {}\n",
-        "row", "worlds", "success", "strict", "FALSE", "hit N", "open N", "worst N", "s", "why the others ended"
+        "{:<28} {:>6} {:>8} {:>7} {:>6} {:>8} {:>6} {:>7} {:>8} {:>6}  {}\n",
+        "row",
+        "worlds",
+        "success",
+        "strict",
+        "FALSE",
+        "done deg",
+        "hit N",
+        "open N",
+        "worst N",
+        "s",
+        "why the others ended"
     );
     let mut group = None;
     for (row, outcomes) in rows {
@@ -103,10 +120,10 @@ pub fn failures(rows: &[(Row, Vec<Outcome>)]) -> String {
 }
 
 fn numbers(name: &str, summary: &Summary) -> String {
-    let Summary { worlds, success, strict, false_successes, hit, pull, worst, seconds, reasons } = summary;
+    let Summary { worlds, success, strict, false_successes, angle_min, hit, pull, worst, seconds, reasons } = summary;
     let reasons: Vec<String> = reasons.iter().map(|(reason, count)| format!("{count} × {reason}")).collect();
     format!(
-        "{name:<28} {worlds:>6} {success:>8} {strict:>7} {false_successes:>6} {hit:>6.0} {pull:>7.0} {worst:>8.0} {seconds:>6.1}  {}",
+        "{name:<28} {worlds:>6} {success:>8} {strict:>7} {false_successes:>6} {angle_min:>8.1} {hit:>6.0} {pull:>7.0} {worst:>8.0} {seconds:>6.1}  {}",
         reasons.join("; ")
     )
 }
@@ -118,7 +135,6 @@ fn line(text: &mut String, line: &str) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulation::Finish;
 
     #[test]
     fn each_outcome_counts_once() {
@@ -140,6 +156,7 @@ mod tests {
             Outcome { finish: Finish::Aborted("main/dooropensyst/approach: x".to_owned()), worst: 120.0, ..good },
         ];
         let summary = Summary::of(&outcomes);
+        assert!((summary.angle_min - 59.9).abs() < 1e-12);
         assert_eq!((summary.worlds, summary.success, summary.strict, summary.false_successes), (5, 3, 1, 1));
         assert!((summary.worst - 120.0).abs() < 1e-12);
         let reasons: Vec<&str> = summary.reasons.iter().map(|(reason, _)| reason.as_str()).collect();
