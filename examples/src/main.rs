@@ -2,6 +2,8 @@
 
 #[path = "../machines/machines.rs"]
 mod machines;
+#[path = "../mujoco/mujoco.rs"]
+mod mujoco;
 #[path = "../patrol/patrol.rs"]
 mod patrol;
 #[path = "../pid/pid.rs"]
@@ -19,6 +21,7 @@ fn headline(name: &str, unit: &str, value: f64) -> Signal {
 fn main() -> std::process::ExitCode {
     let mut registry = Registry::default();
     machines::add(&mut registry);
+    mujoco::add(&mut registry);
     patrol::add(&mut registry);
     pid::add(&mut registry);
     serial::add(&mut registry);
