@@ -19,6 +19,8 @@ import numpy as np
 NAMES = ["arm", "base", "ft", "gripper", "laser", "camera"]
 PERIODS = dict(zip(NAMES, [8, 8, 8, 20, 50, 40]))  # ms
 WATCHDOG = 100_000_000  # ns
+STEP = 0.002  # s
+STEP_NS = 2_000_000
 # Standard Denavit-Hartenberg, m and rad: d, a, alpha.
 LINKS = [
     (0.67183, 0.0, math.pi / 2),
@@ -90,6 +92,7 @@ def finger(name, side):
     </body>"""
 
 
+# The fingers' rubber is three springs between wrist and hand, of the stiffness that `DoorWorld` has by default; encoders do not see them.
 def model(mirror, push):
     """The whole world. `mirror`: +1 for a hinge on the left; `push`: whether the leaf goes away from the robot."""
     side, edge, hinge = -mirror, -mirror * (BEYOND + 0.01), mirror * (RADIUS + 0.01)
@@ -97,8 +100,12 @@ def model(mirror, push):
     wall = lambda a, b: f'<geom class="wall" size="0.025 {abs(b - a) / 2} 1.2" pos="0.025 {(a + b) / 2} 1.2"/>'
     hand = f"""
       <body name="hand" pos="0 0 0.20" gravcomp="1">
+        <joint type="slide" axis="1 0 0" stiffness="6000" damping="80"/>
+        <joint type="slide" axis="0 1 0" stiffness="6000" damping="80"/>
+        <joint type="slide" axis="0 0 1" stiffness="6000" damping="80"/>
         <site name="tool" size="0.005"/>
         <geom class="robot" type="box" size="0.05 0.05 0.02" pos="0 0 -0.08" mass="0.3"/>
+        <geom class="pad" type="box" size="0.012 0.03 0.01" pos="0 0 -0.0175" mass="0.05"/>
         {finger("upper", 1)}{finger("lower", -1)}
       </body>"""
     sense = mirror if push else -mirror
@@ -109,11 +116,11 @@ def model(mirror, push):
     return f"""
 <mujoco>
   <compiler angle="degree" autolimits="true"/>
-  <option timestep="0.001" integrator="implicitfast" cone="elliptic" impratio="20" noslip_iterations="3"/>
+  <option timestep="{STEP}" integrator="implicitfast" cone="elliptic" impratio="20" noslip_iterations="3"/>
   <default>
     <default class="robot"><geom contype="1" conaffinity="2" group="2" mass="0"/></default>
     <default class="wall"><geom type="box" contype="2" conaffinity="1" group="1" mass="0"/></default>
-    <default class="pad"><geom contype="4" conaffinity="4" group="3" condim="6" friction="1 0.02 0.002"
+    <default class="pad"><geom contype="4" conaffinity="4" group="3" condim="6" friction="1.2 0.02 0.002"
       solref="0.012 1" solimp="0.9 0.95 0.002"/></default>
   </default>
   <worldbody>
@@ -124,7 +131,7 @@ def model(mirror, push):
       <inertial mass="25" pos="0 {side * width / 2} 1" diaginertia="2 2 {max(INERTIA - 25 * (width / 2) ** 2, 0.5)}"/>
       <geom class="wall" size="0.002 {width / 2} 1.0" pos="0 {side * width / 2} 1.0"/>
       <body name="lever" pos="{-STANDOFF} {side * (RADIUS + LEVER)} {HEIGHT}">
-        <joint name="lever" axis="{-side} 0 0" range="0 45" armature="0.004" damping="0.05"/>
+        <joint name="lever" axis="{side} 0 0" range="0 45" armature="0.004" damping="0.05"/>
         <geom class="pad" type="box" size="0.0075 0.07 0.01" pos="0 {-side * 0.08} 0" mass="0.2"/>
         <site name="handle" pos="0 {-side * LEVER} 0" size="0.005"/>
       </body>
@@ -181,10 +188,10 @@ class Wrist:
         self.offset = np.array([random.uniform(-3, 3) for _ in range(3)] + [random.uniform(-0.1, 0.1) for _ in range(3)])
 
     def step(self, wrench):
-        self.filtered += (wrench - self.filtered) * (1.0 - math.exp(-2 * math.pi * 60.0 * 1e-3))
+        self.filtered += (wrench - self.filtered) * (1.0 - math.exp(-2 * math.pi * 60.0 * STEP))
         if self.zeroing is not None:
             self.zeroing.append(self.filtered + self.offset)
-            if len(self.zeroing) == 100:
+            if len(self.zeroing) == 50:
                 self.zero, self.zeroing, self.zeroed = np.mean(self.zeroing, axis=0), None, self.zeroed + 1
 
     def read(self):
@@ -233,7 +240,9 @@ class World:
                 if order["width"] is None:
                     grip["owner"] = None
                 else:
-                    grip["target"], grip["force"] = min(max(order["width"], 0.0), GRIP_MAX), min(order["force"], 40.0)
+                    # Fingers that are told to close press on, whatever is between them.
+                    width = order["width"] if order["width"] > 0 else -0.02
+                    grip["target"], grip["force"] = min(width, GRIP_MAX), min(order["force"], 40.0)
         if (order := orders.get("ft")) and order["after"] == self.wrist.zeroed and self.wrist.zeroing is None:
             self.wrist.zeroing = []
 
@@ -241,19 +250,19 @@ class World:
         if self.now is None or now - self.now > 2_000_000_000:
             self.now = now
             self.due = self.due or dict.fromkeys(NAMES, now)
-        while self.now + 1_000_000 <= now:
-            self.now += 1_000_000
+        while self.now + STEP_NS <= now:
+            self.now += STEP_NS
             self.step()
 
     def step(self):
         data = self.data
-        rates, yaw = self.base.step(self.now, 1e-3), data.qpos[self.q[2]]
+        rates, yaw = self.base.step(self.now, STEP), data.qpos[self.q[2]]
         c, s = math.cos(yaw), math.sin(yaw)
         data.ctrl[0:3] = [c * rates[0] - s * rates[1], s * rates[0] + c * rates[1], rates[2]]
-        data.ctrl[3:9] = self.arm.step(self.now, 1e-3)
+        data.ctrl[3:9] = self.arm.step(self.now, STEP)
         # The fingers follow their width, and press with no more than they are told.
         grip = self.grip
-        step = GRIP_SPEED * 1e-3
+        step = GRIP_SPEED * STEP
         grip["width"] += min(max(grip["target"] - grip["width"], -step), step)
         wanted = 4000.0 * (grip["width"] / 2 - data.qpos[self.fingers[0]])
         data.ctrl[9:11] = min(max(wanted, -grip["force"]), grip["force"])
@@ -266,7 +275,7 @@ class World:
         wrench, collision = self.touch()
         self.wrist.step(wrench)
         force = max(np.linalg.norm(wrench[:3]), collision)
-        if self.now % 40_000_000 < 1_000_000:
+        if self.now % 40_000_000 < STEP_NS:
             self.peak[0:2] = [0.0, self.peak[0]]
         self.peak[0], self.peak[2] = max(self.peak[0], force), max(self.peak[2], force)
 
@@ -279,8 +288,8 @@ class World:
             phi, beta = self.casters[i], math.pi / 4 + math.pi / 2 * i
             turn = (-vx * math.sin(phi) + vy * math.cos(phi) + w * CASTER * math.cos(beta - phi)) / OFFSET - w
             roll = vx * math.cos(phi) + vy * math.sin(phi) + w * CASTER * math.sin(phi - beta)
-            self.casters[i] += turn * 1e-3
-            self.casters[i + 4] += roll / (WHEEL / (1 + WHEEL_ERROR)) * 1e-3
+            self.casters[i] += turn * STEP
+            self.casters[i + 4] += roll / (WHEEL / (1 + WHEEL_ERROR)) * STEP
 
     def touch(self):
         """The wrench on the hand in the tool's frame, and the largest force between body and walls."""

@@ -142,10 +142,8 @@ impl MujocoDoor {
         let _sent = (arm.map(|state| outputs.arm.send(state)), base.map(|state| outputs.base.send(state)));
         let _sent = (ft.map(|state| outputs.force.send(state)), gripper.map(|state| outputs.gripper.send(state)));
         let _sent = (laser.map(|state| outputs.laser.send(state)), camera.map(|state| outputs.camera.send(state)));
-        self.signals = signals
-            .into_iter()
-            .map(|(name, unit, value, headline)| Signal { name: name.into(), unit: unit.into(), value, headline })
-            .collect();
+        self.signals =
+            signals.into_iter().map(|(name, unit, value, headline)| Signal { name, unit, value, headline }).collect();
     }
 
     fn exchange(&mut self, now: Time, outputs: &mut States) -> Result<(), String> {
