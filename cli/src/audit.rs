@@ -1,10 +1,14 @@
-//! `dca audit --verify`: whether a file is an audit log that nobody has worked on.
+//! `dca audit`: the log of a node, and whether a file is such a log that nobody has worked on.
 
 use crate::io::named_file;
 use anyhow::{Context as _, anyhow};
+use dbmanager::logic::view::{date, table};
 use node::console::{self, Failure};
-use std::path::PathBuf;
-use trust::audit::{Head, Verifier};
+use node::io::state_dir;
+use std::path::{Path, PathBuf};
+use team::{audit, member};
+use trust::audit::{Head, Log, Verifier};
+use trust::name::Name;
 
 /// The longest log, in bytes.
 const LOG_MAX: usize = 256 << 20;
@@ -12,23 +16,55 @@ const LOG_MAX: usize = 256 << 20;
 /// The arguments of `dca audit`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// The log to verify
-    #[arg(long, value_name = "FILE", required = true)]
-    verify: PathBuf,
-    /// A file of signed heads, one a line: what they cover must be there. Their signatures are checked, not who the signers are
+    /// The node of this machine whose log is shown; it need not run
+    #[arg(required_unless_present = "verify", conflicts_with = "verify")]
+    node: Option<Name>,
+    /// Folder for the state of this machine's nodes, as `dca-node --state` has it
+    #[arg(long, value_name = "DIR", requires = "node")]
+    state: Option<PathBuf>,
+    /// A file to verify instead
     #[arg(long, value_name = "FILE")]
+    verify: Option<PathBuf>,
+    /// A file of signed heads, one a line: what they cover must be there. Their signatures are checked, not who the signers are
+    #[arg(long, value_name = "FILE", requires = "verify")]
     heads: Option<PathBuf>,
 }
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let path = &arguments.verify;
     let heads = arguments.heads.as_deref().map_or(Ok(Vec::new()), heads)?;
-    let count = heads.len();
+    match (&arguments.node, &arguments.verify) {
+        (Some(node), _) => show(node, arguments.state.as_deref()),
+        (None, Some(path)) => verify(path, heads),
+        (None, None) => Ok(()),
+    }
+}
+
+/// Shows the records of a node's log, and whether they are as they were written.
+fn show(node: &Name, state: Option<&Path>) -> Result<(), Failure> {
+    let base = state.map(Path::to_owned).or_else(state_dir::default_base).context("choose a folder with `--state`")?;
+    let path = base.join(node.as_str()).join(member::FOLDER).join(audit::FILE);
+    let text = named_file::text(&path, LOG_MAX).with_context(|| format!("reading `{}`", path.display()))?;
+    let rows: Vec<Vec<String>> = text.lines().filter_map(row).collect();
+    if !rows.is_empty() {
+        console::say(&table::table(&rows));
+    }
+    let (log, _) = verified(&path, &text, Vec::new())?;
+    console::note(&format!("complete up to record {}", log.last()));
+    Ok(())
+}
+
+/// Returns a record as a person reads it.
+fn row(line: &str) -> Option<Vec<String>> {
+    let fields: Vec<&str> = line.split('\t').collect();
+    let &[_, at, decision, who, what, _, reason, _] = fields.as_slice() else { return None };
+    let at = date::text(at.parse::<u64>().ok()?.saturating_mul(1000));
+    Some([&at, decision, who, what, reason].map(str::to_owned).to_vec())
+}
+
+fn verify(path: &Path, heads: Vec<Head>) -> Result<(), Failure> {
     let text = named_file::text(path, LOG_MAX).with_context(|| format!("reading `{}`", path.display()))?;
-    let mut verifier = Verifier::new(heads)?;
-    let verified = text.lines().try_for_each(|line| verifier.line(line)).and_then(|()| verifier.finish());
-    let log = verified.with_context(|| format!("`{}` is not as it was written", path.display()))?;
+    let (log, count) = verified(path, &text, heads)?;
     let node = log.of().1;
     let heads = match count {
         0 => "no signed heads: records may be missing at the end".to_owned(),
@@ -39,7 +75,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-fn heads(path: &std::path::Path) -> anyhow::Result<Vec<Head>> {
+/// Returns the end of a log that is as it was written, and how many heads fit to it.
+fn verified(path: &Path, text: &str, heads: Vec<Head>) -> anyhow::Result<(Log, usize)> {
+    let count = heads.len();
+    let mut verifier = Verifier::new(heads)?;
+    let verified = text.lines().try_for_each(|line| verifier.line(line)).and_then(|()| verifier.finish());
+    Ok((verified.with_context(|| format!("`{}` is not as it was written", path.display()))?, count))
+}
+
+fn heads(path: &Path) -> anyhow::Result<Vec<Head>> {
     let text = named_file::text(path, LOG_MAX).with_context(|| format!("reading `{}`", path.display()))?;
     let read = |(index, line): (usize, &str)| {
         Head::from_text(line).map_err(|error| anyhow!("line {} of `{}`: {error}", index + 1, path.display()))

@@ -162,6 +162,11 @@ impl Client {
         Err(Failure::Unreachable(problem.unwrap_or_else(none)))
     }
 
+    /// Connects through a node that stays on this machine.
+    pub(crate) async fn here(run_dir: Option<&Path>) -> Result<Self, Failure> {
+        Self::open(&ConnectArgs { lan: false, run_dir: run_dir.map(Path::to_owned) }).await
+    }
+
     /// Connects as [`Client::open`] does; where no node stays, to the only `dca run` that there is.
     pub(crate) async fn open_any(connect: &ConnectArgs) -> Result<Self, Failure> {
         let standing = Self::open(connect).await;
@@ -209,6 +214,11 @@ impl Client {
     /// Returns the node of this machine that it goes through, if it does.
     pub(crate) fn local(&self) -> Option<&str> {
         self.local.as_deref()
+    }
+
+    /// Returns the file with what somebody of this machine shows to programs on other hosts of the team, if there is a team.
+    pub(crate) fn team(&self) -> Option<PathBuf> {
+        run_dir::programs_identity(self.base.as_deref()?, self.local.as_deref()?)
     }
 
     /// Returns what shows the node `host` that this command runs on its machine, if it does.
@@ -424,7 +434,7 @@ mod tests {
     use super::*;
     use comms::io::session::{NodeOptions, Reach};
     use comms::logic::key::HostName;
-    use node::logic::protocol::Containment;
+    use node::logic::protocol::{Containment, Network};
 
     #[tokio::test(flavor = "multi_thread")]
     async fn a_node_that_does_not_answer_does_not_hide_the_others() {
@@ -463,6 +473,7 @@ mod tests {
             peers,
             deployments,
             containment: Containment::default(),
+            network: Network::default(),
         }
     }
 

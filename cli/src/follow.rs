@@ -85,6 +85,8 @@ struct Watch {
     /// The output of programs; without a record only the lines that explain an end.
     outputs: Outputs,
     observer_events: mpsc::Sender<ObserverEvent>,
+    /// What this command shows to programs on other hosts of a team.
+    team: Option<PathBuf>,
     go_at: Option<Time>,
     name: String,
     home: String,
@@ -104,7 +106,7 @@ pub(crate) async fn follow(client: &Client, spec: Spec, following: &FollowArgs) 
     let messages = if following.ports.is_empty() { Messages::new() } else { language::messages(&spec.modules) };
     let ports = ports(&spec.plan, &following.ports, &messages).map_err(|why| anyhow!(why))?;
     let recorder = if following.no_record { None } else { Some(start_record(&spec, &following.runs)?) };
-    let (mut watch, arriving) = Watch::new(&spec.plan, home.clone(), recorder, ports);
+    let (mut watch, arriving) = Watch::new(&spec.plan, home.clone(), recorder, ports, client.team());
     let request = Request::Deploy { request: entropy::number()?, plan: spec.plan, by: user::name_and_host() };
     let answers = client.ask_on(&home, &request)?;
     let watched = watch.watch(client, &home, answers, arriving).await;
@@ -114,7 +116,7 @@ pub(crate) async fn follow(client: &Client, spec: Spec, following: &FollowArgs) 
 /// Watches a deployment that runs, from its beginning on, and stays until it has ended; Ctrl-C stops it everywhere.
 pub(crate) async fn attach(client: &Client, plan: Plan, deployment: Deployment) -> Result<(), Failure> {
     let home = plan.home().context("the plan names no host for `main`")?.to_owned();
-    let (mut watch, arriving) = Watch::new(&plan, home.clone(), None, Vec::new());
+    let (mut watch, arriving) = Watch::new(&plan, home.clone(), None, Vec::new(), client.team());
     watch.deployment = Some(deployment.clone());
     let answers = client.ask_on(&home, &Request::Watch { deployment, seen: 0 })?;
     let watched = watch.watch(client, &home, answers, arriving).await;
@@ -127,6 +129,7 @@ impl Watch {
         home: String,
         recorder: Option<Recorder>,
         ports: Vec<Port>,
+        team: Option<PathBuf>,
     ) -> (Self, mpsc::Receiver<ObserverEvent>) {
         let (observer_events, arriving) = mpsc::channel(OBSERVED_MAX);
         let (port_events, arriving_ports) = mpsc::channel(PORTS_MAX);
@@ -141,6 +144,7 @@ impl Watch {
             arriving_ports,
             outputs: Outputs::default(),
             observer_events,
+            team,
             go_at: None,
             name: plan.name.clone(),
             home,
@@ -280,7 +284,8 @@ impl Watch {
         if let Report::Go { signals, .. } = &report {
             self.go_at = Some(clock::now());
             if !signals.is_empty() {
-                self.observers.push(Observer::open(&self.name, signals, self.observer_events.clone()));
+                let (team, sink) = (self.team.clone(), self.observer_events.clone());
+                self.observers.push(Observer::open(&self.name, signals, team, sink));
             }
         }
         if let (Report::Process { at, .. }, Some(go)) = (&report, self.go_at) {
@@ -344,7 +349,7 @@ impl Watch {
         let Some(deployment) = self.deployment.as_ref().filter(|_| !self.ports.is_empty()) else { return };
         let dial = |port: &Port| at.iter().find(|(path, _)| *path == port.producer).map(|(_, dial)| dial.clone());
         let ports: Vec<(Port, Dial)> = self.ports.iter().filter_map(|port| Some((port.clone(), dial(port)?))).collect();
-        self.observers.push(Observer::open_ports(deployment, &ports, self.port_events.clone()));
+        self.observers.push(Observer::open_ports(deployment, &ports, self.team.clone(), self.port_events.clone()));
     }
 
     fn port(&mut self, from: String, to: String, arrived: Time, bytes: Vec<u8>) {

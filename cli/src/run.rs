@@ -69,6 +69,7 @@ impl Nodes {
                 name: host.clone(),
                 base: nodes.base.clone(),
                 reach: Reach::Host,
+                member: None,
                 port: 0,
                 controllers: programs::chosen(&controllers.programs),
                 peers: Vec::new(),

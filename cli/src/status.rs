@@ -10,7 +10,7 @@ use crate::absent::{self, Absences, open_hosts};
 use crate::client::{Client, Clients, Statuses};
 use crate::logic::tree::{Unknown, tree};
 use node::console::{self, Failure, block_on};
-use node::logic::protocol::{Absent, NodeStatus};
+use node::logic::protocol::{Absent, Network, NodeStatus};
 use node::logic::table::table;
 
 /// The arguments of `dca status`.
@@ -97,9 +97,14 @@ fn text(statuses: &[NodeStatus], away: &Absences, name: Option<&str>) -> String 
     if blocks.is_empty() {
         let hosts: Vec<&str> = statuses.iter().map(|status| status.host.as_str()).collect();
         let what = name.map_or_else(|| "nothing".to_owned(), |name| format!("nothing of `{name}`"));
-        return format!("{what} is deployed on {}", hosts.join(", "));
+        let open = |status: &&NodeStatus| status.network != Network::Host;
+        let networks = statuses.iter().filter(open).map(|status| vec![status.host.clone(), status.network.to_string()]);
+        let blocks = [format!("{what} is deployed on {}", hosts.join(", ")), table(&networks.collect::<Vec<_>>())];
+        return blocks.into_iter().filter(|block| !block.is_empty()).collect::<Vec<_>>().join("\n\n");
     }
-    let held = |status: &NodeStatus| vec![status.host.clone(), format!("held by {}", status.containment)];
+    let held = |status: &NodeStatus| {
+        vec![status.host.clone(), format!("held by {}", status.containment), status.network.to_string()]
+    };
     blocks.push(table(&statuses.iter().map(held).collect::<Vec<_>>()));
     blocks.join("\n\n")
 }

@@ -96,7 +96,7 @@ pub(crate) async fn follow(
 ) -> Result<End, Failure> {
     let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
     let clients = Clients::open(&arguments.connect).await?;
-    let mut taps = Taps::open().await?;
+    let mut taps = Taps::open(clients.iter().find_map(|client| client.team())).await?;
     let ended = tokio::select! {
         ended = follow_with(&clients, &mut taps, arguments, &mut take) => ended,
         _ = interrupt.recv() => Ok(End::Interrupted),

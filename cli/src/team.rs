@@ -1,6 +1,8 @@
-//! `dca team`: the team's key and its users, on the operator's machine. Nothing here asks a node.
+//! `dca team`: the team's key, its robots and its users, on the operator's machine.
 
 mod init;
+mod invite;
+mod revoke;
 mod user;
 
 use crate::io::keyring::{Asked, Keyring, passphrase};
@@ -33,6 +35,12 @@ enum Verb {
     Key(init::Key),
     /// Add and remove users
     User(user::UserArgs),
+    /// Invite a robot: prints the line with which it joins, and waits for it
+    Invite(invite::InviteArgs),
+    /// Take this machine into the team of an invitation
+    Join(invite::JoinArgs),
+    /// Revoke the keys of a robot or a user, for ever
+    Revoke(revoke::RevokeArgs),
     /// Print what everybody may know of the team: its certificates and revocations
     Export,
 }
@@ -49,6 +57,9 @@ struct KeysArgs {
     /// A file of mode 0600 whose first line is the passphrase [default: standard input]
     #[arg(long, value_name = "FILE", global = true)]
     passphrase: Option<PathBuf>,
+    /// Folder with the sockets of this machine's nodes, which are told of revocations
+    #[arg(long, value_name = "DIR", global = true)]
+    run_dir: Option<PathBuf>,
 }
 
 impl KeysArgs {
@@ -75,6 +86,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(Verb::Init(init)) => init.run(keys),
         Some(Verb::Key(key)) => key.run(keys),
         Some(Verb::User(user)) => user.run(keys),
+        Some(Verb::Invite(invite)) => invite.run(keys),
+        Some(Verb::Join(join)) => join.run(),
+        Some(Verb::Revoke(revoke)) => revoke.run(keys),
         Some(Verb::Export) => {
             console::say(&keys.bundle()?.1.to_text());
             Ok(())

@@ -12,3 +12,4 @@ pub mod random;
 pub mod signals;
 pub mod tap;
 pub mod time;
+pub mod tunnel;

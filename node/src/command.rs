@@ -8,12 +8,14 @@ use crate::io::driver::{self, Config};
 use crate::io::logging::{self, Log};
 use crate::io::service_manager::ServiceManager;
 use crate::io::{cgroup, programs, state_dir};
-use anyhow::{Context as _, anyhow};
+use anyhow::{Context as _, anyhow, ensure};
 use arguments::Arguments;
 use clap::{CommandFactory as _, Parser, Subcommand};
 use comms::io::session::{self, Reach, Role};
 use install::Install;
 use std::process::ExitCode;
+use std::sync::Arc;
+use team::member::Member;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::watch;
 
@@ -49,13 +51,36 @@ pub fn main() -> ExitCode {
     }
 }
 
-fn run(arguments: Arguments, log: Log) -> Result<(), Failure> {
-    if arguments.lan {
+/// Returns whom a node lets come: its team, everybody, or nobody from other hosts. Never a team and everybody.
+fn reach(arguments: &Arguments, member: Option<&Arc<Member>>) -> anyhow::Result<Reach> {
+    let Some(member) = member else {
+        ensure!(
+            arguments.insecure_lan || arguments.port == 0,
+            "`--port` is for a node in a team, or with `--insecure-lan`"
+        );
+        if !arguments.insecure_lan {
+            return Ok(Reach::Host);
+        }
         console::note("this node is open to the local network without authentication: anyone there can start programs");
+        return Ok(Reach::Lan);
+    };
+    let team = member.team().name();
+    ensure!(
+        !arguments.insecure_lan,
+        "this node is in the team `{team}`, and opens to nobody else: leave out `--insecure-lan`"
+    );
+    if let Err(error) = member.check() {
+        console::note(&format!("the others of the team `{team}` will refuse this node: {error:#}"));
     }
+    Ok(Reach::Team(Arc::clone(member) as _))
+}
+
+fn run(arguments: Arguments, log: Log) -> Result<(), Failure> {
     let service =
         ServiceManager::of_environment().context("reaching the service manager that `NOTIFY_SOCKET` names")?;
     let state = state_dir::take(arguments.state.as_deref(), arguments.name.as_str())?;
+    let member = Member::open(&state)?.map(Arc::new);
+    let reach = reach(&arguments, member.as_ref())?;
     let base = arguments.base();
     let config = Config {
         state: Some(state),
@@ -64,7 +89,8 @@ fn run(arguments: Arguments, log: Log) -> Result<(), Failure> {
         founds: false,
         name: arguments.name.as_str().to_owned(),
         base,
-        reach: if arguments.lan { Reach::Lan } else { Reach::Host },
+        reach,
+        member,
         controllers: programs::chosen(&arguments.controllers),
         port: arguments.port,
         peers: arguments.peers,

@@ -205,7 +205,8 @@ fn typed(question: &str) -> anyhow::Result<Zeroizing<String>> {
     Ok(line)
 }
 
-fn first_line(from: &mut dyn BufRead) -> anyhow::Result<Zeroizing<String>> {
+/// Returns the first line of something that holds a secret.
+pub(crate) fn first_line(from: &mut dyn BufRead) -> anyhow::Result<Zeroizing<String>> {
     let mut bytes = Zeroizing::new(Vec::with_capacity(PASSPHRASE_MAX + 2));
     from.take(PASSPHRASE_MAX as u64 + 2).read_until(b'\n', &mut bytes).context("reading the passphrase")?;
     while bytes.last().is_some_and(|last| *last == b'\n' || *last == b'\r') {

@@ -8,8 +8,10 @@ use comms::logic::signals::{Peak, Peaks, Signals};
 use comms::logic::time::Time;
 use comms::logic::{codec, key};
 use node::logic::protocol::Deployment;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
+use team::program::ProgramIdentity;
 use tokio::sync::mpsc::Sender;
 use tokio::task::JoinSet;
 
@@ -89,28 +91,34 @@ struct Opened {
 
 impl Observer {
     /// Begins to dial every program of `sources` (instance path, where to dial), all at once. What comes of them goes to
-    /// `sink`; samples are left out when it is full.
-    pub fn open(robot: &str, sources: &[(String, Dial)], sink: Sender<ObserverEvent>) -> Self {
+    /// `sink`; samples are left out when it is full. In a team `team` is the file with what the node of this machine gives its
+    /// programs.
+    pub fn open(robot: &str, sources: &[(String, Dial)], team: Option<PathBuf>, sink: Sender<ObserverEvent>) -> Self {
         let source = |(path, dial): &(String, Dial)| Source {
             key: key::signals(robot, path),
             dial: dial.clone(),
             what: EventKind::Signals(path.clone()),
         };
-        Self::look(sources.iter().map(source).collect(), sink)
+        Self::look(sources.iter().map(source).collect(), team, sink)
     }
 
     /// Begins to dial the producers of some wires; else as [`Observer::open`] does. Values that are too long are left out.
-    pub fn open_ports(deployment: &Deployment, ports: &[(Port, Dial)], sink: Sender<ObserverEvent>) -> Self {
+    pub fn open_ports(
+        deployment: &Deployment,
+        ports: &[(Port, Dial)],
+        team: Option<PathBuf>,
+        sink: Sender<ObserverEvent>,
+    ) -> Self {
         let source = |(port, dial): &(Port, Dial)| {
             let what = EventKind::Port(port.from.clone(), port.to.clone());
             Source { key: port.key(deployment), dial: dial.clone(), what }
         };
-        Self::look(ports.iter().map(source).collect(), sink)
+        Self::look(ports.iter().map(source).collect(), team, sink)
     }
 
-    fn look(sources: Vec<Source>, sink: Sender<ObserverEvent>) -> Self {
+    fn look(sources: Vec<Source>, team: Option<PathBuf>, sink: Sender<ObserverEvent>) -> Self {
         let mut opening = JoinSet::new();
-        opening.spawn(look(sources, sink));
+        opening.spawn(look(sources, team, sink));
         Self { opening }
     }
 
@@ -127,11 +135,20 @@ impl Observer {
     }
 }
 
-async fn look(sources: Vec<Source>, sink: Sender<ObserverEvent>) -> Option<Opened> {
+/// Opens a data session that only dials. In a team `team` is the file with what the node of this machine gives its programs.
+pub(crate) fn open(team: Option<&Path>) -> anyhow::Result<DataSession> {
+    let Some(file) = team else { return Ok(DataSession::open_observer(None)?) };
+    let identity = Arc::new(ProgramIdentity::open(file)?);
+    // The node's own folder, which only this user can enter.
+    let folder = file.parent().unwrap_or(Path::new("/")).to_owned();
+    Ok(DataSession::open_observer(Some((identity, folder)))?)
+}
+
+async fn look(sources: Vec<Source>, team: Option<PathBuf>, sink: Sender<ObserverEvent>) -> Option<Opened> {
     let unseen = async |what: String| drop(sink.send(ObserverEvent::Unseen(what)).await);
     // Zenoh's own calls block.
-    let opened = tokio::task::spawn_blocking(DataSession::open_observer).await;
-    let session = match opened.map_err(anyhow::Error::from).and_then(|opened| Ok(opened?)) {
+    let opened = tokio::task::spawn_blocking(move || open(team.as_deref())).await;
+    let session = match opened.map_err(anyhow::Error::from).flatten() {
         Ok(session) => Arc::new(session),
         Err(error) => {
             unseen(format!("signals cannot be seen: {error:#}")).await;
@@ -248,7 +265,7 @@ mod tests {
         let locators = vec![format!("unixsock-stream/{}", folder.join("late").display())];
         let sources = [("main/hit".to_owned(), Dial { session: program.location().session, locators })];
         let (sink, mut seen) = tokio::sync::mpsc::channel(16);
-        let observer = Observer::open("door", &sources, sink);
+        let observer = Observer::open("door", &sources, None, sink);
         let Some(ObserverEvent::Unseen(why)) = seen.recv().await else { panic!("it is not there yet") };
         assert!(why.starts_with("signals of `main/hit` cannot be seen yet: cannot reach session "), "{why}");
         std::os::unix::fs::symlink(folder.join("s"), folder.join("late")).unwrap();
@@ -280,7 +297,7 @@ mod tests {
             ("main/hit".to_owned(), Dial { session: there.session, locators: there.local }),
         ];
         let (sink, mut seen) = tokio::sync::mpsc::channel(16);
-        let observer = Observer::open("door", &sources, sink);
+        let observer = Observer::open("door", &sources, None, sink);
         let Some(ObserverEvent::Unseen(why)) = seen.recv().await else { panic!("everything is seen") };
         assert!(why.starts_with("signals of `main/gone` cannot be seen: cannot reach session 1: it listens"), "{why}");
         let signals = Signals { stamp: clock::now(), values: Vec::new() };

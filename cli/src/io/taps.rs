@@ -1,10 +1,12 @@
 //! A data session of the command line that hears the outputs of programs while they work.
 
+use crate::io::observer;
 use comms::io::data::{DataError, DataSession, Subscription};
 use comms::logic::control::Dial;
 use comms::logic::tap::{Outputs, Tapped};
 use comms::logic::{codec, key};
 use node::console::Failure;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::mpsc::Sender;
@@ -20,11 +22,12 @@ pub(crate) struct Taps {
 }
 
 impl Taps {
-    /// Opens the session; it has no links yet.
-    pub(crate) async fn open() -> Result<Self, Failure> {
+    /// Opens the session; it has no links yet. In a team `team` is the file with what the node of this machine gives its programs.
+    pub(crate) async fn open(team: Option<PathBuf>) -> Result<Self, Failure> {
         // Zenoh's own calls block.
-        let session = tokio::task::spawn_blocking(DataSession::open_observer).await.map_err(anyhow::Error::from)?;
-        Ok(Self { session: Arc::new(session.map_err(anyhow::Error::from)?), subscriptions: Vec::new() })
+        let session =
+            tokio::task::spawn_blocking(move || observer::open(team.as_deref())).await.map_err(anyhow::Error::from)?;
+        Ok(Self { session: Arc::new(session?), subscriptions: Vec::new() })
     }
 
     /// Links to a program, and keeps linked to it.

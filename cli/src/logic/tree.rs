@@ -68,7 +68,7 @@ pub fn tree(statuses: &[NodeStatus], unknown: &[Unknown<'_>]) -> String {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use node::logic::protocol::{Containment, DeploymentStatus};
+    use node::logic::protocol::{Containment, DeploymentStatus, Network};
     use std::time::Duration;
 
     /// Returns a node of `door@1` for tests, whose home is `c1`: processes with path, state and process id.
@@ -94,6 +94,7 @@ pub(crate) mod tests {
             peers: vec![],
             deployments: vec![part],
             containment: Containment::default(),
+            network: Network::default(),
         }
     }
 

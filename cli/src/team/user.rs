@@ -1,18 +1,16 @@
 //! `dca team user add`, `remove`: who may do what, signed with the team's key.
 
-use super::{KeysArgs, now, random};
+use super::{KeysArgs, now, random, revoke};
 use crate::io::keyring::Asked;
-use anyhow::{anyhow, bail, ensure};
+use anyhow::{bail, ensure};
 use clap::Subcommand;
 use dbmanager::logic::view::date;
 use node::console::{self, Failure};
-use std::collections::BTreeMap;
 use trust::TextError;
 use trust::bundle::Bundle;
 use trust::certificate::{Certificate, Claims, DAY, LIFE_MAX, RENEWABLE_MAX};
 use trust::identity::{PublicKeys, SecretKeys};
 use trust::name::{Name, UnixTime};
-use trust::revocation::{REVOKED_MAX, RevokedSet};
 use trust::role::{Kind, Role};
 
 /// For how long a user's certificate can be renewed unless told otherwise, in days.
@@ -74,7 +72,10 @@ impl UserArgs {
         };
         keyring.keep(&bundle)?;
         console::say(&said);
-        Ok(())
+        match self.verb {
+            UserVerb::Add(_) => Ok(()),
+            UserVerb::Remove(_) => revoke::tell(keys, &bundle),
+        }
     }
 }
 
@@ -118,18 +119,7 @@ impl Remove {
     }
 
     fn carry_out(&self, bundle: &mut Bundle, root: &SecretKeys, now: UnixTime) -> anyhow::Result<String> {
-        let (number, mut keys) = match bundle.revoked() {
-            None => (0, BTreeMap::new()),
-            Some(set) => (set.number(), set.keys().clone()),
-        };
-        let gone: Vec<_> = bundle.named(&self.name).map(Certificate::subject).collect();
-        for key in gone {
-            keys.entry(key).or_insert(now);
-        }
-        ensure!(keys.len() <= REVOKED_MAX, "no more than {REVOKED_MAX} keys can be revoked");
-        let number = number.checked_add(1).ok_or_else(|| anyhow!("there is no number after the last one"))?;
-        bundle.revoke(RevokedSet::sign(bundle.team(), number, keys, root, None)?);
-        Ok(format!("{} is revoked: number {number}", self.name))
+        revoke::revoke(bundle, &self.name, root, now)
     }
 }
 

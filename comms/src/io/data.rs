@@ -5,12 +5,14 @@
 //! a tokio task.
 
 use crate::io::clock::now;
-use crate::io::session::{OpenError, Opened, Reach, Redial, Search, Settings, dialled, locator, unix_locator};
+use crate::io::session::{
+    Identity, OpenError, Opened, Reach, Redial, Search, Settings, TunnelOptions, dialled, locator, unix_locator,
+};
 use crate::logic::control::{Dial, Location};
 use crate::logic::human::span;
 use crate::logic::time::Time;
 use std::borrow::Cow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Duration;
@@ -110,26 +112,36 @@ struct Listeners {
 }
 
 impl DataSession {
-    /// Opens a data session that listens on the Unix socket `socket` and, with [`Reach::Lan`], on one TCP port of each
-    /// network interface.
+    /// Opens a data session that listens on the Unix socket `socket` and, with [`Reach::Lan`] or [`Reach::Team`], on
+    /// one TCP port of each network interface.
     ///
     /// # Errors
     /// If the socket cannot be used.
     pub fn open(socket: &Path, reach: Reach) -> Result<Self, OpenError> {
-        let mut listen = vec![unix_locator(socket)?];
+        let (mut listen, mut tunnels) = (vec![unix_locator(socket)?], None);
         match reach {
             Reach::Host => {}
             Reach::Lan => listen.extend(dialled().into_iter().map(|address| locator(address, 0))),
+            Reach::Team(identity) => {
+                let listen = dialled().into_iter().map(|address| (address, 0).into()).collect();
+                tunnels = Some(TunnelOptions { identity, listen, entrance: socket.to_owned() });
+            }
         }
-        Ok(Self { opened: Opened::open(Settings::data().listen(&listen), Redial::Listed, Search::Off)? })
+        let settings = Settings::data().listen(&listen);
+        Ok(Self { opened: Opened::open(settings, Redial::Listed, Search::Off, tunnels)? })
     }
 
-    /// Opens a data session that only dials.
+    /// Opens a data session that only dials. With an identity, it dials others of the team from a folder that only this user can
+    /// enter.
     ///
     /// # Errors
     /// If zenoh refuses.
-    pub fn open_observer() -> Result<Self, OpenError> {
-        Ok(Self { opened: Opened::open(Settings::data(), Redial::Listed, Search::Off)? })
+    pub fn open_observer(team: Option<(Arc<dyn Identity>, PathBuf)>) -> Result<Self, OpenError> {
+        let tunnels = team.map(|(identity, folder)| {
+            let (listen, entrance) = (Vec::new(), folder.join("nobody"));
+            TunnelOptions { identity, listen, entrance }
+        });
+        Ok(Self { opened: Opened::open(Settings::data(), Redial::Listed, Search::Off, tunnels)? })
     }
 
     /// Returns where others can dial this session.

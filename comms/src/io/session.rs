@@ -18,14 +18,18 @@ mod reach;
 mod serve;
 mod stream;
 mod tally;
+mod tunnel;
 
 pub use call::{CallError, Replies};
 pub(crate) use config::{Settings, unix_locator};
+pub use interfaces::dialled as addresses;
 pub(crate) use interfaces::{dialled, locator};
 pub use message::{Presence, Subscription, Token, Watch};
 pub use nearby::discovery;
 pub(crate) use open::{Opened, Redial, Search, plain};
 pub use serve::{Request, Server};
+pub(crate) use tunnel::TunnelOptions;
+pub use tunnel::{Identity, PublicKey};
 
 use crate::io::descriptors;
 use crate::logic::key::HostName;
@@ -33,6 +37,7 @@ use call::Calls;
 use std::net::{IpAddr, SocketAddr, TcpListener};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
 use thiserror::Error;
 use tokio::sync::watch;
@@ -60,12 +65,14 @@ pub enum Role {
 }
 
 /// The reach of a session: this host or the network.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug)]
 pub enum Reach {
     /// Programs of this user on this host.
     Host,
     /// Also the local network, unauthenticated.
     Lan,
+    /// Also those on the network who are trusted.
+    Team(Arc<dyn Identity>),
 }
 
 /// The options of a node's session.
@@ -123,6 +130,12 @@ pub enum OpenError {
         /// The system's words.
         cause: String,
     },
+    /// Nobody can come from other hosts.
+    #[error("no way for others of the team: {cause}")]
+    Tunnels {
+        /// The reason.
+        cause: String,
+    },
     /// Zenoh refuses.
     #[error("cannot open a session: {cause}")]
     Zenoh {
@@ -165,7 +178,7 @@ fn take_port(address: IpAddr, port: u16) -> Result<u16, OpenError> {
 impl Session {
     /// Opens the session of a node.
     ///
-    /// With [`Reach::Lan`] it also listens on one TCP port at every address that this machine has or gets, and looks for
+    /// With [`Reach::Lan`] and [`Reach::Team`] it also listens on one TCP port at every address that this machine has or gets, and looks for
     /// other nodes on every network interface, as they come and go: see [`Session::addresses`].
     ///
     /// # Errors
@@ -175,17 +188,29 @@ impl Session {
     /// The session is opened and closed again in the background.
     pub async fn open_node(options: NodeOptions) -> Result<Self, OpenError> {
         let mut listen = vec![unix_locator(&options.socket)?];
+        let (name, mut tunnels) = (options.name.as_str().to_owned(), None);
+        let everywhere = || {
+            let address = nearby::everywhere();
+            Ok((address, take_port(address, options.port)?))
+        };
         let search = match options.reach {
             Reach::Host => Search::Off,
             Reach::Lan => {
-                let address = nearby::everywhere();
-                let port = take_port(address, options.port)?;
+                let (address, port) = everywhere()?;
                 listen.push(locator(address, port));
-                Search::Found(options.name.as_str().to_owned(), port)
+                Search::Found(name, port)
+            }
+            Reach::Team(identity) => {
+                let (address, port) = everywhere()?;
+                let entrance = options.socket.clone();
+                tunnels = Some(TunnelOptions { identity, listen: vec![(address, port).into()], entrance });
+                Search::Found(name, port)
             }
         };
-        let settings = Settings::node().listen(&listen).connect(&options.peers);
-        let mut session = Self::open(settings, Redial::Found, search).await?;
+        let is_here = |peer: &String| tunnels.is_none() || peer.starts_with("unixsock-stream/");
+        let dialled: Vec<String> = options.peers.iter().filter(|peer| is_here(peer)).cloned().collect();
+        let settings = Settings::node().listen(&listen).connect(&dialled);
+        let mut session = Self::open(settings, Redial::Found, search, tunnels).await?;
         session.opened.watch_told(&options.peers);
         tracing::debug!(host = options.name.as_str(), locators = ?session.locators(), "node session is open");
         Ok(session)
@@ -223,7 +248,7 @@ impl Session {
         // Asks the socket first: the system says why, zenoh only that.
         UnixStream::connect(socket)
             .map_err(|cause| OpenError::NoNode { path: socket.to_owned(), cause: cause.to_string() })?;
-        Self::open(Settings::client(&locator), Redial::Listed, Search::Off).await
+        Self::open(Settings::client(&locator), Redial::Listed, Search::Off, None).await
     }
 
     /// Opens the session of a command line on a host without a node: looks for nodes on the local network, and returns
@@ -235,7 +260,7 @@ impl Session {
     /// # Cancellation
     /// The session is opened and closed again in the background.
     pub async fn open_scout() -> Result<Self, OpenError> {
-        let session = Self::open(Settings::node(), Redial::Listed, Search::Ask).await?;
+        let session = Self::open(Settings::node(), Redial::Listed, Search::Ask, None).await?;
         let [within, look_every] = SCOUT;
         let found = async {
             while !session.opened.is_linked() {
@@ -246,11 +271,21 @@ impl Session {
         Ok(session)
     }
 
-    async fn open(settings: Settings, redial: Redial, search: Search) -> Result<Self, OpenError> {
+    async fn open(
+        settings: Settings,
+        redial: Redial,
+        search: Search,
+        tunnels: Option<TunnelOptions>,
+    ) -> Result<Self, OpenError> {
         // Zenoh blocks while it opens, and panics on a single-threaded runtime.
-        let opening = on_thread("dca-open", move || Opened::open(settings, redial, search));
+        let opening = on_thread("dca-open", move || Opened::open(settings, redial, search, tunnels));
         let opened = opening.await.ok_or(OpenError::NoThread)??;
         Ok(Self { opened, calls: Calls::default(), answering: watch::Sender::new(()) })
+    }
+
+    /// Has everybody judged again who has come from another host of the team, after what makes them trusted has changed.
+    pub fn judge_again(&self) {
+        self.opened.judge_again();
     }
 
     /// Returns the session's id, lower-case hex.

@@ -45,6 +45,10 @@ pub enum Kind {
     Tapped = 8,
     /// [`Outputs`].
     Outputs = 9,
+    /// [`Introduction`](crate::logic::tunnel::Introduction): who is at an end of a tunnel.
+    Introduction = 10,
+    /// [`Revocations`](crate::logic::tunnel::Revocations): whom an end of a tunnel has heard of as revoked.
+    Revocations = 11,
     /// A frame of the ordered link between two nodes.
     Frame = 100,
     /// A request to a node.

@@ -5,6 +5,7 @@
 //! dca/n/<host>/in                    messages from node to node
 //! dca/n/<host>/ping                  a node asks who is there
 //! dca/n/<host>/pong                  answers to it
+//! dca/n/<host>/revoked               a node has heard of keys that its team has revoked
 //! dca/live/<host>/<boot>             a node is up
 //! dca/d/<deployment>/<epoch>/w/<wire>  samples of one wire
 //! dca/db/<team>/news/<origin>        what a replica of the database tells everybody
@@ -109,6 +110,16 @@ pub fn parse_rpc(key: &str) -> Option<(String, String)> {
 /// Returns the key of messages to a node from other nodes.
 pub fn inbox(host: &str) -> String {
     format!("dca/n/{}/in", escape(host))
+}
+
+/// Returns the key on which a node tells the others of its team who is revoked.
+pub fn revoked(host: &str) -> String {
+    format!("dca/n/{}/revoked", escape(host))
+}
+
+/// Returns the expression of all those keys.
+pub fn revoked_any() -> String {
+    "dca/n/*/revoked".to_owned()
 }
 
 /// Returns the key on which a node asks who is there.

@@ -40,6 +40,7 @@ use std::os::unix::process::parent_id;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
+use team::program::ProgramIdentity;
 use thiserror::Error;
 
 const USAGE: &str = "usage: PROGRAM TYPE [[NAME=]VALUE]...   started by a node
@@ -59,6 +60,8 @@ enum ProcessError {
     Control(#[from] ControlError),
     #[error("the controller does not take its orders: it is stuck in a calculation")]
     Stuck,
+    #[error("cannot be seen from other hosts of the team: {0}")]
+    Team(String),
     #[error("cannot start a thread: {0}")]
     Thread(#[from] std::io::Error),
 }
@@ -108,7 +111,7 @@ fn take_part(registry: &Registry, name: &str, arguments: &[String]) -> Result<Ex
     let instance = instance.to_string_lossy().into_owned();
     let interface = module.interface().clone();
     let session = if needs_session(&interface) {
-        let reach = if std::env::var_os("DCA_REMOTE").is_some() { Reach::Lan } else { Reach::Host };
+        let reach = reach()?;
         Some(Arc::new(DataSession::open(Path::new(&variable("DCA_DATA_SOCKET")?), reach)?))
     } else {
         None
@@ -120,6 +123,16 @@ fn take_part(registry: &Registry, name: &str, arguments: &[String]) -> Result<Ex
     let arguments = Arguments::parse(parameters, arguments).unwrap_or_default();
     let program = Program { interface, instance, arguments, session, notices };
     program.serve(module, orders)
+}
+
+/// Returns whom the node lets come to its programs from other hosts.
+fn reach() -> Result<Reach, ProcessError> {
+    if let Some(file) = std::env::var_os("DCA_TEAM") {
+        let identity =
+            ProgramIdentity::open(Path::new(&file)).map_err(|error| ProcessError::Team(format!("{error:#}")))?;
+        return Ok(Reach::Team(Arc::new(identity)));
+    }
+    Ok(if std::env::var_os("DCA_REMOTE").is_some() { Reach::Lan } else { Reach::Host })
 }
 
 fn needs_session(interface: &Interface) -> bool {

@@ -17,11 +17,11 @@ pub(crate) struct Arguments {
     /// The host's name in specs
     #[arg(long, value_parser = HostName::parse)]
     pub(super) name: HostName,
-    /// Open this node to the local network, unauthenticated
-    #[arg(long)]
-    pub(super) lan: bool,
-    /// The TCP port to listen on with `--lan` [default: any that is free]
-    #[arg(long, requires = "lan", default_value_t = 0, hide_default_value = true)]
+    /// Open this node, which is in no team, to everybody on the local network: anyone there can start programs
+    #[arg(long, visible_alias = "lan")]
+    pub(super) insecure_lan: bool,
+    /// The TCP port to listen on, of a node in a team or with `--insecure-lan` [default: any that is free]
+    #[arg(long, default_value_t = 0, hide_default_value = true)]
     pub(super) port: u16,
     /// A node known beforehand, for networks without multicast; may be given more than once
     #[arg(long = "peer", value_name = "tcp/ADDRESS:PORT", value_parser = peer)]
@@ -72,8 +72,8 @@ impl Arguments {
         if self.team != TEAM {
             option("--team", self.team.clone());
         }
-        if self.lan {
-            words.push("--lan".to_owned());
+        if self.insecure_lan {
+            words.push("--insecure-lan".to_owned());
         }
         words
     }
@@ -130,7 +130,7 @@ mod tests {
     #[test]
     fn the_words_of_all_options_are_read_as_the_same_options() {
         let all = "--name c1 --port 7000 --peer tcp/1.2.3.4:1 --peer tcp/[::1]:2 --controllers /bin/x --agent-loss-grace 2.5 \
-                   --run-dir /run/x --state /var/x --store sled --team ours --lan";
+                   --run-dir /run/x --state /var/x --store sled --team ours --insecure-lan";
         let all: Vec<String> = all.split_whitespace().map(str::to_owned).collect();
         assert_eq!(read(&all).words(), all);
         assert_eq!(read(&all[..2]).words(), all[..2]);

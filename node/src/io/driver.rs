@@ -35,6 +35,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
+use team::member::Member;
 use tokio::sync::mpsc::{self, Receiver, Sender};
 use tokio::sync::watch;
 use tokio::task::JoinSet;
@@ -52,6 +53,8 @@ pub struct Config {
     pub base: PathBuf,
     /// The reach of its session.
     pub reach: Reach,
+    /// The node as a member of its team, if it is in one; then its reach is that team.
+    pub member: Option<Arc<Member>>,
     /// The TCP port it listens on when the network can reach it; 0 for any that is free.
     pub port: u16,
     /// Programs that offer controller types.
@@ -112,7 +115,7 @@ struct Driver {
 pub async fn run(config: Config, mut leave: watch::Receiver<bool>, ready: watch::Sender<bool>) -> anyhow::Result<()> {
     let (events, mut arriving) = mpsc::channel(EVENTS_MAX);
     let mut driver = Driver::open(config, events).await?;
-    ready::announce(&driver.peers, driver.config.reach, ready, &mut driver.tasks);
+    ready::announce(&driver.peers, &driver.config.reach, ready, &mut driver.tasks);
     let mut leaving = false;
     let mut settings = driver.database.settings();
     loop {
@@ -182,16 +185,20 @@ impl Driver {
         });
         let mut tasks = JoinSet::new();
         let (sink, mut arrivals) = mpsc::channel(EVENTS_MAX);
+        start::show_team(&config, &dir)?;
         let siblings = crate::io::run_dir::running(&config.base)?.into_iter().filter(|(name, _)| *name != config.name);
+        let siblings = siblings.filter(|(_, socket)| start::is_of_team(&config, socket));
         let siblings = siblings.map(|(_, socket)| format!("unixsock-stream/{}", socket.display()));
         let options = NodeOptions {
             name: HostName::parse(&config.name)?,
             socket: dir.socket(),
-            reach: config.reach,
+            reach: config.reach.clone(),
             port: config.port,
             peers: siblings.chain(config.peers.iter().cloned()).collect(),
         };
-        let peers = Peers::open(options, (state.agent.boot(), state.agent.started()), sink, &mut tasks).await?;
+        let peers =
+            Peers::open(options, (state.agent.boot(), state.agent.started()), config.member.clone(), sink, &mut tasks)
+                .await?;
         peers.hold(state.agent.holders().clone());
         let options = start::database_options(&config, &dir);
         let session = Arc::clone(peers.session());
@@ -326,6 +333,7 @@ impl Driver {
             Effect::Answer { call, mut answer } => {
                 if let Answer::Status(status) = &mut *answer {
                     status.containment = cgroup::containment();
+                    status.network = start::network(&self.config);
                 }
                 if !self.peers.answer(call, *answer) {
                     self.peers.take(call);

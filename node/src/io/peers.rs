@@ -6,20 +6,24 @@ use crate::logic::link::Frame;
 use crate::logic::protocol::{Answer, Ping, Pong, Request, SILENCE_MAX};
 use anyhow::Context;
 use comms::io::clock;
-use comms::io::session::{self, NodeOptions, Presence, Server, Session, Subscription, Token, Watch};
+use comms::io::session::{self, Identity as _, NodeOptions, Presence, Server, Session, Subscription, Token, Watch};
 use comms::logic::port::Policy;
 use comms::logic::time::Time;
 use comms::logic::{codec, key};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
+use team::member::Member;
 use tokio::sync::mpsc::Sender;
 use tokio::task::JoinSet;
+use trust::revocation::RevokedSet;
 
 /// How many frames wait for the agent; more are dropped, and their senders send them again.
 const FRAMES_MAX: usize = 4096;
 /// How long callers have to take the last answers of a node that leaves.
 const ANSWERED_WITHIN: Duration = Duration::from_secs(1);
+/// How many words about revocations wait; nodes say them again when they meet.
+const REVOKED_MAX: usize = 64;
 /// How many rounds of questions are remembered, to see how long answers take.
 const ROUNDS_MAX: usize = 64;
 
@@ -64,6 +68,7 @@ impl Peers {
     pub async fn open(
         options: NodeOptions,
         (boot, started): (u64, Time),
+        member: Option<Arc<Member>>,
         sink: Sender<Arrival>,
         tasks: &mut JoinSet<()>,
     ) -> anyhow::Result<Self> {
@@ -84,7 +89,11 @@ impl Peers {
         let session = Arc::new(session);
         tasks.spawn(answer_pings(pings, Arc::clone(&session), Arc::clone(&own), sink.clone()));
         tasks.spawn(hear_pongs(pongs, Arc::clone(&session), Arc::clone(&own), sink.clone()));
-        tasks.spawn(hear_calls(calls, Arc::clone(&session), sink));
+        let revoked = session.subscribe(&key::revoked_any(), Policy::reject(REVOKED_MAX))?;
+        if let Some(member) = &member {
+            tasks.spawn(spread_revocations(Arc::clone(member), revoked, Arc::clone(&session), Arc::clone(&own)));
+        }
+        tasks.spawn(hear_calls(calls, Arc::clone(&session), member, sink));
         Ok(Self { session, token, calls: BTreeMap::new(), own })
     }
 
@@ -248,20 +257,48 @@ async fn hear_presence(mut watch: Watch, sink: Sender<Arrival>) {
     }
 }
 
-async fn hear_calls(mut calls: Server, session: Arc<Session>, sink: Sender<Arrival>) {
+/// Tells all others who is revoked whenever this node hears of more, from whomever; and ends the tunnels of those.
+async fn spread_revocations(member: Arc<Member>, mut revoked: Subscription, session: Arc<Session>, own: Arc<Own>) {
+    let mut changes = member.changes();
+    loop {
+        tokio::select! {
+            changed = changes.changed() => {
+                if changed.is_err() {
+                    return;
+                }
+                session.judge_again();
+                if let Err(error) = session.put(&key::revoked(&own.host), member.revocations()) {
+                    tracing::warn!(%error, "cannot tell the others who is revoked");
+                }
+            }
+            told = revoked.next() => match told {
+                // What is new comes back as a change.
+                Some((_, sets)) => drop(member.hear(&sets)),
+                None => return,
+            },
+        }
+    }
+}
+
+/// Takes in what somebody of this machine, or another node, says that the team has revoked.
+fn revoke(member: Option<&Member>, set: &[u8]) -> Answer {
+    let Some(member) = member else { return Answer::Refused("this node is in no team".to_owned()) };
+    let read = RevokedSet::from_bytes(set).map_err(anyhow::Error::from);
+    match read.and_then(|set| member.revoke(set)) {
+        Ok(is_new) => Answer::Revoked { is_new },
+        Err(error) => Answer::Refused(format!("{error:#}")),
+    }
+}
+
+async fn hear_calls(mut calls: Server, session: Arc<Session>, member: Option<Arc<Member>>, sink: Sender<Arrival>) {
     // No number of before: a node that was killed may have left calls that wait.
     let (mut number, mut answering) = (clock::now().nanos(), JoinSet::new());
-    while let Some(mut request) = calls.next().await {
+    while let Some(request) = calls.next().await {
         while answering.try_join_next().is_some() {}
         number += 1;
         match codec::decode::<Request>(request.payload()) {
-            Ok(Request::Unlinked) => match codec::encode(&Answer::Unlinked(session.unlinked())) {
-                Ok(bytes) => {
-                    request.reply(bytes).await;
-                    request.finish();
-                }
-                Err(error) => request.refuse(&format!("the answer cannot be written: {error}")),
-            },
+            Ok(Request::Unlinked) => at_once(request, &Answer::Unlinked(session.unlinked())).await,
+            Ok(Request::Revoke { set }) => at_once(request, &revoke(member.as_deref(), &set)).await,
             Ok(asked) => {
                 let (caller, to_send) = answers();
                 answering.spawn(reply(request, to_send));
@@ -271,6 +308,16 @@ async fn hear_calls(mut calls: Server, session: Arc<Session>, sink: Sender<Arriv
             }
             Err(error) => request.refuse(&format!("the request cannot be read: {error}")),
         }
+    }
+}
+
+async fn at_once(mut request: session::Request, answer: &Answer) {
+    match codec::encode(answer) {
+        Ok(bytes) => {
+            request.reply(bytes).await;
+            request.finish();
+        }
+        Err(error) => request.refuse(&format!("the answer cannot be written: {error}")),
     }
 }
 

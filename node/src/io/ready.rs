@@ -10,8 +10,8 @@ use tokio::task::JoinSet;
 const FOUND_WITHIN: Duration = Duration::from_millis(500);
 
 /// Says that the node is ready, which it is not before others can find it, if they are to.
-pub(super) fn announce(peers: &Peers, reach: Reach, ready: watch::Sender<bool>, tasks: &mut JoinSet<()>) {
-    if reach == Reach::Host {
+pub(super) fn announce(peers: &Peers, reach: &Reach, ready: watch::Sender<bool>, tasks: &mut JoinSet<()>) {
+    if matches!(reach, Reach::Host) {
         ready.send_replace(true);
         return;
     }

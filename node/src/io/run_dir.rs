@@ -50,6 +50,9 @@ const SERVICE: &str = "/run/dca";
 /// The file that says that somebody is on this machine.
 const PROOF: &str = "proof";
 
+/// The file with what programs show to those of other hosts.
+pub(crate) const PROGRAMS: &str = "programs";
+
 /// Why a folder cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum RunDirError {
@@ -145,6 +148,12 @@ pub fn proof(base: &Path, name: &str) -> Option<String> {
     // A name comes from the network or from a person: it must not lead elsewhere.
     let plain = Path::new(name).components().eq([std::path::Component::Normal(name.as_ref())]);
     fs::read_to_string(base.join(name).join(PROOF)).ok().filter(|_| plain)
+}
+
+/// Returns the file with what a node in a team gives its programs to show to those of other hosts; nothing if it is in none.
+pub fn programs_identity(base: &Path, name: &str) -> Option<PathBuf> {
+    let plain = Path::new(name).components().eq([std::path::Component::Normal(name.as_ref())]);
+    Some(base.join(name).join(PROGRAMS)).filter(|file| plain && file.is_file())
 }
 
 /// Returns the folders of nodes that see each other: `base`, and one for each command that runs nodes of its own, oldest

@@ -19,7 +19,7 @@ use crate::logic::link::Link;
 use crate::logic::nameserver::NameServer;
 use crate::logic::participant::Participant;
 use crate::logic::programs::Programs;
-use crate::logic::protocol::{Absent, Containment, Deployment, NodeStatus};
+use crate::logic::protocol::{Absent, Containment, Deployment, Network, NodeStatus};
 use comms::logic::control::Notice;
 use comms::logic::time::Time;
 use language::plan::Plan;
@@ -295,6 +295,7 @@ impl Agent {
             deployments: self.participants.values().map(Participant::status).collect(),
             // The driver knows.
             containment: Containment::default(),
+            network: Network::default(),
         }
     }
 

@@ -32,7 +32,7 @@ pub use presence::{Ping, Pong};
 pub use relay::{Relay, Relayed};
 pub use report::{Change, Report};
 use serde::{Deserialize, Serialize};
-pub use status::{Containment, DeploymentStatus, LeafStatus, NodeStatus, ProcessStatus, leaves};
+pub use status::{Containment, DeploymentStatus, LeafStatus, Network, NodeStatus, ProcessStatus, leaves};
 use std::fmt;
 use std::time::Duration;
 
@@ -324,6 +324,11 @@ pub enum Request {
         /// The deployment.
         deployment: Deployment,
     },
+    /// Answered by [`Answer::Revoked`], when it is on the node's disk.
+    Revoke {
+        /// A set of revocations, signed by the team or an admin of it.
+        set: Vec<u8>,
+    },
 }
 
 /// An element of the answer to a [`Request`].
@@ -364,6 +369,11 @@ pub enum Answer {
     Names(Names),
     /// To `Locations`: the programs of this host that have a data session, by absolute path, and where to dial each now.
     Locations(Vec<(String, Dial)>),
+    /// To `Revoke`.
+    Revoked {
+        /// Whether the node has not known it before.
+        is_new: bool,
+    },
 }
 
 impl Enveloped for Request {
@@ -398,9 +408,9 @@ mod tests {
         let (peers, deployments) = (Vec::new(), Vec::new());
         let (host, version, up) = ("c1".into(), "1".into(), Duration::from_millis(1500));
         let containment = Containment::ControlGroup;
-        let status = NodeStatus { host, pid: 7, version, up, peers, deployments, containment };
-        let text =
-            r#"{"host":"c1","pid":7,"version":"1","up":1.5,"peers":[],"deployments":[],"containment":"control_group"}"#;
+        let status =
+            NodeStatus { host, pid: 7, version, up, peers, deployments, containment, network: Network::Insecure };
+        let text = r#"{"host":"c1","pid":7,"version":"1","up":1.5,"peers":[],"deployments":[],"containment":"control_group","network":"insecure"}"#;
         check(serde_json::to_string(&status), text);
         assert_eq!(serde_json::from_str::<NodeStatus>(text).unwrap(), status);
         let dot = Dot { origin: ReplicaId::new(0xfedc_ba98_7654_3210), seq: 3 };
@@ -418,8 +428,8 @@ mod tests {
         let (peers, deployments) = (Vec::new(), Vec::new());
         let (host, version, up) = ("c1".into(), "1".into(), Duration::new(3, 4));
         let containment = Containment::ControlGroup;
-        let status = NodeStatus { host, pid: 7, version, up, peers, deployments, containment };
-        assert_eq!(postcard::to_stdvec(&status).unwrap(), [2, b'c', b'1', 7, 1, b'1', 3, 4, 0, 0, 1]);
+        let status = NodeStatus { host, pid: 7, version, up, peers, deployments, containment, network: Network::Host };
+        assert_eq!(postcard::to_stdvec(&status).unwrap(), [2, b'c', b'1', 7, 1, b'1', 3, 4, 0, 0, 1, 0]);
         let ping = Ping { from: "c1".into(), boot: 5, round: 300 };
         assert_eq!(codec::encode(&ping).unwrap(), *b"DC\x01\x00\x69\x00\x02c1\x05\xac\x02");
         let dot = Dot { origin: ReplicaId::new(300), seq: 3 };

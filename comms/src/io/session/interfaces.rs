@@ -27,7 +27,7 @@ pub(crate) fn now() -> BTreeSet<Address> {
 
 /// Returns the addresses of this host at which programs of others can dial it, wherever they are: one that is valid on its
 /// own cable alone means nothing to somebody else, and one that is so new that nothing can listen on it is left out.
-pub(crate) fn dialled() -> Vec<IpAddr> {
+pub fn dialled() -> Vec<IpAddr> {
     let usable = |ip: &IpAddr| !is_link_local(*ip) && TcpListener::bind((*ip, 0)).is_ok();
     now().into_iter().map(|address| address.ip).filter(usable).collect()
 }

@@ -69,7 +69,9 @@ impl Links {
             }
             self.found.push_back((session.to_owned(), at));
         }
-        self.names.insert(session.to_owned(), name);
+        if !name.is_empty() {
+            self.names.insert(session.to_owned(), name);
+        }
         let place = self.kept.entry(session.to_owned());
         let place = place.or_insert_with(|| Place { locators: Vec::new(), within: Some(within) });
         // What was heard last comes first.

@@ -6,11 +6,12 @@ mod keeper;
 use super::config::Settings;
 use super::links::{Links, Place, lock};
 use super::nearby::{self, Announced, NearbyNode};
+use super::tunnel::{TunnelOptions, Tunnels};
 use super::{OpenError, patience};
 use crate::io::queue::{self, Sender};
 use crate::logic::human::span;
 use crate::logic::port::{Policy, Pushed};
-use keeper::{Change, connect, keep, watch_place};
+use keeper::{Change, Dialler, connect, keep, keep_place, watch_place};
 use rustix::io::{FdFlags, fcntl_setfd};
 use std::net::SocketAddr;
 use std::os::fd::BorrowedFd;
@@ -20,7 +21,7 @@ use std::time::Duration;
 use tokio::sync::watch;
 use zenoh::Wait;
 use zenoh::config::{Locator, ZenohId};
-use zenoh::internal::runtime::{Runtime, RuntimeBuilder, ZRuntime};
+use zenoh::internal::runtime::{RuntimeBuilder, ZRuntime};
 use zenoh::sample::SampleKind;
 use zenoh::session::{LinkEvent, TransportEvent};
 
@@ -33,8 +34,7 @@ const CHANGES_MAX: usize = 1024;
 /// A session that can dial.
 pub(crate) struct Opened {
     pub(crate) session: zenoh::Session,
-    runtime: Runtime,
-    links: Arc<Mutex<Links>>,
+    dialler: Dialler,
     tasks: Vec<tokio::task::JoinHandle<()>>,
     to_keeper: Arc<Sender<Change>>,
     addresses: watch::Receiver<Vec<String>>,
@@ -68,11 +68,24 @@ impl std::fmt::Debug for Opened {
 
 impl Opened {
     /// Opens a session. Blocks; must not be called from a task.
-    pub(crate) fn open(settings: Settings, redial: Redial, search: Search) -> Result<Self, OpenError> {
+    /// With `tunnels` the session hears and dials nobody on other hosts but through those.
+    pub(crate) fn open(
+        settings: Settings,
+        redial: Redial,
+        search: Search,
+        tunnels: Option<TunnelOptions>,
+    ) -> Result<Self, OpenError> {
         let failed = |cause: zenoh::Error| OpenError::Zenoh { cause: plain(&cause) };
         let building = async { RuntimeBuilder::new(settings.into_config()).build().await };
         let mut runtime = ZRuntime::Net.block_in_place(building).map_err(failed)?;
         let session = zenoh::session::init(runtime.clone().into()).wait().map_err(failed)?;
+        let id = session.zid().to_string();
+        let bound = tunnels.map(|options| {
+            let bound = ZRuntime::Net.block_in_place(Tunnels::bind(id.clone(), options));
+            bound.map_err(|cause| OpenError::Tunnels { cause })
+        });
+        let (tunnels, listeners) =
+            bound.transpose()?.map(|(tunnels, listeners)| (Arc::new(tunnels), listeners)).unzip();
         let (to_keeper, changes) = queue::channel(Policy::reject(CHANGES_MAX));
         let (to_keeper, links) = (Arc::new(to_keeper), Arc::new(Mutex::new(Links::default())));
         // Before it starts: of links that stand already zenoh never says that they are lost.
@@ -85,18 +98,25 @@ impl Opened {
         }
         // After it has started: only then it is known where it listens.
         let port = if let Search::Found(_, port) = search { Some(port) } else { None };
-        let keeper = ZRuntime::Net.spawn(keep(runtime.clone(), port, Arc::clone(&links), changes));
+        let dialler = Dialler { runtime, links, tunnels };
+        let keeper = ZRuntime::Net.spawn(keep(dialler.clone(), port, changes));
         let (addresses_tx, addresses) = watch::channel(Vec::new());
-        let id = session.zid().to_string();
+        // Of a team nobody outside hears a name; that is also how both kinds tell each other apart.
+        let shown = |name: &String| if dialler.tunnels.is_some() { String::new() } else { name.clone() };
         let own = match &search {
-            Search::Found(name, port) => Some(Announced { session: id.clone(), name: name.clone(), port: *port }),
+            Search::Found(name, port) => Some(Announced { session: id.clone(), name: shown(name), port: *port }),
             Search::Off | Search::Ask => None,
         };
-        let heard = hears(id, Arc::clone(&links), Arc::clone(&to_keeper));
+        let heard = hears(id, dialler.clone(), Arc::clone(&to_keeper));
         let looking = (!matches!(search, Search::Off)).then(|| nearby::look(own, addresses_tx, heard));
         let looking = looking.map(|looking| ZRuntime::Net.spawn(looking));
-        let tasks = [keeper].into_iter().chain(looking).collect();
-        let opened = Self { session, runtime, links, tasks, to_keeper, addresses };
+        let mut tasks: Vec<_> = [keeper].into_iter().chain(looking).collect();
+        if let Some(tunnels) = &dialler.tunnels {
+            let serving = listeners.into_iter().flatten().map(|listener| Arc::clone(tunnels).serve(listener));
+            tasks.extend(serving.map(|serving| ZRuntime::Net.spawn(serving)));
+            tasks.push(ZRuntime::Net.spawn(Arc::clone(tunnels).judge()));
+        }
+        let opened = Self { session, dialler, tasks, to_keeper, addresses };
         match started {
             Ok(()) => Ok(opened),
             Err(cause) => {
@@ -113,12 +133,12 @@ impl Opened {
 
     /// Returns whether there is any link.
     pub(crate) fn is_linked(&self) -> bool {
-        !lock(&self.links).standing.is_empty()
+        !lock(&self.dialler.links).standing.is_empty()
     }
 
     /// Returns who is dialled and not linked: who or where, and why, for a person.
     pub(crate) fn unlinked(&self) -> Vec<(String, String)> {
-        let links = lock(&self.links);
+        let links = lock(&self.dialler.links);
         let missing = links.kept.iter().filter(|(session, _)| !links.standing.contains(*session));
         let told = missing.map(|(session, place)| {
             let places = || place.locators.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
@@ -131,8 +151,13 @@ impl Opened {
 
     /// Lets the link to a session carry nothing for so long before it is given up, rather than for a whole lease.
     pub(crate) fn set_patience(&self, session: &str, patience: Duration) {
+        if let Some(tunnels) = &self.dialler.tunnels
+            && tunnels.set_patience(session, patience)
+        {
+            return;
+        }
         let ends: Vec<patience::Ends> = {
-            let mut links = lock(&self.links);
+            let mut links = lock(&self.dialler.links);
             let known = links.ends.get_mut(session).into_iter().flatten();
             let changed = known.filter(|(_, before)| *before != patience);
             changed.map(|(ends, before)| (*before = patience, *ends).1).collect()
@@ -143,14 +168,24 @@ impl Opened {
     }
 
     /// Notes, as long as this session lives, why nodes that it was told of are not linked. Zenoh dials them itself, and says
-    /// nothing.
+    /// nothing; those behind tunnels are dialled here.
     pub(crate) fn watch_told(&mut self, locators: &[String]) {
         let locators = locators.iter().filter_map(|locator| locator.parse::<Locator>().ok());
         let places: Vec<Locator> = locators.filter(|locator| locator.protocol().as_str() == "tcp").collect();
+        if let Some(tunnels) = &self.dialler.tunnels {
+            let kept = |place| ZRuntime::Net.spawn(keep_place(place, self.dialler.clone(), Arc::clone(tunnels)));
+            self.tasks.extend(places.into_iter().map(kept));
+            return;
+        }
         for place in places {
-            let links = Arc::clone(&self.links);
+            let links = Arc::clone(&self.dialler.links);
             self.tasks.push(ZRuntime::Net.spawn(watch_place(place, links)));
         }
+    }
+
+    /// Has everybody judged again who is at the other end of a tunnel.
+    pub(crate) fn judge_again(&self) {
+        self.dialler.tunnels.iter().for_each(|tunnels| tunnels.judge_again());
     }
 
     /// Returns the session's id as it is written in a `Dial`.
@@ -160,7 +195,8 @@ impl Opened {
 
     /// Returns where the session listens.
     pub(crate) fn locators(&self) -> Vec<String> {
-        self.runtime.get_locators().iter().map(ToString::to_string).collect()
+        let own = self.dialler.runtime.get_locators().into_iter().map(|locator| locator.to_string());
+        own.chain(self.dialler.tunnels.iter().flat_map(|tunnels| tunnels.locators().to_vec())).collect()
     }
 
     /// Links to a peer and keeps linked to it; tries for as long as `within`. Blocks; must not be called from a task.
@@ -177,8 +213,8 @@ impl Opened {
         }
         // Before the first attempt, so that a link lost right after it is noticed.
         let place = Place { locators: locators.clone(), within: None };
-        lock(&self.links).kept.insert(session.to_owned(), place);
-        let connecting = connect(&self.runtime, &self.links, id);
+        lock(&self.dialler.links).kept.insert(session.to_owned(), place);
+        let connecting = connect(&self.dialler, id);
         let linked = ZRuntime::Net.block_in_place(async { tokio::time::timeout(within, connecting).await });
         linked.map_err(|_elapsed| {
             self.forget(session);
@@ -194,7 +230,7 @@ impl Opened {
         if session == self.id() {
             return Ok(());
         }
-        lock(&self.links).kept.insert(session.to_owned(), Place { locators, within: None });
+        lock(&self.dialler.links).kept.insert(session.to_owned(), Place { locators, within: None });
         match self.to_keeper.push(Change::Wanted(session.to_owned())) {
             Pushed::Stored | Pushed::Replaced(_) => Ok(()),
             Pushed::Rejected(_) => Err("too many links are lost".to_owned()),
@@ -203,15 +239,16 @@ impl Opened {
 
     /// Dials a peer no more; a link that stands is left alone.
     pub(crate) fn forget(&self, session: &str) {
-        lock(&self.links).kept.remove(session);
+        lock(&self.dialler.links).kept.remove(session);
     }
 
     /// Closes the session. Blocks for up to 20 s when a peer has vanished without a word.
     pub(crate) fn close(self) {
         self.tasks.iter().for_each(tokio::task::JoinHandle::abort);
-        for closed in [self.session.close().wait(), self.runtime.close().wait()] {
+        for closed in [self.session.close().wait(), self.dialler.runtime.close().wait()] {
             closed.unwrap_or_else(|error| tracing::debug!(%error, "a session did not close"));
         }
+        self.dialler.tunnels.iter().for_each(|tunnels| tunnels.close());
     }
 }
 
@@ -265,14 +302,15 @@ fn address(locator: &Locator) -> Option<SocketAddr> {
     locator.address().as_str().parse().ok().filter(|_| locator.protocol().as_str() == "tcp")
 }
 
-/// Dials whoever says that it is there.
-fn hears(own: String, links: Arc<Mutex<Links>>, to_keeper: Arc<Sender<Change>>) -> impl Fn(NearbyNode) {
+/// Dials whoever says that it is there, and is of the same kind: nodes of teams say no names.
+fn hears(own: String, dialler: Dialler, to_keeper: Arc<Sender<Change>>) -> impl Fn(NearbyNode) {
     move |NearbyNode { session, name, at }| {
         let Ok(locator) = format!("tcp/{at}").parse::<Locator>() else { return };
-        if session == own || session.parse::<ZenohId>().is_err() {
+        let is_ours = name.is_empty() == dialler.tunnels.is_some();
+        if session == own || !is_ours || session.parse::<ZenohId>().is_err() {
             return;
         }
-        let is_wanted = lock(&links).find(&session, name, (at.ip(), locator), FOUND_AGAIN_WITHIN);
+        let is_wanted = lock(&dialler.links).find(&session, name, (at.ip(), locator), FOUND_AGAIN_WITHIN);
         if is_wanted {
             to_keeper.push(Change::Wanted(session));
         }

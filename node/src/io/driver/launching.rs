@@ -1,6 +1,6 @@
 //! The programs of a node: how they are started, told where they were, and let go of.
 
-use super::{Driver, settings};
+use super::{Driver, settings, start};
 use crate::io::child;
 use crate::io::event::Event;
 use crate::io::starter::{self, Job, Start};
@@ -96,8 +96,10 @@ impl Driver {
         if let Some(control) = control {
             environment.push(("DCA_CONTROL".into(), path(control)));
             environment.push(("DCA_DATA_SOCKET".into(), path(&dir.join("data.sock"))));
-            if self.config.reach == Reach::Lan {
-                environment.push(("DCA_REMOTE".into(), "1".into()));
+            match self.config.reach {
+                Reach::Host => {}
+                Reach::Lan => environment.push(("DCA_REMOTE".into(), "1".into())),
+                Reach::Team(_) => environment.push(("DCA_TEAM".into(), path(&start::programs_identity(&self.dir)))),
             }
         }
         environment

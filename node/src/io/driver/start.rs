@@ -7,12 +7,15 @@ use crate::io::child::leftovers;
 use crate::io::database;
 use crate::io::input_log::InputLog;
 use crate::io::programs;
-use crate::io::run_dir::RunDir;
+use crate::io::run_dir::{PROGRAMS, RunDir};
 use crate::logic::agent::{Agent, Identity};
 use crate::logic::node_state::NodeState;
 use crate::logic::programs::Programs;
+use crate::logic::protocol::Network;
 use anyhow::Context;
 use comms::io::clock;
+use comms::io::session::Reach;
+use std::path::{Path, PathBuf};
 
 pub(super) fn database_options(config: &Config, dir: &RunDir) -> database::Options {
     database::Options {
@@ -23,6 +26,47 @@ pub(super) fn database_options(config: &Config, dir: &RunDir) -> database::Optio
         scratch: dir.path().to_owned(),
         proof: dir.proof().to_owned(),
         founds: config.founds,
+    }
+}
+
+/// The file in a node's folder that says of which team it is.
+const TEAM: &str = "team";
+
+/// Writes down of which team this node is, which others on this machine look at before they dial it, and what its programs show.
+pub(super) fn show_team(config: &Config, dir: &RunDir) -> anyhow::Result<()> {
+    let folder = dir.path();
+    std::fs::write(folder.join(TEAM), team(config)).context("writing down of which team this node is")?;
+    match &config.member {
+        Some(member) => member.vouch(&programs_identity(dir)),
+        None => {
+            // What a node before this one has left.
+            drop(std::fs::remove_file(programs_identity(dir)));
+            Ok(())
+        }
+    }
+}
+
+/// Returns the file with what programs of a node in a team show to others.
+pub(super) fn programs_identity(dir: &RunDir) -> PathBuf {
+    dir.path().join(PROGRAMS)
+}
+
+/// Returns whether the node that listens on a socket of this machine is of the same team, or of none as this one. A node writes that
+/// down before it looks for others, so of two that start at once one sees the other.
+pub(super) fn is_of_team(config: &Config, socket: &Path) -> bool {
+    std::fs::read_to_string(socket.with_file_name(TEAM)).is_ok_and(|other| other == team(config))
+}
+
+fn team(config: &Config) -> String {
+    config.member.as_ref().map(|member| member.team().id().to_string()).unwrap_or_default()
+}
+
+/// Returns whom the node lets come over the network.
+pub(super) fn network(config: &Config) -> Network {
+    match (&config.member, &config.reach) {
+        (Some(member), _) => Network::Team { name: member.team().name().to_string() },
+        (None, Reach::Host) => Network::Host,
+        (None, Reach::Lan | Reach::Team(_)) => Network::Insecure,
     }
 }
 

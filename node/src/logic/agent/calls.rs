@@ -81,10 +81,10 @@ impl Agent {
                 Some(programs) => return out.effects.push(Effect::TailAll { call, deployment, programs }),
                 None => answer(call, unknown(&deployment), out),
             },
-            // The driver hands these to the database; an agent alone has none.
+            // Others answer these; an agent alone has no database and no team.
             Request::Unlinked => answer(call, Answer::Unlinked(Vec::new()), out),
-            Request::Database(_) | Request::Here { .. } => {
-                answer(call, Answer::Refused("this node has no database".to_owned()), out);
+            Request::Database(_) | Request::Here { .. } | Request::Revoke { .. } => {
+                answer(call, Answer::Refused("this node has no database, and is in no team".to_owned()), out);
             }
         }
         out.effects.push(Effect::EndAnswers { call });

@@ -25,6 +25,35 @@ pub struct NodeStatus {
     /// The means by which it keeps hold of its programs.
     #[serde(default)]
     pub containment: Containment,
+    /// Whom it lets come over the network.
+    #[serde(default)]
+    pub network: Network,
+}
+
+/// Whom a node lets come over the network.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Network {
+    /// Nobody: it stays on its own machine.
+    #[default]
+    Host,
+    /// Everybody.
+    Insecure,
+    /// The nodes of its team.
+    Team {
+        /// The name of the team.
+        name: String,
+    },
+}
+
+impl fmt::Display for Network {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Host => Ok(()),
+            Self::Insecure => f.write_str("open to everybody on the network: --insecure-lan"),
+            Self::Team { name } => write!(f, "team {name}"),
+        }
+    }
 }
 
 /// The means that find everything that a program has started, so that nothing of it is left when it is over.

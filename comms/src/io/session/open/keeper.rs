@@ -1,10 +1,13 @@
 //! Dials the peers of a session, and dials them again when their links are lost.
 
+use super::super::config::unix_locator;
 use super::super::links::{Links, Place, lock};
+use super::super::tunnel::Tunnels;
 use super::super::{patience, reach};
 use super::FOUND_AGAIN_WITHIN;
 use crate::io::queue::Receiver;
 use std::net::SocketAddr;
+use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::task::JoinSet;
@@ -17,6 +20,15 @@ const RETRY_MIN: Duration = Duration::from_millis(100);
 const RETRY_MAX: Duration = Duration::from_millis(500);
 /// How often the keeper looks at a place that zenoh dials by itself.
 const LOOK_EVERY: Duration = Duration::from_secs(2);
+
+/// What it takes to dial.
+#[derive(Clone)]
+pub(super) struct Dialler {
+    pub(super) runtime: Runtime,
+    pub(super) links: Arc<Mutex<Links>>,
+    /// Other hosts are dialled through these, if there are any.
+    pub(super) tunnels: Option<Arc<Tunnels>>,
+}
 
 /// An event that the keeper acts on.
 pub(super) enum Change {
@@ -31,7 +43,8 @@ pub(super) enum Change {
 }
 
 /// Dials kept peers again as their links are lost, until the session closes. `port` is where it listens itself.
-pub(super) async fn keep(runtime: Runtime, port: Option<u16>, links: Arc<Mutex<Links>>, mut changes: Receiver<Change>) {
+pub(super) async fn keep(dialler: Dialler, port: Option<u16>, mut changes: Receiver<Change>) {
+    let links = Arc::clone(&dialler.links);
     let mut dialling = JoinSet::new();
     loop {
         let change = tokio::select! {
@@ -68,9 +81,9 @@ pub(super) async fn keep(runtime: Runtime, port: Option<u16>, links: Arc<Mutex<L
             continue;
         }
         tracing::debug!(session, "no link, dialling");
-        let (runtime, links) = (runtime.clone(), Arc::clone(&links));
+        let dialler = dialler.clone();
         dialling.spawn(async move {
-            let connecting = connect(&runtime, &links, id);
+            let connecting = connect(&dialler, id);
             let over = match place.within {
                 None => {
                     connecting.await;
@@ -79,7 +92,7 @@ pub(super) async fn keep(runtime: Runtime, port: Option<u16>, links: Arc<Mutex<L
                 Some(within) => tokio::time::timeout(within, connecting).await.is_err(),
             };
             if over {
-                let mut links = lock(&links);
+                let mut links = lock(&dialler.links);
                 links.dialling.remove(&session);
                 links.kept.remove(&session);
                 links.troubles.remove(&session);
@@ -91,8 +104,8 @@ pub(super) async fn keep(runtime: Runtime, port: Option<u16>, links: Arc<Mutex<L
 
 /// Dials until the link stands, or is not to be kept any more. Two at a time for one peer do no harm: zenoh lets one
 /// through.
-pub(super) async fn connect(runtime: &Runtime, links: &Mutex<Links>, id: ZenohId) {
-    let (session, mut wait) = (id.to_string(), RETRY_MIN);
+pub(super) async fn connect(dialler: &Dialler, id: ZenohId) {
+    let (links, session, mut wait) = (&*dialler.links, id.to_string(), RETRY_MIN);
     loop {
         let place = {
             let mut links = lock(links);
@@ -104,8 +117,8 @@ pub(super) async fn connect(runtime: &Runtime, links: &Mutex<Links>, id: ZenohId
             }
             place
         };
-        let Some(locators) = place.filter(|_| !runtime.is_closed()) else { return };
-        let attempted = attempt(runtime, id, &locators).await;
+        let Some(locators) = place.filter(|_| !dialler.runtime.is_closed()) else { return };
+        let attempted = attempt(dialler, id, &locators).await;
         {
             let mut links = lock(links);
             if links.standing.contains(&session) {
@@ -122,15 +135,66 @@ pub(super) async fn connect(runtime: &Runtime, links: &Mutex<Links>, id: ZenohId
 }
 
 /// Tries once to make a link. Says why there is none, for a person.
-async fn attempt(runtime: &Runtime, id: ZenohId, locators: &[Locator]) -> Result<(), String> {
+async fn attempt(dialler: &Dialler, id: ZenohId, locators: &[Locator]) -> Result<(), String> {
     let (locator, took) = reach::first(locators).await?;
     let place = locator.address().as_str().to_owned();
+    let way = match &dialler.tunnels {
+        Some(tunnels) if locator.protocol().as_str() == "tcp" => {
+            let dialled = tunnels.dial(&place, Some(&id.to_string())).await;
+            let (_, name, path) =
+                dialled.map_err(|why| format!("{place} answers after {} ms: {why}", took.as_millis()))?;
+            lock(&dialler.links).names.insert(id.to_string(), name);
+            through(&path)?
+        }
+        _ => locator,
+    };
+    if link(dialler, id, way).await {
+        return Ok(());
+    }
+    Err(format!("{place} answers after {} ms, and makes no link", took.as_millis()))
+}
+
+/// Returns the way through a tunnel.
+fn through(path: &Path) -> Result<Locator, String> {
+    let locator = unix_locator(path).map_err(|error| error.to_string())?;
+    locator.parse().map_err(|_no_locator| format!("`{locator}` is no locator"))
+}
+
+async fn link(dialler: &Dialler, id: ZenohId, way: Locator) -> bool {
     // It goes on to its end, whoever waits: what is cut short counts as being dialled for ever, and is dialled no more.
-    let runtime = runtime.clone();
-    let making = ZRuntime::Net.spawn(async move { runtime.connect_peer(&id.into(), &[locator]).await });
-    match making.await {
-        Ok(true) => Ok(()),
-        Ok(false) | Err(_) => Err(format!("{place} answers after {} ms, and makes no link", took.as_millis())),
+    let runtime = dialler.runtime.clone();
+    let making = ZRuntime::Net.spawn(async move { runtime.connect_peer(&id.into(), &[way]).await });
+    making.await.unwrap_or(false)
+}
+
+/// Keeps a tunnel to a place, whoever is there.
+pub(super) async fn keep_place(place: Locator, dialler: Dialler, tunnels: Arc<Tunnels>) {
+    let (name, mut there) = (place.to_string(), None::<String>);
+    loop {
+        let is_linked = there.as_ref().is_some_and(|session| lock(&dialler.links).standing.contains(session));
+        if !is_linked {
+            let made = match reach::first(std::slice::from_ref(&place)).await {
+                Ok(_) => tunnels.dial(place.address().as_str(), None).await,
+                Err(why) => Err(why),
+            };
+            let linked = match made {
+                Ok((session, _, path)) => {
+                    let way = through(&path).ok().zip(session.parse().ok());
+                    there = Some(session);
+                    let linked = match way {
+                        Some((way, id)) => link(&dialler, id, way).await,
+                        None => false,
+                    };
+                    linked.then_some(()).ok_or_else(|| "it makes no link".to_owned())
+                }
+                Err(why) => Err(why),
+            };
+            match linked {
+                Ok(()) => lock(&dialler.links).troubles.remove(&name),
+                Err(why) => lock(&dialler.links).troubles.insert(name.clone(), why),
+            };
+        }
+        tokio::time::sleep(RETRY_MAX.mul_f64(jitter())).await;
     }
 }
 

@@ -8,9 +8,9 @@ fn the_loss_of_the_very_first_link_is_heard() {
     let path = std::env::temp_dir().join(format!("dca-open-{}.sock", std::process::id()));
     let locator = unix_locator(&path).unwrap();
     let listening = Settings::node().listen(std::slice::from_ref(&locator));
-    let node = Opened::open(listening, Redial::Found, Search::Off).unwrap();
+    let node = Opened::open(listening, Redial::Found, Search::Off, None).unwrap();
     // A client is linked before it is open.
-    let client = Opened::open(Settings::client(&locator), Redial::Listed, Search::Off).unwrap();
+    let client = Opened::open(Settings::client(&locator), Redial::Listed, Search::Off, None).unwrap();
     let (events_tx, events) = sync_channel(4);
     let on_event = move |event: TransportEvent| {
         events_tx.try_send((event.kind(), event.transport().zid().to_string())).unwrap();
@@ -28,7 +28,7 @@ fn the_loss_of_the_very_first_link_is_heard() {
 /// Returns a session that listens on a TCP port of this machine.
 fn on_tcp() -> Opened {
     let locators = ["tcp/127.0.0.1:0".to_owned()];
-    Opened::open(Settings::data().listen(&locators), Redial::Listed, Search::Off).unwrap()
+    Opened::open(Settings::data().listen(&locators), Redial::Listed, Search::Off, None).unwrap()
 }
 
 /// A node that is dialled from anywhere also names the socket on its own machine, which other machines do not have.
@@ -120,9 +120,9 @@ fn who_was_dialled_in_vain_is_dialled_again() {
     let silent = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let path = std::env::temp_dir().join(format!("dca-again-{}.sock", std::process::id()));
     let locator = unix_locator(&path).unwrap();
-    let node =
-        Opened::open(Settings::data().listen(std::slice::from_ref(&locator)), Redial::Listed, Search::Off).unwrap();
-    let other = Opened::open(Settings::data(), Redial::Listed, Search::Off).unwrap();
+    let node = Opened::open(Settings::data().listen(std::slice::from_ref(&locator)), Redial::Listed, Search::Off, None)
+        .unwrap();
+    let other = Opened::open(Settings::data(), Redial::Listed, Search::Off, None).unwrap();
     let wrong = format!("tcp/{}", silent.local_addr().unwrap());
     let said = other.dial(&node.id(), &[wrong], Duration::from_millis(200));
     assert!(said.is_err_and(|why| why.starts_with("nobody answers")));

@@ -1,0 +1,169 @@
+//! `dca team invite`, `join`: how a robot comes into a team.
+//!
+//! While `invite` waits, it listens on the network; nothing else of a team does before its node is in one.
+
+use super::{KeysArgs, now, random};
+use crate::io::keyring::{Asked, Keyring, passphrase};
+use anyhow::{Context as _, anyhow, ensure};
+use comms::io::{clock, entropy, session};
+use comms::logic::key::HostName;
+use dbmanager::logic::view::date;
+use node::console::{self, Failure, block_on};
+use node::io::state_dir;
+use std::net::{IpAddr, SocketAddr};
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::time::Duration;
+use team::join::{self, Event};
+use team::member::Member;
+use tokio::net::TcpListener;
+use tokio::sync::mpsc;
+use tokio::task::JoinSet;
+use trust::bundle::Bundle;
+use trust::certificate::Certificate;
+use trust::identity::SecretKeys;
+use trust::invite::{ADDRESSES_MAX, Invite, Inviter, OpenInvite};
+use trust::name::{Name, UnixTime};
+use trust::role::Role;
+use trust::team::Team;
+use zeroize::Zeroizing;
+
+/// How many of those that are refused are told of; the others are counted.
+const TOLD_MAX: usize = 20;
+
+/// The arguments of `dca team invite`.
+#[derive(Debug, clap::Args)]
+pub(super) struct InviteArgs {
+    /// The name of the robot, as `dca-node --name` has it there
+    #[arg(value_parser = HostName::parse)]
+    name: HostName,
+    /// For how many minutes the invitation is good, and this command waits
+    #[arg(long, value_name = "MINUTES", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..=24 * 60))]
+    minutes: u64,
+    /// The address of this machine where the robot comes; may be given four times [default: those of its network interfaces]
+    #[arg(long = "address", value_name = "IP")]
+    addresses: Vec<IpAddr>,
+    /// The TCP port where it comes [default: any that is free]
+    #[arg(long, default_value_t = 0, hide_default_value = true)]
+    port: u16,
+}
+
+/// The arguments of `dca team join`.
+#[derive(Debug, clap::Args)]
+pub(super) struct JoinArgs {
+    /// The line that `dca team invite` has printed [default: the first line of standard input]
+    line: Option<String>,
+    /// Folder for the state of this machine's nodes, as `dca-node --state` has it
+    #[arg(long, value_name = "DIR")]
+    state: Option<PathBuf>,
+}
+
+impl InviteArgs {
+    /// Runs the verb.
+    pub(super) fn run(&self, keys: &KeysArgs) -> Result<(), Failure> {
+        let (keyring, bundle) = keys.bundle()?;
+        let name: Name = self.name.as_str().parse()?;
+        if bundle.named(&name).any(|known| !bundle.has_revoked(&known.subject())) {
+            let why =
+                anyhow!("there is a `{name}` in the team; `dca team revoke {name}` before another takes its place");
+            return Err(why.into());
+        }
+        let root = keyring.root(&bundle)?.unlock(&passphrase(keys.passphrase.as_deref(), Asked::Known)?)?;
+        block_on(self.wait(&name, keyring, bundle, root))
+    }
+
+    async fn wait(&self, name: &Name, keyring: Keyring, bundle: Bundle, root: SecretKeys) -> Result<(), Failure> {
+        let listeners = self.listen().await?;
+        let addresses = listeners.iter().map(TcpListener::local_addr).collect::<Result<Vec<_>, _>>()?;
+        let expires = now().plus(self.minutes * 60);
+        let secret = Zeroizing::new(entropy::bytes().context("asking the system for random bytes")?);
+        let team = bundle.team().clone();
+        let invite = Invite { team: team.id(), secret, expires, addresses: addresses.clone() };
+        let mut inviter = Inviter::new(team.clone(), root, None);
+        inviter.open(invite.hash(), OpenInvite { expires, role: Role::Member, name: Some(name.clone()) }, now())?;
+        console::say(&format!("dca team join {}", *invite.to_line()));
+        console::note(&waits(&addresses, expires));
+        let bundle = Mutex::new(bundle);
+        let keep = move |certificate: &Certificate| {
+            let mut bundle = bundle.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            let mut with = bundle.clone();
+            with.add(certificate.clone())?;
+            keyring.keep(&with)?;
+            *bundle = with;
+            Ok(())
+        };
+        let (events_tx, mut events) = mpsc::channel(64);
+        let mut tasks = JoinSet::new();
+        tasks.spawn(join::invite(listeners, inviter, keep, events_tx));
+        let ends = clock::now() + Duration::from_secs(self.minutes * 60);
+        let mut refused = 0;
+        loop {
+            let event = tokio::select! {
+                event = events.recv() => event,
+                () = clock::sleep_until(ends) => None,
+            };
+            match event {
+                Some(Event::Joined(certificate)) => {
+                    console::say(&joined(&team, &certificate));
+                    return Ok(());
+                }
+                Some(Event::Refused(from, why)) => {
+                    refused += 1;
+                    if refused <= TOLD_MAX {
+                        console::note(&format!("refused {from}: {why}"));
+                    }
+                }
+                None => return Err(anyhow!("nobody has come in time; the invitation has ended").into()),
+            }
+        }
+    }
+
+    async fn listen(&self) -> anyhow::Result<Vec<TcpListener>> {
+        let addresses = if self.addresses.is_empty() { session::addresses() } else { self.addresses.clone() };
+        ensure!(!addresses.is_empty(), "this machine has no network; name an address with `--address`");
+        let mut listeners = Vec::new();
+        for address in addresses.into_iter().take(ADDRESSES_MAX) {
+            let listener = TcpListener::bind((address, self.port)).await;
+            listeners.push(listener.with_context(|| format!("listening on {address}, port {}", self.port))?);
+        }
+        Ok(listeners)
+    }
+}
+
+impl JoinArgs {
+    /// Runs the verb.
+    pub(super) fn run(&self) -> Result<(), Failure> {
+        let line = match &self.line {
+            Some(line) => Zeroizing::new(line.clone()),
+            None => crate::io::keyring::first_line(&mut std::io::stdin().lock())?,
+        };
+        // As it may be copied: with the command before it.
+        let line = Zeroizing::new(line.trim().trim_start_matches("dca team join ").to_owned());
+        let made = SecretKeys::generate(&mut random()?);
+        let wanted: Name = "robot".parse()?;
+        let (keys, team, credential) = block_on(async { Ok(join::join(&line, wanted, made).await?) })?;
+        let certificate = credential.certificate();
+        let name = &certificate.claims().name;
+        let state = state_dir::take(self.state.as_deref(), name.as_str())?;
+        if Member::is_there(&state) {
+            console::note(&format!("`{name}` was in a team before, and leaves that"));
+        }
+        Member::begin(&state, &keys, &team, &credential)?;
+        console::say(&joined(&team, certificate));
+        console::note(&format!(
+            "Now start `dca-node --name {name}`, or start it again: it opens to its team, and to nobody else."
+        ));
+        Ok(())
+    }
+}
+
+/// What both ends print, so that two people can compare the words.
+fn joined(team: &Team, certificate: &Certificate) -> String {
+    let (name, words) = (&certificate.claims().name, certificate.subject().fingerprint());
+    format!("{name} is in team {} ({}); key: {words}", team.name(), team.id().fingerprint())
+}
+
+fn waits(addresses: &[SocketAddr], expires: UnixTime) -> String {
+    let places: Vec<String> = addresses.iter().map(ToString::to_string).collect();
+    format!("waiting until {} on {}; Ctrl-C ends it", date::text(expires.0.saturating_mul(1000)), places.join(", "))
+}

@@ -1,0 +1,83 @@
+//! `dca team revoke`: whose keys are not trusted any more. The nodes of this machine hear of it at once, and pass it on.
+
+use super::{KeysArgs, now};
+use crate::client::{ANSWER_WITHIN, Client, unasked};
+use crate::io::keyring::{Asked, passphrase};
+use anyhow::{anyhow, ensure};
+use node::console::{self, Failure, block_on};
+use node::logic::protocol::{Answer, Request};
+use std::collections::BTreeMap;
+use trust::bundle::Bundle;
+use trust::certificate::Certificate;
+use trust::identity::SecretKeys;
+use trust::name::{Name, UnixTime};
+use trust::revocation::{REVOKED_MAX, RevokedSet};
+
+/// The arguments of `dca team revoke`.
+#[derive(Debug, clap::Args)]
+pub(super) struct RevokeArgs {
+    /// The name of the robot or user; without it the nodes of this machine are told again of all who are revoked
+    name: Option<Name>,
+}
+
+impl RevokeArgs {
+    /// Runs the verb.
+    pub(super) fn run(&self, keys: &KeysArgs) -> Result<(), Failure> {
+        let (keyring, mut bundle) = keys.bundle()?;
+        if let Some(name) = &self.name {
+            ensure_to_revoke(&bundle, name)?;
+            let root = keyring.root(&bundle)?.unlock(&passphrase(keys.passphrase.as_deref(), Asked::Known)?)?;
+            let said = revoke(&mut bundle, name, &root, now())?;
+            keyring.keep(&bundle)?;
+            console::say(&said);
+        }
+        tell(keys, &bundle)
+    }
+}
+
+fn ensure_to_revoke(bundle: &Bundle, name: &Name) -> anyhow::Result<()> {
+    let mut named = bundle.named(name).peekable();
+    ensure!(named.peek().is_some(), "there is no `{name}` in the team");
+    ensure!(named.any(|known| !bundle.has_revoked(&known.subject())), "`{name}` is revoked already");
+    Ok(())
+}
+
+/// Signs a set of revocations with the keys of somebody besides those of before.
+pub(super) fn revoke(bundle: &mut Bundle, name: &Name, root: &SecretKeys, now: UnixTime) -> anyhow::Result<String> {
+    let (number, mut keys) = match bundle.revoked() {
+        None => (0, BTreeMap::new()),
+        Some(set) => (set.number(), set.keys().clone()),
+    };
+    let gone: Vec<_> = bundle.named(name).map(Certificate::subject).collect();
+    for key in gone {
+        keys.entry(key).or_insert(now);
+    }
+    ensure!(keys.len() <= REVOKED_MAX, "no more than {REVOKED_MAX} keys can be revoked");
+    let number = number.checked_add(1).ok_or_else(|| anyhow!("there is no number after the last one"))?;
+    bundle.revoke(RevokedSet::sign(bundle.team(), number, keys, root, None)?);
+    Ok(format!("{name} is revoked: number {number}"))
+}
+
+/// Tells a node of this machine who is revoked. It tells the others, now and whenever it meets one.
+pub(super) fn tell(keys: &KeysArgs, bundle: &Bundle) -> Result<(), Failure> {
+    let Some(set) = bundle.revoked() else { return Ok(()) };
+    let request = Request::Revoke { set: set.to_bytes() };
+    let told = block_on(async {
+        let client = match Client::here(keys.run_dir.as_deref()).await {
+            Ok(client) => client,
+            Err(Failure::Unreachable(_)) => return Ok(None),
+            Err(failure) => return Err(failure),
+        };
+        let host = client.local().unwrap_or_default().to_owned();
+        let answer = client.ask(&host, &request, ANSWER_WITHIN).await;
+        client.close().await;
+        let answer = answer?;
+        if matches!(answer, Answer::Revoked { .. }) { Ok(Some(host)) } else { Err(unasked(&host, &answer)) }
+    })?;
+    console::note(&match told {
+        Some(host) => format!("the node `{host}` knows, and tells all that it meets"),
+        None => "No node of the team knows yet: none runs on this machine. `dca team revoke` without a name tells one later."
+            .to_owned(),
+    });
+    Ok(())
+}

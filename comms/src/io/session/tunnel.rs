@@ -1,0 +1,333 @@
+//! Tunnels between hosts of a team: TLS 1.3 with keys at both ends around the bytes of a zenoh link.
+//!
+//! Zenoh itself listens on a Unix socket only. A [`Tunnels`] listens on TCP in its place, lets nobody through who has not shown a
+//! credential that its [`Identity`] trusts, and carries what comes on to that socket. Whoever dials does the same from its side.
+//! So no byte of a stranger comes to zenoh, keys and revocations count from the moment they are known, and a link ends when its
+//! credential does.
+//!
+//! ```text
+//! zenoh ── Unix socket ── Tunnels ═══ TLS over TCP ═══ Tunnels ── Unix socket ── zenoh
+//! ```
+
+mod handshake;
+mod table;
+mod tls;
+
+pub use tls::PublicKey;
+
+use super::patience::{self, Ends};
+use crate::io::clock::now;
+use crate::logic::human;
+use handshake::{Peer, Side};
+use std::collections::VecDeque;
+use std::fmt;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use table::{Standing, Table};
+use tls::Tls;
+use tokio::io::{AsyncRead, AsyncWrite, copy_bidirectional_with_sizes};
+use tokio::net::{TcpListener, TcpStream, UnixListener, UnixStream};
+use tokio::sync::Notify;
+use tokio::task::{AbortHandle, JoinSet};
+use zeroize::Zeroizing;
+
+/// How long both ends have to say who they are: four ways of 3 s there and back, and some to spare.
+const HANDSHAKE_WITHIN: Duration = Duration::from_secs(15);
+/// How many connections may be at that at a time; for a new one the oldest goes.
+const HANDSHAKES_MAX: usize = 512;
+/// How long zenoh has to come to a tunnel that was dialled for it.
+const ENTERED_WITHIN: Duration = Duration::from_secs(10);
+/// How often it is looked whether those at the other ends are still trusted.
+const JUDGE_EVERY: Duration = Duration::from_secs(5);
+/// How many bytes a tunnel reads at once.
+const BUFFER_SIZE: usize = 32 << 10;
+/// How long nobody is accepted after the system has refused to.
+const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
+
+/// Who this process is to other hosts, and whom it trusts. It is asked from many tasks at once, and must not wait.
+pub trait Identity: fmt::Debug + Send + Sync {
+    /// Returns the secret Ed25519 key by which it is known, and its public one.
+    fn key(&self) -> (Zeroizing<[u8; 32]>, PublicKey);
+
+    /// Returns what shows others that they may trust that key, at most 4,000 bytes.
+    fn credential(&self) -> Vec<u8>;
+
+    /// Judges a key by its credential; returns the name of who has it.
+    ///
+    /// # Errors
+    /// It is not trusted, and why, for a person.
+    fn judge(&self, key: &PublicKey, credential: &[u8]) -> Result<String, String>;
+
+    /// Returns whom it has heard of as revoked.
+    fn revocations(&self) -> Vec<u8>;
+
+    /// Hears of others who are revoked, from somebody who is trusted. Says whether anything of it is new.
+    fn hear(&self, revocations: &[u8]) -> bool;
+
+    /// Hears that somebody was refused, and why.
+    fn refused(&self, from: SocketAddr, why: &str);
+}
+
+/// The options of tunnels.
+#[derive(Clone, Debug)]
+pub(crate) struct TunnelOptions {
+    pub(crate) identity: Arc<dyn Identity>,
+    /// Where to listen.
+    pub(crate) listen: Vec<SocketAddr>,
+    /// The Unix socket of zenoh, in a folder that only this user can enter.
+    pub(crate) entrance: PathBuf,
+}
+
+/// The tunnels of a session.
+#[derive(Debug)]
+pub(crate) struct Tunnels {
+    session: String,
+    identity: Arc<dyn Identity>,
+    tls: Tls,
+    entrance: PathBuf,
+    locators: Vec<String>,
+    made: AtomicU64,
+    table: Mutex<Table>,
+    /// The tunnels that stand, each a task.
+    tasks: Mutex<JoinSet<()>>,
+    /// Something is new that may end tunnels.
+    changed: Notify,
+}
+
+impl fmt::Debug for Tls {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Tls(..)")
+    }
+}
+
+impl Tunnels {
+    /// Binds where it is to listen. [`Tunnels::serve`] accepts.
+    pub(super) async fn bind(session: String, options: TunnelOptions) -> Result<(Self, Vec<TcpListener>), String> {
+        let (secret, public) = options.identity.key();
+        let tls = Tls::new(&secret, &public).map_err(|error| format!("the key cannot be used: {error}"))?;
+        let (mut listeners, mut locators) = (Vec::new(), Vec::new());
+        for address in options.listen {
+            let bound = TcpListener::bind(address).await.and_then(|listener| Ok((listener.local_addr()?, listener)));
+            let (at, listener) =
+                bound.map_err(|error| format!("cannot listen on {address}: {}", human::cause(&error)))?;
+            locators.push(super::locator(at.ip(), at.port()));
+            listeners.push(listener);
+        }
+        let tunnels = Self {
+            session,
+            identity: options.identity,
+            tls,
+            entrance: options.entrance,
+            locators,
+            made: AtomicU64::new(0),
+            table: Mutex::default(),
+            tasks: Mutex::default(),
+            changed: Notify::new(),
+        };
+        Ok((tunnels, listeners))
+    }
+
+    /// Returns where it listens.
+    pub(crate) fn locators(&self) -> &[String] {
+        &self.locators
+    }
+
+    /// Accepts others on a listener, for ever.
+    pub(super) async fn serve(self: Arc<Self>, listener: TcpListener) {
+        let (mut tasks, mut begun) = (JoinSet::new(), VecDeque::<AbortHandle>::new());
+        loop {
+            let accepted = tokio::select! {
+                accepted = listener.accept() => accepted,
+                Some(_) = tasks.join_next() => continue,
+            };
+            let Ok((stream, from)) = accepted else {
+                tokio::time::sleep(ACCEPT_PAUSE).await;
+                continue;
+            };
+            begun.retain(|task| !task.is_finished());
+            if begun.len() >= HANDSHAKES_MAX
+                && let Some(oldest) = begun.pop_front()
+            {
+                oldest.abort();
+            }
+            begun.push_back(tasks.spawn(Arc::clone(&self).admit(stream, from)));
+        }
+    }
+
+    /// Ends tunnels to those who are not trusted any more, for ever.
+    pub(super) async fn judge(self: Arc<Self>) {
+        loop {
+            drop(tokio::time::timeout(JUDGE_EVERY, self.changed.notified()).await);
+            let standing: Vec<(String, Standing)> = {
+                let table = self.table();
+                table.all().map(|(session, standing)| (session.clone(), standing.clone())).collect()
+            };
+            for (session, standing) in standing {
+                if let Err(why) = self.identity.judge(&standing.key, &standing.credential) {
+                    tracing::warn!(session, why, "a tunnel ends: who is at its other end is not trusted any more");
+                    self.identity.refused(standing.ends.1, &why);
+                    standing.end.notify_one();
+                }
+            }
+        }
+    }
+
+    /// Has all tunnels judged again at once.
+    pub(crate) fn judge_again(&self) {
+        self.changed.notify_one();
+    }
+
+    /// Ends all tunnels.
+    pub(super) fn close(&self) {
+        self.tasks.lock().unwrap_or_else(PoisonError::into_inner).abort_all();
+    }
+
+    /// Lets a tunnel carry nothing for so long before it is given up; says whether there is one.
+    pub(super) fn set_patience(&self, session: &str, patience: Duration) -> bool {
+        let ends = self.table().get(session).map(|standing| standing.ends);
+        ends.is_some_and(|ends| patience::set(ends, patience))
+    }
+
+    /// Makes a tunnel to who listens at an address, which has to be `wanted` if that is said. Returns its session, its name, and the
+    /// path of a Unix socket that leads there, once.
+    pub(super) async fn dial(
+        self: &Arc<Self>,
+        address: &str,
+        wanted: Option<&str>,
+    ) -> Result<(String, String, PathBuf), String> {
+        let (stream, peer, ends) = tokio::time::timeout(HANDSHAKE_WITHIN, self.meet(address, wanted))
+            .await
+            .map_err(|_elapsed| "it does not say in time who it is".to_owned())??;
+        let (number, end) = self.enter(&peer, ends, &self.session)?;
+        let path = self.path();
+        let listener = UnixListener::bind(&path);
+        let listener = listener.map_err(|error| format!("cannot make a socket: {}", human::cause(&error)))?;
+        let (own, session, entry) = (Arc::clone(self), peer.session.clone(), path.clone());
+        self.spawn(async move {
+            let entered = tokio::time::timeout(ENTERED_WITHIN, listener.accept()).await;
+            drop(std::fs::remove_file(&entry));
+            if let Ok(Ok((local, _))) = entered {
+                carry(stream, local, &end).await;
+            }
+            own.table().leave(&session, number);
+        });
+        Ok((peer.session, peer.name, path))
+    }
+
+    async fn meet(
+        &self,
+        address: &str,
+        wanted: Option<&str>,
+    ) -> Result<(tokio_rustls::client::TlsStream<TcpStream>, Peer, Ends), String> {
+        let cause = |error: std::io::Error| human::cause(&error);
+        let stream = TcpStream::connect(address).await.map_err(cause)?;
+        let ends = prepare(&stream).map_err(cause)?;
+        let connecting = self.tls.connector.connect(tls::server_name(), stream);
+        let mut stream = connecting.await.map_err(|_tls| "it is not in a team".to_owned())?;
+        let key = tls::peer_key(stream.get_ref().1)?;
+        let peer = handshake::introduce(&mut stream, self.side(key), wanted).await?;
+        Ok((stream, peer, ends))
+    }
+
+    /// Takes somebody in who has connected.
+    async fn admit(self: Arc<Self>, stream: TcpStream, from: SocketAddr) {
+        // Who only looks whether somebody is here says nothing, and is nothing to speak of.
+        let mut first = [0];
+        let said = tokio::time::timeout(HANDSHAKE_WITHIN, stream.peek(&mut first)).await;
+        if !matches!(said, Ok(Ok(1))) {
+            return;
+        }
+        let admitted = tokio::time::timeout(HANDSHAKE_WITHIN, self.examine(stream)).await;
+        let admitted = admitted.unwrap_or_else(|_elapsed| Err("it did not say in time who it is".to_owned()));
+        match admitted {
+            Ok((stream, peer, ends)) => {
+                let Ok((number, end)) = self.enter(&peer, ends, &peer.session) else { return };
+                let own = Arc::clone(&self);
+                self.spawn(async move {
+                    match UnixStream::connect(&own.entrance).await {
+                        Ok(local) => carry(stream, local, &end).await,
+                        Err(error) => tracing::warn!(%error, "a tunnel does not come to its session"),
+                    }
+                    own.table().leave(&peer.session, number);
+                });
+            }
+            Err(why) => self.identity.refused(from, &why),
+        }
+    }
+
+    async fn examine(
+        &self,
+        stream: TcpStream,
+    ) -> Result<(tokio_rustls::server::TlsStream<TcpStream>, Peer, Ends), String> {
+        let ends = prepare(&stream).map_err(|error| human::cause(&error))?;
+        let accepting = self.tls.acceptor.accept(stream);
+        let mut stream = accepting.await.map_err(|_tls| "it speaks no TLS with a key of its own".to_owned())?;
+        let key = tls::peer_key(stream.get_ref().1)?;
+        let peer = handshake::examine(&mut stream, self.side(key)).await?;
+        Ok((stream, peer, ends))
+    }
+
+    fn side(&self, key: PublicKey) -> Side<'_> {
+        Side { session: &self.session, identity: &*self.identity, changed: &self.changed, key }
+    }
+
+    fn enter(&self, peer: &Peer, ends: Ends, dialler: &str) -> Result<(u64, Arc<Notify>), String> {
+        let end = Arc::new(Notify::new());
+        let standing = Standing {
+            dialler: dialler.to_owned(),
+            since: now(),
+            key: peer.key,
+            credential: peer.credential.clone(),
+            ends,
+            end: Arc::clone(&end),
+        };
+        let number = self.table().enter(&peer.session, standing)?;
+        if !patience::set_as_measured(ends) {
+            tracing::debug!(?ends, "the socket of a tunnel was not found");
+        }
+        tracing::debug!(session = peer.session, name = peer.name, "a tunnel stands");
+        Ok((number, end))
+    }
+
+    fn spawn(&self, task: impl Future<Output = ()> + Send + 'static) {
+        let mut tasks = self.tasks.lock().unwrap_or_else(PoisonError::into_inner);
+        while tasks.try_join_next().is_some() {}
+        tasks.spawn(task);
+    }
+
+    fn table(&self) -> MutexGuard<'_, Table> {
+        self.table.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Returns a path beside the entrance that nothing is at.
+    fn path(&self) -> PathBuf {
+        let number = self.made.fetch_add(1, Ordering::Relaxed);
+        let session = self.session.get(..8).unwrap_or(&self.session);
+        let path = self.entrance.parent().unwrap_or(Path::new("/")).join(format!("{session}.{number}"));
+        // What a process that was killed has left.
+        drop(std::fs::remove_file(&path));
+        path
+    }
+}
+
+fn prepare(stream: &TcpStream) -> std::io::Result<Ends> {
+    stream.set_nodelay(true)?;
+    Ok((stream.local_addr()?, stream.peer_addr()?))
+}
+
+/// Carries bytes both ways until both sides have ended, or the tunnel is to end.
+async fn carry(mut tunnel: impl AsyncRead + AsyncWrite + Unpin, mut local: UnixStream, end: &Notify) {
+    let carried = tokio::select! {
+        carried = copy_bidirectional_with_sizes(&mut tunnel, &mut local, BUFFER_SIZE, BUFFER_SIZE) => carried.map(drop),
+        () = end.notified() => Ok(()),
+    };
+    if let Err(error) = carried {
+        tracing::debug!(%error, "a tunnel has ended");
+    }
+}
+
+#[cfg(test)]
+mod tests;

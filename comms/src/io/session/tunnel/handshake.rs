@@ -1,0 +1,100 @@
+//! What both ends of a tunnel say before anything else: who they are, and then whom they know to be revoked.
+//!
+//! Who has dialled says first who it is. Who listens shows nothing before that is trusted: a stranger learns a key, and no name.
+
+use super::{Identity, PublicKey};
+use crate::logic::codec::{self, Enveloped};
+use crate::logic::frame;
+use crate::logic::tunnel::{Introduction, Revocations};
+use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _};
+use tokio::sync::Notify;
+
+/// This end of a connection, and the key of the other one.
+#[derive(Clone, Copy)]
+pub(super) struct Side<'a> {
+    pub(super) session: &'a str,
+    pub(super) identity: &'a dyn Identity,
+    pub(super) changed: &'a Notify,
+    pub(super) key: PublicKey,
+}
+
+/// Who is at the other end.
+#[derive(Debug)]
+pub(super) struct Peer {
+    pub(super) session: String,
+    pub(super) name: String,
+    pub(super) key: PublicKey,
+    pub(super) credential: Vec<u8>,
+}
+
+/// The dialler's part.
+pub(super) async fn introduce(
+    stream: &mut (impl AsyncRead + AsyncWrite + Unpin),
+    side: Side<'_>,
+    wanted: Option<&str>,
+) -> Result<Peer, String> {
+    send(stream, &side.introduction()).await?;
+    let peer = side.check(receive(stream).await.map_err(|_end| "it does not trust this one")?)?;
+    if wanted.is_some_and(|wanted| wanted != peer.session) {
+        return Err("another session listens there".to_owned());
+    }
+    send(stream, &Revocations { sets: side.identity.revocations() }).await?;
+    side.hear(receive(stream).await?, &peer)?;
+    Ok(peer)
+}
+
+/// The part of who listens.
+pub(super) async fn examine(
+    stream: &mut (impl AsyncRead + AsyncWrite + Unpin),
+    side: Side<'_>,
+) -> Result<Peer, String> {
+    let peer = side.check(receive(stream).await?)?;
+    send(stream, &side.introduction()).await?;
+    send(stream, &Revocations { sets: side.identity.revocations() }).await?;
+    side.hear(receive(stream).await?, &peer)?;
+    Ok(peer)
+}
+
+impl Side<'_> {
+    fn introduction(&self) -> Introduction {
+        Introduction { session: self.session.to_owned(), credential: self.identity.credential() }
+    }
+
+    fn check(&self, introduction: Introduction) -> Result<Peer, String> {
+        let Introduction { session, credential } = introduction;
+        let name = self.identity.judge(&self.key, &credential)?;
+        if session == self.session || session.parse::<zenoh::config::ZenohId>().is_err() {
+            return Err("its session cannot be that".to_owned());
+        }
+        Ok(Peer { session, name, key: self.key, credential })
+    }
+
+    /// Hears the other's revocations, after which the other itself may be revoked.
+    fn hear(&self, revocations: Revocations, peer: &Peer) -> Result<(), String> {
+        if self.identity.hear(&revocations.sets) {
+            self.changed.notify_one();
+        }
+        self.identity.judge(&peer.key, &peer.credential).map(drop)
+    }
+}
+
+async fn send<T: Enveloped>(stream: &mut (impl AsyncWrite + Unpin), message: &T) -> Result<(), String> {
+    let bytes = codec::encode(message).map_err(|error| error.to_string())?;
+    let bytes = frame::encode(&bytes, T::SIZE_MAX).map_err(|error| error.to_string())?;
+    let ended = |_error| "it has hung up".to_owned();
+    stream.write_all(&bytes).await.map_err(ended)?;
+    stream.flush().await.map_err(ended)
+}
+
+async fn receive<T: Enveloped>(stream: &mut (impl AsyncRead + Unpin)) -> Result<T, String> {
+    let ended = |_error| "it has hung up".to_owned();
+    let mut size = [0; frame::PREFIX_SIZE];
+    stream.read_exact(&mut size).await.map_err(ended)?;
+    let size = usize::try_from(u32::from_le_bytes(size)).unwrap_or(usize::MAX);
+    if size > T::SIZE_MAX {
+        return Err("it says too much".to_owned());
+    }
+    let mut bytes = vec![0; size];
+    stream.read_exact(&mut bytes).await.map_err(ended)?;
+    codec::decode(&bytes).map_err(|error| format!("it says something that cannot be read: {error}"))
+}

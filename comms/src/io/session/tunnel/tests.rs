@@ -1,0 +1,173 @@
+use super::super::config::{Settings, unix_locator};
+use super::super::open::{Opened, Redial, Search};
+use super::*;
+use std::collections::BTreeSet;
+use std::io::{Read as _, Write as _};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use zenoh::Wait as _;
+
+const WITHIN: Duration = Duration::from_secs(20);
+/// Secret and public keys. Source: RFC 8032, section 7.1, tests 1 to 3.
+const KEYS: [(&str, &str); 3] = [
+    (
+        "9d61b19deffd5a60ba844af492ec2cc44449c5697b326919703bac031cae7f60",
+        "d75a980182b10ab7d54bfed3c964073a0ee172f3daa62325af021a68f707511a",
+    ),
+    (
+        "4ccd089b28ff96da9db6c346ec114e0f5b8a319f35aba624da8cf6ed4fb8a6fb",
+        "3d4017c3e843895a92b70aa74d1b7ebc9c982ccf2ec4968cc0cd55f12af4660c",
+    ),
+    (
+        "c5aa8df43f9f837bedb7442f31dcb7b166d38535076f094b85ce3a2e0b4458f7",
+        "fc51cd8e6218a1a38da47ed00230f0580816ed13ba3303ac5deb911548908025",
+    ),
+];
+
+fn bytes(hex: &str) -> [u8; 32] {
+    let byte = |at: usize| u8::from_str_radix(&hex[2 * at..2 * at + 2], 16).unwrap();
+    std::array::from_fn(byte)
+}
+
+/// Trusts some of the keys.
+#[derive(Debug)]
+struct TrustsSome {
+    own: usize,
+    trusted: Mutex<BTreeSet<PublicKey>>,
+    refused: SyncSender<String>,
+}
+
+impl Identity for TrustsSome {
+    fn key(&self) -> (Zeroizing<[u8; 32]>, PublicKey) {
+        (Zeroizing::new(bytes(KEYS[self.own].0)), bytes(KEYS[self.own].1))
+    }
+
+    fn credential(&self) -> Vec<u8> {
+        vec![u8::try_from(self.own).unwrap()]
+    }
+
+    fn judge(&self, key: &PublicKey, credential: &[u8]) -> Result<String, String> {
+        let is_trusted = self.trusted.lock().unwrap().contains(key);
+        is_trusted.then(|| format!("number {}", credential[0])).ok_or_else(|| "nobody knows it".to_owned())
+    }
+
+    fn revocations(&self) -> Vec<u8> {
+        Vec::new()
+    }
+
+    fn hear(&self, _: &[u8]) -> bool {
+        false
+    }
+
+    fn refused(&self, _: SocketAddr, why: &str) {
+        self.refused.try_send(why.to_owned()).unwrap_or_default();
+    }
+}
+
+/// A session with key `own`, which trusts some keys; returns it with whom it refuses.
+fn session(own: usize, trusted: &[usize]) -> (Opened, Arc<TrustsSome>, Receiver<String>) {
+    let folder = std::env::temp_dir().join(format!("dca-tunnel-{}-{own}-{}", std::process::id(), now().nanos()));
+    std::fs::create_dir(&folder).unwrap();
+    let (refused, hears) = sync_channel(64);
+    let trusted = Mutex::new(trusted.iter().map(|number| bytes(KEYS[*number].1)).collect());
+    let identity = Arc::new(TrustsSome { own, trusted, refused });
+    let entrance = folder.join("s");
+    let settings = Settings::data().listen(&[unix_locator(&entrance).unwrap()]);
+    let listen = vec![([127, 0, 0, 1], 0).into()];
+    let options = TunnelOptions { identity: Arc::clone(&identity) as _, listen, entrance };
+    (Opened::open(settings, Redial::Listed, Search::Off, Some(options)).unwrap(), identity, hears)
+}
+
+/// Waits until somebody is refused for that.
+fn expect(refused: &Receiver<String>, why: &str) {
+    while refused.recv_timeout(WITHIN).expect("somebody is refused") != why {}
+}
+
+fn tcp(opened: &Opened) -> String {
+    opened.locators().into_iter().find(|locator| locator.starts_with("tcp/")).unwrap()
+}
+
+/// Returns whether what `from` puts comes to `to` before too long.
+fn reaches(from: &Opened, to: &Opened) -> bool {
+    let (heard_tx, heard) = sync_channel(1000);
+    let on_sample = move |_: zenoh::sample::Sample| heard_tx.try_send(()).unwrap_or_default();
+    let _subscriber = to.session.declare_subscriber("dca/test/tunnel").callback(on_sample).wait().unwrap();
+    let began = now();
+    while now() - began < WITHIN {
+        from.session.put("dca/test/tunnel", vec![7; 100_000]).wait().unwrap();
+        if heard.recv_timeout(Duration::from_millis(20)).is_ok() {
+            return true;
+        }
+    }
+    false
+}
+
+#[test]
+fn who_is_trusted_is_linked_and_ends_with_the_trust() {
+    let ((a, of_a, _), (b, _, _)) = (session(0, &[1]), session(1, &[0]));
+    // Both dial at once, and again and again.
+    a.keep(&b.id(), &[tcp(&b)]).unwrap();
+    b.keep(&a.id(), &[tcp(&a)]).unwrap();
+    assert!(reaches(&a, &b) && reaches(&b, &a));
+    of_a.trusted.lock().unwrap().clear();
+    a.judge_again();
+    let began = now();
+    while a.is_linked() && now() - began < WITHIN {
+        std::thread::yield_now();
+    }
+    assert!(!a.is_linked(), "who is not trusted any more is cut off");
+    assert!(b.dial(&a.id(), &[tcp(&a)], Duration::from_millis(500)).is_err());
+    of_a.trusted.lock().unwrap().insert(bytes(KEYS[1].1));
+    assert!(reaches(&a, &b), "who is trusted again is linked again");
+    a.close();
+    b.close();
+}
+
+#[test]
+fn a_stranger_comes_to_nothing() {
+    let ((a, _, refused), (stranger, _, _)) = (session(0, &[1]), session(2, &[0]));
+    assert!(stranger.dial(&a.id(), &[tcp(&a)], Duration::from_millis(500)).is_err());
+    expect(&refused, "nobody knows it");
+    assert!(!a.is_linked() && !stranger.is_linked());
+    // Nor does who speaks zenoh without TLS, or nothing that makes sense.
+    let plain = Opened::open(Settings::data(), Redial::Listed, Search::Off, None).unwrap();
+    assert!(plain.dial(&a.id(), &[tcp(&a)], Duration::from_millis(500)).is_err());
+    expect(&refused, "it speaks no TLS with a key of its own");
+    let mut garbage = std::net::TcpStream::connect(tcp(&a).trim_start_matches("tcp/")).unwrap();
+    garbage.write_all(&[0x5a; 64]).unwrap();
+    garbage.set_read_timeout(Some(WITHIN)).unwrap();
+    let ended = garbage.read_to_end(&mut Vec::new()).map_err(|error| error.kind());
+    assert!(matches!(ended, Ok(_) | Err(std::io::ErrorKind::ConnectionReset)), "{ended:?}: nobody hangs up");
+    for opened in [a, stranger, plain] {
+        opened.close();
+    }
+}
+
+#[test]
+fn who_trusts_does_not_dial_who_is_not_trusted() {
+    let ((a, _, refused), (b, _, _)) = (session(0, &[1]), session(1, &[]));
+    assert!(a.dial(&b.id(), &[tcp(&b)], Duration::from_millis(500)).is_err());
+    assert!(b.dial(&a.id(), &[tcp(&a)], Duration::from_millis(500)).is_err());
+    drop(refused);
+    assert!(!a.is_linked() && !b.is_linked());
+    a.close();
+    b.close();
+}
+
+#[test]
+fn many_who_say_nothing_keep_nobody_out() {
+    let ((a, _, _), (b, _, _)) = (session(0, &[1]), session(1, &[0]));
+    let place = tcp(&a);
+    let silent: Vec<_> = (0..600)
+        .map(|_| {
+            let mut stream = std::net::TcpStream::connect(place.trim_start_matches("tcp/")).unwrap();
+            // The beginning of a TLS record, and no more.
+            stream.write_all(&[0x16, 3, 1]).unwrap();
+            stream
+        })
+        .collect();
+    b.dial(&a.id(), &[place], WITHIN).unwrap();
+    assert!(reaches(&b, &a));
+    drop(silent);
+    a.close();
+    b.close();
+}

@@ -1,0 +1,197 @@
+//! Joining over the network: the messages of [`trust::invite`], each with its length before it, over a TCP connection.
+//!
+//! It needs no encryption of its own: the joiner knows the team by the line, and the secret is sealed to who has signed. Whoever
+//! listens in learns that somebody joins, and under which name.
+
+use anyhow::{Context as _, anyhow, bail, ensure};
+use comms::io::entropy;
+use comms::logic::frame::PREFIX_SIZE;
+use std::collections::VecDeque;
+use std::net::SocketAddr;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::mpsc;
+use tokio::task::{AbortHandle, JoinSet};
+use trust::certificate::Certificate;
+use trust::identity::{Entropy, SecretKeys};
+use trust::invite::{Invite, Inviter, InviterEffect, JoinError, Joiner, MESSAGE_MAX, Message};
+use trust::name::Name;
+use trust::team::{Credential, Team};
+
+/// How long one conversation may take: four messages on a slow network, and a signature.
+const TALK_WITHIN: Duration = Duration::from_secs(15);
+/// How long until the joiner tries the next address.
+const CONNECT_WITHIN: Duration = Duration::from_secs(4);
+/// How many conversations there may be at a time; for a new one the oldest goes.
+const TALKS_MAX: usize = 64;
+/// How long nobody is accepted after the system has refused to.
+const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
+
+/// Joins the team of an invitation, at the first of its addresses that answers.
+///
+/// # Errors
+/// Nobody answers, it is not the team of the line, or the inviter refuses.
+///
+/// # Cancellation
+/// The invitation may have been used.
+pub async fn join(line: &str, name: Name, keys: SecretKeys) -> anyhow::Result<(SecretKeys, Team, Credential)> {
+    let invite = Invite::from_line(line).context("this is not the line of an invitation")?;
+    let addresses = invite.addresses.clone();
+    ensure!(!addresses.is_empty(), "the invitation does not say where to join");
+    let (joiner, hello) = Joiner::begin(invite, name, keys, crate::now(), crate::random()?)?;
+    let stream = connect(&addresses).await?;
+    let talk = tokio::time::timeout(TALK_WITHIN, talk(stream, joiner, &hello)).await;
+    talk.map_err(|_elapsed| anyhow!("the inviter does not answer in time"))?
+}
+
+async fn connect(addresses: &[SocketAddr]) -> anyhow::Result<TcpStream> {
+    let mut tried = Vec::new();
+    for address in addresses {
+        match tokio::time::timeout(CONNECT_WITHIN, TcpStream::connect(address)).await {
+            Ok(Ok(stream)) => return Ok(stream),
+            Ok(Err(error)) => tried.push(format!("{address}: {}", comms::logic::human::cause(&error))),
+            Err(_elapsed) => tried.push(format!("{address}: nobody answers")),
+        }
+    }
+    bail!("the inviter cannot be reached; `dca team invite` has to wait there meanwhile: {}", tried.join("; "))
+}
+
+async fn talk(
+    mut stream: TcpStream,
+    mut joiner: Joiner,
+    hello: &Message,
+) -> anyhow::Result<(SecretKeys, Team, Credential)> {
+    send(&mut stream, hello).await?;
+    let proof = match receive(&mut stream).await? {
+        Message::Offer(offer) => joiner.offered(*offer, crate::now())?,
+        Message::Hello(_) | Message::Proof(_) | Message::Welcome(_) | Message::Refused => bail!(JoinError::Unexpected),
+    };
+    send(&mut stream, &proof).await?;
+    match receive(&mut stream).await? {
+        Message::Welcome(welcome) => Ok(joiner.welcomed(*welcome, crate::now())?),
+        Message::Refused => bail!(JoinError::Refused),
+        Message::Hello(_) | Message::Offer(_) | Message::Proof(_) => bail!(JoinError::Unexpected),
+    }
+}
+
+/// Something that happens while an inviter waits.
+#[derive(Debug)]
+pub enum Event {
+    /// Somebody has joined; the certificate is kept.
+    Joined(Box<Certificate>),
+    /// Somebody was refused, and why.
+    Refused(SocketAddr, String),
+}
+
+/// Answers those who want to join, until `events` is closed. `keep` puts a certificate on the disk; before that nobody is welcome.
+///
+/// # Cancellation
+/// Whoever is joining is left.
+pub async fn invite(
+    listeners: Vec<TcpListener>,
+    inviter: Inviter,
+    keep: impl Fn(&Certificate) -> anyhow::Result<()> + Send + Sync + 'static,
+    events: mpsc::Sender<Event>,
+) {
+    let door = Arc::new(Door { inviter: Mutex::new(inviter), keep: Box::new(keep), events });
+    let mut listening: JoinSet<()> =
+        listeners.into_iter().map(|listener| accept(listener, Arc::clone(&door))).collect();
+    while listening.join_next().await.is_some() {}
+}
+
+type Keep = Box<dyn Fn(&Certificate) -> anyhow::Result<()> + Send + Sync>;
+
+struct Door {
+    inviter: Mutex<Inviter>,
+    keep: Keep,
+    events: mpsc::Sender<Event>,
+}
+
+async fn accept(listener: TcpListener, door: Arc<Door>) {
+    let (mut talks, mut begun) = (JoinSet::new(), VecDeque::<AbortHandle>::new());
+    loop {
+        let accepted = tokio::select! {
+            accepted = listener.accept() => accepted,
+            Some(_) = talks.join_next() => continue,
+        };
+        let Ok((stream, from)) = accepted else {
+            tokio::time::sleep(ACCEPT_PAUSE).await;
+            continue;
+        };
+        begun.retain(|talk| !talk.is_finished());
+        if begun.len() >= TALKS_MAX
+            && let Some(oldest) = begun.pop_front()
+        {
+            oldest.abort();
+        }
+        begun.push_back(talks.spawn(answer(stream, from, Arc::clone(&door))));
+    }
+}
+
+async fn answer(mut stream: TcpStream, from: SocketAddr, door: Arc<Door>) {
+    let talk = tokio::time::timeout(TALK_WITHIN, door.talk(&mut stream)).await;
+    let event = match talk.unwrap_or_else(|_elapsed| Err(anyhow!("it did not say in time what it wants"))) {
+        Ok(certificate) => Event::Joined(Box::new(certificate)),
+        Err(error) => Event::Refused(from, format!("{error:#}")),
+    };
+    door.events.send(event).await.unwrap_or_default();
+}
+
+impl Door {
+    async fn talk(&self, stream: &mut TcpStream) -> anyhow::Result<Certificate> {
+        let Message::Hello(hello) = receive(stream).await? else { bail!(JoinError::Unexpected) };
+        let own = entropy::bytes()?;
+        let offer = self.inviter().hello(&hello, own);
+        send(stream, &offer).await?;
+        let Message::Proof(proof) = receive(stream).await? else { bail!(JoinError::Unexpected) };
+        let mut entropy: Entropy = crate::random()?;
+        let proven = self.inviter().proven((&hello.nonce, &own), &proof, crate::now(), &mut entropy);
+        let effects = match proven {
+            Ok(effects) => effects,
+            Err(error) => {
+                send(stream, &Message::Refused).await?;
+                return Err(error.into());
+            }
+        };
+        let mut welcome = None;
+        for effect in effects {
+            match effect {
+                InviterEffect::Spend(_, certificate) => (self.keep)(&certificate)?,
+                InviterEffect::Reply(message) => {
+                    send(stream, &message).await?;
+                    welcome = Some(message);
+                }
+            }
+        }
+        match welcome {
+            Some(Message::Welcome(welcome)) => Ok(welcome.certificate),
+            _ => bail!(JoinError::Unexpected),
+        }
+    }
+
+    fn inviter(&self) -> std::sync::MutexGuard<'_, Inviter> {
+        self.inviter.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+async fn send(stream: &mut TcpStream, message: &Message) -> anyhow::Result<()> {
+    let bytes = message.to_bytes();
+    let size = u32::try_from(bytes.len()).context("a message is too long")?;
+    let sent = stream.write_all(&[&size.to_le_bytes()[..], &bytes].concat()).await;
+    sent.context("the other side has hung up")
+}
+
+async fn receive(stream: &mut TcpStream) -> anyhow::Result<Message> {
+    let mut size = [0; PREFIX_SIZE];
+    stream.read_exact(&mut size).await.context("the other side has hung up")?;
+    let size = usize::try_from(u32::from_le_bytes(size)).unwrap_or(usize::MAX);
+    ensure!(size <= MESSAGE_MAX, "what the other side says is no message of joining");
+    let mut bytes = vec![0; size];
+    stream.read_exact(&mut bytes).await.context("the other side has hung up")?;
+    Message::from_bytes(&bytes).context("what the other side says is no message of joining")
+}
+
+#[cfg(test)]
+mod tests;

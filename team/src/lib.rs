@@ -1,0 +1,28 @@
+//! A process as a member of a team: what `trust` decides, on the disk and on the network of `comms`.
+//!
+//! A node is a [`member::Member`]: its keys and its certificate are in the folder of its state. It gives each of its programs a
+//! [`program::ProgramIdentity`], so that none has the node's key. Both are identities of tunnels
+//! ([`comms::io::session::Identity`]). [`join`] is how a robot comes into a team.
+
+pub mod audit;
+pub mod folder;
+pub mod join;
+pub mod member;
+pub mod program;
+
+use comms::io::{clock, entropy};
+use trust::identity::Entropy;
+use trust::name::UnixTime;
+
+/// Returns the time of the calendar, as this machine's clock shows it.
+pub fn now() -> UnixTime {
+    UnixTime(clock::unix_time().as_secs())
+}
+
+/// Returns random bytes for one operation.
+///
+/// # Errors
+/// The system has none.
+pub fn random() -> std::io::Result<Entropy> {
+    entropy::bytes().map(|seed| Entropy::new(&seed))
+}

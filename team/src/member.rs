@@ -1,0 +1,278 @@
+//! A node as a member of its team.
+//!
+//! ```text
+//! STATE/r1/team/          0700, beside the node's database; files 0600
+//!   keys                  the node's secret keys, made here; they never leave it
+//!   team                  the team's name and public keys
+//!   credential            what shows that the node belongs to it; written last: without it the node is in no team
+//!   revoked               whom the team has revoked, as far as this node has heard
+//!   audit                 who was refused, and what was revoked
+//! ```
+
+use crate::audit::{Audit, Deed};
+use crate::folder;
+use crate::program::ProgramIdentity;
+use anyhow::{Context as _, bail};
+use comms::io::session::{Identity, PublicKey};
+use std::collections::BTreeMap;
+use std::net::{IpAddr, SocketAddr};
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use tokio::sync::watch;
+use trust::audit::Decision;
+use trust::identity::{SECRET_LEN, SecretKeys};
+use trust::revocation::{Received, Revocations, RevokedSet, SET_MAX};
+use trust::role::Kind;
+use trust::team::{CREDENTIAL_MAX, Credential, Judge, OFFLINE_GRACE, TEAM_MAX, Team};
+use zeroize::Zeroizing;
+
+/// The folder below that of a node's state.
+pub const FOLDER: &str = "team";
+const KEYS: &str = "keys";
+const TEAM: &str = "team";
+const CREDENTIAL: &str = "credential";
+const REVOKED: &str = "revoked";
+/// The most bytes of revocations that are kept or heard at once.
+const REVOKED_BYTES_MAX: usize = 4 << 20;
+
+/// A node in a team.
+#[derive(Debug)]
+pub struct Member {
+    folder: PathBuf,
+    keys: SecretKeys,
+    team: Team,
+    credential: Credential,
+    revoked: Mutex<Revocations>,
+    changes: watch::Sender<()>,
+    /// None where the disk takes none.
+    audit: Option<Audit>,
+    /// The last refusal that was logged, with its minute.
+    told: Mutex<Option<(IpAddr, String, u64)>>,
+}
+
+impl Member {
+    /// Returns the member that a node is, by the folder of its state; nothing if it is in no team.
+    ///
+    /// # Errors
+    /// A file cannot be read, or is not what it should be. Such a node must not run as if it were in no team.
+    pub fn open(state: &Path) -> anyhow::Result<Option<Self>> {
+        let folder = state.join(FOLDER);
+        let Some(credential) = folder::read(&folder.join(CREDENTIAL), CREDENTIAL_MAX)? else { return Ok(None) };
+        let file = |name: &str, bytes_max| {
+            let read = folder::read(&folder.join(name), bytes_max)?;
+            read.with_context(|| {
+                format!("`{}` is not there: take this node into its team again", folder.join(name).display())
+            })
+        };
+        let broken =
+            |name: &str| format!("`{}` is broken: take this node into its team again", folder.join(name).display());
+        let keys = file(KEYS, SECRET_LEN)?;
+        let keys = <&[u8; SECRET_LEN]>::try_from(&keys[..]).with_context(|| broken(KEYS))?;
+        let keys = SecretKeys::from_bytes(keys);
+        let team = Team::from_bytes(&file(TEAM, TEAM_MAX)?).with_context(|| broken(TEAM))?;
+        let credential = Credential::from_bytes(&credential).with_context(|| broken(CREDENTIAL))?;
+        if credential.certificate().claims().keys != *keys.public() || credential.certificate().kind() != Kind::Node {
+            bail!("{}", broken(CREDENTIAL));
+        }
+        let sets = folder::read(&folder.join(REVOKED), REVOKED_BYTES_MAX)?;
+        let revoked = match &sets {
+            None => Revocations::default(),
+            Some(sets) => revocations(sets, &team).with_context(|| broken(REVOKED))?,
+        };
+        let audit = Audit::open(&folder, team.id(), keys.public().id());
+        let audit =
+            audit.inspect_err(|error| tracing::error!(error = format!("{error:#}"), "there is no audit log")).ok();
+        let (revoked, changes) = (Mutex::new(revoked), watch::Sender::new(()));
+        Ok(Some(Self { folder, keys, team, credential, revoked, changes, audit, told: Mutex::default() }))
+    }
+
+    /// Returns whether a node is in a team, without a look at anything else.
+    #[must_use]
+    pub fn is_there(state: &Path) -> bool {
+        state.join(FOLDER).join(CREDENTIAL).exists()
+    }
+
+    /// Writes down what a node is from now on.
+    ///
+    /// # Errors
+    /// The disk refuses; then the node is what it was before.
+    pub fn begin(state: &Path, keys: &SecretKeys, team: &Team, credential: &Credential) -> anyhow::Result<()> {
+        let folder = state.join(FOLDER);
+        folder::make(&folder)?;
+        folder::write(&folder.join(KEYS), &*keys.to_bytes())?;
+        folder::write(&folder.join(TEAM), &team.to_bytes())?;
+        folder::write(&folder.join(CREDENTIAL), &credential.to_bytes())
+    }
+
+    /// Returns the team.
+    #[must_use]
+    pub const fn team(&self) -> &Team {
+        &self.team
+    }
+
+    /// Checks that this node itself is trusted now.
+    ///
+    /// # Errors
+    /// It is not, with the reason.
+    pub fn check(&self) -> anyhow::Result<()> {
+        let revoked = self.revoked();
+        self.credential.check(&self.by(&revoked)).map(drop).context("this node is not trusted")
+    }
+
+    /// Makes an identity for the programs of this node, and writes it to a file that they are told of.
+    ///
+    /// # Errors
+    /// The disk refuses, or the system has no random bytes.
+    pub fn vouch(&self, path: &Path) -> anyhow::Result<()> {
+        let (keys, credential) = (&self.keys, self.credential.clone());
+        ProgramIdentity::issue(&self.team, keys, credential, &self.folder.join(REVOKED))?.keep(path)
+    }
+
+    /// Returns whether a refusal is another one than the last, or a minute later.
+    fn is_news(&self, from: IpAddr, why: &str) -> bool {
+        let told = (from, why.to_owned(), crate::now().0 / 60);
+        let mut last = self.told.lock().unwrap_or_else(PoisonError::into_inner);
+        last.replace(told.clone()) != Some(told)
+    }
+
+    fn record(&self, deed: Deed) {
+        self.audit.iter().for_each(|audit| audit.record(deed.clone()));
+    }
+
+    /// Hears of each change of who is revoked.
+    pub fn changes(&self) -> watch::Receiver<()> {
+        self.changes.subscribe()
+    }
+
+    fn revoked(&self) -> MutexGuard<'_, Revocations> {
+        // A set is taken in as a whole, or not at all.
+        self.revoked.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn by<'a>(&'a self, revoked: &'a Revocations) -> Judge<'a> {
+        judge(&self.team, revoked)
+    }
+
+    /// Takes in what the team, or an admin, has revoked. Says whether it was new.
+    ///
+    /// # Errors
+    /// It is not theirs, or the disk refuses.
+    pub fn revoke(&self, set: RevokedSet) -> anyhow::Result<bool> {
+        let (number, count) = (set.number(), set.keys().len());
+        let mut revoked = self.revoked();
+        let mut with = revoked.clone();
+        if with.receive(set, &judge(&self.team, &revoked))? == Received::Known {
+            return Ok(false);
+        }
+        // On the disk first: what has been heard once is never forgotten.
+        folder::write(&self.folder.join(REVOKED), &sets(&with))?;
+        *revoked = with;
+        drop(revoked);
+        let what = format!("revoke: number {number}, keys {count}");
+        self.record(Deed { decision: Decision::Done, who: "the team".to_owned(), what, reason: String::new() });
+        self.changes.send_replace(());
+        Ok(true)
+    }
+}
+
+/// Judges by a team, with the grace for nodes that were offline.
+pub(crate) fn judge<'a>(team: &'a Team, revoked: &'a Revocations) -> Judge<'a> {
+    Judge { team, revoked, now: crate::now(), grace: OFFLINE_GRACE }
+}
+
+/// Returns the form in which sets of revocations are kept and told.
+fn sets(revoked: &Revocations) -> Vec<u8> {
+    let sets: Vec<Vec<u8>> = revoked.newer_than(&BTreeMap::new()).into_iter().map(RevokedSet::to_bytes).collect();
+    postcard::to_stdvec(&sets).unwrap_or_default()
+}
+
+/// Reads that form.
+fn from_sets(bytes: &[u8]) -> anyhow::Result<Vec<RevokedSet>> {
+    if bytes.len() > REVOKED_BYTES_MAX {
+        bail!("there are too many revocations");
+    }
+    let sets: Vec<Vec<u8>> = postcard::from_bytes(bytes)?;
+    let read = |set: Vec<u8>| {
+        if set.len() > SET_MAX {
+            bail!("a set of revocations is too long");
+        }
+        Ok(RevokedSet::from_bytes(&set)?)
+    };
+    sets.into_iter().map(read).collect()
+}
+
+/// Returns the revocations of a team that were kept.
+pub(crate) fn revocations(bytes: &[u8], team: &Team) -> anyhow::Result<Revocations> {
+    let mut revoked = Revocations::default();
+    for set in from_sets(bytes)? {
+        let before = revoked.clone();
+        // One whose signer was revoked since is not needed: its keys were taken in while it counted.
+        if let Err(error) = revoked.receive(set, &judge(team, &before)) {
+            tracing::debug!(%error, "a set of revocations counts no more");
+        }
+    }
+    Ok(revoked)
+}
+
+/// Returns the half of public keys that signs.
+pub(crate) fn signing(keys: &trust::identity::PublicKeys) -> PublicKey {
+    let mut key = [0; 32];
+    key.copy_from_slice(&keys.to_bytes()[..32]);
+    key
+}
+
+impl Identity for Member {
+    fn key(&self) -> (Zeroizing<[u8; 32]>, PublicKey) {
+        let (both, mut secret) = (self.keys.to_bytes(), Zeroizing::new([0; 32]));
+        secret.copy_from_slice(&both[..32]);
+        (secret, signing(self.keys.public()))
+    }
+
+    fn credential(&self) -> Vec<u8> {
+        self.credential.to_bytes()
+    }
+
+    fn judge(&self, key: &PublicKey, credential: &[u8]) -> Result<String, String> {
+        let credential = Credential::from_bytes(credential).map_err(|error| format!("its credential: {error}"))?;
+        let claims = credential.certificate().claims();
+        if signing(&claims.keys) != *key {
+            return Err("its credential is that of another key".to_owned());
+        }
+        let revoked = self.revoked();
+        credential.check(&self.by(&revoked)).map_err(|error| error.to_string())?;
+        if credential.certificate().kind() != Kind::Node {
+            return Err(format!("`{}` is no node", claims.name));
+        }
+        Ok(claims.name.to_string())
+    }
+
+    fn revocations(&self) -> Vec<u8> {
+        sets(&self.revoked())
+    }
+
+    fn hear(&self, revocations: &[u8]) -> bool {
+        let sets = from_sets(revocations).unwrap_or_else(|error| {
+            tracing::warn!(error = format!("{error:#}"), "revocations of a node cannot be read");
+            Vec::new()
+        });
+        let mut is_new = false;
+        for set in sets {
+            match self.revoke(set) {
+                Ok(new) => is_new |= new,
+                Err(error) => tracing::debug!(error = format!("{error:#}"), "revocations were not taken in"),
+            }
+        }
+        is_new
+    }
+
+    fn refused(&self, from: SocketAddr, why: &str) {
+        if self.is_news(from.ip(), why) {
+            tracing::warn!(%from, why, "somebody was refused");
+        }
+        let (who, what) = (from.to_string(), "link".to_owned());
+        self.record(Deed { decision: Decision::Refused, who, what, reason: why.to_owned() });
+    }
+}
+
+#[cfg(test)]
+mod tests;

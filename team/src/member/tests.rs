@@ -1,0 +1,131 @@
+use super::*;
+use crate::program::ProgramIdentity;
+use std::sync::atomic::{AtomicU32, Ordering};
+use trust::certificate::{Certificate, Claims, DAY};
+use trust::name::UnixTime;
+use trust::role::Role;
+
+struct Desk {
+    root: SecretKeys,
+    team: Team,
+    folder: PathBuf,
+}
+
+fn keys() -> SecretKeys {
+    SecretKeys::generate(&mut crate::random().unwrap())
+}
+
+impl Desk {
+    fn new(name: &str) -> Self {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let number = COUNT.fetch_add(1, Ordering::Relaxed);
+        let root = keys();
+        let team = Team::found(name.parse().unwrap(), &root);
+        let folder = std::env::temp_dir().join(format!("dca-member-{}-{number}", std::process::id()));
+        Self { root, team, folder }
+    }
+
+    fn credential(&self, keys: &SecretKeys, role: Role, (begins, ends): (u64, u64)) -> Credential {
+        let not_after = UnixTime(ends);
+        let claims = Claims {
+            team: self.team.id(),
+            name: "r1".parse().unwrap(),
+            role,
+            keys: *keys.public(),
+            not_before: UnixTime(begins),
+            not_after,
+            renewable_until: not_after,
+            serial: [0; 16],
+        };
+        Credential::new(Certificate::issue(claims, &self.root).unwrap(), None)
+    }
+
+    /// A node whose certificate begins and ends so many days from now.
+    fn node(&self, name: &str, begins: i64, ends: i64) -> Member {
+        let (keys, state) = (keys(), self.folder.join(name));
+        let at = |days: i64| crate::now().0.saturating_add_signed(days * i64::try_from(DAY).unwrap());
+        Member::begin(&state, &keys, &self.team, &self.credential(&keys, Role::Member, (at(begins), at(ends))))
+            .unwrap();
+        Member::open(&state).unwrap().unwrap()
+    }
+}
+
+impl Drop for Desk {
+    fn drop(&mut self) {
+        drop(std::fs::remove_dir_all(&self.folder));
+    }
+}
+
+fn judged(by: &Member, other: &Member) -> Result<String, String> {
+    by.judge(&other.key().1, &other.credential())
+}
+
+#[test]
+fn only_nodes_of_the_team_are_let_in_and_only_in_time() {
+    let (acme, other) = (Desk::new("acme"), Desk::new("acme"));
+    let (own, friend) = (acme.node("own", 0, 30), acme.node("friend", -1, 30));
+    assert_eq!(judged(&own, &friend), Ok("r1".to_owned()));
+    let check = |other: &Member, why: &str| {
+        let refused = judged(&own, other).unwrap_err();
+        assert!(refused.contains(why), "{refused}");
+    };
+    check(&other.node("stranger", 0, 30), "another team");
+    check(&acme.node("old", -40, -10), "has ended");
+    check(&acme.node("early", 2, 30), "not valid yet");
+    assert_eq!(judged(&own, &acme.node("offline", -30, -5)), Ok("r1".to_owned()), "within the grace");
+    // Somebody else's credential, a user's, and a program's.
+    let stolen = own.judge(&keys_of(&keys()), &friend.credential()).unwrap_err();
+    assert!(stolen.contains("of another key"), "{stolen}");
+    let user = keys();
+    let credential = acme.credential(&user, Role::Admin, (crate::now().0, crate::now().0 + DAY));
+    let refused = own.judge(&keys_of(&user), &credential.to_bytes()).unwrap_err();
+    assert!(refused.contains("is no node"), "{refused}");
+    friend.vouch(&acme.folder.join("programs")).unwrap();
+    let program = ProgramIdentity::open(&acme.folder.join("programs")).unwrap();
+    assert!(own.judge(&program.key().1, &program.credential()).is_err(), "a program is no node");
+    own.vouch(&acme.folder.join("own-programs")).unwrap();
+    let own_program = ProgramIdentity::open(&acme.folder.join("own-programs")).unwrap();
+    assert_eq!(own_program.judge(&program.key().1, &program.credential()), Ok("a program of r1".to_owned()));
+    assert!(own_program.judge(&friend.key().1, &friend.credential()).is_err(), "a node is no program");
+}
+
+fn keys_of(keys: &SecretKeys) -> PublicKey {
+    signing(keys.public())
+}
+
+#[test]
+fn what_is_revoked_is_kept_told_and_counts_for_programs() {
+    let acme = Desk::new("acme");
+    let (first, second, third) = (acme.node("first", 0, 30), acme.node("second", 0, 30), acme.node("third", 0, 30));
+    let gone = third.credential.certificate().subject();
+    let set = RevokedSet::sign(&acme.team, 1, [(gone, crate::now())].into(), &acme.root, None).unwrap();
+    let other = Desk::new("acme");
+    let forged = RevokedSet::sign(&acme.team, 2, [(gone, crate::now())].into(), &other.root, None).unwrap();
+    assert!(first.revoke(forged).is_err() && judged(&first, &third).is_ok());
+    let mut changes = second.changes();
+    assert_eq!((first.revoke(set.clone()).unwrap(), first.revoke(set).unwrap()), (true, false));
+    assert!(second.hear(&first.revocations()) && !second.hear(&first.revocations()));
+    assert!(changes.has_changed().unwrap());
+    changes.mark_unchanged();
+    assert!(!second.hear(b"nonsense") && !changes.has_changed().unwrap());
+    drop(second);
+    let second = Member::open(&acme.folder.join("second")).unwrap().unwrap();
+    assert!(judged(&second, &third).unwrap_err().contains("is revoked"), "after a restart");
+    for (node, name) in [(&second, "of-second"), (&third, "of-third")] {
+        node.vouch(&acme.folder.join(name)).unwrap();
+    }
+    let [ours, theirs] = ["of-second", "of-third"].map(|name| ProgramIdentity::open(&acme.folder.join(name)).unwrap());
+    assert!(ours.judge(&theirs.key().1, &theirs.credential()).unwrap_err().contains("is revoked"));
+}
+
+#[test]
+fn a_broken_folder_is_no_node_without_a_team() {
+    let acme = Desk::new("acme");
+    drop(acme.node("r1", 0, 30));
+    let state = acme.folder.join("r1");
+    assert!(Member::open(&acme.folder.join("r2")).unwrap().is_none());
+    std::fs::write(state.join(FOLDER).join(KEYS), [7; SECRET_LEN]).unwrap();
+    assert!(Member::open(&state).unwrap_err().to_string().contains("is broken"));
+    std::fs::remove_file(state.join(FOLDER).join(KEYS)).unwrap();
+    assert!(Member::open(&state).unwrap_err().to_string().contains("is not there"));
+}

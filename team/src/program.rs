@@ -1,0 +1,107 @@
+//! A program as somebody whom a node of the team vouches for: what its data session shows to those of other hosts.
+//!
+//! The node writes it to a file of its run folder; each program of the node reads it. It has a key that was made when the node
+//! started, and never the node's own.
+
+use crate::folder;
+use crate::member::{judge, revocations, signing};
+use anyhow::Context as _;
+use comms::io::session::{Identity, PublicKey};
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use trust::delegation::Delegation;
+use trust::identity::{SECRET_LEN, SecretKeys};
+use trust::revocation::Revocations;
+use trust::team::{Credential, Team};
+use zeroize::Zeroizing;
+
+/// The longest file.
+const FILE_MAX: usize = 16 << 10;
+/// The most bytes of revocations.
+const REVOKED_MAX: usize = 4 << 20;
+
+/// The identity of the programs of a node.
+#[derive(Debug)]
+pub struct ProgramIdentity {
+    keys: SecretKeys,
+    team: Team,
+    delegation: Delegation,
+    /// Where the node writes down who is revoked.
+    revoked: PathBuf,
+}
+
+impl ProgramIdentity {
+    pub(crate) fn issue(
+        team: &Team,
+        node: &SecretKeys,
+        credential: Credential,
+        revoked: &Path,
+    ) -> anyhow::Result<Self> {
+        let keys = SecretKeys::generate(&mut crate::random()?);
+        let delegation = Delegation::sign(signing(keys.public()), crate::now(), node, credential);
+        Ok(Self { keys, team: team.clone(), delegation, revoked: revoked.to_owned() })
+    }
+
+    pub(crate) fn keep(&self, path: &Path) -> anyhow::Result<()> {
+        let secret = self.keys.to_bytes();
+        let revoked = self.revoked.to_str().context("a folder has a name that is no text")?;
+        let fields = (&secret[..], self.team.to_bytes(), self.delegation.to_bytes(), revoked);
+        folder::write(path, &Zeroizing::new(postcard::to_stdvec(&fields)?))
+    }
+
+    /// Reads what a node has written for its programs.
+    ///
+    /// # Errors
+    /// There is no such file, or it is not what it should be.
+    pub fn open(path: &Path) -> anyhow::Result<Self> {
+        let bytes = folder::read(path, FILE_MAX)?.with_context(|| format!("`{}` is not there", path.display()))?;
+        let broken = || format!("`{}` is broken", path.display());
+        let fields: (Vec<u8>, Vec<u8>, Vec<u8>, String) = postcard::from_bytes(&bytes).with_context(broken)?;
+        let secret = Zeroizing::new(fields.0);
+        let keys = SecretKeys::from_bytes(<&[u8; SECRET_LEN]>::try_from(&secret[..]).with_context(broken)?);
+        let team = Team::from_bytes(&fields.1).with_context(broken)?;
+        let delegation = Delegation::from_bytes(&fields.2).with_context(broken)?;
+        Ok(Self { keys, team, delegation, revoked: fields.3.into() })
+    }
+
+    /// Returns who is revoked, as the node has written it down last. Somebody must not be trusted because that cannot be read.
+    fn revocations_now(&self) -> Result<Revocations, String> {
+        let read = folder::read(&self.revoked, REVOKED_MAX);
+        let read = read.and_then(|sets| sets.map_or(Ok(Revocations::default()), |sets| revocations(&sets, &self.team)));
+        read.map_err(|error| format!("who is revoked cannot be read: {error:#}"))
+    }
+}
+
+impl Identity for ProgramIdentity {
+    fn key(&self) -> (Zeroizing<[u8; 32]>, PublicKey) {
+        let (both, mut secret) = (self.keys.to_bytes(), Zeroizing::new([0; 32]));
+        secret.copy_from_slice(&both[..32]);
+        (secret, *self.delegation.key())
+    }
+
+    fn credential(&self) -> Vec<u8> {
+        self.delegation.to_bytes()
+    }
+
+    fn judge(&self, key: &PublicKey, credential: &[u8]) -> Result<String, String> {
+        let delegation = Delegation::from_bytes(credential).map_err(|error| format!("its credential: {error}"))?;
+        if delegation.key() != key {
+            return Err("its credential is that of another key".to_owned());
+        }
+        let revoked = self.revocations_now()?;
+        delegation.check(&judge(&self.team, &revoked)).map_err(|error| error.to_string())?;
+        Ok(format!("a program of {}", delegation.node().certificate().claims().name))
+    }
+
+    fn revocations(&self) -> Vec<u8> {
+        Vec::new()
+    }
+
+    fn hear(&self, _: &[u8]) -> bool {
+        false
+    }
+
+    fn refused(&self, from: SocketAddr, why: &str) {
+        tracing::warn!(%from, why, "somebody was refused");
+    }
+}
