@@ -59,7 +59,7 @@ mod tests {
         assert!(page("dca.1").contains("dca\\-run(1)"), "{}", page("dca.1"));
         assert!(page("dca-check.1").contains("\\-\\-format"), "{}", page("dca-check.1"));
         assert!(page("dca-db-put.1").replace('\\', "").contains("dca-db-put"), "{}", page("dca-db-put.1"));
-        assert!(page("dca-node.1").contains("\\-\\-lan"));
+        assert!(page("dca-node.1").contains("\\-\\-insecure\\-lan"));
         fs::remove_dir_all(folder).unwrap();
     }
 }

@@ -39,7 +39,7 @@ opt-level = 2
 
 /// Names that Cargo, the program itself or DCA needs for something else: with crates and programs of DCA in its dependencies and on
 /// the search path, a second one of their name is built or started in their place.
-const TAKEN: [&str; 30] = [
+const TAKEN: [&str; 31] = [
     "alloc",
     "build",
     "cli",
@@ -67,6 +67,7 @@ const TAKEN: [&str; 30] = [
     "shim",
     "std",
     "super",
+    "team",
     "test",
     "trust",
     "verify",

@@ -1,7 +1,7 @@
 //! How fast the verifier is: one command, one table.
 //!
 //! ```text
-//! cargo run --release -p verify --example figures
+//! cargo run --release -p verify --example explorer
 //! ```
 //!
 //! Times are those of this thread on a processor, since others may use the machine.
