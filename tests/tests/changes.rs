@@ -70,7 +70,9 @@ fn a_changed_spec_changes_what_differs_and_nothing_else() {
     // With this one the push is felt, over the wire that was made while it ran, from the program that was started anew.
     assert!(mission.is_running());
     let felt = here.ask(&["deploy", "--probation", "0", &cluster.file("push.dca", &latched.replace("150 N", "5 N"))]);
-    assert!(felt.code == Some(0) && felt.err.contains("`threshold` is 5, was 150"), "{felt}");
+    // A hand that pushes already is felt at once: then all may be over before the hosts have confirmed the change.
+    let is_over = felt.code == Some(1) && felt.err.contains("the deployment ended before every host had confirmed");
+    assert!((felt.code == Some(0) || is_over) && felt.err.contains("`threshold` is 5, was 150"), "{felt}");
     let ended = mission.ended(Duration::from_secs(60));
     assert_eq!(ended.code, Some(0), "{ended}");
     assert!(ended.out.contains("is replaced"), "{ended}");

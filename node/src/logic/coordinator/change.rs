@@ -302,7 +302,7 @@ impl Coordinator {
     /// The deployment ends in the middle of a change.
     pub(super) fn abandon_change(&mut self, out: &mut Out<'_>) {
         if let Some(mut change) = self.change.take() {
-            change.reasons.push("the deployment ended meanwhile".to_owned());
+            change.reasons.push("the deployment ended before every host had confirmed the change".to_owned());
             answer(change.call, Report::Unchanged { by: change.by, reasons: change.reasons }, out);
         }
     }
