@@ -137,7 +137,8 @@ async fn running(client: &Client, plan: &Plan) -> Result<Option<Revision>, Failu
     let home = home(plan)?;
     if !client.finds(&home).await? {
         return Err(Failure::Unreachable(anyhow!(
-            "no node answers for the host `{home}`, where `main` runs; start `dca-node --name {home} --lan` on it"
+            "no node answers for the host `{home}`, where `main` runs; start `dca-node --name {home}` on it, in the \
+             same team or with `--insecure-lan`"
         )));
     }
     revision(client, &home, &plan.name).await

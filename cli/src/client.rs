@@ -319,7 +319,9 @@ impl Client {
         found.silent.extend(silent);
         found.nodes.sort_by(|a, b| a.host.cmp(&b.host));
         if found.nodes.is_empty() {
-            let none = anyhow!("no node answers; start one with `dca-node --name NAME --lan`");
+            let none = anyhow!(
+                "no node answers; start one with `dca-node --name NAME`, in your team or with `--insecure-lan`"
+            );
             return Err(Failure::Unreachable(none));
         }
         Ok(found)

@@ -46,7 +46,8 @@ pub(crate) async fn deploy(
     if let Some(first) = missing.first() {
         let seen = if hosts.is_empty() { "none".to_owned() } else { hosts.into_iter().collect::<Vec<_>>().join(", ") };
         return Err(Failure::Unreachable(anyhow!(
-            "no node answers for the host `{}` (nodes seen: {seen}); start `dca-node --name {first} --lan` on it",
+            "no node answers for the host `{}` (nodes seen: {seen}); start `dca-node --name {first}` on it, in the same \
+             team or with `--insecure-lan`",
             missing.join("`, `")
         )));
     }

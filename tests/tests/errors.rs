@@ -120,8 +120,11 @@ fn a_host_that_nobody_answers_for() {
     }
     let c3 = here.node("c3", &[]);
     let ended = here.ask(&["deploy", &spec("door_opening")]);
-    let sentence =
-        ["no node answers for the host `c1`, `c2`", "nodes seen: c3", "start `dca-node --name c1 --lan` on it"];
+    let sentence = [
+        "no node answers for the host `c1`, `c2`",
+        "nodes seen: c3",
+        "start `dca-node --name c1` on it, in the same team or with `--insecure-lan`",
+    ];
     assert_eq!(cluster.left().len(), 1, "only the node: {:?}", cluster.left());
     end(c3);
     check(&cluster, &ended, 3, &sentence);

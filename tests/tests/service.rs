@@ -55,7 +55,7 @@ fn the_unit_of_a_node_is_one_that_systemd_takes() {
     let unit = String::from_utf8_lossy(&shown.stdout).into_owned();
     assert!(shown.status.success() && shown.stderr.is_empty(), "{shown:?}");
     let node = executable("dca-node");
-    let command = format!("\nExecStart={} --name c1 --peer tcp/10.0.0.7:7000 --lan\n", node.display());
+    let command = format!("\nExecStart={} --name c1 --peer tcp/10.0.0.7:7000 --insecure-lan\n", node.display());
     assert!(unit.contains(&command), "{unit}");
     let file = cluster.file("dca-node.service", &unit);
     // A node without a name is no node.

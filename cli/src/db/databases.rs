@@ -73,7 +73,8 @@ impl DatabaseArgs {
             }
             return Ok(robot.to_owned());
         }
-        let nobody = || anyhow!("no node answers; start one with `dca-node --name NAME --lan`");
+        let nobody =
+            || anyhow!("no node answers; start one with `dca-node --name NAME`, in your team or with `--insecure-lan`");
         client.hosts(&[]).await?.into_iter().next().ok_or_else(|| Failure::Unreachable(nobody()))
     }
 

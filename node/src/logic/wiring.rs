@@ -121,7 +121,9 @@ fn dial(plan: &Plan, registrations: &Registrations, from: u32, to: u32) -> Resul
     reach(location, machine(from) == machine(to)).ok_or_else(|| {
         let host = plan.leaves.get(to as usize).and_then(|leaf| plan.hosts.get(leaf.host as usize));
         let host = host.map_or("?", String::as_str);
-        format!("host `{host}` is not open to the network; start its node with `--lan`")
+        format!(
+            "host `{host}` is not open to the network; take its node into a team, or start it with `--insecure-lan`"
+        )
     })
 }
 

@@ -156,7 +156,9 @@ impl Agent {
         out: &mut Out<'_>,
     ) {
         if matches!(message, ToParticipant::Prepare { .. }) {
-            let reason = format!("host `{lost}` cannot be reached; start `dca-node --name {lost} --lan` on it");
+            let reason = format!(
+                "host `{lost}` cannot be reached; start `dca-node --name {lost}` on it, in the same team or with `--insecure-lan`"
+            );
             self.tell_coordinator(deployment, ToCoordinator::Refused { reasons: vec![reason] }, lost, out);
         } else if message == ToParticipant::Release {
             // A host that never took part has nothing to release; one that was lost is told about as unconfirmed.
