@@ -1,6 +1,6 @@
 //! The survey as one HTML page: the table, and a plot for each row that has a range. No scripts, nothing from elsewhere.
 
-use super::table::Summary;
+use super::table::{Summary, degrees};
 use super::{HIT_MAX, Outcome, PULL_MAX, Row};
 use std::fmt::Write as _;
 
@@ -57,9 +57,10 @@ fn line(name: &str, summary: &Summary) -> String {
     let reasons: Vec<String> = reasons.iter().map(|(why, count)| format!("{count} × {}", escaped(why))).collect();
     format!(
         "<tr><td>{}</td><td>{worlds}</td><td>{success}</td><td>{strict}</td><td{}>{false_successes}</td>\
-        <td>{angle_min:.1}</td><td>{hit:.0}</td><td>{pull:.0}</td><td{}>{worst:.0}</td><td>{seconds:.1}</td><td>{}</td></tr>",
+        <td>{}</td><td>{hit:.0}</td><td>{pull:.0}</td><td{}>{worst:.0}</td><td>{seconds:.1}</td><td>{}</td></tr>",
         escaped(name),
         bad(*false_successes > 0),
+        degrees(*angle_min),
         bad(*worst > 100.0),
         reasons.join("<br>")
     )

@@ -16,8 +16,8 @@ pub struct Summary {
     pub strict: usize,
     /// The number that said so with the door shut.
     pub false_successes: usize,
-    /// The least true angle at which one was done (deg); not a number if none was.
-    pub angle_min: f64,
+    /// The least true angle at which one was done (deg), if one was.
+    pub angle_min: Option<f64>,
     /// The largest force when the hand came to the handle (N), of all runs.
     pub hit: f64,
     /// The largest while the door opened (N), of all runs.
@@ -38,7 +38,7 @@ impl Summary {
             success: 0,
             strict: 0,
             false_successes: 0,
-            angle_min: f64::NAN,
+            angle_min: None,
             hit: 0.0,
             pull: 0.0,
             worst: 0.0,
@@ -52,7 +52,8 @@ impl Summary {
             summary.strict += usize::from(outcome.is_strict());
             summary.false_successes += usize::from(outcome.is_false());
             if outcome.finish == Finish::Done {
-                summary.angle_min = summary.angle_min.min(outcome.angle);
+                let least = summary.angle_min.map_or(outcome.angle, |least| least.min(outcome.angle));
+                summary.angle_min = Some(least);
             }
             summary.hit = summary.hit.max(outcome.hit);
             summary.pull = summary.pull.max(outcome.pull);
@@ -119,11 +120,17 @@ pub fn failures(rows: &[(Row, Vec<Outcome>)]) -> String {
     text
 }
 
+/// Returns an angle (deg) as text; nothing if there is none.
+pub(super) fn degrees(angle: Option<f64>) -> String {
+    angle.map_or(String::new(), |angle| format!("{angle:.1}"))
+}
+
 fn numbers(name: &str, summary: &Summary) -> String {
     let Summary { worlds, success, strict, false_successes, angle_min, hit, pull, worst, seconds, reasons } = summary;
     let reasons: Vec<String> = reasons.iter().map(|(reason, count)| format!("{count} × {reason}")).collect();
     format!(
-        "{name:<28} {worlds:>6} {success:>8} {strict:>7} {false_successes:>6} {angle_min:>8.1} {hit:>6.0} {pull:>7.0} {worst:>8.0} {seconds:>6.1}  {}",
+        "{name:<28} {worlds:>6} {success:>8} {strict:>7} {false_successes:>6} {:>8} {hit:>6.0} {pull:>7.0} {worst:>8.0} {seconds:>6.1}  {}",
+        degrees(*angle_min),
         reasons.join("; ")
     )
 }
@@ -156,7 +163,7 @@ mod tests {
             Outcome { finish: Finish::Aborted("main/dooropensyst/approach: x".to_owned()), worst: 120.0, ..good },
         ];
         let summary = Summary::of(&outcomes);
-        assert!((summary.angle_min - 59.9).abs() < 1e-12);
+        assert_eq!(summary.angle_min, Some(59.9));
         assert_eq!((summary.worlds, summary.success, summary.strict, summary.false_successes), (5, 3, 1, 1));
         assert!((summary.worst - 120.0).abs() < 1e-12);
         let reasons: Vec<&str> = summary.reasons.iter().map(|(reason, _)| reason.as_str()).collect();
