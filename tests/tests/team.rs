@@ -188,3 +188,31 @@ fn an_audit_log_is_verified() {
     assert!(changed.err.contains("line 2, record 1, does not fit"), "{changed}");
     assert_eq!(verify(&["/nowhere"]).code, Some(1));
 }
+
+/// Commands that overlap change the team one after the other: nobody is forgotten, and nobody comes back.
+#[test]
+fn changes_at_the_same_time_are_all_kept() {
+    let desk = Desk::new();
+    desk.done(&["team", "init", "acme"]);
+    let names = ["ann", "ben", "cat", "dan"];
+    let keys = names.map(|_| {
+        let out = Desk::new().done(&["team", "key"]);
+        out.lines().find(|line| line.starts_with("dca-key1-")).expect("the key is a line").to_owned()
+    });
+    std::thread::scope(|scope| {
+        for (name, key) in names.iter().zip(&keys) {
+            let desk = &desk;
+            scope.spawn(move || desk.done(&["team", "user", "add", name, "--role", "deployer", "--key", key]));
+        }
+    });
+    let listed = desk.done(&["team"]);
+    assert!(names.iter().all(|name| listed.contains(&format!("\n{name} "))), "{listed}");
+    std::thread::scope(|scope| {
+        for name in names {
+            let desk = &desk;
+            scope.spawn(move || desk.done(&["team", "user", "remove", name]));
+        }
+    });
+    let listed = desk.done(&["team"]);
+    assert!(listed.contains("revocations: number 4, keys 4"), "{listed}");
+}

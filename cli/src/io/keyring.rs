@@ -13,6 +13,7 @@
 use crate::io::named_file;
 use crate::io::whole_file::WholeFile;
 use anyhow::{Context as _, anyhow, bail, ensure};
+use rustix::fs::{FlockOperation, flock};
 use rustix::termios::{LocalModes, OptionalActions, tcgetattr, tcsetattr};
 use std::fs::{self, DirBuilder};
 use std::io::{self, BufRead, IsTerminal as _, Read as _};
@@ -85,8 +86,25 @@ impl Keyring {
         self.keep(bundle)
     }
 
+    /// Changes a team as it is now, whatever it was when a command began, and keeps it; returns what `change` does, and the team.
+    /// Two commands change it one after the other.
+    pub(crate) fn change<T>(
+        &self,
+        name: &Name,
+        change: impl FnOnce(&mut Bundle) -> anyhow::Result<T>,
+    ) -> anyhow::Result<(T, Bundle)> {
+        let folder = self.0.join(name.as_str());
+        let reading = || format!("reading `{}`", folder.display());
+        let turn = fs::File::open(&folder).with_context(reading)?;
+        flock(&turn, FlockOperation::LockExclusive).map_err(io::Error::from).with_context(reading)?;
+        let mut bundle = self.team(name)?;
+        let changed = change(&mut bundle)?;
+        self.keep(&bundle)?;
+        Ok((changed, bundle))
+    }
+
     /// Keeps what is new of a team.
-    pub(crate) fn keep(&self, bundle: &Bundle) -> anyhow::Result<()> {
+    fn keep(&self, bundle: &Bundle) -> anyhow::Result<()> {
         write_private(&self.0.join(bundle.team().name().as_str()).join(TEAM), bundle.to_text().as_bytes())
     }
 

@@ -12,7 +12,6 @@ use node::console::{self, Failure, block_on};
 use node::io::state_dir;
 use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
-use std::sync::Mutex;
 use std::time::Duration;
 use team::join::{self, Event};
 use team::member::Member;
@@ -63,11 +62,7 @@ impl InviteArgs {
     pub(super) fn run(&self, keys: &KeysArgs) -> Result<(), Failure> {
         let (keyring, bundle) = keys.bundle()?;
         let name: Name = self.name.as_str().parse()?;
-        if bundle.named(&name).any(|known| !bundle.has_revoked(&known.subject())) {
-            let why =
-                anyhow!("there is a `{name}` in the team; `dca team revoke {name}` before another takes its place");
-            return Err(why.into());
-        }
+        ensure_free(&bundle, &name)?;
         let root = keyring.root(&bundle)?.unlock(&passphrase(keys.passphrase.as_deref(), Asked::Known)?)?;
         block_on(self.wait(&name, keyring, bundle, root))
     }
@@ -83,14 +78,13 @@ impl InviteArgs {
         inviter.open(invite.hash(), OpenInvite { expires, role: Role::Member, name: Some(name.clone()) }, now())?;
         console::say(&format!("dca team join {}", *invite.to_line()));
         console::note(&waits(&addresses, expires));
-        let bundle = Mutex::new(bundle);
+        let (of_team, robot) = (team.name().clone(), name.clone());
         let keep = move |certificate: &Certificate| {
-            let mut bundle = bundle.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-            let mut with = bundle.clone();
-            with.add(certificate.clone())?;
-            keyring.keep(&with)?;
-            *bundle = with;
-            Ok(())
+            let add = |bundle: &mut Bundle| {
+                ensure_free(bundle, &robot)?;
+                Ok(bundle.add(certificate.clone())?)
+            };
+            keyring.change(&of_team, add).map(drop)
         };
         let (events_tx, mut events) = mpsc::channel(64);
         let mut tasks = JoinSet::new();
@@ -155,6 +149,12 @@ impl JoinArgs {
         ));
         Ok(())
     }
+}
+
+fn ensure_free(bundle: &Bundle, name: &Name) -> anyhow::Result<()> {
+    let is_taken = bundle.named(name).any(|known| !bundle.has_revoked(&known.subject()));
+    ensure!(!is_taken, "there is a `{name}` in the team; `dca team revoke {name}` before another takes its place");
+    Ok(())
 }
 
 /// What both ends print, so that two people can compare the words.

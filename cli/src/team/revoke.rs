@@ -25,10 +25,14 @@ impl RevokeArgs {
     pub(super) fn run(&self, keys: &KeysArgs) -> Result<(), Failure> {
         let (keyring, mut bundle) = keys.bundle()?;
         if let Some(name) = &self.name {
+            // Nobody is asked for a passphrase before the request is known to be possible.
             ensure_to_revoke(&bundle, name)?;
             let root = keyring.root(&bundle)?.unlock(&passphrase(keys.passphrase.as_deref(), Asked::Known)?)?;
-            let said = revoke(&mut bundle, name, &root, now())?;
-            keyring.keep(&bundle)?;
+            let said;
+            (said, bundle) = keyring.change(bundle.team().name(), |bundle| {
+                ensure_to_revoke(bundle, name)?;
+                revoke(bundle, name, &root, now())
+            })?;
             console::say(&said);
         }
         tell(keys, &bundle)

@@ -55,22 +55,22 @@ struct Remove {
 impl UserArgs {
     /// Runs the verb.
     pub(super) fn run(&self, keys: &KeysArgs) -> Result<(), Failure> {
-        let (keyring, mut bundle) = keys.bundle()?;
+        let (keyring, bundle) = keys.bundle()?;
         let root = keyring.root(&bundle)?;
-        let now = now();
-        // Nobody is asked for a passphrase before the request is known to be possible.
-        let unlocked = || anyhow::Ok(root.unlock(&keys.passphrase(Asked::Known)?)?);
-        let said = match &self.verb {
-            UserVerb::Add(add) => {
-                add.check(&bundle)?;
-                add.carry_out(&mut bundle, &unlocked()?, now)?
-            }
-            UserVerb::Remove(remove) => {
-                remove.check(&bundle)?;
-                remove.carry_out(&mut bundle, &unlocked()?, now)?
-            }
+        let check = |bundle: &Bundle| match &self.verb {
+            UserVerb::Add(add) => add.check(bundle),
+            UserVerb::Remove(remove) => remove.check(bundle),
         };
-        keyring.keep(&bundle)?;
+        // Nobody is asked for a passphrase before the request is known to be possible.
+        check(&bundle)?;
+        let root = root.unlock(&keys.passphrase(Asked::Known)?)?;
+        let (said, bundle) = keyring.change(bundle.team().name(), |bundle| {
+            check(bundle)?;
+            match &self.verb {
+                UserVerb::Add(add) => add.carry_out(bundle, &root, now()),
+                UserVerb::Remove(remove) => remove.carry_out(bundle, &root, now()),
+            }
+        })?;
         console::say(&said);
         match self.verb {
             UserVerb::Add(_) => Ok(()),
