@@ -115,10 +115,11 @@ async fn follow_with(
 ) -> Result<End, Failure> {
     let (client, deployment, home, mut programs) = find(clients, arguments).await?;
     // Heard first, so that nothing of it is missed.
-    let mut reports = Some(client.ask_on(&home, &Request::Watch { deployment: deployment.clone(), seen: u64::MAX })?);
+    let watch = Request::Watch { deployment: deployment.clone(), seen: u64::MAX };
+    let mut reports = Some(client.ask_on(&home, &watch)?);
     let (outputs, mut values) = hear(taps, arguments, &deployment, &programs).await?;
     take(TapEvent::Begun(outputs))?;
-    let mut second = clock::now() + SECOND;
+    let (mut second, mut is_away) = (clock::now() + SECOND, false);
     loop {
         let end = tokio::select! {
             value = values.recv() => match value {
@@ -127,20 +128,38 @@ async fn follow_with(
             },
             () = clock::sleep_until(second) => {
                 second = second + SECOND;
+                if reports.is_none() {
+                    reports = client.ask_on(&home, &watch).ok();
+                    // What was started again meanwhile was not told.
+                    for program in &mut programs {
+                        if found_again(client, taps, &deployment, program).await.is_err() {
+                            break;
+                        }
+                    }
+                }
                 take(TapEvent::Second)?
             }
             report = next(&mut reports) => match report {
                 Some(Ok(Answer::Report(Report::Finished { .. } | Report::Refused { .. }))) => Some(End::Finished),
                 Some(Ok(Answer::Report(Report::Process { path, change: Change::Started { .. } | Change::Activated | Change::Resumed, .. }))) => {
                     if let Some(program) = programs.iter_mut().find(|(known, ..)| *known == path) {
-                        found_again(client, taps, &deployment, program).await;
+                        let found = found_again(client, taps, &deployment, program).await;
+                        found.unwrap_or_else(|failure| {
+                            console::note(&format!("warning: `{path}` was started again: {}", words(&failure)));
+                        });
                     }
                     None
                 }
-                Some(Ok(Answer::Report(_))) => None,
+                Some(Ok(Answer::Report(_))) => {
+                    is_away = false;
+                    None
+                }
                 Some(Ok(other)) => return Err(unasked(&home, &other)),
                 Some(Err(failure)) => {
-                    console::note(&format!("warning: {}; values are still heard, and their end is not", words(&failure)));
+                    if !std::mem::replace(&mut is_away, true) {
+                        let why = words(&failure);
+                        console::note(&format!("warning: {why}; values are still heard, and their end once it is back"));
+                    }
                     reports = None;
                     None
                 }
@@ -211,19 +230,19 @@ async fn locations(client: &Client, host: &str, deployment: &Deployment) -> Resu
 }
 
 /// Dials a program where it is now, if that is elsewhere.
-async fn found_again(client: &Client, taps: &Taps, deployment: &Deployment, program: &mut (String, String, Dial)) {
-    let (path, host, known) = program;
-    let found = match locations(client, host, deployment).await {
-        Ok(located) => located.into_iter().find(|(located, _)| located == path),
-        Err(failure) => {
-            return console::note(&format!("warning: {}: where `{path}` is now is not known", words(&failure)));
-        }
-    };
-    let Some((_, dial)) = found.filter(|(_, dial)| dial.session != known.session) else { return };
-    match taps.dial(dial.clone()).await {
-        Ok(()) => *known = dial,
-        Err(failure) => console::note(&format!("warning: `{path}` was started again: {}", words(&failure))),
+async fn found_again(
+    client: &Client,
+    taps: &Taps,
+    deployment: &Deployment,
+    (path, host, known): &mut (String, String, Dial),
+) -> Result<(), Failure> {
+    let located = locations(client, host, deployment).await?;
+    let found = located.into_iter().find(|(located, _)| located == path);
+    if let Some((_, dial)) = found.filter(|(_, dial)| dial.session != known.session) {
+        taps.dial(dial.clone()).await?;
+        *known = dial;
     }
+    Ok(())
 }
 
 /// Asks the programs for their outputs, and hears those that are meant.

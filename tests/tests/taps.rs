@@ -107,3 +107,20 @@ fn a_listener_that_hangs_delays_nobody() {
     hangs.signal(Signal::INT);
     assert_eq!(hangs.ended(SOON).code, Some(0));
 }
+
+/// The node of the home is killed and takes over: what its deployment does after that is heard as before.
+#[test]
+fn an_echo_outlives_its_home() {
+    let cluster = Cluster::new();
+    let (here, [node, _deploy]) = deployed(&cluster);
+    let echo = here.dca(&["echo", "beat.Out", "--json"]);
+    echo.wait_for(Stream::Out, "\"number\"", SOON);
+    node.kill();
+    echo.wait_for(Stream::Err, "and their end once it is back", SOON);
+    let _node = here.node("c1", &[]);
+    cluster.leaf("main/beat").unwrap().signal(Signal::KILL);
+    echo.wait_for(Stream::Out, "\"restarted\":true", SOON);
+    assert_eq!(here.ask(&["stop", "beats"]).code, Some(0));
+    let ended = echo.ended(SOON);
+    assert_eq!((ended.code, lines(&ended.out).last().unwrap()["end"].as_str()), (Some(0), Some("finished")), "{ended}");
+}
