@@ -43,6 +43,13 @@ pub(super) const KILL_WITHIN: Duration = Duration::from_secs(15);
 /// How long it may take then, once its shim was killed, too: that may be suspended.
 pub(super) const SHIM_KILL_WITHIN: Duration = Duration::from_secs(5);
 
+/// Whether an activation has failed of the death of a program: each death is told once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+enum DeathTold {
+    No,
+    Yes,
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 enum Stage {
     Starting {
@@ -129,6 +136,8 @@ pub struct Instance {
     pid: Option<u32>,
     /// Whether its shim was killed, since that did not end the program in time.
     shim_was_killed: bool,
+    /// Whether its program has died by itself, and whether an activation has failed of that.
+    death: Option<DeathTold>,
     cause: Option<FailureCause>,
     /// Why the last activation failed, if it did.
     failed: Option<FailureCause>,
@@ -176,6 +185,7 @@ impl Instance {
             restarts,
             cut_off: BTreeSet::new(),
             pid: None,
+            death: None,
             shim_was_killed: false,
             cause: None,
             failed: None,

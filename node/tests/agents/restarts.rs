@@ -216,6 +216,33 @@ process main() {
     }
 }
 
+/// A death fails one activation. Whoever activates a controller again means another program of its kind, restarts or not.
+#[test]
+fn a_controller_that_has_died_is_started_anew_with_its_next_activation() {
+    let text = r#"
+process main() {
+    host { "c1" }
+    instantiated_processes { long instof Long("c1"); }
+    internal_event_actions { retry(2) long }
+}
+"#;
+    let starts = |changes: &[Change]| changes.iter().filter(|change| matches!(change, Change::Started { .. })).count();
+    // It dies in the first try, or before it; with the third death the last try has failed.
+    for (deaths, is_done) in [(1, true), (2, true), (3, false)] {
+        let mut world = World::new(&["c1"]);
+        let call = world.deploy("c1", text);
+        for _ in 0..deaths {
+            world.run_for(Duration::from_millis(500));
+            world.kill("c1", 0);
+        }
+        world.run_for(Duration::from_secs(60));
+        assert_eq!(matches!(world.ending(call), Ending::Done(_)), is_done, "{deaths}: {:?}", world.ending(call));
+        let changes = changes(&world, call);
+        assert_eq!(starts(&changes["main/long"]), deaths.min(2) + 1, "{:?}", changes["main/long"]);
+        assert_eq!(world.alive, BTreeSet::new());
+    }
+}
+
 /// However often and whenever programs die, as long as none of them dies too often the mission does not see it.
 #[test]
 fn whatever_dies_whenever_the_mission_is_done() {

@@ -1,6 +1,6 @@
 //! The activation of an instance, from the order of its supervisor to its one ending.
 
-use super::{Instance, InstanceContext, KILL_WITHIN, Note, Stage};
+use super::{DeathTold, Instance, InstanceContext, KILL_WITHIN, Note, Stage};
 use crate::logic::protocol::{Change, Ending, Failure, FailureCause};
 use comms::logic::control::Order;
 use serde::{Deserialize, Serialize};
@@ -23,6 +23,7 @@ impl Instance {
             return;
         }
         if let Some(cause) = self.obstacle() {
+            self.death = self.death.map(|_| DeathTold::Yes);
             let failure = self.failure(cause, context);
             return context.notes.push(Note::Ended(activation, Ending::Aborted(failure)));
         }
@@ -31,6 +32,11 @@ impl Instance {
         match self.stage {
             Stage::Idle => self.run(value, context),
             Stage::Waiting { until: None } => self.start(context),
+            // It has died: who activates it again means another program of its kind.
+            Stage::Dead => {
+                self.forget_program();
+                self.start(context);
+            }
             Stage::Starting { .. }
             | Stage::Prepared
             | Stage::Connecting { .. }
@@ -38,16 +44,23 @@ impl Instance {
             | Stage::Stopping { .. }
             | Stage::Refused
             | Stage::Leaving { .. }
-            | Stage::Dead
             | Stage::Waiting { until: Some(_) }
             | Stage::Removing { .. }
             | Stage::Replacing { .. } => {}
         }
     }
 
+    /// Returns whether a program that has died is started again with its next activation: it took part, nothing of it is left, its
+    /// death was told, and it was not given up by its own policy.
+    fn is_renewable(&self) -> bool {
+        let is_told = self.death == Some(DeathTold::Yes) && !self.is_unconfirmed();
+        is_told && self.joined && self.is_controller() && !self.restarts.are_allowed()
+    }
+
     /// Returns why it cannot be activated, if so.
     pub(super) fn obstacle(&self) -> Option<FailureCause> {
         let takes_part = match self.stage {
+            Stage::Dead if self.is_renewable() => true,
             Stage::Leaving { .. } | Stage::Dead => {
                 let gone = || FailureCause::NotAvailable("its program is not running".into());
                 return Some(self.cause.clone().unwrap_or_else(gone));

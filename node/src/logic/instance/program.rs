@@ -1,6 +1,8 @@
 //! The program of an instance: how it comes, what it says, and what becomes of the instance when it is gone.
 
-use super::{CONNECT_WITHIN, GRACE, Instance, InstanceContext, KILL_WITHIN, Note, Stage, VALUE_MAX, watchdog};
+use super::{
+    CONNECT_WITHIN, DeathTold, GRACE, Instance, InstanceContext, KILL_WITHIN, Note, Stage, VALUE_MAX, watchdog,
+};
 use crate::logic::effect::Effect;
 use crate::logic::protocol::{Change, Ending, FailureCause, LeafFacts};
 use comms::logic::control::{Notice, Order, VERSION};
@@ -187,7 +189,7 @@ impl Instance {
                     self.forget_program();
                     self.stage = Stage::Waiting { until: None };
                 } else {
-                    self.cause = Some(cause);
+                    (self.cause, self.death) = (Some(cause), Some(DeathTold::Yes));
                 }
             }
             Stage::Running
@@ -238,6 +240,7 @@ impl Instance {
         }
         let cause = cause.of_program(self.restarts.count(), output);
         self.cause = Some(cause.clone());
+        self.death = Some(if self.current.is_none() { DeathTold::No } else { DeathTold::Yes });
         if self.current.is_none() {
             return context.notes.push(Note::Changed(Change::Died(cause)));
         }
@@ -251,6 +254,7 @@ impl Instance {
     /// Forgets a program of which nothing is left, before another one is started.
     pub(super) fn forget_program(&mut self) {
         (self.pid, self.cause, self.output, self.shim_was_killed) = (None, None, Vec::new(), false);
+        self.death = None;
     }
 
     /// Holds a plain program ready for its next activation: it runs once for each.
