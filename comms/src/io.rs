@@ -9,3 +9,4 @@ pub mod entropy;
 pub mod queue;
 #[cfg(feature = "zenoh")]
 pub mod session;
+pub mod stream;

@@ -17,9 +17,9 @@ pub use tls::PublicKey;
 
 use super::patience::{self, Ends};
 use crate::io::clock::now;
+use crate::io::stream;
 use crate::logic::human;
 use handshake::{Peer, Side};
-use std::collections::VecDeque;
 use std::fmt;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -31,7 +31,7 @@ use tls::Tls;
 use tokio::io::{AsyncRead, AsyncWrite, copy_bidirectional_with_sizes};
 use tokio::net::{TcpListener, TcpStream, UnixListener, UnixStream};
 use tokio::sync::Notify;
-use tokio::task::{AbortHandle, JoinSet};
+use tokio::task::JoinSet;
 use zeroize::Zeroizing;
 
 /// How long both ends have to say who they are: four ways of 3 s there and back, and some to spare.
@@ -44,8 +44,6 @@ const ENTERED_WITHIN: Duration = Duration::from_secs(10);
 const JUDGE_EVERY: Duration = Duration::from_secs(5);
 /// How many bytes a tunnel reads at once.
 const BUFFER_SIZE: usize = 32 << 10;
-/// How long nobody is accepted after the system has refused to.
-const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 
 /// Who this process is to other hosts, and whom it trusts. It is asked from many tasks at once, and must not wait.
 pub trait Identity: fmt::Debug + Send + Sync {
@@ -137,24 +135,7 @@ impl Tunnels {
 
     /// Accepts others on a listener, for ever.
     pub(super) async fn serve(self: Arc<Self>, listener: TcpListener) {
-        let (mut tasks, mut begun) = (JoinSet::new(), VecDeque::<AbortHandle>::new());
-        loop {
-            let accepted = tokio::select! {
-                accepted = listener.accept() => accepted,
-                Some(_) = tasks.join_next() => continue,
-            };
-            let Ok((stream, from)) = accepted else {
-                tokio::time::sleep(ACCEPT_PAUSE).await;
-                continue;
-            };
-            begun.retain(|task| !task.is_finished());
-            if begun.len() >= HANDSHAKES_MAX
-                && let Some(oldest) = begun.pop_front()
-            {
-                oldest.abort();
-            }
-            begun.push_back(tasks.spawn(Arc::clone(&self).admit(stream, from)));
-        }
+        stream::accept(listener, HANDSHAKES_MAX, |stream, from| Arc::clone(&self).admit(stream, from)).await;
     }
 
     /// Ends tunnels to those who are not trusted any more, for ever.
@@ -285,6 +266,12 @@ impl Tunnels {
             end: Arc::clone(&end),
         };
         let number = self.table().enter(&peer.session, standing)?;
+        // Who was trusted a moment ago may be revoked by now, and whoever looked for its tunnel has not found this one.
+        if let Err(why) = self.identity.judge(&peer.key, &peer.credential) {
+            self.table().leave(&peer.session, number);
+            self.identity.refused(ends.1, &why);
+            return Err(why);
+        }
         if !patience::set_as_measured(ends) {
             tracing::debug!(?ends, "the socket of a tunnel was not found");
         }

@@ -3,10 +3,10 @@
 //! Who has dialled says first who it is. Who listens shows nothing before that is trusted: a stranger learns a key, and no name.
 
 use super::{Identity, PublicKey};
+use crate::io::stream;
 use crate::logic::codec::{self, Enveloped};
-use crate::logic::frame;
 use crate::logic::tunnel::{Introduction, Revocations};
-use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _};
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::sync::Notify;
 
 /// This end of a connection, and the key of the other one.
@@ -80,21 +80,10 @@ impl Side<'_> {
 
 async fn send<T: Enveloped>(stream: &mut (impl AsyncWrite + Unpin), message: &T) -> Result<(), String> {
     let bytes = codec::encode(message).map_err(|error| error.to_string())?;
-    let bytes = frame::encode(&bytes, T::SIZE_MAX).map_err(|error| error.to_string())?;
-    let ended = |_error| "it has hung up".to_owned();
-    stream.write_all(&bytes).await.map_err(ended)?;
-    stream.flush().await.map_err(ended)
+    stream::send(stream, &bytes, T::SIZE_MAX).await.map_err(|error| error.to_string())
 }
 
 async fn receive<T: Enveloped>(stream: &mut (impl AsyncRead + Unpin)) -> Result<T, String> {
-    let ended = |_error| "it has hung up".to_owned();
-    let mut size = [0; frame::PREFIX_SIZE];
-    stream.read_exact(&mut size).await.map_err(ended)?;
-    let size = usize::try_from(u32::from_le_bytes(size)).unwrap_or(usize::MAX);
-    if size > T::SIZE_MAX {
-        return Err("it says too much".to_owned());
-    }
-    let mut bytes = vec![0; size];
-    stream.read_exact(&mut bytes).await.map_err(ended)?;
+    let bytes = stream::receive(stream, T::SIZE_MAX).await.map_err(|error| error.to_string())?;
     codec::decode(&bytes).map_err(|error| format!("it says something that cannot be read: {error}"))
 }
