@@ -25,7 +25,7 @@ const PER_MINUTE: u32 = 600;
 
 /// Somebody wanted something, and what became of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Deed {
+pub struct AuditEntry {
     /// What became of it.
     pub decision: Decision,
     /// Who wanted it, as far as that is known.
@@ -39,7 +39,7 @@ pub struct Deed {
 /// An open log. Dropped, it writes what it was given, and ends.
 #[derive(Debug)]
 pub struct Audit {
-    records: Option<SyncSender<(UnixTime, Deed)>>,
+    records: Option<SyncSender<(UnixTime, AuditEntry)>>,
     writer: Option<JoinHandle<()>>,
     quota: Mutex<Quota>,
 }
@@ -66,17 +66,17 @@ impl Audit {
     }
 
     /// Has a record written. What comes too fast is only counted, and told of in the next minute.
-    pub fn record(&self, deed: Deed) {
+    pub fn record(&self, entry: AuditEntry) {
         let now = crate::now();
         let mut quota = self.quota.lock().unwrap_or_else(PoisonError::into_inner);
         let lost = quota.begin(now);
         let records = self.records.iter();
         let told = lost.map(|count| {
             let (who, what) = ("many".to_owned(), format!("{count} more like this"));
-            Deed { decision: Decision::Refused, who, what, reason: "too many in a minute".to_owned() }
+            AuditEntry { decision: Decision::Refused, who, what, reason: "too many in a minute".to_owned() }
         });
-        for deed in told.into_iter().chain([deed]) {
-            let taken = quota.takes() && records.clone().all(|records| records.try_send((now, deed.clone())).is_ok());
+        for entry in told.into_iter().chain([entry]) {
+            let taken = quota.takes() && records.clone().all(|records| records.try_send((now, entry.clone())).is_ok());
             quota.lost += u32::from(!taken);
         }
     }
@@ -156,9 +156,9 @@ impl Writer {
         written.with_context(|| format!("writing `{}`", self.path.display()))
     }
 
-    fn run(mut self, records: &Receiver<(UnixTime, Deed)>) {
-        while let Ok((at, deed)) = records.recv() {
-            let Deed { decision, who, what, reason } = &deed;
+    fn run(mut self, records: &Receiver<(UnixTime, AuditEntry)>) {
+        while let Ok((at, entry)) = records.recv() {
+            let AuditEntry { decision, who, what, reason } = &entry;
             let line = self.log.add(&Entry { at, decision: *decision, who, what, request: [0; 16], reason });
             let written = self.write(&line).and_then(|()| self.turn_over());
             if let Err(error) = written {
@@ -208,8 +208,8 @@ fn read(path: &Path) -> anyhow::Result<Option<Log>> {
 mod tests {
     use super::*;
 
-    fn deed(who: &str) -> Deed {
-        Deed { decision: Decision::Refused, who: who.into(), what: "link".into(), reason: "no".into() }
+    fn entry(who: &str) -> AuditEntry {
+        AuditEntry { decision: Decision::Refused, who: who.into(), what: "link".into(), reason: "no".into() }
     }
 
     fn lines(folder: &Path) -> Vec<String> {
@@ -223,7 +223,7 @@ mod tests {
         let (team, node) = (KeyId([1; 32]), KeyId([2; 32]));
         for number in 0..3 {
             let audit = Audit::open(&folder, team, node).unwrap();
-            audit.record(deed(&format!("somebody {number}")));
+            audit.record(entry(&format!("somebody {number}")));
             drop(audit);
             append(&folder.join(FILE)).unwrap().write_all(b"half a li").unwrap();
         }

@@ -1,10 +1,11 @@
 //! Files that only their owner may read. One that others may read or write is refused, not mended: who knows who has.
 
 use anyhow::{Context as _, ensure};
+use rustix::fs::OFlags;
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::{Read as _, Write as _};
 use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use zeroize::Zeroizing;
 
 /// Makes a folder that only this user can enter, if it is not there.
@@ -34,17 +35,44 @@ pub fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     write().with_context(|| format!("writing `{}`", path.display()))
 }
 
+/// Space on a disk that is held until it is needed, so that what has to be written then finds room.
+#[derive(Debug)]
+pub struct Reserve(PathBuf);
+
+impl Reserve {
+    /// Holds so many bytes in a folder, which is made if it is not there.
+    ///
+    /// # Errors
+    /// The disk refuses.
+    pub fn take(folder: &Path, size: usize) -> anyhow::Result<Self> {
+        make(folder)?;
+        let reserve = Self(folder.join(format!(".reserve-{}", std::process::id())));
+        write(&reserve.0, &vec![0x5a; size])?;
+        Ok(reserve)
+    }
+}
+
+impl Drop for Reserve {
+    fn drop(&mut self) {
+        drop(fs::remove_file(&self.0));
+    }
+}
+
 /// Reads a file of at most so many bytes; nothing if there is none.
 ///
 /// # Errors
-/// It cannot be read, is longer, or somebody else may read or write it.
+/// It cannot be read, is no file or longer, or somebody else may read or write it.
 pub fn read(path: &Path, bytes_max: usize) -> anyhow::Result<Option<Zeroizing<Vec<u8>>>> {
     let reading = || format!("reading `{}`", path.display());
-    let file = match File::open(path) {
+    // Whatever lies there is opened without a wait: a pipe has no end.
+    let opened = OpenOptions::new().read(true).custom_flags(OFlags::NONBLOCK.bits().cast_signed()).open(path);
+    let file = match opened {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         opened => opened.with_context(reading)?,
     };
     let there = file.metadata().with_context(reading)?;
+    ensure!(there.is_file(), "`{}` is no file", path.display());
+    ensure!(there.len() <= bytes_max as u64, "`{}` is too long", path.display());
     let own = rustix::process::getuid().as_raw();
     let is_private = there.mode() & 0o077 == 0 && (there.uid() == own || there.uid() == 0);
     ensure!(
@@ -52,9 +80,32 @@ pub fn read(path: &Path, bytes_max: usize) -> anyhow::Result<Option<Zeroizing<Ve
         "others may read or write `{0}`: it is not used; see who did, then `chmod 600 {0}`",
         path.display()
     );
-    ensure!(there.is_file() && there.len() <= bytes_max as u64, "`{}` is too long, or no file", path.display());
     let mut bytes = Zeroizing::new(Vec::with_capacity(bytes_max.min(4096)));
     file.take(bytes_max as u64 + 1).read_to_end(&mut bytes).with_context(reading)?;
     ensure!(bytes.len() <= bytes_max, "`{}` is too long", path.display());
     Ok(Some(bytes))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_private_file_is_read_and_a_reserve_goes() {
+        let folder = std::env::temp_dir().join(format!("dca-private-{}", std::process::id()));
+        let path = |name: &str| folder.join(name);
+        let reserve = Reserve::take(&folder, 5000).unwrap();
+        assert_eq!(fs::read_dir(&folder).unwrap().map(|one| one.unwrap().metadata().unwrap().len()).sum::<u64>(), 5000);
+        drop(reserve);
+        assert_eq!(fs::read_dir(&folder).unwrap().count(), 0);
+        write(&path("keys"), b"secret").unwrap();
+        assert_eq!(read(&path("keys"), 6).unwrap().unwrap().as_slice(), b"secret");
+        assert!(read(&path("keys"), 5).unwrap_err().to_string().ends_with("is too long"));
+        assert!(read(&path("none"), 5).unwrap().is_none());
+        // Nobody writes into this pipe: to wait for that would be for ever.
+        rustix::fs::mknodat(rustix::fs::CWD, path("pipe"), rustix::fs::FileType::Fifo, 0o600.into(), 0).unwrap();
+        assert!(read(&path("pipe"), 5).unwrap_err().to_string().ends_with("is no file"));
+        assert!(read(&folder, 5).unwrap_err().to_string().ends_with("is no file"));
+        fs::remove_dir_all(&folder).unwrap();
+    }
 }

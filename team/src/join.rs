@@ -4,16 +4,14 @@
 //! listens in learns that somebody joins, and under which name.
 
 use anyhow::{Context as _, anyhow, bail, ensure};
-use comms::io::entropy;
-use comms::logic::frame::PREFIX_SIZE;
-use std::collections::VecDeque;
+use comms::io::{entropy, stream};
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
-use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+use thiserror::Error;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::mpsc;
-use tokio::task::{AbortHandle, JoinSet};
+use tokio::task::JoinSet;
 use trust::certificate::Certificate;
 use trust::identity::{Entropy, SecretKeys};
 use trust::invite::{Invite, Inviter, InviterEffect, JoinError, Joiner, MESSAGE_MAX, Message};
@@ -26,8 +24,6 @@ const TALK_WITHIN: Duration = Duration::from_secs(15);
 const CONNECT_WITHIN: Duration = Duration::from_secs(4);
 /// How many conversations there may be at a time; for a new one the oldest goes.
 const TALKS_MAX: usize = 64;
-/// How long nobody is accepted after the system has refused to.
-const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 
 /// Joins the team of an invitation, at the first of its addresses that answers.
 ///
@@ -83,6 +79,8 @@ pub enum Event {
     Joined(Box<Certificate>),
     /// Somebody was refused, and why.
     Refused(SocketAddr, String),
+    /// A certificate could not be kept, and why: nobody has joined, and the invitation is spent.
+    Failed(String),
 }
 
 /// Answers those who want to join, until `events` is closed. `keep` puts a certificate on the disk; before that nobody is welcome.
@@ -101,6 +99,11 @@ pub async fn invite(
     while listening.join_next().await.is_some() {}
 }
 
+/// The disk of the inviter refuses.
+#[derive(Debug, Error)]
+#[error("the certificate cannot be kept")]
+struct NotKept;
+
 type Keep = Box<dyn Fn(&Certificate) -> anyhow::Result<()> + Send + Sync>;
 
 struct Door {
@@ -110,30 +113,14 @@ struct Door {
 }
 
 async fn accept(listener: TcpListener, door: Arc<Door>) {
-    let (mut talks, mut begun) = (JoinSet::new(), VecDeque::<AbortHandle>::new());
-    loop {
-        let accepted = tokio::select! {
-            accepted = listener.accept() => accepted,
-            Some(_) = talks.join_next() => continue,
-        };
-        let Ok((stream, from)) = accepted else {
-            tokio::time::sleep(ACCEPT_PAUSE).await;
-            continue;
-        };
-        begun.retain(|talk| !talk.is_finished());
-        if begun.len() >= TALKS_MAX
-            && let Some(oldest) = begun.pop_front()
-        {
-            oldest.abort();
-        }
-        begun.push_back(talks.spawn(answer(stream, from, Arc::clone(&door))));
-    }
+    stream::accept(listener, TALKS_MAX, |stream, from| answer(stream, from, Arc::clone(&door))).await;
 }
 
 async fn answer(mut stream: TcpStream, from: SocketAddr, door: Arc<Door>) {
     let talk = tokio::time::timeout(TALK_WITHIN, door.talk(&mut stream)).await;
     let event = match talk.unwrap_or_else(|_elapsed| Err(anyhow!("it did not say in time what it wants"))) {
         Ok(certificate) => Event::Joined(Box::new(certificate)),
+        Err(error) if error.is::<NotKept>() => Event::Failed(format!("{error:#}")),
         Err(error) => Event::Refused(from, format!("{error:#}")),
     };
     door.events.send(event).await.unwrap_or_default();
@@ -158,7 +145,12 @@ impl Door {
         let mut welcome = None;
         for effect in effects {
             match effect {
-                InviterEffect::Spend(_, certificate) => (self.keep)(&certificate)?,
+                InviterEffect::Spend(_, certificate) => {
+                    if let Err(error) = (self.keep)(&certificate) {
+                        send(stream, &Message::Refused).await.unwrap_or_default();
+                        return Err(error.context(NotKept));
+                    }
+                }
                 InviterEffect::Reply(message) => {
                     send(stream, &message).await?;
                     welcome = Some(message);
@@ -177,19 +169,11 @@ impl Door {
 }
 
 async fn send(stream: &mut TcpStream, message: &Message) -> anyhow::Result<()> {
-    let bytes = message.to_bytes();
-    let size = u32::try_from(bytes.len()).context("a message is too long")?;
-    let sent = stream.write_all(&[&size.to_le_bytes()[..], &bytes].concat()).await;
-    sent.context("the other side has hung up")
+    Ok(stream::send(stream, &message.to_bytes(), MESSAGE_MAX).await?)
 }
 
 async fn receive(stream: &mut TcpStream) -> anyhow::Result<Message> {
-    let mut size = [0; PREFIX_SIZE];
-    stream.read_exact(&mut size).await.context("the other side has hung up")?;
-    let size = usize::try_from(u32::from_le_bytes(size)).unwrap_or(usize::MAX);
-    ensure!(size <= MESSAGE_MAX, "what the other side says is no message of joining");
-    let mut bytes = vec![0; size];
-    stream.read_exact(&mut bytes).await.context("the other side has hung up")?;
+    let bytes = stream::receive(stream, MESSAGE_MAX).await?;
     Message::from_bytes(&bytes).context("what the other side says is no message of joining")
 }
 

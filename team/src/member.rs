@@ -9,10 +9,10 @@
 //!   audit                 who was refused, and what was revoked
 //! ```
 
-use crate::audit::{Audit, Deed};
+use crate::audit::{Audit, AuditEntry};
 use crate::folder;
 use crate::program::ProgramIdentity;
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, bail, ensure};
 use comms::io::session::{Identity, PublicKey};
 use std::collections::BTreeMap;
 use std::net::{IpAddr, SocketAddr};
@@ -32,8 +32,10 @@ const KEYS: &str = "keys";
 const TEAM: &str = "team";
 const CREDENTIAL: &str = "credential";
 const REVOKED: &str = "revoked";
+/// The most bytes that [`Member::begin`] writes, with some to spare for the file system.
+pub const BEGIN_SIZE_MAX: usize = SECRET_LEN + TEAM_MAX + CREDENTIAL_MAX + (32 << 10);
 /// The most bytes of revocations that are kept or heard at once.
-const REVOKED_BYTES_MAX: usize = 4 << 20;
+pub(crate) const REVOKED_BYTES_MAX: usize = 4 << 20;
 
 /// A node in a team.
 #[derive(Debug)]
@@ -57,7 +59,16 @@ impl Member {
     /// A file cannot be read, or is not what it should be. Such a node must not run as if it were in no team.
     pub fn open(state: &Path) -> anyhow::Result<Option<Self>> {
         let folder = state.join(FOLDER);
-        let Some(credential) = folder::read(&folder.join(CREDENTIAL), CREDENTIAL_MAX)? else { return Ok(None) };
+        let Some(credential) = folder::read(&folder.join(CREDENTIAL), CREDENTIAL_MAX)? else {
+            let is_half = [KEYS, TEAM].into_iter().any(|name| folder.join(name).symlink_metadata().is_ok());
+            ensure!(
+                !is_half,
+                "`{}` is that of a node whose joining was cut short: join again with `dca team join`, or remove the folder \
+                 to run without a team",
+                folder.display()
+            );
+            return Ok(None);
+        };
         let file = |name: &str, bytes_max| {
             let read = folder::read(&folder.join(name), bytes_max)?;
             read.with_context(|| {
@@ -135,8 +146,8 @@ impl Member {
         last.replace(told.clone()) != Some(told)
     }
 
-    fn record(&self, deed: Deed) {
-        self.audit.iter().for_each(|audit| audit.record(deed.clone()));
+    fn record(&self, entry: AuditEntry) {
+        self.audit.iter().for_each(|audit| audit.record(entry.clone()));
     }
 
     /// Hears of each change of who is revoked.
@@ -169,7 +180,7 @@ impl Member {
         *revoked = with;
         drop(revoked);
         let what = format!("revoke: number {number}, keys {count}");
-        self.record(Deed { decision: Decision::Done, who: "the team".to_owned(), what, reason: String::new() });
+        self.record(AuditEntry { decision: Decision::Done, who: "the team".to_owned(), what, reason: String::new() });
         self.changes.send_replace(());
         Ok(true)
     }
@@ -214,18 +225,9 @@ pub(crate) fn revocations(bytes: &[u8], team: &Team) -> anyhow::Result<Revocatio
     Ok(revoked)
 }
 
-/// Returns the half of public keys that signs.
-pub(crate) fn signing(keys: &trust::identity::PublicKeys) -> PublicKey {
-    let mut key = [0; 32];
-    key.copy_from_slice(&keys.to_bytes()[..32]);
-    key
-}
-
 impl Identity for Member {
     fn key(&self) -> (Zeroizing<[u8; 32]>, PublicKey) {
-        let (both, mut secret) = (self.keys.to_bytes(), Zeroizing::new([0; 32]));
-        secret.copy_from_slice(&both[..32]);
-        (secret, signing(self.keys.public()))
+        (self.keys.signing(), *self.keys.public().signing())
     }
 
     fn credential(&self) -> Vec<u8> {
@@ -235,7 +237,7 @@ impl Identity for Member {
     fn judge(&self, key: &PublicKey, credential: &[u8]) -> Result<String, String> {
         let credential = Credential::from_bytes(credential).map_err(|error| format!("its credential: {error}"))?;
         let claims = credential.certificate().claims();
-        if signing(&claims.keys) != *key {
+        if claims.keys.signing() != key {
             return Err("its credential is that of another key".to_owned());
         }
         let revoked = self.revoked();
@@ -270,7 +272,7 @@ impl Identity for Member {
             tracing::warn!(%from, why, "somebody was refused");
         }
         let (who, what) = (from.to_string(), "link".to_owned());
-        self.record(Deed { decision: Decision::Refused, who, what, reason: why.to_owned() });
+        self.record(AuditEntry { decision: Decision::Refused, who, what, reason: why.to_owned() });
     }
 }
 

@@ -4,7 +4,7 @@
 //! started, and never the node's own.
 
 use crate::folder;
-use crate::member::{judge, revocations, signing};
+use crate::member::{REVOKED_BYTES_MAX, judge, revocations};
 use anyhow::Context as _;
 use comms::io::session::{Identity, PublicKey};
 use std::net::SocketAddr;
@@ -17,8 +17,6 @@ use zeroize::Zeroizing;
 
 /// The longest file.
 const FILE_MAX: usize = 16 << 10;
-/// The most bytes of revocations.
-const REVOKED_MAX: usize = 4 << 20;
 
 /// The identity of the programs of a node.
 #[derive(Debug)]
@@ -38,7 +36,7 @@ impl ProgramIdentity {
         revoked: &Path,
     ) -> anyhow::Result<Self> {
         let keys = SecretKeys::generate(&mut crate::random()?);
-        let delegation = Delegation::sign(signing(keys.public()), crate::now(), node, credential);
+        let delegation = Delegation::sign(*keys.public().signing(), crate::now(), node, credential);
         Ok(Self { keys, team: team.clone(), delegation, revoked: revoked.to_owned() })
     }
 
@@ -66,7 +64,7 @@ impl ProgramIdentity {
 
     /// Returns who is revoked, as the node has written it down last. Somebody must not be trusted because that cannot be read.
     fn revocations_now(&self) -> Result<Revocations, String> {
-        let read = folder::read(&self.revoked, REVOKED_MAX);
+        let read = folder::read(&self.revoked, REVOKED_BYTES_MAX);
         let read = read.and_then(|sets| sets.map_or(Ok(Revocations::default()), |sets| revocations(&sets, &self.team)));
         read.map_err(|error| format!("who is revoked cannot be read: {error:#}"))
     }
@@ -74,9 +72,7 @@ impl ProgramIdentity {
 
 impl Identity for ProgramIdentity {
     fn key(&self) -> (Zeroizing<[u8; 32]>, PublicKey) {
-        let (both, mut secret) = (self.keys.to_bytes(), Zeroizing::new([0; 32]));
-        secret.copy_from_slice(&both[..32]);
-        (secret, *self.delegation.key())
+        (self.keys.signing(), *self.delegation.key())
     }
 
     fn credential(&self) -> Vec<u8> {

@@ -117,6 +117,11 @@ impl PublicKeys {
         both(self.sign.as_bytes(), &self.seal)
     }
 
+    /// Returns the key that checks signatures. Source: RFC 8032, section 5.1.5.
+    pub fn signing(&self) -> &[u8; 32] {
+        self.sign.as_bytes()
+    }
+
     /// Returns their id.
     pub const fn id(&self) -> KeyId {
         self.id
@@ -184,6 +189,11 @@ impl SecretKeys {
         bytes[..32].copy_from_slice(self.sign.as_bytes());
         bytes[32..].copy_from_slice(&*self.seal);
         bytes
+    }
+
+    /// Returns the secret key that signs, which is wiped when it is dropped.
+    pub fn signing(&self) -> Zeroizing<[u8; 32]> {
+        Zeroizing::new(self.sign.to_bytes())
     }
 
     /// Returns the public keys.

@@ -1,5 +1,6 @@
 use super::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use tokio::io::AsyncWriteExt as _;
 use trust::invite::OpenInvite;
 use trust::name::UnixTime;
 use trust::role::Role;
@@ -15,6 +16,11 @@ struct Waiting {
 }
 
 async fn waiting(seconds: u64) -> Waiting {
+    waiting_with(seconds, true).await
+}
+
+/// On a disk that `takes` certificates, or not.
+async fn waiting_with(seconds: u64, takes: bool) -> Waiting {
     let root = SecretKeys::generate(&mut crate::random().unwrap());
     let team = Team::found("acme".parse().unwrap(), &root);
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
@@ -29,6 +35,7 @@ async fn waiting(seconds: u64) -> Waiting {
     let kept = Arc::new(AtomicUsize::new(0));
     let count = Arc::clone(&kept);
     let keep = move |_: &Certificate| {
+        ensure!(takes, "no space");
         count.fetch_add(1, Ordering::SeqCst);
         Ok(())
     };
@@ -53,6 +60,15 @@ async fn one_joins_and_no_other() {
     assert_eq!(again.to_string(), JoinError::Refused.to_string());
     assert!(matches!(waiting.events.recv().await, Some(Event::Refused(..))));
     assert_eq!(waiting.kept.load(Ordering::SeqCst), 1);
+}
+
+#[tokio::test]
+async fn nobody_joins_whose_certificate_cannot_be_kept() {
+    let mut waiting = waiting_with(60, false).await;
+    let refused = join(&waiting.line, "robot".parse().unwrap(), keys()).await.unwrap_err();
+    assert_eq!(refused.to_string(), JoinError::Refused.to_string());
+    let Some(Event::Failed(why)) = waiting.events.recv().await else { panic!("the inviter has not heard of it") };
+    assert_eq!(why, "the certificate cannot be kept: no space");
 }
 
 /// Who talks nonsense, or nothing, keeps nobody out.

@@ -90,7 +90,7 @@ fn only_nodes_of_the_team_are_let_in_and_only_in_time() {
 }
 
 fn keys_of(keys: &SecretKeys) -> PublicKey {
-    signing(keys.public())
+    *keys.public().signing()
 }
 
 #[test]
@@ -128,4 +128,8 @@ fn a_broken_folder_is_no_node_without_a_team() {
     assert!(Member::open(&state).unwrap_err().to_string().contains("is broken"));
     std::fs::remove_file(state.join(FOLDER).join(KEYS)).unwrap();
     assert!(Member::open(&state).unwrap_err().to_string().contains("is not there"));
+    std::fs::remove_file(state.join(FOLDER).join(CREDENTIAL)).unwrap();
+    assert!(Member::open(&state).unwrap_err().to_string().contains("was cut short"));
+    std::fs::remove_file(state.join(FOLDER).join(TEAM)).unwrap();
+    assert!(Member::open(&state).unwrap().is_none());
 }
