@@ -49,7 +49,7 @@ fn show(node: &Name, state: Option<&Path>) -> Result<(), Failure> {
     if !rows.is_empty() {
         console::say(&table::table(&rows));
     }
-    let (log, _) = verified(&path, &text, Vec::new())?;
+    let log = verified(&path, &text, Vec::new())?;
     console::note(&format!("complete up to record {}", log.last()));
     Ok(())
 }
@@ -64,7 +64,8 @@ fn row(line: &str) -> Option<Vec<String>> {
 
 fn verify(path: &Path, heads: Vec<Head>) -> Result<(), Failure> {
     let text = named_file::text(path, LOG_MAX).with_context(|| format!("reading `{}`", path.display()))?;
-    let (log, count) = verified(path, &text, heads)?;
+    let count = heads.len();
+    let log = verified(path, &text, heads)?;
     let node = log.of().1;
     let heads = match count {
         0 => "no signed heads: records may be missing at the end".to_owned(),
@@ -75,12 +76,11 @@ fn verify(path: &Path, heads: Vec<Head>) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns the end of a log that is as it was written, and how many heads fit to it.
-fn verified(path: &Path, text: &str, heads: Vec<Head>) -> anyhow::Result<(Log, usize)> {
-    let count = heads.len();
+/// Returns the end of a log that is as it was written, to which all heads fit.
+fn verified(path: &Path, text: &str, heads: Vec<Head>) -> anyhow::Result<Log> {
     let mut verifier = Verifier::new(heads)?;
     let verified = text.lines().try_for_each(|line| verifier.line(line)).and_then(|()| verifier.finish());
-    Ok((verified.with_context(|| format!("`{}` is not as it was written", path.display()))?, count))
+    verified.with_context(|| format!("`{}` is not as it was written", path.display()))
 }
 
 fn heads(path: &Path) -> anyhow::Result<Vec<Head>> {

@@ -47,13 +47,11 @@ pub struct ReplaceArguments {
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub struct Probation {
     /// How many seconds a new program must stay healthy; else the one before is put back
-    #[arg(long = "probation", value_name = "SECONDS", default_value_t = 8.0, value_parser = seconds, allow_negative_numbers = true)]
+    #[arg(
+        long = "probation", value_name = "SECONDS", default_value_t = 8.0, allow_negative_numbers = true,
+        value_parser = |text: &str| crate::seconds(text, &(0.0..=600.0)),
+    )]
     seconds: f64,
-}
-
-fn seconds(text: &str) -> Result<f64, String> {
-    let seconds: f64 = text.parse().map_err(|_not_a_number| "this is no number of seconds".to_owned())?;
-    if (0.0..=600.0).contains(&seconds) { Ok(seconds) } else { Err("it is from 0 to 600 seconds".to_owned()) }
 }
 
 impl Probation {

@@ -2,6 +2,7 @@
 
 use crate::logic::tap::{Gap, Numbers, value};
 use crate::tapped::{End, FollowedOutput, TapArgs, TapEvent, follow};
+use comms::logic::time::Time;
 use node::console::{self, Failure, block_on};
 use node::logic::printable::printable;
 use serde_json::json;
@@ -41,8 +42,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let value = value(output.message.as_ref(), &tapped.bytes);
         let line = if arguments.tap.json {
             let lost = if let Gap::Lost(lost) = gap { lost } else { 0 };
-            #[expect(clippy::cast_precision_loss, reason = "exact for 104 days of a machine")]
-            let stamp = tapped.stamp.nanos() as f64 / 1e9;
+            let stamp = tapped.stamp.since(Time::ZERO).as_secs_f64();
             json!({
                 "output": output.name, "type": output.type_name, "number": tapped.number, "stamp": stamp, "lost": lost,
                 "restarted": gap == Gap::Restarted, "value": value,

@@ -1,11 +1,12 @@
 //! `dca hz`: says how often values leave an output, how regularly, and how many bytes they are.
 
 use crate::logic::tap::Rate;
-use crate::tapped::{End, TapArgs, TapEvent, follow, until};
+use crate::tapped::{End, TapArgs, TapEvent, follow};
 use anyhow::anyhow;
 use comms::io::clock;
 use node::console::{self, Failure, block_on};
 use serde_json::json;
+use std::time::Duration;
 
 /// The arguments of `dca hz`.
 #[derive(Debug, clap::Args)]
@@ -13,7 +14,7 @@ pub struct Arguments {
     #[command(flatten)]
     tap: TapArgs,
     /// End after so many seconds; without it, Ctrl-C ends it
-    #[arg(long = "for", value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
+    #[arg(long = "for", value_name = "SECONDS", value_parser = |text: &str| crate::seconds(text, &(0.1..=86_400.0)), allow_negative_numbers = true)]
     seconds: Option<f64>,
 }
 
@@ -22,11 +23,6 @@ struct Counted {
     name: String,
     lately: Rate,
     whole: Rate,
-}
-
-fn seconds(text: &str) -> Result<f64, String> {
-    let seconds: f64 = text.parse().map_err(|_not_a_number| "this is no number of seconds".to_owned())?;
-    if (0.1..=86_400.0).contains(&seconds) { Ok(seconds) } else { Err("it is from 0.1 to 86400 seconds".to_owned()) }
 }
 
 /// Runs the verb. A line comes each second, and in the end one for all of the time.
@@ -45,7 +41,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             TapEvent::Begun(outputs) => {
                 let count = |name| Counted { name, lately: Rate::default(), whole: Rate::default() };
                 counted = outputs.into_iter().map(|output| count(output.name)).collect();
-                ends = until(arguments.seconds);
+                ends = arguments.seconds.map(|seconds| clock::now() + Duration::from_secs_f64(seconds));
             }
             TapEvent::Value(place, tapped) => {
                 if let Some(one) = counted.get_mut(place) {

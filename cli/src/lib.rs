@@ -47,6 +47,7 @@ use clap::{Args, Parser, Subcommand};
 use comms::io::session::{self, Role};
 use node::console::{finish, parsed};
 use node::io::{logging, run_dir};
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -142,6 +143,13 @@ impl ConnectArgs {
         let base = self.run_dir.clone().unwrap_or_else(run_dir::default_base);
         std::path::absolute(&base).unwrap_or(base)
     }
+}
+
+/// Reads seconds within a range.
+fn seconds(text: &str, range: &RangeInclusive<f64>) -> Result<f64, String> {
+    let seconds: f64 = text.parse().map_err(|_not_a_number| "this is no number of seconds".to_owned())?;
+    let within = || format!("it is from {} to {} seconds", range.start(), range.end());
+    range.contains(&seconds).then_some(seconds).ok_or_else(within)
 }
 
 /// Where the controllers' programs are.

@@ -5,6 +5,7 @@ mod list;
 use crate::client::{Answers, Clients, Statuses, unasked, words};
 use crate::follow::RUNS;
 use crate::io::recorder;
+use crate::logic::tap::is_path;
 use crate::{ConnectArgs, absent};
 use anyhow::anyhow;
 use node::console::{self, Failure, block_on};
@@ -234,7 +235,7 @@ fn recorded(arguments: &Arguments) -> Option<Result<(), Failure>> {
 /// Returns whether a process of a deployment is the one that was asked for.
 fn is_meant(arguments: &Arguments, deployment: &str, path: &str) -> bool {
     let is_named = arguments.deployment.as_ref().is_none_or(|wanted| wanted == deployment);
-    is_named && (path == arguments.process || path.ends_with(&format!("/{}", arguments.process)))
+    is_named && is_path(path, &arguments.process)
 }
 
 /// Returns host, deployment and path of every leaf that is meant, whether its program is alive or not.

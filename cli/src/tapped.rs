@@ -11,7 +11,6 @@ use anyhow::anyhow;
 use comms::io::clock;
 use comms::logic::control::Dial;
 use comms::logic::tap::{Outputs, Tapped};
-use comms::logic::time::Time;
 use language::Message;
 use node::console::{self, Failure};
 use node::logic::protocol::{Answer, Change, Deployment, Report, Request, leaves};
@@ -294,9 +293,4 @@ async fn outputs_of(taps: &Taps, deployment: &Deployment, path: &str, dial: Dial
     let outputs = taps.outputs(&deployment.name, path).await?;
     Ok(outputs
         .ok_or_else(|| anyhow!("it does not say which outputs it has: it has no links yet, or is of an older DCA"))?)
-}
-
-/// Returns when something ends that takes so many seconds.
-pub(crate) fn until(seconds: Option<f64>) -> Option<Time> {
-    seconds.map(|seconds| clock::now() + Duration::from_secs_f64(seconds))
 }

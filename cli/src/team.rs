@@ -6,14 +6,12 @@ mod revoke;
 mod user;
 
 use crate::io::keyring::{Asked, Keyring, passphrase};
-use anyhow::Context as _;
+use ::team::{now, random};
 use clap::{Args, Subcommand};
-use comms::io::{clock, entropy};
 use dbmanager::logic::view::{date, table};
 use node::console::{self, Failure};
 use std::path::PathBuf;
 use trust::bundle::{Bundle, Holder};
-use trust::identity::Entropy;
 use trust::name::{Name, UnixTime};
 use trust::team::{Standing, TrustError};
 use zeroize::Zeroizing;
@@ -139,12 +137,4 @@ fn row(holder: &Holder<'_>) -> Vec<String> {
         holder.certificate.subject().fingerprint(),
         state.to_owned(),
     ]
-}
-
-fn now() -> UnixTime {
-    UnixTime(clock::unix_time().as_secs())
-}
-
-fn random() -> anyhow::Result<Entropy> {
-    Ok(Entropy::new(&entropy::bytes().context("asking the system for random bytes")?))
 }

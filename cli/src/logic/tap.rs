@@ -28,14 +28,18 @@ impl Wanted {
 
     /// Returns whether the process with this path is meant.
     pub(crate) fn is_process(&self, path: &str) -> bool {
-        let ends_with = |process: &String| path == process || path.ends_with(&format!("/{process}"));
-        self.process.as_ref().is_none_or(ends_with)
+        self.process.as_ref().is_none_or(|process| is_path(path, process))
     }
 
     /// Returns whether the output of this name is meant, of a process that is.
     pub(crate) fn is_output(&self, name: &str) -> bool {
         self.output == name
     }
+}
+
+/// Returns whether a path is the one that a person means, by the whole of it or its end.
+pub(crate) fn is_path(path: &str, meant: &str) -> bool {
+    path.strip_suffix(meant).is_some_and(|before| before.is_empty() || before.ends_with('/'))
 }
 
 /// Returns the type of an output's values, as far as the program names what is in them. `all` has the types that it may be

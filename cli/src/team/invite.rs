@@ -3,7 +3,7 @@
 //! While `invite` waits, it listens on the network; nothing else of a team does before its node is in one.
 
 use super::{KeysArgs, now, random};
-use crate::io::keyring::{Asked, Keyring, passphrase};
+use crate::io::keyring::{Asked, Keyring};
 use anyhow::{Context as _, anyhow, ensure};
 use comms::io::{clock, entropy, session};
 use comms::logic::key::HostName;
@@ -13,8 +13,9 @@ use node::io::state_dir;
 use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 use std::time::Duration;
+use team::folder::Reserve;
 use team::join::{self, Event};
-use team::member::Member;
+use team::member::{BEGIN_SIZE_MAX, Member};
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
@@ -27,7 +28,7 @@ use trust::role::Role;
 use trust::team::Team;
 use zeroize::Zeroizing;
 
-/// How many of those that are refused are told of; the others are counted.
+/// How many of those that are refused are told of.
 const TOLD_MAX: usize = 20;
 
 /// The arguments of `dca team invite`.
@@ -63,7 +64,7 @@ impl InviteArgs {
         let (keyring, bundle) = keys.bundle()?;
         let name: Name = self.name.as_str().parse()?;
         ensure_free(&bundle, &name)?;
-        let root = keyring.root(&bundle)?.unlock(&passphrase(keys.passphrase.as_deref(), Asked::Known)?)?;
+        let root = keyring.root(&bundle)?.unlock(&keys.passphrase(Asked::Known)?)?;
         block_on(self.wait(&name, keyring, bundle, root))
     }
 
@@ -107,6 +108,12 @@ impl InviteArgs {
                         console::note(&format!("refused {from}: {why}"));
                     }
                 }
+                Some(Event::Failed(why)) => {
+                    return Err(anyhow!(
+                        "{why}; nobody has joined, and the invitation is spent: invite `{name}` again"
+                    )
+                    .into());
+                }
                 None => return Err(anyhow!("nobody has come in time; the invitation has ended").into()),
             }
         }
@@ -133,16 +140,26 @@ impl JoinArgs {
         };
         // As it may be copied: with the command before it.
         let line = Zeroizing::new(line.trim().trim_start_matches("dca team join ").to_owned());
+        let base = self.state.clone().or_else(state_dir::default_base);
+        let base = base.context("there is no folder to keep the keys in; choose one with `--state`")?;
+        // An invitation is spent once: what the disk has to take then, it can take.
+        let reserve = Reserve::take(&std::path::absolute(&base)?, BEGIN_SIZE_MAX)?;
         let made = SecretKeys::generate(&mut random()?);
         let wanted: Name = "robot".parse()?;
         let (keys, team, credential) = block_on(async { Ok(join::join(&line, wanted, made).await?) })?;
         let certificate = credential.certificate();
         let name = &certificate.claims().name;
-        let state = state_dir::take(self.state.as_deref(), name.as_str())?;
+        let spent = || {
+            format!(
+                "the invitation is spent; on the operator's machine: `dca team revoke {name}`, then invite it again"
+            )
+        };
+        let state = state_dir::take(Some(&base), name.as_str()).with_context(spent)?;
         if Member::is_there(&state) {
             console::note(&format!("`{name}` was in a team before, and leaves that"));
         }
-        Member::begin(&state, &keys, &team, &credential)?;
+        drop(reserve);
+        Member::begin(&state, &keys, &team, &credential).with_context(spent)?;
         console::say(&joined(&team, certificate));
         console::note(&format!(
             "Now start `dca-node --name {name}`, or start it again: it opens to its team, and to nobody else."

@@ -2,7 +2,7 @@
 
 use super::{KeysArgs, now};
 use crate::client::{ANSWER_WITHIN, Client, unasked};
-use crate::io::keyring::{Asked, passphrase};
+use crate::io::keyring::Asked;
 use anyhow::{anyhow, ensure};
 use node::console::{self, Failure, block_on};
 use node::logic::protocol::{Answer, Request};
@@ -27,7 +27,7 @@ impl RevokeArgs {
         if let Some(name) = &self.name {
             // Nobody is asked for a passphrase before the request is known to be possible.
             ensure_to_revoke(&bundle, name)?;
-            let root = keyring.root(&bundle)?.unlock(&passphrase(keys.passphrase.as_deref(), Asked::Known)?)?;
+            let root = keyring.root(&bundle)?.unlock(&keys.passphrase(Asked::Known)?)?;
             let said;
             (said, bundle) = keyring.change(bundle.team().name(), |bundle| {
                 ensure_to_revoke(bundle, name)?;

@@ -1,5 +1,6 @@
 //! Chooses the wires that are recorded.
 
+use crate::logic::tap::Wanted;
 use comms::logic::key;
 use language::Message;
 use language::plan::{LeafPort, Plan, Transfer, Wire};
@@ -48,7 +49,9 @@ pub fn ports(plan: &Plan, wanted: &[String], messages: &Messages) -> Result<Vec<
     };
     let mut found = Vec::new();
     for what in wanted {
-        let meant = |wire: &Wire| what == "all" || is_meant(&named(&wire.from).0, &wire.from.port, what);
+        let output = Wanted::new(what);
+        let is_meant = |from: &LeafPort| output.is_process(&named(from).0) && output.is_output(&from.port);
+        let meant = |wire: &Wire| what == "all" || is_meant(&wire.from);
         let wires = || (0_u32..).zip(&plan.wires).filter(|(_, wire)| meant(wire));
         if wires().next().is_none() && what != "all" {
             return Err(format!("no output `{what}` is connected; write it as `force.Out`, or `all`"));
@@ -67,14 +70,6 @@ pub fn ports(plan: &Plan, wanted: &[String], messages: &Messages) -> Result<Vec<
         }
     }
     Ok(found)
-}
-
-/// Returns whether `what` means this output of this process.
-fn is_meant(path: &str, port: &str, what: &str) -> bool {
-    match what.rsplit_once('.') {
-        None => what == port,
-        Some((process, named)) => named == port && (path == process || path.ends_with(&format!("/{process}"))),
-    }
 }
 
 #[cfg(test)]
