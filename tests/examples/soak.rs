@@ -1,0 +1,342 @@
+//! The soak: three hosts on a network run one mission for hours, while programs are killed, cables are pulled and nodes are killed.
+
+use anyhow::{Result, bail, ensure};
+use clap::Parser;
+use comms::io::clock::now;
+use comms::logic::random::Random;
+use comms::logic::time::Time;
+use dca_tests::cluster::{
+    Cluster, Host, NAMES, Network, Process, Program, SOON, Stream, descriptors, memory, pass, wait_until,
+};
+use rustix::process::Signal;
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::process::ExitCode;
+use std::time::Duration;
+
+/// How often a cable is pulled.
+const CUT_EVERY: Duration = Duration::from_secs(60);
+/// Cuts that nobody may feel, and every fifth one that loses a host.
+const CUT_SHORT: Duration = Duration::from_secs(2);
+const CUT_LONG: Duration = Duration::from_secs(9);
+/// How often a node is killed.
+const KILL_EVERY: Duration = Duration::from_secs(300);
+/// How long the node that was killed stays away at the most.
+const AWAY_MAX_MS: u64 = 1500;
+/// How long everything may take to run again after a disturbance: a lost host is found again, and its group pauses for 5 s.
+const RECOVERED_WITHIN: Duration = Duration::from_secs(45);
+/// How often sizes are written down.
+const SIZES_EVERY: Duration = Duration::from_secs(120);
+/// How much the largest size of the last quarter may exceed that of the second one.
+const GROWTH_MAX: f64 = 1.15;
+
+/// Runs a mission on three namespaces for a long time: each second a program is killed, each minute a cable is pulled (for 2 s, each
+/// fifth time for 9 s, so that its host is lost), every five minutes a node is killed and started again.
+///
+/// It ends at once, with exit code 1, when a program runs twice, when not all run again after a disturbance, or when something is left
+/// after the stop; and at the end when memory or descriptors of nodes have grown. Needs root.
+#[derive(Debug, Parser)]
+#[command(name = "soak")]
+struct Options {
+    /// How long
+    #[arg(long, default_value_t = 120, value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    minutes: u64,
+    /// What draws the victims
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Programs on each host
+    #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u16).range(3..=200))]
+    programs: u16,
+}
+
+fn main() -> ExitCode {
+    let options = Options::parse();
+    let Some(network) = Network::new(NAMES.len()) else { return ExitCode::FAILURE };
+    let mut soak = match Soak::begin(network, &options) {
+        Ok(soak) => soak,
+        Err(error) => return failed(&error),
+    };
+    let outcome = soak.run(Duration::from_secs(60 * options.minutes)).and_then(|()| soak.end());
+    outcome.map_or_else(|error| failed(&error), |()| ExitCode::SUCCESS)
+}
+
+fn failed(error: &anyhow::Error) -> ExitCode {
+    say(&format!("FAILED: {error:#}"));
+    ExitCode::FAILURE
+}
+
+fn say(line: &str) {
+    // A reader that went away ends no soak.
+    writeln!(std::io::stdout(), "{line}").unwrap_or_default();
+}
+
+/// How often something was done.
+#[derive(Debug, Default)]
+struct Counts {
+    crashes: u32,
+    cuts: u32,
+    losses: u32,
+    kills: u32,
+}
+
+/// What the nodes and the command line take, at a moment.
+#[derive(Clone, Copy, Debug)]
+struct Sizes {
+    memory: u64,
+    descriptors: usize,
+}
+
+#[derive(Debug)]
+struct Soak {
+    // Dropped in this order: the processes, their folder, the network.
+    mission: Program,
+    nodes: Vec<Option<Program>>,
+    hosts: Vec<Host>,
+    cluster: Cluster,
+    network: Network,
+    random: Random,
+    /// The programs that are still to be killed in this round, so that none is killed more often than it is started again.
+    victims: Vec<String>,
+    paths: Vec<String>,
+    counts: Counts,
+    sizes: Vec<Sizes>,
+    began: Time,
+}
+
+impl Soak {
+    fn begin(network: Network, options: &Options) -> Result<Self> {
+        let cluster = Cluster::new();
+        let hosts: Vec<Host> = network.hosts().map(|number| cluster.host(&network, number)).collect();
+        let nodes = hosts.iter().zip(NAMES).map(|(host, name)| Some(host.node(name, &["--lan"]))).collect();
+        let mission = hosts[0].dca(&["deploy", &cluster.file("soak.dca", &spec(options.programs))]);
+        mission.wait_for(Stream::Err, "started in", SOON);
+        let members = (3..=options.programs)
+            .map(|number| format!("idle{number}"))
+            .chain(["source", "monitor"].map(str::to_owned));
+        let members: Vec<String> = members.collect();
+        let paths =
+            PARTS.iter().flat_map(|part| members.iter().map(move |member| format!("main/{part}/{member}"))).collect();
+        let random = Random::new(options.seed);
+        let (counts, sizes, victims) = (Counts::default(), Vec::new(), Vec::new());
+        let soak =
+            Self { mission, nodes, hosts, cluster, network, random, victims, paths, counts, sizes, began: now() };
+        soak.expect_all("the start")?;
+        Ok(soak)
+    }
+
+    fn run(&mut self, time: Duration) -> Result<()> {
+        let (mut cut, mut kill, mut size) = (CUT_EVERY, KILL_EVERY, Duration::ZERO);
+        while now() - self.began < time {
+            ensure!(self.mission.is_running(), "the mission has ended: {}", self.mission.text(Stream::Err));
+            let age = now() - self.began;
+            if age >= cut {
+                cut += CUT_EVERY;
+                self.cut()?;
+            } else if age >= kill {
+                kill += KILL_EVERY;
+                self.kill_node()?;
+            } else if age >= size {
+                size += SIZES_EVERY;
+                self.expect_all("a while without cuts")?;
+                self.note_sizes();
+            } else {
+                self.crash()?;
+                pass(Duration::from_secs(1));
+            }
+        }
+        self.expect_all("the last disturbance")
+    }
+
+    /// Kills a program, as often one as another.
+    fn crash(&mut self) -> Result<()> {
+        if self.victims.is_empty() {
+            self.victims.clone_from(&self.paths);
+        }
+        let index = self.random.below(self.victims.len() as u64);
+        let victim = self.victims.swap_remove(usize::try_from(index)?);
+        // It may be on its way back from the last loss of its host.
+        if let Some(pid) = self.programs()?.get(&victim).and_then(|pid| rustix::process::Pid::from_raw(*pid)) {
+            self.counts.crashes += u32::from(rustix::process::kill_process(pid, Signal::KILL).is_ok());
+        }
+        Ok(())
+    }
+
+    /// Pulls the cable of a host; the home keeps its own for the long cuts, which would end the mission with it.
+    fn cut(&mut self) -> Result<()> {
+        self.counts.cuts += 1;
+        let is_long = self.counts.cuts.is_multiple_of(5);
+        let number = if is_long { 2 + self.random.below(2) } else { 1 + self.random.below(3) };
+        let number = usize::try_from(number)?;
+        self.expect_all("the last crash")?;
+        let before = self.programs()?;
+        self.network.cut(number);
+        pass(if is_long { CUT_LONG } else { CUT_SHORT });
+        self.network.heal(number);
+        self.counts.losses += u32::from(is_long);
+        self.expect_all(&format!("the cut of {}", NAMES[number - 1]))?;
+        let after = self.programs()?;
+        let same = |part: &str| {
+            before.iter().filter(|(path, _)| path.contains(part)).all(|(path, pid)| after.get(path) == Some(pid))
+        };
+        ensure!(
+            is_long || PARTS.iter().all(|part| same(part)),
+            "a short cut of {} started a program again",
+            NAMES[number - 1]
+        );
+        ensure!(!is_long || same("/here/"), "the cut of {} started a program of c1 again", NAMES[number - 1]);
+        Ok(())
+    }
+
+    /// Kills a node and starts it again.
+    fn kill_node(&mut self) -> Result<()> {
+        let number = usize::try_from(self.random.below(3))?;
+        self.expect_all("the last crash")?;
+        let before = self.programs()?;
+        if let Some(node) = self.nodes[number].take() {
+            node.signal(Signal::KILL);
+            drop(node.ended(SOON));
+        }
+        pass(Duration::from_millis(self.random.below(AWAY_MAX_MS)));
+        self.nodes[number] = Some(self.hosts[number].node(NAMES[number], &["--lan"]));
+        self.counts.kills += 1;
+        self.expect_all(&format!("the end of the node {}", NAMES[number]))?;
+        ensure!(self.programs()? == before, "the end of the node {} started a program again", NAMES[number]);
+        Ok(())
+    }
+
+    /// Returns the process of each program. None may run twice.
+    fn programs(&self) -> Result<BTreeMap<String, i32>> {
+        let mut programs = BTreeMap::new();
+        for process in self.cluster.left() {
+            let Some(path) = path(&process) else { continue };
+            if let Some(other) = programs.insert(path.clone(), process.pid) {
+                // What was just read may have ended in between.
+                let both =
+                    [other, process.pid].iter().all(|pid| std::path::Path::new(&format!("/proc/{pid}/exe")).exists());
+                ensure!(!both, "{path} runs twice: {other} and {}", process.pid);
+            }
+        }
+        Ok(programs)
+    }
+
+    /// Waits until every program runs, once.
+    fn expect_all(&self, after: &str) -> Result<()> {
+        let mut wrong = None;
+        let all = || match self.programs() {
+            Ok(programs) => self.paths.iter().all(|path| programs.contains_key(path)),
+            Err(error) => wrong.replace(error).is_none(),
+        };
+        let found = wait_until(RECOVERED_WITHIN, all);
+        if let Some(error) = wrong {
+            return Err(error);
+        }
+        if found.is_none() {
+            let programs = self.programs()?;
+            let missing: Vec<&String> = self.paths.iter().filter(|path| !programs.contains_key(*path)).collect();
+            bail!(
+                "{RECOVERED_WITHIN:?} after {after} these do not run: {missing:?}\n{}",
+                self.hosts[0].ask(&["status"])
+            );
+        }
+        Ok(())
+    }
+
+    fn note_sizes(&mut self) {
+        let pids = self.nodes.iter().flatten().map(Program::pid).chain([self.mission.pid()]);
+        let each: Vec<Sizes> =
+            pids.map(|pid| Sizes { memory: memory(pid), descriptors: descriptors(pid).len() }).collect();
+        let sizes = Sizes {
+            memory: each.iter().map(|one| one.memory).max().unwrap_or_default(),
+            descriptors: each.iter().map(|one| one.descriptors).max().unwrap_or_default(),
+        };
+        let list: Vec<String> =
+            each.iter().map(|one| format!("{:.1} MiB, {}", mebibytes(one.memory), one.descriptors)).collect();
+        let Counts { crashes, cuts, losses, kills } = self.counts;
+        let minutes = (now() - self.began).as_secs() / 60;
+        say(&format!(
+            "{minutes:>4} min: {crashes} crashes, {cuts} cuts, {losses} of them lost a host, {kills} nodes killed; memory and \
+             descriptors of c1, c2, c3 and `dca`: {}",
+            list.join("; ")
+        ));
+        self.sizes.push(sizes);
+    }
+
+    /// Stops it all; nothing is left, and nothing has grown.
+    fn end(&mut self) -> Result<()> {
+        self.note_sizes();
+        let stop = self.hosts[0].ask(&["stop", "soak"]);
+        ensure!(stop.code == Some(0), "{stop}");
+        wait_until(SOON, || !self.mission.is_running());
+        for node in self.nodes.drain(..).flatten() {
+            node.signal(Signal::TERM);
+            let ended = node.ended(SOON);
+            ensure!(ended.code == Some(0), "{ended}");
+        }
+        wait_until(SOON, || self.cluster.left().is_empty())
+            .ok_or_else(|| anyhow::anyhow!("left after the stop: {:?}", self.cluster.left()))?;
+        let quarter = self.sizes.len() / 4;
+        if quarter > 0 {
+            let (second, last) = (&self.sizes[quarter..2 * quarter], &self.sizes[self.sizes.len() - quarter..]);
+            let memory = |sizes: &[Sizes]| sizes.iter().map(|one| mebibytes(one.memory)).fold(0.0, f64::max);
+            let files = |sizes: &[Sizes]| sizes.iter().map(|one| one.descriptors).max().unwrap_or_default();
+            say(&format!(
+                "largest of the second quarter and of the last: {:.1} and {:.1} MiB, {} and {} descriptors",
+                memory(second),
+                memory(last),
+                files(second),
+                files(last)
+            ));
+            ensure!(memory(last) <= GROWTH_MAX * memory(second), "memory has grown");
+            ensure!(files(last) <= files(second) + 16, "descriptors have grown");
+        }
+        say("nothing ran twice, everything ran again, nothing is left");
+        Ok(())
+    }
+}
+
+/// The groups of the mission, one on each host.
+const PARTS: [&str; 3] = ["here", "middle", "far"];
+
+/// Returns the instance path of a program; none for shims, nodes and commands.
+fn path(process: &Process) -> Option<String> {
+    let is_program = process.command.first().is_some_and(|name| !name.ends_with("dca-shim"));
+    let mark = process.environment.iter().find_map(|entry| entry.strip_prefix("DCA_INSTANCE="));
+    mark.filter(|_| is_program).map(str::to_owned)
+}
+
+#[expect(clippy::cast_precision_loss, reason = "memory is far below 2^52 bytes")]
+fn mebibytes(bytes: u64) -> f64 {
+    bytes as f64 / f64::from(1 << 20)
+}
+
+/// Returns a mission of a group on each host, whose programs are started again when they die. A group whose host is lost begins anew.
+fn spec(programs: u16) -> String {
+    let idle: Vec<String> = (3..=programs).map(|number| format!("idle{number}")).collect();
+    let declared: String =
+        idle.iter().map(|name| format!("        {name} instof Idle(there) {{ restart transient; }}\n")).collect();
+    format!(
+        "module Idle(host) {{ exec \"sleep 1000000\"; plain; done; }}
+process Part(there){{
+    host{{there}}
+    instantiated_processes{{
+{declared}        source instof RateSource(there) {{ restart transient; }}
+        monitor instof RateMonitor(there) {{ restart transient; }}
+    }}
+    internal_connections(source, lbl1){{ source, Out -> monitor, In; }}
+    internal_event_actions{{ {}, source[lbl1], monitor }}
+}}
+process main(){{
+    host{{\"c1\"}}
+    instantiated_processes{{
+        here instof Part(\"c1\");
+        middle instof Part(\"c2\");
+        far instof Part(\"c3\");
+    }}
+    internal_event_actions{{
+        here, ((middle else skip) ;; wait(5 s)), ((far else skip) ;; wait(5 s))
+    }}
+}}
+",
+        idle.join(", ")
+    )
+}
