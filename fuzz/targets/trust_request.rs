@@ -18,7 +18,8 @@ static TEAM: LazyLock<Team> = LazyLock::new(|| {
 fuzz_target!(|bytes: &[u8]| {
     let revoked = Revocations::default();
     let judge = Judge { team: &TEAM, revoked: &revoked, now: UnixTime(1_800_000_000), grace: 0 };
-    let context = Context { judge, node: KeyId([1; 32]), deployment: None, epoch_min: 0 };
+    let name = TEAM.name();
+    let context = Context { judge, node: KeyId([1; 32]), name, deployment: None, epoch_min: 0 };
     let mut replays = Replays::default();
     assert!(check(bytes, b"", &context, &mut replays).is_err());
     assert_eq!(replays, Replays::default());

@@ -113,6 +113,12 @@ impl Bundle {
         self.revoked.as_ref().is_some_and(|set| set.keys().contains_key(key))
     }
 
+    /// Returns what shows who the holder of a key is; nothing if the key has no certificate.
+    #[must_use]
+    pub fn credential_of(&self, key: &KeyId) -> Option<Credential> {
+        self.certificates.iter().find(|known| known.subject() == *key).map(|known| self.credential(known))
+    }
+
     /// Returns a certificate with that of the admin who has issued it.
     fn credential(&self, certificate: &Certificate) -> Credential {
         let by = certificate.issuer();

@@ -31,10 +31,12 @@ const REQUEST: &str = "dca request 1";
 pub enum Audience {
     /// To every node of the team.
     Team,
-    /// To one node.
+    /// To one node, by its key.
     Node(KeyId),
     /// To the nodes of a deployment.
     Deployment(Name),
+    /// To one node, by the name in its certificate.
+    Host(Name),
 }
 
 /// What is asked for, of whom, and when.
@@ -65,6 +67,8 @@ pub struct Context<'a> {
     pub judge: Judge<'a>,
     /// The node itself.
     pub node: KeyId,
+    /// The name in its certificate.
+    pub name: &'a Name,
     /// The deployment that the request is about, if the node takes part in it.
     pub deployment: Option<&'a Name>,
     /// The lowest epoch that is not outdated.
@@ -137,6 +141,16 @@ impl Request {
         bytes
     }
 
+    /// Reads what a request says, and in whose name. Nothing of it is checked.
+    ///
+    /// # Errors
+    /// The bytes are no request.
+    pub fn peek(bytes: &[u8]) -> Result<(Self, Name), FormError> {
+        let head = Head::read(bytes)?;
+        let credential = Credential::from_bytes(head.credential)?;
+        Ok((head.request, credential.certificate().claims().name.clone()))
+    }
+
     fn form(&self, body: &[u8; 32], signer: &KeyId) -> Vec<u8> {
         let mut writer = Writer::new(REQUEST);
         writer.fixed(&self.team.0);
@@ -148,6 +162,10 @@ impl Request {
             }
             Audience::Deployment(name) => {
                 writer.u8(2);
+                writer.short(name.as_str().as_bytes());
+            }
+            Audience::Host(name) => {
+                writer.u8(3);
                 writer.short(name.as_str().as_bytes());
             }
         }
@@ -170,6 +188,7 @@ impl Request {
             Audience::Team => true,
             Audience::Node(node) => *node == context.node,
             Audience::Deployment(name) => context.deployment == Some(name),
+            Audience::Host(name) => context.name == name,
         };
         if is_ours { Ok(()) } else { Err(Refusal::Audience) }
     }
@@ -213,6 +232,7 @@ impl<'a> Head<'a> {
             0 => Audience::Team,
             1 => Audience::Node(KeyId(reader.fixed()?)),
             2 => Audience::Deployment(Name::read(&mut reader, "audience")?),
+            3 => Audience::Host(Name::read(&mut reader, "audience")?),
             _ => return Err(FormError::Field("audience")),
         };
         let action = Action::from_number(reader.u8()?)?;

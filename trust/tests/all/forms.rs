@@ -175,7 +175,8 @@ fn damaged_requests_texts_and_logs_panic_nowhere() {
     let world = World::new();
     let door = "door".parse().unwrap();
     let node = world.r1.1.certificate().subject();
-    let context = Context { judge: world.judge(NOW), node, deployment: Some(&door), epoch_min: 0 };
+    let name = world.r1.1.certificate().claims().name.clone();
+    let context = Context { judge: world.judge(NOW), node, name: &name, deployment: Some(&door), epoch_min: 0 };
     let (mut dice, (_, good)) = (Dice(16), request(&world));
     let (mut log, first) = Log::begin(world.team.id(), node, None);
     let lines = format!("{first}\n{}\n{}\n", log.add(&record()), log.add(&record()));

@@ -27,7 +27,8 @@ fn node(world: &World) -> KeyId {
 }
 
 fn context<'a>(world: &'a World, deployment: Option<&'a Name>) -> Context<'a> {
-    Context { judge: world.judge(NOW), node: node(world), deployment, epoch_min: 3 }
+    let name = &world.r1.1.certificate().claims().name;
+    Context { judge: world.judge(NOW), node: node(world), name, deployment, epoch_min: 3 }
 }
 
 fn ask(world: &World, request: &Request, by: &(SecretKeys, Credential)) -> Result<Accepted, Refusal> {
@@ -50,6 +51,7 @@ fn each_wrong_request_has_its_refusal() {
     assert_eq!(refused(&|it| it.team = other), Refusal::OtherTeam);
     assert_eq!(refused(&|it| it.audience = Audience::Node(other)), Refusal::Audience);
     assert_eq!(refused(&|it| it.audience = Audience::Deployment("door".parse().unwrap())), Refusal::Audience);
+    assert_eq!(refused(&|it| it.audience = Audience::Host("r2".parse().unwrap())), Refusal::Audience);
     assert_eq!(refused(&|it| it.epoch = 2), Refusal::Epoch { found: 2, known: 3 });
     assert_eq!(refused(&|it| it.not_after = NOW.plus(8 * 24 * 3600)), Refusal::Window(7 * 24 * 3600));
     let stop_later = |it: &mut Request| (it.action, it.not_after) = (Action::Stop, NOW.plus(61));
@@ -107,6 +109,10 @@ fn a_request_for_a_deployment_or_the_team_is_for_its_nodes() {
     request.audience = Audience::Deployment(door.clone());
     let bytes = request.sign(BODY, &world.deployer.0, &world.deployer.1);
     assert!(check(&bytes, BODY, &context(&world, Some(&door)), &mut Replays::default()).is_ok());
+    request.audience = Audience::Host("r1".parse().unwrap());
+    let bytes = request.sign(BODY, &world.deployer.0, &world.deployer.1);
+    assert!(check(&bytes, BODY, &context(&world, None), &mut Replays::default()).is_ok());
+    assert_eq!(Request::peek(&bytes).unwrap(), (request.clone(), "dan".parse().unwrap()));
     (request.audience, request.action) = (Audience::Team, Action::Estop);
     let bytes = request.sign(b"", &world.viewer.0, &world.viewer.1);
     assert!(check(&bytes, b"", &context(&world, None), &mut Replays::default()).is_ok());
