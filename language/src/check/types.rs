@@ -123,6 +123,8 @@ struct Call<'a> {
     /// The arguments; for a module, without the host.
     args: &'a [Arg],
     is_module: bool,
+    /// Whether there would be as many arguments as parameters if the host were one of them.
+    is_one_short_for_its_host: bool,
     span: Span,
 }
 
@@ -136,7 +138,11 @@ impl<'a> Call<'a> {
             Target::Unknown => return None,
         };
         let is_module = matches!(instance.target, Target::Module(_));
-        Some(Self { kind: &instance.kind.as_ref()?.text, params, args, is_module, span: instance.args_span })
+        let is_untyped = params.first().is_some_and(|first| first.kind.is_none());
+        let is_one_short_for_its_host =
+            is_untyped && args.len() < instance.args.len() && params.len() == instance.args.len();
+        let kind = &instance.kind.as_ref()?.text;
+        Some(Self { kind, params, args, is_module, is_one_short_for_its_host, span: instance.args_span })
     }
 
     /// Checks that each parameter is given once.
@@ -180,6 +186,12 @@ impl<'a> Call<'a> {
         if let (Some(first), Some(last)) = (params.first(), params.last()) {
             let span = Span { end: last.name.span.end, ..first.name.span };
             diagnostic = diagnostic.reason(span, "its parameters");
+        }
+        if self.is_one_short_for_its_host {
+            diagnostic = diagnostic.help(format!(
+                "the first argument of a module is its host, and none of its parameters unless that is `{}: Host`",
+                params[0].name.text
+            ));
         }
         diagnostics.push(diagnostic);
     }
