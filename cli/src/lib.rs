@@ -8,6 +8,7 @@ pub mod audit;
 pub mod change;
 pub mod check;
 pub mod client;
+pub mod clock;
 pub mod completions;
 pub mod db;
 pub mod deploy;
@@ -102,6 +103,8 @@ enum Verb {
     Nodes(nodes::Arguments),
     /// List every name that is given out: hosts, deployments, processes, ports, devices and their holders
     Names(names::Arguments),
+    /// Say how far the clocks of all hosts are from the clock here
+    Clock(clock::Arguments),
     /// Show the processes of all hosts
     Status(status::Arguments),
     /// Print the events of all deployments on all hosts
@@ -189,6 +192,7 @@ pub fn main() -> ExitCode {
         Verb::Doctor(arguments) => doctor::run(&arguments),
         Verb::Nodes(arguments) => nodes::run(&arguments),
         Verb::Names(arguments) => names::run(&arguments),
+        Verb::Clock(arguments) => clock::run(&arguments),
         Verb::Status(arguments) => status::run(&arguments),
         Verb::Events(arguments) => events::run(&arguments),
         Verb::Logs(arguments) => logs::run(&arguments),

@@ -1,6 +1,7 @@
 //! The views of the command line. They are pure: the same reports give the same lines, summary and page.
 
 pub mod checkup;
+pub(crate) mod clock;
 pub mod mission;
 pub mod names;
 pub mod page;

@@ -1,5 +1,6 @@
 //! Processes, sockets, files and threads of a node.
 
+mod calendar;
 pub mod caller;
 pub mod cgroup;
 pub mod child;

@@ -1,5 +1,6 @@
 //! The node's session with other nodes and with command lines: presence, frames and calls, as inputs for the agent.
 
+use crate::io::calendar;
 use crate::io::caller::{Answers, Caller, answers};
 use crate::logic::agent::Input;
 use crate::logic::link::Frame;
@@ -297,6 +298,7 @@ async fn hear_calls(mut calls: Server, session: Arc<Session>, member: Option<Arc
         while answering.try_join_next().is_some() {}
         number += 1;
         match codec::decode::<Request>(request.payload()) {
+            Ok(Request::Clock) => at_once(request, &Answer::Clock(calendar::read())).await,
             Ok(Request::Unlinked) => at_once(request, &Answer::Unlinked(session.unlinked())).await,
             Ok(Request::Revoke { set }) => at_once(request, &revoke(member.as_deref(), &set)).await,
             Ok(asked) => {

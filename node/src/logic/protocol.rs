@@ -5,6 +5,7 @@
 
 mod absent;
 mod change;
+mod clock;
 mod event;
 mod facts;
 mod failure;
@@ -19,6 +20,7 @@ mod status;
 use crate::logic::database::question::{Question, Reply};
 pub use absent::{Absent, AbsentHost, AbsentProcess, OpenEnd, OpenHost, Why};
 pub use change::{ChangeOrder, ChangeReply, ChangeRequest, Revision};
+pub use clock::{ClockKeeping, ClockReading};
 use comms::logic::codec::{Enveloped, Kind};
 use comms::logic::control::Dial;
 pub use event::Event;
@@ -37,7 +39,7 @@ use std::fmt;
 use std::time::Duration;
 
 /// Version of these messages.
-pub const VERSION: u16 = 6;
+pub const VERSION: u16 = 7;
 
 /// How long a node that has more to say may be silent: it says several times in that time that it is still there.
 pub const SILENCE_MAX: Duration = Duration::from_secs(8);
@@ -329,6 +331,8 @@ pub enum Request {
         /// A set of revocations, signed by the team or an admin of it.
         set: Vec<u8>,
     },
+    /// Answered by [`Answer::Clock`], at once.
+    Clock,
 }
 
 /// An element of the answer to a [`Request`].
@@ -374,6 +378,8 @@ pub enum Answer {
         /// Whether the node has not known it before.
         is_new: bool,
     },
+    /// To `Clock`.
+    Clock(ClockReading),
 }
 
 impl Enveloped for Request {
@@ -469,6 +475,9 @@ mod tests {
             postcard::to_stdvec(&names).unwrap(),
             *b"\x0d\x01\x01d\x02\x01m\x01P\x01\x00\x01\x01a\x01d\x02\x01m\x01"
         );
+        assert_eq!(postcard::to_stdvec(&Request::Clock).unwrap(), [19]);
+        let clock = ClockReading { shown: Duration::new(3, 4), keeping: ClockKeeping::Unset };
+        assert_eq!(postcard::to_stdvec(&Answer::Clock(clock)).unwrap(), [16, 3, 4, 2]);
         let report = Report::Connected { host: "c2".into() };
         let event = Event { deployment, number: 300, host: "c2".into(), ago: heard, report };
         let bytes = *b"\x0c\x01\x01d\x02\xac\x02\x02c2\x03\x04\x02\x02c2";

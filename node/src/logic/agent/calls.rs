@@ -83,6 +83,7 @@ impl Agent {
             },
             // Others answer these; an agent alone has no database and no team.
             Request::Unlinked => answer(call, Answer::Unlinked(Vec::new()), out),
+            Request::Clock => answer(call, Answer::Refused("this is read outside of the agent".to_owned()), out),
             Request::Database(_) | Request::Here { .. } | Request::Revoke { .. } => {
                 answer(call, Answer::Refused("this node has no database, and is in no team".to_owned()), out);
             }

@@ -1,0 +1,77 @@
+//! `dca clock`: how far the clocks of all hosts are from the clock here, and how exactly that is known.
+
+use crate::ConnectArgs;
+use crate::absent;
+use crate::client::{ANSWER_WITHIN, Client, Clients};
+use crate::logic::clock::{Exchange, HostClock, text};
+use anyhow::anyhow;
+use comms::io::clock::{now, unix_time};
+use node::console::{self, Failure, block_on};
+use node::logic::protocol::{Answer, Request};
+use std::collections::BTreeSet;
+
+/// How often a host is asked.
+const EXCHANGES: usize = 8;
+
+/// The arguments of `dca clock`.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// Print everything as JSON, times in seconds
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    connect: ConnectArgs,
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let (clocks, unreachable) = block_on(async {
+        let clients = Clients::open(&arguments.connect).await?;
+        let asked = asked(&clients).await;
+        clients.close().await;
+        asked
+    })?;
+    if arguments.json {
+        let json = serde_json::json!({ "clocks": clocks, "unreachable": unreachable });
+        console::say(&serde_json::to_string_pretty(&json)?);
+    } else {
+        console::say(&text(&clocks, &unreachable));
+    }
+    clocks.iter().flat_map(HostClock::warnings).for_each(|warning| console::note(&warning));
+    if unreachable.is_empty() {
+        return Ok(());
+    }
+    let hosts = unreachable.join("`, `");
+    Err(Failure::Unreachable(anyhow!("`{hosts}` could not be asked; `dca nodes` says since when")))
+}
+
+/// Asks every host that answers, one after the other: questions that wait for each other would look like long links. Returns
+/// who does not answer, too.
+async fn asked(clients: &Clients) -> Result<(Vec<HostClock>, Vec<String>), Failure> {
+    let found = clients.look().await?;
+    let away = absent::ask(&found).await;
+    let mut unreachable: BTreeSet<String> = away.hosts.into_iter().map(|one| one.host).chain(away.silent).collect();
+    let mut clocks = Vec::new();
+    for (client, statuses) in found {
+        for host in statuses.nodes.iter().map(|node| &node.host) {
+            match HostClock::of(host, &exchanges(client, host).await) {
+                Some(clock) => clocks.push(clock),
+                None => drop(unreachable.insert(host.clone())),
+            }
+        }
+    }
+    Ok((clocks, unreachable.into_iter().collect()))
+}
+
+/// Asks a host several times, or as often as there is time for.
+async fn exchanges(client: &Client, host: &str) -> Vec<Exchange> {
+    let (mut exchanges, until) = (Vec::new(), now() + ANSWER_WITHIN);
+    while exchanges.len() < EXCHANGES && now() < until {
+        let (asked, shown_here) = (now(), unix_time());
+        let answer = client.ask(host, &Request::Clock, ANSWER_WITHIN).await;
+        let answered = now();
+        let Ok(Answer::Clock(there)) = answer else { break };
+        exchanges.push(Exchange { asked, shown_here, answered, there });
+    }
+    exchanges
+}
