@@ -128,4 +128,45 @@ pub enum Sentence {
     AtMost(ProcessRef, u32),
     /// `assume p takes 1 s .. 15 s`
     Assume(ProcessRef, Duration, Duration),
+    /// `holds ltl "G (a -> F b.done)"`
+    Holds(Formula),
+}
+
+/// A formula of linear temporal logic over what happens, without a word for "next".
+///
+/// At each position of a run something has just happened: its events are true there, and what runs after it. A run that has come to
+/// its end goes on for ever with nothing that happens.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Formula {
+    /// `true`, `false`
+    Constant(bool),
+    /// `p`, `p.done`
+    Atom(Atom),
+    /// `!p`
+    Not(Box<Self>),
+    /// `p & q`
+    And(Box<Self>, Box<Self>),
+    /// `p | q`, and `p -> q` as `!p | q`
+    Or(Box<Self>, Box<Self>),
+    /// `p <-> q`
+    Same(Box<Self>, Box<Self>),
+    /// `p U q`: q comes, and p until then. `F q` is `true U q`.
+    Until(Box<Self>, Box<Self>),
+    /// `p W q`: p until q, or for ever.
+    WeakUntil(Box<Self>, Box<Self>),
+    /// `p R q`: q up to and with the first p, or for ever. `G q` is `false R q`.
+    Release(Box<Self>, Box<Self>),
+}
+
+/// What a formula says of one position of a run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Atom {
+    /// `p`: it is active, also while it stops.
+    Active(ProcessRef),
+    /// `p.running`: it is active, and neither it nor anything around it is being stopped.
+    Running(ProcessRef),
+    /// `p.stopping`: it is active, and it or something around it is being stopped.
+    Stopping(ProcessRef),
+    /// `p.done`, `p.started`: this has just happened.
+    Happens(Occurrence),
 }

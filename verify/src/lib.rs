@@ -13,9 +13,11 @@ mod export;
 mod fault;
 mod finding;
 mod flat;
+mod lanes;
 mod limits;
 mod model;
 mod property;
+mod report;
 mod store;
 mod story;
 mod system;
@@ -29,10 +31,11 @@ pub use fault::{COLUMNS, Row, Severity, Table};
 pub use finding::{Finding, Verdict};
 pub use flat::{Detail, Ending, Flat, flat};
 pub use model::Model;
-pub use story::{Step, Story, seconds};
+pub use story::{Became, Move, Step, Story, seconds};
 pub use system::FaultKind;
 pub use threads::{Alone, Threads};
 
+use language::Span;
 use language::plan::Plan;
 use language::sites::{Sentence, Sites};
 use std::collections::{BTreeMap, BTreeSet};
@@ -58,11 +61,10 @@ pub fn verify(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Report {
     let mut model = Model::new(plan, sites);
     let catalogue = catalogue::explore_parts(&mut model, limits);
     let mut findings = catalogue.findings;
-    let assumed = assumed(sites);
-    let times = times::Times { model: &model, assumed, endless: BTreeSet::new(), hung: BTreeSet::new() };
+    let times = times(&model);
     findings.extend(wires::check(&model, limits));
     findings.extend(limits::check(&times, limits));
-    findings.extend(property::check(&times, limits));
+    findings.extend(property::check(&times, limits).into_iter().map(|(_, finding)| finding));
     let is_limited = findings.iter().any(|finding| finding.verdict == Verdict::Open);
     let assumptions = vec![
         "a program that is asked to stop does so, or is killed".to_owned(),
@@ -70,6 +72,18 @@ pub fn verify(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Report {
         "timers may run out in any order".to_owned(),
     ];
     Report { findings, states: catalogue.states, transitions: catalogue.transitions, is_limited, assumptions }
+}
+
+/// Answers the sentences of `verify` blocks alone, each with its place.
+pub fn sentences(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Vec<(Span, Finding)> {
+    let mut model = Model::new(plan, sites);
+    // How a group inside can end comes of looking at it.
+    catalogue::explore_parts(&mut model, limits);
+    property::check(&times(&model), limits)
+}
+
+fn times<'m, 'a>(model: &'m Model<'a>) -> times::Times<'m, 'a> {
+    times::Times { model, assumed: assumed(model.sites), endless: BTreeSet::new(), hung: BTreeSet::new() }
 }
 
 /// How long members take, as the spec assumes.

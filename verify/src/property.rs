@@ -1,5 +1,6 @@
 //! The sentences of `verify` blocks: each is looked for in the smallest system that holds what it names.
 
+mod formula;
 mod watch;
 
 use crate::explore::{Found, Graph, Limits, explore, is_natural};
@@ -8,19 +9,20 @@ use crate::model::Model;
 use crate::story::{seconds, story, tell};
 use crate::system::{FaultKind, Frame, Injection, Label, Mode, Phase, System};
 use crate::times::Times;
-use language::Code;
 use language::plan::MemberKind;
 use language::sites::{Consequence, Fault, Occurrence, ProcessRef, Property, Sentence};
+use language::{Code, Span};
 use std::time::Duration;
 use watch::{Goal, Watch};
 
 /// A host that has been missing for so long is lost.
 const LOST_AFTER: Duration = Duration::from_secs(5);
 
-/// Answers every sentence.
-pub(crate) fn check(times: &Times<'_, '_>, limits: &Limits<'_>) -> Vec<Finding> {
+/// Answers every sentence, each with its place.
+pub(crate) fn check(times: &Times<'_, '_>, limits: &Limits<'_>) -> Vec<(Span, Finding)> {
     let properties = times.model.sites.properties.iter();
-    properties.filter_map(|property| Question { times, limits, property }.answer()).collect()
+    let answer = |property: &Property| Some((property.span, Question { times, limits, property }.answer()?));
+    properties.filter_map(answer).collect()
 }
 
 /// One sentence about one group.
@@ -46,6 +48,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
             Sentence::FinishesWithin(limit) => self.finishes(*limit),
             Sentence::StopsWithin(limit) => self.stops((None, None), *limit).unwrap_or_else(|| self.proved()),
             Sentence::On(fault, consequence) => self.on(fault, consequence),
+            Sentence::Holds(formula) => self.holds(formula),
         })
     }
 

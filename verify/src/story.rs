@@ -4,7 +4,7 @@ use crate::explore::Graph;
 use crate::model::Model;
 use crate::system::{Change, Changed, Frame, Label, Phase, System};
 use language::algebra::Activity;
-use language::plan::Expression;
+use language::plan::{Expression, MemberKind};
 use std::time::Duration;
 
 /// One step of a story.
@@ -14,6 +14,34 @@ pub struct Step {
     pub cause: String,
     /// What follows at once, one clause each.
     pub effects: Vec<String>,
+    /// What the processes of the spec come to by it.
+    pub moves: Vec<Move>,
+}
+
+/// A process comes to something.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Move {
+    /// What it is called.
+    pub process: String,
+    /// Where it runs; a group, where its supervisor does.
+    pub host: String,
+    /// What it comes to.
+    pub became: Became,
+}
+
+/// What a process comes to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Became {
+    /// It is started.
+    Active,
+    /// It is asked to stop.
+    Stopping,
+    /// It is done.
+    Done,
+    /// It has failed.
+    Failed,
+    /// It has stopped.
+    Stopped,
 }
 
 /// How something failed: what happens, step by step, and what runs then.
@@ -21,6 +49,8 @@ pub struct Step {
 pub struct Story {
     /// The steps, the first first.
     pub steps: Vec<Step>,
+    /// From which step on it goes on so for ever; that after the last if nothing happens any more.
+    pub again: Option<usize>,
     /// What runs at the end.
     pub running: Vec<String>,
     /// What is being stopped at the end.
@@ -40,23 +70,62 @@ pub(crate) fn story_to_the_end(system: &System<'_>, graph: &Graph, state: u32) -
 
 /// Tells a way.
 pub(crate) fn tell(system: &System<'_>, way: &[Label]) -> Story {
+    tell_run(system, way, None)
+}
+
+/// Tells a way, and what happens for ever afterwards.
+pub(crate) fn tell_run(system: &System<'_>, way: &[Label], again: Option<&[Label]>) -> Story {
     let mut frame = system.initial();
     let (mut story, mut changes, mut stepper) = (Story::default(), Vec::new(), system.stepper());
-    for &label in way {
+    for (number, &label) in way.iter().chain(again.unwrap_or_default()).enumerate() {
+        if number == way.len() {
+            story.again = Some(story.steps.len());
+        }
         let cause = cause(system, &frame, label);
         stepper.apply(&mut frame, label, Some(&mut changes));
         let effects = effects(system, label, &changes);
+        let moves: Vec<Move> = changes.iter().filter_map(|change| move_of(system, change)).collect();
         match story.steps.last_mut() {
             // Answers to stops are one step, as long as nothing else follows from them.
-            Some(last) if matches!(label, Label::Stopped(..)) && effects.is_empty() && is_stop(last) => {
+            Some(last)
+                if matches!(label, Label::Stopped(..))
+                    && effects.is_empty()
+                    && is_stop(last)
+                    && number != way.len() =>
+            {
                 let name = cause.strip_suffix(STOPPED).unwrap_or(&cause);
                 last.cause = last.cause.replace(STOPPED, &format!(", {name}{STOPPED}"));
+                last.moves.extend(moves);
             }
-            Some(_) | None => story.steps.push(Step { cause, effects }),
+            Some(_) | None => story.steps.push(Step { cause, effects, moves }),
         }
+    }
+    if again.is_some_and(<[Label]>::is_empty) {
+        story.again = Some(story.steps.len());
     }
     (story.running, story.stopping) = running(system, &frame);
     story
+}
+
+/// What a change is for a process of the spec; nothing for the whole, and for a piece of a group.
+fn move_of(system: &System<'_>, change: &Change) -> Option<Move> {
+    let member = change.member?;
+    let process = member_name(system, change.unit, member)?;
+    let plan = system.model.plan;
+    let group = &plan.groups[system.model.parts[system.units[change.unit].part].group as usize];
+    let host = match group.members[member as usize].kind {
+        MemberKind::Leaf(leaf) => plan.leaves[leaf as usize].host,
+        MemberKind::Group(inner) => plan.groups[inner as usize].host,
+    };
+    let host = plan.hosts.get(host as usize).cloned().unwrap_or_default();
+    let became = match change.what {
+        Changed::Started => Became::Active,
+        Changed::Stopping => Became::Stopping,
+        Changed::Done(_) => Became::Done,
+        Changed::Aborted => Became::Failed,
+        Changed::Stopped => Became::Stopped,
+    };
+    Some(Move { process, host, became })
 }
 
 const STOPPED: &str = " stopped";
@@ -195,9 +264,15 @@ impl Story {
     pub fn lines(&self) -> Vec<String> {
         let mut lines = Vec::new();
         for (number, step) in (1..).zip(&self.steps) {
+            if self.again == Some(number - 1) {
+                lines.push("     … and then for ever:".to_owned());
+            }
             let effects =
                 if step.effects.is_empty() { String::new() } else { format!(": {}", step.effects.join("; ")) };
             lines.push(format!("{number:>3}  {}{effects}", step.cause));
+        }
+        if self.again == Some(self.steps.len()) {
+            lines.push("     … and then nothing happens any more".to_owned());
         }
         if !self.running.is_empty() {
             lines.push(format!("     now runs: {}", self.running.join(", ")));

@@ -143,3 +143,54 @@ fn specs_of_the_manual_are_not_refused() {
     }
     assert!(count >= 5, "only {count} blocks have a plan");
 }
+
+/// A story is a picture, too: always the same one.
+#[test]
+fn stories_are_drawn() {
+    for name in ["lock_cycle", "formula_goes_round"] {
+        let file = root().join("verify/tests/corpus/bad").join(format!("{name}.dca"));
+        let (report, _) = verified(&read(&file), &[]).expect("it has a plan");
+        let story = report.findings.iter().find_map(|finding| Some((finding, finding.story.as_ref()?)));
+        let (finding, story) = story.expect("it has a story");
+        expect_test::expect_file![file.with_extension("svg")].assert_eq(&story.svg(&finding.sentence));
+    }
+}
+
+/// The newcomer's page shows what is printed, to the letter: each `$ dca verify FILE` is of the spec before it.
+#[test]
+fn the_manual_shows_what_is_printed() {
+    let page = root().join("docs/src/verify.md");
+    let text = fs::read_to_string(&page).expect("the page can be read");
+    let (mut made, mut spec, mut shown) = (String::new(), String::new(), 0);
+    let mut lines = text.lines();
+    while let Some(line) = lines.next() {
+        made += &format!("{line}\n");
+        if !line.starts_with("```") {
+            continue;
+        }
+        let mut block: Vec<&str> = Vec::new();
+        while let Some(line) = lines.next().filter(|line| !line.starts_with("```")) {
+            block.push(line);
+        }
+        let content = block.iter().map(|line| format!("{line}\n")).collect::<String>();
+        match block.first().and_then(|first| first.strip_prefix("$ dca verify ")) {
+            Some(name) => {
+                let source = Source::new(name, spec.clone());
+                let (compiled, sites) = compile_with_sites(&source, &[], &Options::named("spec"));
+                let (plan, sites) = compiled.plan.zip(sites).expect("the spec of the page has a plan");
+                let report = verify::verify(&plan, &sites, &LIMITS);
+                let printed = report.text(&source, &[], Style::Plain);
+                made += &format!("$ dca verify {name}\n{}\n", printed.trim());
+                shown += 1;
+            }
+            None if line.starts_with("```dca") => {
+                made += &content;
+                spec = content;
+            }
+            None => made += &content,
+        }
+        made += "```\n";
+    }
+    assert!(shown > 0, "nothing is shown");
+    expect_test::expect_file![page].assert_eq(&made);
+}

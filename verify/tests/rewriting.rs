@@ -1,5 +1,7 @@
 //! An independent author's reading of the rules, and what it says of `step` and of `verify`.
 
+#[path = "rewriting/against_formula.rs"]
+mod against_formula;
 #[path = "rewriting/against_step.rs"]
 mod against_step;
 #[path = "rewriting/against_verify.rs"]
@@ -44,4 +46,27 @@ fn verify_says_what_brute_force_says() {
     }
     assert!(differences.is_empty(), "{} differences beside {same}: {}", differences.len(), differences.join("\n"));
     assert!(same >= SPECS_LEAST, "only {same} specs were compared");
+}
+
+/// As many random specs are asked a random formula; `FORMULAS=15000` in the environment asks more.
+const FORMULAS: u64 = 2_000;
+/// At least so many of three have to be left.
+const FORMULAS_LEAST: u64 = 2;
+
+#[test]
+fn formulas_hold_where_brute_force_says_so() {
+    let asked = std::env::var("FORMULAS").ok().and_then(|asked| asked.parse().ok()).unwrap_or(FORMULAS);
+    let (mut holds, mut fails) = (0, 0);
+    let mut differences = Vec::new();
+    for seed in 0..asked {
+        match against_formula::compare(seed) {
+            against_formula::Compared::Same(true) => holds += 1,
+            against_formula::Compared::Same(false) => fails += 1,
+            against_formula::Compared::LeftOut => {}
+            against_formula::Compared::Differs(how) => differences.push(how),
+        }
+    }
+    assert!(differences.is_empty(), "{} differences, the first: {}", differences.len(), differences[0]);
+    assert!(holds + fails >= asked * FORMULAS_LEAST / 3, "only {} formulas were compared", holds + fails);
+    assert!(holds > asked / 10 && fails > asked / 10, "{holds} hold, {fails} do not");
 }

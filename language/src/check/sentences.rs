@@ -1,5 +1,6 @@
 //! Reads the sentences of `verify` blocks, word by word, and finds what their names mean in a plan.
 
+mod formula;
 mod names;
 mod words;
 
@@ -13,12 +14,13 @@ use crate::source::Span;
 use crate::syntax::SyntaxKind;
 use crate::syntax::ast::{Name, Node};
 use names::Names;
-use words::Words;
+use words::{Kind, Words};
 
-pub(crate) use words::is_word;
+pub(crate) use names::{EVENTS, STATES};
+pub(crate) use words::{Word, is_word, words_of};
 
 /// The forms of sentences, for a reader whose sentence is none.
-const FORMS: [&str; 12] = [
+const FORMS: [&str; 13] = [
     "never a with b",
     "always a implies b",
     "b only after a.done",
@@ -31,6 +33,7 @@ const FORMS: [&str; 12] = [
     "exclusive a, b",
     "a at most once",
     "assume a takes 1 s .. 15 s",
+    "holds ltl \"G (a -> F b.done)\"",
 ];
 
 /// A sentence, and the process that it is about.
@@ -87,8 +90,10 @@ type Read<T> = Result<T, Box<Diagnostic>>;
 /// What a sentence is that has none of the forms.
 fn unreadable(words: &Words) -> Box<Diagnostic> {
     let message = format!("expected {}, found {}", words.wanted(), words.here());
-    let forms = FORMS.map(|form| format!("`{form}`"));
-    let help = format!("a sentence is one of: {}", forms.join("; "));
+    let help = match words.kind() {
+        Kind::Sentence => format!("a sentence is one of: {}", FORMS.map(|form| format!("`{form}`")).join("; ")),
+        Kind::Formula => formula::FORMS.to_owned(),
+    };
     Box::new(Diagnostic::new(Code::E0801, words.place(), message).help(help))
 }
 
@@ -125,6 +130,9 @@ fn sentence(words: &mut Words, names: &Names<'_>) -> Read<Sentence> {
         let least = words.time()?;
         words.need("..")?;
         Sentence::Assume(who, least, words.time()?)
+    } else if words.eat("holds") {
+        words.need("ltl")?;
+        Sentence::Holds(formula::read(words, names)?)
     } else {
         about(words, names)?
     };

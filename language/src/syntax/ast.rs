@@ -115,22 +115,7 @@ impl Token {
 
     /// The content of a string, without quotes and escapes.
     pub(crate) fn content(&self) -> String {
-        let inner = self.text().trim_start_matches('"');
-        let inner = inner.strip_suffix('"').unwrap_or(inner);
-        let mut content = String::with_capacity(inner.len());
-        let mut is_escaped = false;
-        for c in inner.chars() {
-            match c {
-                '\\' if !is_escaped => is_escaped = true,
-                'n' if is_escaped => (content, is_escaped) = (content + "\n", false),
-                't' if is_escaped => (content, is_escaped) = (content + "\t", false),
-                _ => {
-                    content.push(c);
-                    is_escaped = false;
-                }
-            }
-        }
-        content
+        content(self.text())
     }
 
     /// The value of a number.
@@ -142,4 +127,24 @@ impl Token {
 
 fn span(origin: Origin, range: rowan::TextRange) -> Span {
     Span { origin, start: range.start().into(), end: range.end().into() }
+}
+
+/// The content of a string as it is written, without quotes and escapes.
+pub(crate) fn content(text: &str) -> String {
+    let inner = text.trim_start_matches('"');
+    let inner = inner.strip_suffix('"').unwrap_or(inner);
+    let mut content = String::with_capacity(inner.len());
+    let mut is_escaped = false;
+    for c in inner.chars() {
+        match c {
+            '\\' if !is_escaped => is_escaped = true,
+            'n' if is_escaped => (content, is_escaped) = (content + "\n", false),
+            't' if is_escaped => (content, is_escaped) = (content + "\t", false),
+            _ => {
+                content.push(c);
+                is_escaped = false;
+            }
+        }
+    }
+    content
 }

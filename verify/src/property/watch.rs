@@ -48,9 +48,11 @@ impl Goal {
 
 pub(super) struct Watch<'w> {
     goal: &'w Goal,
-    /// Where each process that is named sits.
-    seats: Vec<(ProcessRef, Option<(usize, u32)>)>,
+    seats: Seats,
 }
+
+/// Where each process that is named sits in a system.
+pub(super) struct Seats(Vec<(ProcessRef, Option<(usize, u32)>)>);
 
 impl<'w> Watch<'w> {
     pub(super) fn new(system: &System<'_>, goal: &'w Goal) -> Self {
@@ -66,15 +68,35 @@ impl<'w> Watch<'w> {
             }
             Goal::Sometime(event) => vec![event.who],
         };
-        let seat = |who: ProcessRef| (who, who.member.and_then(|slot| system.find(who.group, slot)));
-        Self { goal, seats: whom.into_iter().map(seat).collect() }
-    }
-
-    fn seat(&self, who: ProcessRef) -> Option<(usize, u32)> {
-        self.seats.iter().find(|(other, _)| *other == who).and_then(|(_, seat)| *seat)
+        Self { goal, seats: Seats::new(system, &whom) }
     }
 
     fn is_active(&self, frame: &Frame, who: ProcessRef) -> bool {
+        self.seats.is_active(frame, who)
+    }
+
+    fn is(&self, change: &Change, event: &Occurrence) -> bool {
+        self.seats.is(change, event)
+    }
+
+    /// Whether the event, or the fault, happens in a transition.
+    fn happens(&self, is_fault: bool, changes: &[Change], event: Option<&Occurrence>) -> bool {
+        event.map_or(is_fault, |event| changes.iter().any(|change| self.is(change, event)))
+    }
+}
+
+impl Seats {
+    pub(super) fn new(system: &System<'_>, whom: &[ProcessRef]) -> Self {
+        let seat = |who: &ProcessRef| (*who, who.member.and_then(|slot| system.find(who.group, slot)));
+        Self(whom.iter().map(seat).collect())
+    }
+
+    fn seat(&self, who: ProcessRef) -> Option<(usize, u32)> {
+        self.0.iter().find(|(other, _)| *other == who).and_then(|(_, seat)| *seat)
+    }
+
+    /// Whether a process is active, also while it stops.
+    pub(super) fn is_active(&self, frame: &Frame, who: ProcessRef) -> bool {
         match self.seat(who) {
             Some((unit, member)) => frame.states[unit].activity(member) != Activity::Idle,
             None => who.member.is_none() && [Phase::Running, Phase::Stopping].contains(&frame.phase),
@@ -82,7 +104,7 @@ impl<'w> Watch<'w> {
     }
 
     /// Whether a change is this event.
-    fn is(&self, change: &Change, event: &Occurrence) -> bool {
+    pub(super) fn is(&self, change: &Change, event: &Occurrence) -> bool {
         let is_there = match (event.who.member, change.member) {
             (None, None) => true,
             (Some(_), Some(member)) => self.seat(event.who) == Some((change.unit, member)),
@@ -96,11 +118,6 @@ impl<'w> Watch<'w> {
                 (EventKind::Ended, Changed::Done(_) | Changed::Aborted | Changed::Stopped) => true,
                 (_, _) => false,
             }
-    }
-
-    /// Whether the event, or the fault, happens in a transition.
-    fn happens(&self, is_fault: bool, changes: &[Change], event: Option<&Occurrence>) -> bool {
-        event.map_or(is_fault, |event| changes.iter().any(|change| self.is(change, event)))
     }
 }
 

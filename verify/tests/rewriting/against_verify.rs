@@ -42,7 +42,7 @@ pub(crate) fn compare(seed: u64) -> Compared {
         sentences.extend([Sentence::NeverWith(a, b), Sentence::Implies(a, b)]);
         sentences.extend([Sentence::OnlyAfter(a, b), Sentence::AfterNever(a, b)]);
     }
-    let (text, tags) = text(&made, &sentences);
+    let (text, tags) = text(&made, &sentences.iter().map(|sentence| words(*sentence)).collect::<Vec<_>>());
     let source = Source::new("random.dca", text.clone());
     let (compiled, sites) = compile_with_sites(&source, &[], &Options::named("random"));
     let Some((plan, sites)) = compiled.plan.zip(sites) else { return Compared::LeftOut };
@@ -174,7 +174,7 @@ fn words(sentence: Sentence) -> String {
 }
 
 /// The spec as a text, and the tags of its modules.
-fn text(group: &Group, sentences: &[Sentence]) -> (String, Tags) {
+pub(crate) fn text(group: &Group, sentences: &[String]) -> (String, Tags) {
     let mut matched = Vec::new();
     let expression = written(&group.expression, &mut matched);
     let (mut modules, mut instances, mut tags) = (String::new(), String::new(), Tags::new());
@@ -191,7 +191,7 @@ fn text(group: &Group, sentences: &[Sentence]) -> (String, Tags) {
         writeln!(modules, "module M{slot}(host: Host) {{ {ends}; }}").expect("a text");
         writeln!(instances, "        m{slot} instof M{slot}(c1);").expect("a text");
     }
-    let sentences: String = sentences.iter().map(|sentence| format!("        {};\n", words(*sentence))).collect();
+    let sentences: String = sentences.iter().map(|sentence| format!("        {sentence};\n")).collect();
     let text = format!(
         "{modules}\nprocess main(){{\n    host{{c1}}\n    resource arm, gripper;\n    instantiated_processes{{\n\
          {instances}    }}\n    internal_event_actions{{\n        {expression}\n    }}\n    verify{{\n{sentences}    }}\n}}\n"

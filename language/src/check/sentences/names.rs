@@ -1,14 +1,23 @@
 //! What the names of a sentence mean in the groups of a plan.
 
+use super::words::Kind;
 use super::{Place, Read, Words, unreadable};
 use crate::check::index;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{MemberKind, Plan};
 use crate::similar;
-use crate::sites::{EventKind, Occurrence, ProcessRef};
+use crate::sites::{Atom, EventKind, Occurrence, ProcessRef};
 
 /// The words for what happens to a process.
-const EVENTS: [&str; 4] = ["done", "aborted", "started", "ended"];
+pub(crate) const EVENTS: [&str; 4] = ["done", "aborted", "started", "ended"];
+/// The words for what a process does; formulas have them.
+pub(crate) const STATES: [&str; 2] = ["running", "stopping"];
+
+/// The words that may stand behind a process, or alone for the group itself.
+fn last_words<'w>(words: &Words) -> impl Iterator<Item = &'w str> + use<'w> {
+    let states = if words.kind() == Kind::Formula { &STATES[..] } else { &[] };
+    EVENTS.into_iter().chain(states.iter().copied())
+}
 
 /// A group of a plan, in which names are looked up.
 pub(super) struct Names<'a> {
@@ -64,7 +73,25 @@ impl Names<'_> {
     /// `a.done`, `a.done.found`, `a`; the group itself is its own name, `main`, or nothing.
     pub(super) fn occurrence(&self, words: &mut Words, otherwise: EventKind) -> Read<Occurrence> {
         let (who, event) = self.path(words)?;
-        let kind = match event.as_deref() {
+        Ok(Occurrence { who, kind: Self::kind(event.as_deref(), words)?.unwrap_or(otherwise) })
+    }
+
+    /// `a`, `a.running`, `a.done.found`
+    pub(super) fn atom(&self, words: &mut Words) -> Read<Atom> {
+        let (who, last) = self.path(words)?;
+        Ok(match last.as_deref() {
+            Some("running") => Atom::Running(who),
+            Some("stopping") => Atom::Stopping(who),
+            last => match Self::kind(last, words)? {
+                Some(kind) => Atom::Happens(Occurrence { who, kind }),
+                None => Atom::Active(who),
+            },
+        })
+    }
+
+    /// The event that a word stands for, with the outcome behind it.
+    fn kind(event: Option<&str>, words: &mut Words) -> Read<Option<EventKind>> {
+        Ok(Some(match event {
             Some("done") if words.eat(".") => match words.name() {
                 Some((tag, _)) => EventKind::Done(Some(tag)),
                 None => return Err(unreadable(words.want("an outcome"))),
@@ -73,9 +100,8 @@ impl Names<'_> {
             Some("aborted") => EventKind::Aborted,
             Some("started") => EventKind::Started,
             Some(_) => EventKind::Ended,
-            None => otherwise,
-        };
-        Ok(Occurrence { who, kind })
+            None => return Ok(None),
+        }))
     }
 
     /// A process, and the event behind it if there is one.
@@ -96,10 +122,10 @@ impl Names<'_> {
                     MemberKind::Group(inner) => Some(inner),
                     MemberKind::Leaf(_) => None,
                 };
-            } else if EVENTS.contains(&name.as_str()) {
+            } else if last_words(words).any(|word| word == name) {
                 return Ok((who, Some(name)));
             } else if !(is_first && (name == own.process || name == "main" && self.group == 0)) {
-                return Err(self.unknown(&(name, span), inside));
+                return Err(self.unknown(words, &(name, span), inside));
             }
             is_first = false;
             if !words.eat(".") {
@@ -113,16 +139,22 @@ impl Names<'_> {
         (0..).zip(members).find(|(_, member)| member.name == name).map(|(slot, _)| slot)
     }
 
-    fn unknown(&self, (name, span): &Place, inside: Option<u32>) -> Box<Diagnostic> {
+    fn unknown(&self, words: &Words, (name, span): &Place, inside: Option<u32>) -> Box<Diagnostic> {
         let Some(group) = inside else {
             let message = format!("`{name}` is nothing that happens to a process");
-            let found = Diagnostic::new(Code::E0802, *span, message).help("`done`, `aborted`, `started` or `ended`");
-            return Box::new(found);
+            let mut all: Vec<String> = last_words(words).map(|word| format!("`{word}`")).collect();
+            let last = all.pop().unwrap_or_default();
+            let help = format!("{} or {last}", all.join(", "));
+            let found = Diagnostic::new(Code::E0802, *span, message).help(help);
+            return Box::new(match similar::nearest(name, last_words(words)) {
+                Some(near) => found.replace(*span, near),
+                None => found,
+            });
         };
         let group = &self.plan.groups[group as usize];
         let diagnostic = Diagnostic::new(Code::E0802, *span, format!("`{}` has no process `{name}`", group.process));
         let members = group.members.iter().map(|member| member.name.as_str());
-        Box::new(match similar::nearest(name, members.chain(EVENTS)) {
+        Box::new(match similar::nearest(name, members.chain(last_words(words))) {
             Some(near) => diagnostic.replace(*span, near),
             None => diagnostic,
         })

@@ -2,13 +2,14 @@
 
 use super::{Place, Read, unreadable};
 use crate::source::Span;
-use crate::syntax::SyntaxKind::{Ident, Number, Text};
-use crate::syntax::ast::{Node, Token};
+use crate::syntax::SyntaxKind::{self, Ident, Number, Text, Unknown};
+use crate::syntax::ast::{self, Node};
+use crate::syntax::lex;
 use crate::unit;
 use std::time::Duration;
 
 /// The words that have a meaning of their own in sentences.
-const WORDS: [&str; 38] = [
+const WORDS: [&str; 42] = [
     "a",
     "after",
     "always",
@@ -25,9 +26,11 @@ const WORDS: [&str; 38] = [
     "finish",
     "finishes",
     "hang",
+    "holds",
     "host",
     "implies",
     "loss",
+    "ltl",
     "most",
     "never",
     "not",
@@ -35,8 +38,10 @@ const WORDS: [&str; 38] = [
     "on",
     "once",
     "only",
+    "running",
     "started",
     "stopped",
+    "stopping",
     "stops",
     "takes",
     "times",
@@ -54,25 +59,116 @@ pub(crate) fn is_word(text: &str) -> bool {
     text != "a" && WORDS.contains(&text)
 }
 
-/// The words of a sentence, read from left to right.
+/// A word, a number, a sign or a string.
+#[derive(Clone, Debug)]
+struct Token {
+    kind: SyntaxKind,
+    text: String,
+    span: Span,
+}
+
+impl Token {
+    fn of(token: &ast::Token) -> Self {
+        Self { kind: token.kind(), text: token.text().to_owned(), span: token.span() }
+    }
+}
+
+/// A word of a sentence, for an editor.
+#[derive(Clone, Debug)]
+pub(crate) struct Word {
+    pub(crate) text: String,
+    pub(crate) span: Span,
+    pub(crate) is_name: bool,
+    /// Whether it stands in the string of a formula.
+    pub(crate) is_formula: bool,
+}
+
+impl Word {
+    fn new(token: Token, is_formula: bool) -> Self {
+        Self { is_name: token.kind == Ident, text: token.text, span: token.span, is_formula }
+    }
+}
+
+/// The words of a sentence, those of a formula too.
+pub(crate) fn words_of(sentence: &Node) -> Vec<Word> {
+    Words::new(sentence).all()
+}
+
+/// What is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    Sentence,
+    /// The formula in the string of `holds ltl "..."`.
+    Formula,
+}
+
+/// The words of a sentence or of a formula, read from left to right.
 pub(super) struct Words {
     tokens: Vec<Token>,
     span: Span,
     at: usize,
     wanted: &'static str,
+    kind: Kind,
 }
 
 impl Words {
     pub(super) fn new(node: &Node) -> Self {
-        let mut tokens: Vec<Token> = node.tokens().collect();
-        if tokens.last().is_some_and(|last| last.text() == ";") {
+        let mut tokens: Vec<Token> = node.tokens().map(|token| Token::of(&token)).collect();
+        if tokens.last().is_some_and(|last| last.text == ";") {
             tokens.pop();
         }
         let span = match (tokens.first(), tokens.last()) {
-            (Some(first), Some(last)) => Span { end: last.span().end, ..first.span() },
+            (Some(first), Some(last)) => Span { end: last.span.end, ..first.span },
             (_, _) => node.span(),
         };
-        Self { tokens, span, at: 0, wanted: "a sentence" }
+        Self { tokens, span, at: 0, wanted: "a sentence", kind: Kind::Sentence }
+    }
+
+    /// The words in the string that comes next, each with its place in the text.
+    pub(super) fn string(&mut self) -> Option<Self> {
+        let string = self.tokens.get(self.at).filter(|token| token.kind == Text)?;
+        let inner = string.text.strip_prefix('"')?;
+        let (inner, span) = (inner.strip_suffix('"').unwrap_or(inner), string.span);
+        let mut tokens = Vec::new();
+        for token in lex(inner).into_iter().filter(|token| !token.kind.is_trivia()) {
+            let text = &inner[token.start as usize..token.end as usize];
+            // A stretch that the lexer does not know is one token there; here each sign stands for itself.
+            let is_unknown = token.kind == Unknown;
+            let pieces: Vec<&str> =
+                if is_unknown { text.split_inclusive(|_: char| true).collect() } else { vec![text] };
+            let mut start = span.start + 1 + token.start;
+            for piece in pieces {
+                let end = start + u32::try_from(piece.len()).unwrap_or(0);
+                tokens.push(Token { kind: token.kind, text: piece.to_owned(), span: Span { start, end, ..span } });
+                start = end;
+            }
+        }
+        self.at += 1;
+        Some(Self { tokens, span, at: 0, wanted: "a formula", kind: Kind::Formula })
+    }
+
+    pub(super) fn kind(&self) -> Kind {
+        self.kind
+    }
+
+    /// How many words there are.
+    pub(super) fn count_all(&self) -> usize {
+        self.tokens.len()
+    }
+
+    /// All words, those of a formula in place of the string that it stands in.
+    fn all(mut self) -> Vec<Word> {
+        let mut all = Vec::new();
+        while !self.is_over() {
+            let is_formula = self.at.checked_sub(1).is_some_and(|before| self.tokens[before].text == "ltl");
+            if let Some(formula) = Some(&mut self).filter(|_| is_formula).and_then(Self::string) {
+                all.extend(formula.tokens.into_iter().map(|token| Word::new(token, true)));
+            } else {
+                all.push(Word::new(self.tokens[self.at].clone(), false));
+                self.at += 1;
+            }
+        }
+        all
     }
 
     /// The same words, to look ahead.
@@ -88,13 +184,13 @@ impl Words {
     pub(super) fn text(&self) -> String {
         let mut text = String::new();
         for (index, token) in self.tokens.iter().enumerate() {
-            let before = index.checked_sub(1).map(|before| self.tokens[before].text());
-            let is_tight = [".", ",", ":", ")", "(", "]", "["].contains(&token.text());
+            let before = index.checked_sub(1).map(|before| self.tokens[before].text.as_str());
+            let is_tight = [".", ",", ":", ")", "(", "]", "["].contains(&token.text.as_str());
             let is_open = before.is_none_or(|before| [".", "(", "["].contains(&before));
             if !is_tight && !is_open {
                 text.push(' ');
             }
-            text.push_str(token.text());
+            text.push_str(&token.text);
         }
         text
     }
@@ -102,11 +198,15 @@ impl Words {
     /// Where the next word stands; behind the last one, the last one.
     pub(super) fn place(&self) -> Span {
         let token = self.tokens.get(self.at).or(self.tokens.last());
-        token.map_or(self.span, Token::span)
+        token.map_or(self.span, |token| token.span)
     }
 
     pub(super) fn here(&self) -> String {
-        self.tokens.get(self.at).map_or_else(|| "the end of the sentence".to_owned(), |it| format!("`{}`", it.text()))
+        let end = match self.kind {
+            Kind::Sentence => "the end of the sentence",
+            Kind::Formula => "the end of the formula",
+        };
+        self.tokens.get(self.at).map_or_else(|| end.to_owned(), |it| format!("`{}`", it.text))
     }
 
     pub(super) fn wanted(&self) -> &'static str {
@@ -123,11 +223,11 @@ impl Words {
     }
 
     pub(super) fn is_name(&self) -> bool {
-        self.tokens.get(self.at).is_some_and(|token| token.kind() == Ident)
+        self.tokens.get(self.at).is_some_and(|token| token.kind == Ident)
     }
 
     fn is(&self, ahead: usize, word: &str) -> bool {
-        self.tokens.get(self.at + ahead).is_some_and(|token| token.text() == word)
+        self.tokens.get(self.at + ahead).is_some_and(|token| token.text == word)
     }
 
     pub(super) fn at(&self, word: &str) -> bool {
@@ -160,16 +260,17 @@ impl Words {
             "(" => "`(`",
             ")" => "`)`",
             "]" => "`]`",
+            "ltl" => "`ltl`",
             _ => "`stopped`, `never` or `eventually`",
         })))
     }
 
     /// The next name or string.
     pub(super) fn name(&mut self) -> Option<Place> {
-        let token = self.tokens.get(self.at).filter(|token| [Ident, Text].contains(&token.kind()))?;
+        let token = self.tokens.get(self.at).filter(|token| [Ident, Text].contains(&token.kind))?;
         self.at += 1;
-        let text = if token.kind() == Text { token.content() } else { token.text().to_owned() };
-        Some((text, token.span()))
+        let text = if token.kind == Text { ast::content(&token.text) } else { token.text.clone() };
+        Some((text, token.span))
     }
 
     /// `[2]`
@@ -177,7 +278,7 @@ impl Words {
         if !self.eat("[") {
             return Ok(None);
         }
-        let value = self.tokens.get(self.at).and_then(|token| token.text().parse().ok());
+        let value = self.tokens.get(self.at).and_then(|token| token.text.parse().ok());
         let Some(value) = value else { return Err(unreadable(self.want("an index"))) };
         self.at += 1;
         self.need("]")?;
@@ -186,9 +287,9 @@ impl Words {
 
     /// `300 ms`
     pub(super) fn time(&mut self) -> Read<Duration> {
-        let number = self.tokens.get(self.at).filter(|token| token.kind() == Number);
-        let word = self.tokens.get(self.at + 1).filter(|token| token.kind() == Ident);
-        let text = number.zip(word).map(|(number, word)| format!("{} {}", number.text(), word.text()));
+        let number = self.tokens.get(self.at).filter(|token| token.kind == Number);
+        let word = self.tokens.get(self.at + 1).filter(|token| token.kind == Ident);
+        let text = number.zip(word).map(|(number, word)| format!("{} {}", number.text, word.text));
         let read = text.and_then(|text| unit::read(&text).ok());
         let seconds =
             read.filter(|(_, dimension)| *dimension == Some(unit::Dimension::TIME)).map(|(seconds, _)| seconds);
@@ -201,7 +302,7 @@ impl Words {
 
     /// `3 times`
     pub(super) fn count(&mut self, word: &'static str) -> Read<u32> {
-        let value = self.tokens.get(self.at).and_then(|token| token.text().parse().ok());
+        let value = self.tokens.get(self.at).and_then(|token| token.text.parse().ok());
         let value = value.filter(|_| self.is(1, word));
         let Some(value) = value.filter(|&value| value > 0 && value < 100) else {
             return Err(unreadable(self.want("`once`, or a number below 100 and `times`")));

@@ -1,0 +1,118 @@
+//! Reads the formula of `holds ltl "G (a -> F b.done)"`.
+//!
+//! `!`, `G` and `F` bind tightest, then `U`, `W` and `R` (to the right), `&`, `|`, `->` (to the right), `<->`. There is no word for
+//! "next": how many steps lie between two events is not fixed.
+
+use super::names::Names;
+use super::words::Words;
+use super::{Read, unreadable};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::sites::Formula;
+
+/// What a formula is made of, for a reader whose formula is none.
+pub(super) const FORMS: &str = "a formula is made of `p`, `p.running`, `p.stopping`, `p.started`, `p.done`, `p.aborted`, `p.ended`, \
+    `true`, `false`, and of `!a`, `G a` (always), `F a` (at some time), `a U b` (until), `a W b` (until, or for ever), `a R b` (b up to \
+    and with a), `a & b`, `a | b`, `a -> b`, `a <-> b`";
+/// A formula has at most so many words and signs; so nothing here goes deeper.
+const WORDS_MAX: usize = 200;
+
+/// Reads the string that comes next as a formula.
+pub(super) fn read(sentence: &mut Words, names: &Names<'_>) -> Read<Formula> {
+    let Some(mut words) = sentence.string() else { return Err(unreadable(sentence.want("a formula in quotes"))) };
+    if words.count_all() > WORDS_MAX {
+        let message = format!("this formula has {} words and signs", words.count_all());
+        let help = format!("at most {WORDS_MAX} can be read: write several sentences");
+        return Err(Box::new(Diagnostic::new(Code::E0801, words.span(), message).help(help)));
+    }
+    let formula = same(&mut words, names)?;
+    if words.is_over() { Ok(formula) } else { Err(unreadable(words.want("an operator or the end of the formula"))) }
+}
+
+fn boxed(formula: Formula) -> Box<Formula> {
+    Box::new(formula)
+}
+
+fn not(formula: Formula) -> Formula {
+    Formula::Not(boxed(formula))
+}
+
+/// `a <-> b`
+fn same(words: &mut Words, names: &Names<'_>) -> Read<Formula> {
+    let mut left = implies(words, names)?;
+    while words.eat_two("<-", ">") {
+        left = Formula::Same(boxed(left), boxed(implies(words, names)?));
+    }
+    Ok(left)
+}
+
+/// `a -> b`
+fn implies(words: &mut Words, names: &Names<'_>) -> Read<Formula> {
+    let left = or(words, names)?;
+    match words.eat("->") {
+        true => Ok(Formula::Or(boxed(not(left)), boxed(implies(words, names)?))),
+        false => Ok(left),
+    }
+}
+
+/// `a | b`
+fn or(words: &mut Words, names: &Names<'_>) -> Read<Formula> {
+    let mut left = and(words, names)?;
+    while words.eat("|") {
+        left = Formula::Or(boxed(left), boxed(and(words, names)?));
+    }
+    Ok(left)
+}
+
+/// `a & b`
+fn and(words: &mut Words, names: &Names<'_>) -> Read<Formula> {
+    let mut left = until(words, names)?;
+    while words.eat("&") {
+        left = Formula::And(boxed(left), boxed(until(words, names)?));
+    }
+    Ok(left)
+}
+
+/// `a U b`, `a W b`, `a R b`
+fn until(words: &mut Words, names: &Names<'_>) -> Read<Formula> {
+    let left = one(words, names)?;
+    let operator = ["U", "W", "R"].into_iter().find(|operator| words.eat(operator));
+    let Some(operator) = operator else { return Ok(left) };
+    let right = until(words, names)?;
+    Ok(match operator {
+        "U" => Formula::Until(boxed(left), boxed(right)),
+        "W" => Formula::WeakUntil(boxed(left), boxed(right)),
+        _ => Formula::Release(boxed(left), boxed(right)),
+    })
+}
+
+/// `!a`, `G a`, `F a`, `(a)`, `p.done`
+fn one(words: &mut Words, names: &Names<'_>) -> Read<Formula> {
+    if words.eat("!") {
+        return Ok(not(one(words, names)?));
+    }
+    if words.eat("G") {
+        return Ok(Formula::Release(boxed(Formula::Constant(false)), boxed(one(words, names)?)));
+    }
+    if words.eat("F") {
+        return Ok(Formula::Until(boxed(Formula::Constant(true)), boxed(one(words, names)?)));
+    }
+    if words.eat("(") {
+        let inner = same(words, names)?;
+        words.need(")")?;
+        return Ok(inner);
+    }
+    if words.at("X") {
+        let found = Diagnostic::new(Code::E0801, words.place(), "there is no `X`");
+        let help = "how many steps lie between two events is not fixed: say it with `U`, `W` or `F`";
+        return Err(Box::new(found.help(help)));
+    }
+    for constant in [true, false] {
+        if words.eat(if constant { "true" } else { "false" }) {
+            return Ok(Formula::Constant(constant));
+        }
+    }
+    if !words.is_name() {
+        return Err(unreadable(words.want("a process, an event or `(`")));
+    }
+    Ok(Formula::Atom(names.atom(words)?))
+}

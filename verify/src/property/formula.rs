@@ -1,0 +1,149 @@
+//! `holds ltl "..."`: a formula of linear temporal logic, by an automaton of the runs on which it does not hold.
+//!
+//! A formula that can only fail at some position, such as `G (a -> b)`, is proved of every run, with failures and stops, as `never` is.
+//! One that promises something, such as `F b`, is proved of the runs without them, as `eventually` is. The parts of a
+//! formula that `&` joins are proved one by one.
+
+mod automaton;
+mod run;
+
+use super::watch::Seats;
+use super::{Question, is_running};
+use crate::explore::{Graph, Limits, Observer, explore, is_natural};
+use crate::finding::Finding;
+use crate::story::tell_run;
+use crate::system::{Change, Frame, Label, Mode, System};
+use automaton::{Automaton, Parts};
+use language::sites::{Atom, Formula, ProcessRef};
+use run::{Run, Seen};
+
+/// What a larger formula is answered.
+const TOO_LARGE: &str = "the formula is too large: write several sentences, or fewer `U`, `F` and `W` in one";
+
+impl Question<'_, '_, '_> {
+    /// Whether a formula holds.
+    pub(super) fn holds(&self, formula: &Formula) -> Finding {
+        let mut open = vec![formula];
+        while let Some(part) = open.pop() {
+            if let Formula::And(p, q) = part {
+                open.extend([&**q, &**p]);
+            } else if let Some(found) = self.part_holds(part) {
+                return found;
+            }
+        }
+        self.proved()
+    }
+
+    /// Nothing if it does.
+    fn part_holds(&self, formula: &Formula) -> Option<Finding> {
+        let mut parts = Parts::default();
+        let (holds, fails) = parts.add(formula);
+        let Some(automaton) = Automaton::of(&parts, fails) else { return Some(self.open(TOO_LARGE)) };
+        let mode = match parts.is_safe(holds) {
+            true => Mode { aborts: true, stops: true, ..Mode::default() },
+            false => Mode::default(),
+        };
+        let whom: Vec<ProcessRef> = parts.atoms.iter().map(process).collect();
+        let mut system = self.system(&whom, mode);
+        system.notes = parts.atoms.len().div_ceil(8);
+        let letters = Letters { atoms: &parts.atoms, seats: Seats::new(&system, &whom) };
+        let graph = explore(&system, self.limits, true, &letters).graph;
+        if let Some(reached) = graph.reached {
+            return Some(self.open(reached.words()));
+        }
+        match accepted(&system, &graph, (&parts.atoms, &automaton), self.limits) {
+            Ok(run) => run.map(|run| self.does_not_hold(&system, &run)),
+            Err(reached) => Some(self.open(reached.words())),
+        }
+    }
+
+    fn does_not_hold(&self, system: &System<'_>, run: &Run) -> Finding {
+        let why = match &run.again {
+            None => "whatever comes after that, it does not hold any more",
+            Some(again) if again.is_empty() => "nothing happens after that",
+            Some(_) => "what comes last can go on so for ever",
+        };
+        let mut found = self.fails(why, None);
+        found.story = Some(tell_run(system, &run.first, run.again.as_deref()));
+        found
+    }
+}
+
+/// A run on which the formula of an automaton holds.
+fn accepted(
+    system: &System<'_>,
+    graph: &Graph,
+    (atoms, automaton): (&[Atom], &Automaton),
+    limits: &Limits<'_>,
+) -> Result<Option<Run>, crate::explore::Reached> {
+    let letters: Vec<u32> = (0..graph.store.count()).map(|state| letter(system, graph.store.get(state))).collect();
+    let events = atoms.iter().zip(0..).filter(|(atom, _)| matches!(atom, Atom::Happens(_)));
+    // Where programs do not fail by themselves, a failure is what a group inside comes to.
+    let is_natural = |label| is_natural(label) || matches!(label, Label::Aborted(..)) && !system.mode.aborts;
+    let seen = Seen {
+        graph,
+        letters: &letters,
+        events: events.fold(0, |bits, (_, bit)| bits | 1 << bit),
+        configurations: &configurations(system, graph),
+        is_natural: &is_natural,
+    };
+    run::find(&seen, automaton, limits)
+}
+
+/// The atoms that are true, as they are noted with a state.
+fn letter(system: &System<'_>, bytes: &[u8]) -> u32 {
+    let notes = &bytes[bytes.len() - system.notes..];
+    notes.iter().rev().fold(0, |letter, byte| letter << 8 | u32::from(*byte))
+}
+
+/// A number for each configuration, whatever is noted with it.
+fn configurations(system: &System<'_>, graph: &Graph) -> Vec<u32> {
+    let count = graph.store.count();
+    let bytes = |state: u32| {
+        let bytes = graph.store.get(state);
+        &bytes[..bytes.len() - system.notes]
+    };
+    let mut order: Vec<u32> = (0..count).collect();
+    order.sort_by(|one, other| bytes(*one).cmp(bytes(*other)));
+    let mut numbers = vec![0; count as usize];
+    for pair in order.windows(2) {
+        let is_new = bytes(pair[0]) != bytes(pair[1]);
+        numbers[pair[1] as usize] = numbers[pair[0] as usize] + u32::from(is_new);
+    }
+    numbers
+}
+
+fn process(atom: &Atom) -> ProcessRef {
+    match atom {
+        Atom::Active(who) | Atom::Running(who) | Atom::Stopping(who) => *who,
+        Atom::Happens(event) => event.who,
+    }
+}
+
+/// Notes with each state which atoms are true there.
+struct Letters<'l> {
+    atoms: &'l [Atom],
+    seats: Seats,
+}
+
+impl Letters<'_> {
+    fn is_true(&self, system: &System<'_>, atom: &Atom, changes: &[Change], frame: &Frame) -> bool {
+        match atom {
+            Atom::Active(who) => self.seats.is_active(frame, *who),
+            Atom::Running(who) => is_running(system, frame, *who),
+            Atom::Stopping(who) => self.seats.is_active(frame, *who) && !is_running(system, frame, *who),
+            Atom::Happens(event) => changes.iter().any(|change| self.seats.is(change, event)),
+        }
+    }
+}
+
+impl Observer for Letters<'_> {
+    fn sees(&self, system: &System<'_>, _: bool, changes: &[Change], after: &mut Frame) -> bool {
+        after.notes.fill(0);
+        for (bit, atom) in self.atoms.iter().enumerate() {
+            let is_true = self.is_true(system, atom, changes, after);
+            after.notes[bit / 8] |= u8::from(is_true) << (bit % 8);
+        }
+        true
+    }
+}
