@@ -24,7 +24,7 @@ mod types;
 mod uses;
 mod value;
 
-pub(crate) use sentences::is_word as is_sentence_word;
+pub(crate) use sentences::{EVENTS, STATES, Word, is_word as is_sentence_word, words_of};
 
 pub(crate) use interface::{messages, parameters, port_types};
 

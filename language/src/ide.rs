@@ -33,7 +33,7 @@ use crate::check::{self, spec::Spec};
 use crate::plan::Plan;
 use crate::source::{Origin, Role, Source, Span};
 use crate::syntax::ast::Node;
-use crate::syntax::{SyntaxToken, parse};
+use crate::syntax::{SyntaxKind, SyntaxToken, parse};
 use crate::{Diagnostic, Options};
 use index::Index;
 use std::cell::OnceCell;
@@ -102,6 +102,16 @@ impl Analysis {
     /// Returns the files it uses and the interfaces, as they were given.
     pub fn others(&self) -> &[Source] {
         &self.others
+    }
+
+    /// Returns where the `verify` blocks of the spec stand.
+    pub fn blocks_to_prove(&self) -> Vec<Span> {
+        let items: Vec<Node> = self.trees()[0].children().collect();
+        let inside = |item: &Node| match item.kind() {
+            SyntaxKind::Verify => vec![item.span()],
+            _ => item.children_of(SyntaxKind::Verify).map(|block| block.span()).collect(),
+        };
+        items.iter().flat_map(inside).collect()
     }
 
     /// Returns the text that a span is in.
@@ -178,8 +188,8 @@ impl Analysis {
         let offset = u32::try_from(offset.min(self.spec.text.len())).ok()?;
         let found = self.trees()[0].syntax().token_at_offset(offset.into());
         let (left, right) = (found.clone().left_biased()?, found.right_biased()?);
-        let is_word = |token: &SyntaxToken| token.kind() == crate::syntax::SyntaxKind::Ident;
-        let is_blank = |token: &SyntaxToken| token.kind() == crate::syntax::SyntaxKind::Whitespace;
+        let is_word = |token: &SyntaxToken| token.kind() == SyntaxKind::Ident;
+        let is_blank = |token: &SyntaxToken| token.kind() == SyntaxKind::Whitespace;
         Some(if is_word(&left) && !is_word(&right) || is_blank(&right) { left } else { right })
     }
 }

@@ -59,8 +59,8 @@ fn completion_knows_what_can_stand_here() {
     completes(&instances("x instof Camera(host1, 5 $0);"), "");
     completes(&instances("x instof Camera(host1, zoom = 5 $0);"), ALL_UNITS);
     let sections = |line: &str| door("", &format!("    {line}\n"), "eye[see] , arm");
-    completes(&sections("$0"), "external_io internal_connections resource supervision");
-    completes(&sections("ext$0"), "external_io internal_connections resource supervision");
+    completes(&sections("$0"), "external_io internal_connections resource supervision verify");
+    completes(&sections("ext$0"), "external_io internal_connections resource supervision verify");
     completes(&sections("external_io { Out = $0; }"), "eye arm");
     completes(&sections("external_io { Out = eye, $0; }"), "Out Seen");
     completes(&sections("internal_connections($0) {}"), "eye arm");
@@ -75,7 +75,7 @@ fn completion_knows_what_can_stand_here() {
         "push pull latch drop queue rate",
     );
     completes("process main() { host{$0} }", "");
-    completes("$0", "process module const type use");
+    completes("$0", "process module const type use verify");
     completes("module M(host) { $0 }", "in out service done plain remembers exec stop claims");
     completes("module M(host) { in In: $0 }", "Force Truth Twist");
     completes("module M(host) { claims $0 }", "arm grip");
@@ -142,6 +142,67 @@ fn outcomes_and_resources_are_names() {
     renames(&with("fou$0nd => skip, missing => skip"), "seen", "found -> seen, found -> seen");
     renames(&with("fou$0nd => skip, missing => skip"), "missing", "`missing` is taken: an outcome has this name");
     renames(&with("found => skip").replace("using(table)", "using(ta$0ble)"), "desk", "table -> desk, table -> desk");
+}
+
+/// A group in a group with a sentence to write.
+const PROVED: &str = "module Find(host) { done(found | missing); }
+process Hit() {
+    instantiated_processes { force instof Find(c2); }
+    internal_event_actions { force }
+}
+process main() {
+    instantiated_processes { find instof Find(c1); hit instof Hit(); }
+    internal_event_actions { find ; hit }
+    verify { $1; can finish; }
+}";
+
+#[test]
+fn sentences_are_completed_word_by_word() {
+    let with = |sentence: &str| PROVED.replace("$1", sentence);
+    let begins = "never exclusive always after eventually can finish finishes within stops within on crash of on hang of \
+        on loss of host assume holds ltl find hit";
+    completes(&with("$0"), begins);
+    completes(&with("never $0"), "find hit");
+    completes(&with("never find $0"), "with");
+    completes(&with("always find $0"), "implies");
+    completes(&with("find $0"), "only after at most");
+    completes(&with("find only $0"), "after");
+    completes(&with("find only after hit.$0"), "force done aborted started ended");
+    completes(&with("find only after hit.force.do$0"), "done aborted started ended");
+    completes(&with("hit only after find.done.$0"), "found missing");
+    completes(&with("after find.done: $0"), "find hit never not eventually");
+    completes(&with("after find.done: hit $0"), "stopped");
+    completes(&with("after find.done: hit stopped $0"), "within");
+    completes(&with("on $0"), "crash of hang of loss of host");
+    completes(&with("on crash of $0"), "any find hit");
+    completes(&with("on loss of host($0"), "c1 c2");
+    completes(&with("assume find $0"), "takes");
+    completes(&with("holds $0"), "ltl");
+    completes(&with("holds ltl \"G (find -> $0)\""), "find hit G F");
+    completes(&with("holds ltl \"find.$0\""), "done aborted started ended running stopping");
+    completes(&with("holds ltl \"find $0\""), "U W R");
+    let block = |sentence: &str| format!("{}\nverify Hit {{ {sentence}; }}", PROVED.replace("$1", "can finish"));
+    completes(&block("eventually $0"), "force");
+}
+
+#[test]
+fn sentences_know_their_names_and_words() {
+    let with = |sentence: &str| PROVED.replace("$1", sentence);
+    is_defined(&with("hi$0t only after find.done"), "door.dca:7 hit");
+    is_defined(&with("find only after hit.fo$0rce.done"), "door.dca:3 force");
+    is_defined(&with("holds ltl \"G (find -> F hit.for$0ce)\""), "door.dca:3 force");
+    is_defined(&format!("{}\nverify H$0it {{ can finish; }}", PROVED.replace("$1", "can finish")), "door.dca:2 Hit");
+    is_told(&with("never find wi$0th hit"), &["never active at the same time"]);
+    is_told(&with("find on$0ly after hit.done"), &["b never starts before"]);
+    is_told(&with("find only after hit.do$0ne"), &["`a.done.found` asks for the outcome"]);
+    is_told(&with("holds ltl \"find $0W hit.done\""), &["or for ever"]);
+    is_told(&with("hi$0t only after find.done"), &["hit instof Hit"]);
+    renames(&with("never find with hi$0t"), "touch", "hit -> touch, hit -> touch, hit -> touch");
+    renames(
+        &with("holds ltl \"G (find -> F hit.fo$0rce)\""),
+        "press",
+        "force -> press, force -> press, force -> press",
+    );
 }
 
 /// A record that contains another one.

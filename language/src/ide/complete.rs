@@ -6,6 +6,7 @@
 mod names;
 mod place;
 mod records;
+mod sentence;
 
 use super::Analysis;
 use super::words::{self, Place};
@@ -89,11 +90,18 @@ impl Analysis {
 
     /// Returns every completion that may replace the marked word.
     fn candidates(&self, offset: usize) -> Vec<Completion> {
-        let Some(token) = self.token_at(offset).filter(|token| token.kind() == SyntaxKind::Ident) else {
-            return Vec::new();
-        };
+        let Some(token) = self.token_at(offset) else { return Vec::new() };
         let Some(at) = place::Cursor::new(&token) else { return Vec::new() };
+        // The string of a formula is full of names, too.
+        let is_word = match at.parent.kind() {
+            SyntaxKind::Sentence => [SyntaxKind::Ident, SyntaxKind::Text].contains(&token.kind()),
+            _ => token.kind() == SyntaxKind::Ident,
+        };
+        if !is_word {
+            return Vec::new();
+        }
         let mut found = match at.parent.kind() {
+            SyntaxKind::Sentence => self.sentence(&at),
             SyntaxKind::Endpoint => self.end_of_connection(&at),
             SyntaxKind::Owner if at.place == 0 => self.instances(&at),
             SyntaxKind::Labels => self.labels_of(&at),

@@ -7,7 +7,9 @@ use super::index::{Kind, Symbol};
 use super::words::{self, Place};
 use crate::check::lower::exclusivity;
 use crate::check::spec::{Instance, Param, Set, Target, Value};
+use crate::check::words_of;
 use crate::source::{Origin, Span};
+use crate::syntax::ast::Node;
 use crate::syntax::{SyntaxKind, SyntaxToken};
 use crate::unit;
 use std::collections::BTreeSet;
@@ -34,6 +36,9 @@ impl Analysis {
         let token = self.token_at(offset)?;
         let range = token.text_range();
         let span = Span { origin: Origin::Spec, start: range.start().into(), end: range.end().into() };
+        if let Some(hover) = in_sentence(&token, offset) {
+            return Some(hover);
+        }
         Some(Hover { span, text: unit_text(&token).or_else(|| word_text(&token))? })
     }
 
@@ -174,6 +179,19 @@ fn unit_text(token: &SyntaxToken) -> Option<String> {
     let kind = unit::types().find(|(name, _)| measures(name));
     let kind = kind.map_or(String::new(), |(name, _)| format!(" A unit of type `{name}`."));
     Some(format!("`1 {}` is `{factor}` in SI units.{kind}", token.text()))
+}
+
+/// The meaning of a word of a sentence, or of the formula in it.
+fn in_sentence(token: &SyntaxToken, offset: usize) -> Option<Hover> {
+    let parent = token.parent().filter(|parent| parent.kind() == SyntaxKind::Sentence)?;
+    let offset = u32::try_from(offset).ok()?;
+    let all = words_of(&Node::new(parent, Origin::Spec));
+    let word = all.into_iter().find(|word| word.span.start <= offset && offset <= word.span.end)?;
+    let known = match word.is_formula {
+        true => words::find(&word.text, &[Place::Formula, Place::Event]),
+        false => words::in_sentence(&word.text),
+    };
+    Some(Hover { span: word.span, text: known?.meaning.to_owned() })
 }
 
 /// Returns the meaning of a keyword or an operator, as text.

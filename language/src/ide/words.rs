@@ -25,6 +25,14 @@ pub(super) enum Place {
     Operator,
     /// Inside something else.
     Inside,
+    /// Where a sentence of a `verify` block begins.
+    Sentence,
+    /// Inside such a sentence.
+    InSentence,
+    /// Behind the name of a process in a sentence: what happens to it.
+    Event,
+    /// In a formula.
+    Formula,
 }
 
 /// A word or an operator.
@@ -42,6 +50,14 @@ pub(super) struct Word {
 pub(super) fn find(text: &str, places: &[Place]) -> Option<&'static Word> {
     let text = if text == ":;" { ";;" } else { text };
     WORDS.iter().find(|word| word.text == text && places.contains(&word.place))
+}
+
+/// Returns the word that is a part of a sentence, by one of its words: `can` of `can finish`.
+pub(super) fn in_sentence(text: &str) -> Option<&'static Word> {
+    let exact = find(text, &[Place::Event, Place::Sentence, Place::InSentence]);
+    let places = [Place::Sentence, Place::InSentence];
+    let holds = |word: &&Word| places.contains(&word.place) && word.text.split(' ').any(|part| part == text);
+    exact.or_else(|| WORDS.iter().find(holds))
 }
 
 /// Returns the words of a place.
@@ -66,6 +82,8 @@ words! {
         "A record, or another name for a type. Values of a record are written `{ field = 1 }`."
     Item "use" "use \"$0\";"
         "What another file declares, or all `.dca` files of a folder; the path is relative to this file."
+    Item "verify" "verify ${1:Name} {\n    $0\n}"
+        "What has to hold of this process in every order of events; `dca verify` proves it."
     Section "host" "host{$0}"
         "Where the supervisor of this group runs, and what of it names no host of its own."
     Section "instantiated_processes" "instantiated_processes{\n    $0\n}"
@@ -80,6 +98,8 @@ words! {
         "Something that only one may have at a time: `using(name)` waits for it."
     Section "supervision" "supervision{\n    strategy ${1:one_for_all};\n    restarts ${2:3} within ${3:10 s};\n}"
         "What becomes of the programs of the group when one of them dies."
+    Section "verify" "verify{\n    $0\n}"
+        "What has to hold of this process in every order of events; `dca verify` proves it."
     ModuleItem "in" "in ${1:In}: ${2:Type};"
         "An input, and the type of message that it takes; `optional` if the module works without."
     ModuleItem "out" "out ${1:Out}: ${2:Type};"
@@ -147,6 +167,51 @@ words! {
     Inside "of" "of" "`any 2 of (P, Q, R)`: done when so many of them are done."
     Inside "pause" "pause ${1:1 s}" "`retry(3, pause 2 s) P`: waits so long before each try."
     Inside "read" "read" "It only looks at the device: any number of processes may, beside none that writes."
+    Sentence "never" "never ${1:a} with ${2:b};" "`never a with b`: they are never active at the same time, also while one of them stops."
+    Sentence "exclusive" "exclusive ${1:a}, ${2:b};" "`exclusive a, b, c`: no two of them are ever active at the same time; of a device, no two that claim it."
+    Sentence "always" "always ${1:a} implies ${2:b};" "`always a implies b`: while a runs and is not being stopped, b is active."
+    Sentence "after" "after ${1:a}.done: ${2:b} stopped;" "`after a.done: b stopped within 2 s`, `never b`, `eventually b`: what holds once this has happened."
+    Sentence "eventually" "eventually ${1:a};" "`eventually b`: on every run without failures it starts, or this happens."
+    Sentence "can finish" "can finish;" "It can be done, and it can end from wherever it gets."
+    Sentence "finishes within" "finishes within ${1:90 s};" "Limits, pauses and declared durations add up to no more."
+    Sentence "stops within" "stops within ${1:2 s};" "A stop takes no longer: limits of programs, `shield` and `finally`."
+    Sentence "on crash of" "on crash of ${1:any}: ${2:b} stopped;" "What holds once a program has died: `on crash of any: b stopped`."
+    Sentence "on hang of" "on hang of ${1:a}: ${2:b} stopped within ${3:7 s};" "What holds while a program never ends by itself: something else has to end b."
+    Sentence "on loss of host" "on loss of host(${1:c1}): ${2:not done};" "What holds once every program there is lost."
+    Sentence "assume" "assume ${1:a} takes ${2:1 s} .. ${3:5 s};" "Nothing to prove: it counts as if its module declared this duration."
+    Sentence "holds ltl" "holds ltl \"${1:G (a -> F b.done)}\";" "A formula of linear temporal logic, for what no other sentence says: `G` always, `F` at some time, `U` until, `W` until or for ever, `R`."
+    InSentence "with" "with" "`never a with b`: they are never active at the same time, also while one of them stops."
+    InSentence "implies" "implies" "`always a implies b`: while a runs and is not being stopped, b is active."
+    InSentence "only after" "only after ${1:a}.done;" "`b only after a.done`: b never starts before that has happened."
+    InSentence "at most" "at most ${1:once};" "`a at most once`, `a at most 3 times`: it is not started more often."
+    InSentence "after" "after" "`b only after a.done`: b never starts before that has happened."
+    InSentence "most" "most" "`a at most once`, `a at most 3 times`: it is not started more often."
+    InSentence "once" "once;" "`a at most once`, `a at most 3 times`: it is not started more often."
+    InSentence "stopped" "stopped" "`b stopped`: once all stops are answered it does not run; `b stopped within 2 s`: and they take no longer."
+    InSentence "within" "within ${1:2 s}" "No longer than this."
+    InSentence "never" "never" "From then on it does not happen."
+    InSentence "not" "not" "From then on it does not happen."
+    InSentence "eventually" "eventually" "From then on, however things go, it can still happen, and does so if nothing fails."
+    InSentence "takes" "takes ${1:1 s} .. ${2:5 s}" "How long it takes at the least, and at the most."
+    InSentence "crash of" "crash of ${1:any}" "A program dies."
+    InSentence "hang of" "hang of ${1:any}" "A program never ends by itself any more."
+    InSentence "loss of host" "loss of host(${1:c1})" "Every program on a host is lost."
+    InSentence "of" "of" "`on crash of any`, `on hang of a`, `on loss of host(c1)`."
+    InSentence "any" "any" "Any one program below the group."
+    InSentence "host" "host(${1:c1})" "A host of the plan."
+    InSentence "finish" "finish" "`can finish`: it can be done, and it can end from wherever it gets."
+    InSentence "ltl" "ltl \"$0\"" "A formula of linear temporal logic."
+    Event "done" "done" "It is done; `a.done.found` asks for the outcome. Without a name, the group itself."
+    Event "aborted" "aborted" "It fails."
+    Event "started" "started" "It is activated."
+    Event "ended" "ended" "It has ended, in whatever way."
+    Event "running" "running" "It is active, and neither it nor anything around it is being stopped."
+    Event "stopping" "stopping" "It is active, and it or something around it is being stopped."
+    Formula "G" "G " "`G f`: f holds from here on."
+    Formula "F" "F " "`F f`: f holds here or later."
+    Formula "U" "U " "`f U g`: g holds here or later, and f until then."
+    Formula "W" "W " "`f W g`: f holds until g does, or for ever."
+    Formula "R" "R " "`f R g`: g holds up to and with the first f, or for ever."
     Inside "write" "write" "It moves or changes the device, alone."
 }
 

@@ -27,7 +27,11 @@ impl Analysis {
 
     /// The instances of the process around.
     pub(super) fn instances(&self, at: &Cursor) -> Vec<Completion> {
-        let Some(process) = self.process_at(at) else { return Vec::new() };
+        self.process_at(at).map(|process| self.members_of(process)).unwrap_or_default()
+    }
+
+    /// The instances of a process.
+    pub(super) fn members_of(&self, process: &Process) -> Vec<Completion> {
         let mut seen = BTreeSet::new();
         let instances = process.instances.iter().filter(|instance| seen.insert(instance.name.span));
         let offers = instances.map(|instance| {
@@ -230,7 +234,7 @@ impl Analysis {
     }
 
     /// Words that stand for a host somewhere: in `host{}`, or as the first argument of an instance.
-    fn hosts(&self) -> BTreeSet<&str> {
+    pub(super) fn hosts(&self) -> BTreeSet<&str> {
         let places = self.model.processes.iter().flat_map(|process| {
             let first = process.instances.iter().filter_map(|instance| instance.args.first());
             process.host.iter().chain(first.filter(|arg| arg.name.is_none()).map(|arg| &arg.value))

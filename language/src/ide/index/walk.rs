@@ -5,6 +5,7 @@
 
 use super::{Index, Kind, Symbol, Tables};
 use crate::check::spec::{Param, Spec, Target};
+use crate::check::{Word, is_sentence_word, words_of};
 use crate::syntax::SyntaxKind::{self, DotDot, Equals, Number};
 use crate::syntax::ast::{Name, Node};
 use std::collections::BTreeMap;
@@ -24,10 +25,15 @@ pub(super) fn walk(index: &mut Index, tables: &Tables, spec: &Spec, trees: &[Nod
     for tree in trees {
         for item in tree.children() {
             let enclosing = item.title().and_then(|title| tables.declared.get(&title.span));
-            let process = match enclosing.map(|&symbol| index.symbols[symbol].kind) {
+            let mut process = match enclosing.map(|&symbol| index.symbols[symbol].kind) {
                 Some(Kind::Process(process)) => Some(process),
                 Some(_) | None => None,
             };
+            if let Some(title) = item.title().filter(|_| item.kind() == SyntaxKind::Verify) {
+                process = spec.processes.iter().position(|process| process.name.text == title.text);
+                let declared = process.map(|process| tables.declared[&spec.processes[process].name.span]);
+                declared.map(|symbol| index.places.entry(title.span).or_insert(symbol));
+            }
             let mut walk = Walk { index, tables, spec, types: &types, process, variables: Vec::new() };
             walk.node(&item);
         }
@@ -64,11 +70,36 @@ impl Walk<'_> {
             SyntaxKind::Using => self.resources(node),
             SyntaxKind::Run => return self.run(node, names.first()),
             SyntaxKind::AllOf => return self.all_of(node),
+            SyntaxKind::Sentence => self.sentence(node),
             _ => {}
         }
         for part in node.children() {
             self.node(&part);
         }
+    }
+
+    /// The processes that a sentence names, also those inside of others: `hit.force`.
+    fn sentence(&mut self, node: &Node) {
+        let own = self.process;
+        let mut before: Option<Word> = None;
+        for word in words_of(node) {
+            let is_behind_dot = before.as_ref().is_some_and(|before| before.text == ".");
+            if word.is_name && !is_behind_dot {
+                self.process = own;
+            }
+            let name = Name { text: word.text.clone(), span: word.span };
+            let is_free = is_behind_dot || word.is_formula || !is_sentence_word(&word.text);
+            if let Some(symbol) =
+                Some(&name).filter(|_| word.is_name && is_free).and_then(|name| self.instance_name(Some(name)))
+            {
+                self.process = match self.target(symbol) {
+                    Target::Process(process) => Some(process),
+                    Target::Module(_) | Target::Unknown => None,
+                };
+            }
+            before = Some(word);
+        }
+        self.process = own;
     }
 
     fn add(&mut self, name: &Name, symbol: usize) {
