@@ -117,6 +117,10 @@ fn of_leaf(model: &Model<'_>, (group, slot, leaf): (u32, u32, u32), limits: &Lim
         for state in 0..graph.store.count() {
             for (_, target) in graph.from(state).filter(|(label, _)| matches!(label, Label::Fault(..))) {
                 system.unpack(graph.store.get(state), &mut before);
+                // Who is being stopped cannot hang any more: it is killed when it does not answer.
+                if kind == FaultKind::Hang && is_being_stopped(&system, &before, unit) {
+                    continue;
+                }
                 system.unpack(graph.store.get(target), &mut after);
                 let case = Case { system: &system, graph: &graph, ends: &ends, kind, struck: (unit, member) };
                 let row = case.row(leaf, (&before, &after), target);
@@ -128,6 +132,16 @@ fn of_leaf(model: &Model<'_>, (group, slot, leaf): (u32, u32, u32), limits: &Lim
         }
         table.rows.extend(rows.into_values());
     }
+}
+
+/// Whether an order to stop is on its way to a unit, or to one around it.
+fn is_being_stopped(system: &System<'_>, frame: &Frame, unit: usize) -> bool {
+    let outwards = std::iter::successors(Some(unit), |&unit| system.units[unit].parent.map(|(around, _)| around));
+    outwards.into_iter().any(|unit| {
+        let around = system.units[unit].parent;
+        let is_asked = |(unit, member): (usize, u32)| frame.states[unit].activity(member) == Activity::Stopping;
+        frame.ordered[unit] || around.is_some_and(is_asked)
+    })
 }
 
 /// One kind of fault of one program.
