@@ -1,4 +1,4 @@
-//! The soak: three hosts on a network run one mission for hours, while programs are killed, cables are pulled and nodes are killed.
+//! The soak: hosts on a network run one mission for hours, while programs are killed, cables are pulled and nodes are killed.
 
 use anyhow::{Result, bail, ensure};
 use clap::Parser;
@@ -6,7 +6,7 @@ use comms::io::clock::now;
 use comms::logic::random::Random;
 use comms::logic::time::Time;
 use dca_tests::cluster::{
-    Cluster, Host, NAMES, Network, Process, Program, SOON, Stream, descriptors, memory, pass, wait_until,
+    Cluster, Host, Network, Process, Program, SOON, Stream, descriptors, memory, pass, wait_until,
 };
 use rustix::process::Signal;
 use std::collections::BTreeMap;
@@ -14,13 +14,9 @@ use std::io::Write;
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// How often a cable is pulled.
-const CUT_EVERY: Duration = Duration::from_secs(60);
 /// Cuts that nobody may feel, and every fifth one that loses a host.
 const CUT_SHORT: Duration = Duration::from_secs(2);
 const CUT_LONG: Duration = Duration::from_secs(9);
-/// How often a node is killed.
-const KILL_EVERY: Duration = Duration::from_secs(300);
 /// How long the node that was killed stays away at the most.
 const AWAY_MAX_MS: u64 = 1500;
 /// How long everything may take to run again after a disturbance: a lost host is found again, and its group pauses for 5 s.
@@ -30,8 +26,8 @@ const SIZES_EVERY: Duration = Duration::from_secs(120);
 /// How much the largest size of the last quarter may exceed that of the second one.
 const GROWTH_MAX: f64 = 1.15;
 
-/// Runs a mission on three namespaces for a long time: each second a program is killed, each minute a cable is pulled (for 2 s, each
-/// fifth time for 9 s, so that its host is lost), every five minutes a node is killed and started again.
+/// Runs a mission on namespaces for a long time. Each second a program is killed, each minute a cable is pulled (for 2 s, each fifth
+/// time for 9 s, so that its host is lost), every five minutes a node is killed and started again.
 ///
 /// It ends at once, with exit code 1, when a program runs twice, when not all run again after a disturbance, or when something is left
 /// after the stop; and at the end when memory or descriptors of nodes have grown. Needs root.
@@ -44,19 +40,31 @@ struct Options {
     /// What draws the victims
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Hosts; the groups of their programs are a tree, three below each
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u16).range(2..=64))]
+    hosts: u16,
     /// Programs on each host
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u16).range(3..=200))]
     programs: u16,
+    /// Seconds from one killed program to the next
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
+    crash_every: u64,
+    /// Seconds from one pulled cable to the next
+    #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u64).range(1..))]
+    cut_every: u64,
+    /// Seconds from one killed node to the next
+    #[arg(long, default_value_t = 300, value_parser = clap::value_parser!(u64).range(1..))]
+    kill_every: u64,
 }
 
 fn main() -> ExitCode {
     let options = Options::parse();
-    let Some(network) = Network::new(NAMES.len()) else { return ExitCode::FAILURE };
-    let mut soak = match Soak::begin(network, &options) {
+    let Some(network) = Network::new(usize::from(options.hosts)) else { return ExitCode::FAILURE };
+    let mut soak = match Soak::begin(network, options) {
         Ok(soak) => soak,
         Err(error) => return failed(&error),
     };
-    let outcome = soak.run(Duration::from_secs(60 * options.minutes)).and_then(|()| soak.end());
+    let outcome = soak.run().and_then(|()| soak.end());
     outcome.map_or_else(|error| failed(&error), |()| ExitCode::SUCCESS)
 }
 
@@ -79,8 +87,8 @@ struct Counts {
     kills: u32,
 }
 
-/// What the nodes and the command line take, at a moment.
-#[derive(Clone, Copy, Debug)]
+/// What a process takes, at a moment.
+#[derive(Clone, Copy, Debug, Default)]
 struct Sizes {
     memory: u64,
     descriptors: usize,
@@ -95,6 +103,9 @@ struct Soak {
     cluster: Cluster,
     network: Network,
     random: Random,
+    options: Options,
+    /// The instance path of the group on each host.
+    parts: Vec<String>,
     /// The programs that are still to be killed in this round, so that none is killed more often than it is started again.
     victims: Vec<String>,
     paths: Vec<String>,
@@ -104,36 +115,53 @@ struct Soak {
 }
 
 impl Soak {
-    fn begin(network: Network, options: &Options) -> Result<Self> {
+    fn begin(network: Network, options: Options) -> Result<Self> {
         let cluster = Cluster::new();
         let hosts: Vec<Host> = network.hosts().map(|number| cluster.host(&network, number)).collect();
-        let nodes = hosts.iter().zip(NAMES).map(|(host, name)| Some(host.node(name, &["--lan"]))).collect();
-        let mission = hosts[0].dca(&["deploy", &cluster.file("soak.dca", &spec(options.programs))]);
-        mission.wait_for(Stream::Err, "started in", SOON);
-        let members = (3..=options.programs)
-            .map(|number| format!("idle{number}"))
-            .chain(["source", "monitor"].map(str::to_owned));
-        let members: Vec<String> = members.collect();
+        let nodes = (1..).zip(&hosts).map(|(number, host)| Some(host.node(&name(number), &["--lan"]))).collect();
+        let mission = hosts[0].dca(&["deploy", &cluster.file("soak.dca", &spec(&options))]);
+        mission.wait_for(Stream::Err, "started in", 2 * SOON);
+        let mut parts = vec!["main".to_owned()];
+        for number in 2..=hosts.len() {
+            parts.push(format!("{}/p{number}", parts[parent(number) - 1]));
+        }
+        let members = members(&options);
         let paths =
-            PARTS.iter().flat_map(|part| members.iter().map(move |member| format!("main/{part}/{member}"))).collect();
+            parts.iter().flat_map(|part| members.iter().map(move |member| format!("{part}/{member}"))).collect();
         let random = Random::new(options.seed);
-        let (counts, sizes, victims) = (Counts::default(), Vec::new(), Vec::new());
-        let soak =
-            Self { mission, nodes, hosts, cluster, network, random, victims, paths, counts, sizes, began: now() };
+        let (counts, sizes, victims, began) = (Counts::default(), Vec::new(), Vec::new(), now());
+        let soak = Self {
+            mission,
+            nodes,
+            hosts,
+            cluster,
+            network,
+            random,
+            options,
+            parts,
+            victims,
+            paths,
+            counts,
+            sizes,
+            began,
+        };
         soak.expect_all("the start")?;
         Ok(soak)
     }
 
-    fn run(&mut self, time: Duration) -> Result<()> {
-        let (mut cut, mut kill, mut size) = (CUT_EVERY, KILL_EVERY, Duration::ZERO);
+    fn run(&mut self) -> Result<()> {
+        let [time, cut_every, kill_every, crash_every] =
+            [60 * self.options.minutes, self.options.cut_every, self.options.kill_every, self.options.crash_every]
+                .map(Duration::from_secs);
+        let (mut cut, mut kill, mut size) = (cut_every, kill_every, Duration::ZERO);
         while now() - self.began < time {
             ensure!(self.mission.is_running(), "the mission has ended: {}", self.mission.text(Stream::Err));
             let age = now() - self.began;
             if age >= cut {
-                cut += CUT_EVERY;
+                cut += cut_every;
                 self.cut()?;
             } else if age >= kill {
-                kill += KILL_EVERY;
+                kill += kill_every;
                 self.kill_node()?;
             } else if age >= size {
                 size += SIZES_EVERY;
@@ -141,7 +169,7 @@ impl Soak {
                 self.note_sizes();
             } else {
                 self.crash()?;
-                pass(Duration::from_secs(1));
+                pass(crash_every);
             }
         }
         self.expect_all("the last disturbance")
@@ -161,47 +189,48 @@ impl Soak {
         Ok(())
     }
 
-    /// Pulls the cable of a host; the home keeps its own for the long cuts, which would end the mission with it.
+    /// Pulls the cable of a host; the home keeps its own in the long cuts, which would end the mission with it.
     fn cut(&mut self) -> Result<()> {
         self.counts.cuts += 1;
         let is_long = self.counts.cuts.is_multiple_of(5);
-        let number = if is_long { 2 + self.random.below(2) } else { 1 + self.random.below(3) };
-        let number = usize::try_from(number)?;
+        let number = self.draw(if is_long { 2 } else { 1 })?;
         self.expect_all("the last crash")?;
         let before = self.programs()?;
         self.network.cut(number);
         pass(if is_long { CUT_LONG } else { CUT_SHORT });
         self.network.heal(number);
         self.counts.losses += u32::from(is_long);
-        self.expect_all(&format!("the cut of {}", NAMES[number - 1]))?;
+        self.expect_all(&format!("the cut of {}", name(number)))?;
+        // What runs below a group whose host was lost has begun anew.
+        let lost = format!("{}/", self.parts[number - 1]);
         let after = self.programs()?;
-        let same = |part: &str| {
-            before.iter().filter(|(path, _)| path.contains(part)).all(|(path, pid)| after.get(path) == Some(pid))
-        };
-        ensure!(
-            is_long || PARTS.iter().all(|part| same(part)),
-            "a short cut of {} started a program again",
-            NAMES[number - 1]
-        );
-        ensure!(!is_long || same("/here/"), "the cut of {} started a program of c1 again", NAMES[number - 1]);
+        let again =
+            before.iter().find(|(path, pid)| !(is_long && path.starts_with(&lost)) && after.get(*path) != Some(pid));
+        ensure!(again.is_none(), "the cut of {} started a program again: {again:?}", name(number));
         Ok(())
     }
 
     /// Kills a node and starts it again.
     fn kill_node(&mut self) -> Result<()> {
-        let number = usize::try_from(self.random.below(3))?;
+        let number = self.draw(1)?;
         self.expect_all("the last crash")?;
         let before = self.programs()?;
-        if let Some(node) = self.nodes[number].take() {
+        if let Some(node) = self.nodes[number - 1].take() {
             node.signal(Signal::KILL);
             drop(node.ended(SOON));
         }
         pass(Duration::from_millis(self.random.below(AWAY_MAX_MS)));
-        self.nodes[number] = Some(self.hosts[number].node(NAMES[number], &["--lan"]));
+        self.nodes[number - 1] = Some(self.hosts[number - 1].node(&name(number), &["--lan"]));
         self.counts.kills += 1;
-        self.expect_all(&format!("the end of the node {}", NAMES[number]))?;
-        ensure!(self.programs()? == before, "the end of the node {} started a program again", NAMES[number]);
+        self.expect_all(&format!("the end of the node {}", name(number)))?;
+        ensure!(self.programs()? == before, "the end of the node {} started a program again", name(number));
         Ok(())
+    }
+
+    /// Draws the number of a host.
+    fn draw(&mut self, first: usize) -> Result<usize> {
+        let count = self.hosts.len() + 1 - first;
+        Ok(first + usize::try_from(self.random.below(count as u64))?)
     }
 
     /// Returns the process of each program. None may run twice.
@@ -242,23 +271,23 @@ impl Soak {
     }
 
     fn note_sizes(&mut self) {
-        let pids = self.nodes.iter().flatten().map(Program::pid).chain([self.mission.pid()]);
-        let each: Vec<Sizes> =
-            pids.map(|pid| Sizes { memory: memory(pid), descriptors: descriptors(pid).len() }).collect();
-        let sizes = Sizes {
-            memory: each.iter().map(|one| one.memory).max().unwrap_or_default(),
-            descriptors: each.iter().map(|one| one.descriptors).max().unwrap_or_default(),
-        };
-        let list: Vec<String> =
-            each.iter().map(|one| format!("{:.1} MiB, {}", mebibytes(one.memory), one.descriptors)).collect();
+        let sizes = |pid| Sizes { memory: memory(pid), descriptors: descriptors(pid).len() };
+        let nodes: Vec<Sizes> = self.nodes.iter().flatten().map(|node| sizes(node.pid())).collect();
+        let client = sizes(self.mission.pid());
+        let largest = nodes.iter().chain([&client]).fold(Sizes::default(), |largest, one| Sizes {
+            memory: largest.memory.max(one.memory),
+            descriptors: largest.descriptors.max(one.descriptors),
+        });
+        let mean = nodes.iter().map(|one| mebibytes(one.memory)).sum::<f64>() / nodes.len().max(1) as f64;
         let Counts { crashes, cuts, losses, kills } = self.counts;
-        let minutes = (now() - self.began).as_secs() / 60;
         say(&format!(
-            "{minutes:>4} min: {crashes} crashes, {cuts} cuts, {losses} of them lost a host, {kills} nodes killed; memory and \
-             descriptors of c1, c2, c3 and `dca`: {}",
-            list.join("; ")
+            "{:>4} min: {crashes} crashes, {cuts} cuts, {losses} of them lost a host, {kills} nodes killed; a node takes {mean:.1} MiB, \
+             `dca` {:.1} MiB; {} descriptors at most",
+            (now() - self.began).as_secs() / 60,
+            mebibytes(client.memory),
+            largest.descriptors
         ));
-        self.sizes.push(sizes);
+        self.sizes.push(largest);
     }
 
     /// Stops it all; nothing is left, and nothing has grown.
@@ -294,8 +323,23 @@ impl Soak {
     }
 }
 
-/// The groups of the mission, one on each host.
-const PARTS: [&str; 3] = ["here", "middle", "far"];
+/// Returns the name of a host, whose numbers begin with 1.
+fn name(number: usize) -> String {
+    format!("c{number}")
+}
+
+/// Returns the host of the group above that of a host.
+fn parent(number: usize) -> usize {
+    (number + 1) / 3
+}
+
+/// Returns the programs of each group.
+fn members(options: &Options) -> Vec<String> {
+    (3..=options.programs)
+        .map(|number| format!("idle{number}"))
+        .chain(["source", "monitor"].map(str::to_owned))
+        .collect()
+}
 
 /// Returns the instance path of a program; none for shims, nodes and commands.
 fn path(process: &Process) -> Option<String> {
@@ -310,33 +354,43 @@ fn mebibytes(bytes: u64) -> f64 {
 }
 
 /// Returns a mission of a group on each host, whose programs are started again when they die. A group whose host is lost begins anew.
-fn spec(programs: u16) -> String {
-    let idle: Vec<String> = (3..=programs).map(|number| format!("idle{number}")).collect();
-    let declared: String =
-        idle.iter().map(|name| format!("        {name} instof Idle(there) {{ restart transient; }}\n")).collect();
-    format!(
-        "module Idle(host) {{ exec \"sleep 1000000\"; plain; done; }}
-process Part(there){{
-    host{{there}}
+fn spec(options: &Options) -> String {
+    let mut text = "module Idle(host) { exec \"sleep 1000000\"; plain; done; }\n".to_owned();
+    let hosts = usize::from(options.hosts);
+    for number in 1..=hosts {
+        let below: Vec<usize> = (2..=hosts).filter(|other| parent(*other) == number).collect();
+        let kind = |name: &str| match name {
+            "source" => "RateSource",
+            "monitor" => "RateMonitor",
+            _ => "Idle",
+        };
+        let programs = members(options)
+            .into_iter()
+            .map(|member| format!("{member} instof {}(\"{}\") {{ restart transient; }}", kind(&member), name(number)));
+        let groups = below.iter().map(|other| format!("p{other} instof Part{other}();"));
+        let declared: Vec<String> = programs.chain(groups).collect();
+        let own = members(options)
+            .into_iter()
+            .map(|member| if member == "source" { "source[lbl1]".to_owned() } else { member });
+        let begun = below.iter().map(|other| format!("((p{other} else skip) ;; wait(5 s))"));
+        let running: Vec<String> = own.chain(begun).collect();
+        text += &format!(
+            "process {}(){{
+    host{{\"{}\"}}
     instantiated_processes{{
-{declared}        source instof RateSource(there) {{ restart transient; }}
-        monitor instof RateMonitor(there) {{ restart transient; }}
+        {}
     }}
     internal_connections(source, lbl1){{ source, Out -> monitor, In; }}
-    internal_event_actions{{ {}, source[lbl1], monitor }}
-}}
-process main(){{
-    host{{\"c1\"}}
-    instantiated_processes{{
-        here instof Part(\"c1\");
-        middle instof Part(\"c2\");
-        far instof Part(\"c3\");
-    }}
     internal_event_actions{{
-        here, ((middle else skip) ;; wait(5 s)), ((far else skip) ;; wait(5 s))
+        {}
     }}
 }}
 ",
-        idle.join(", ")
-    )
+            if number == 1 { "main".to_owned() } else { format!("Part{number}") },
+            name(number),
+            declared.join("\n        "),
+            running.join(", ")
+        );
+    }
+    text
 }
