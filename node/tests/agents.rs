@@ -26,6 +26,8 @@ mod names;
 mod programs;
 #[path = "agents/refusals.rs"]
 mod refusals;
+#[path = "agents/rejoining.rs"]
+mod rejoining;
 #[path = "agents/restarts.rs"]
 mod restarts;
 #[path = "agents/scale.rs"]

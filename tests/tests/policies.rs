@@ -166,6 +166,49 @@ fn a_host_that_is_cut_off_does_as_its_programs_say() {
     end(&cluster, nodes);
 }
 
+/// A host is cut off for longer than it may be, and comes back: its group begins anew, and a wire across the cut carries data again.
+#[test]
+fn a_lost_host_takes_part_again() {
+    let cluster = Cluster::new();
+    let Some(network) = Network::new(2) else { return };
+    let hosts = [1, 2].map(|number| cluster.host(&network, number));
+    let nodes = [hosts[0].node("c1", &["--lan"]), hosts[1].node("c2", &["--lan"])];
+    let text = "
+        module Sleeper(host) { exec \"sleep 600\"; plain; done; }
+        process Far() {
+            host { c2 }
+            external_io { Out = source, Out; }
+            instantiated_processes { source instof RateSource(c2); sleeper instof Sleeper(c2); }
+            internal_event_actions { source, sleeper }
+        }
+        process main() {
+            host { c1 }
+            instantiated_processes { monitor instof RateMonitor(c1); far instof Far(); }
+            internal_connections(monitor, on) { far, Out -> monitor, In; }
+            internal_event_actions { monitor[on], ((far else skip) ;; wait(1 s)) }
+        }";
+    let mission = hosts[0].dca(&["deploy", &cluster.file("again.dca", text)]);
+    mission.wait_for(Stream::Err, "started in", SOON);
+    let sleeper = || cluster.leaf("main/far/sleeper").map(|process| process.pid);
+    let first = wait_until(SOON, || sleeper().is_some()).and_then(|_| sleeper()).expect("it runs");
+    let received = || {
+        let trace = Trace::so_far(&cluster.folder().join("runs/again-1"));
+        trace.signal("main/monitor", "received").last().map_or(0.0, |sample| sample.value)
+    };
+    wait_until(SOON, || received() > 0.0).expect("data flows");
+    network.cut(2);
+    nodes[0].wait_for(Stream::Err, "is lost", SOON);
+    wait_until(SOON, || sleeper().is_none()).expect("it stops by its own rules");
+    let before = received();
+    network.heal(2);
+    let again = wait_until(SOON, || sleeper().is_some_and(|pid| pid != first));
+    assert!(again.is_some(), "{}", mission.text(Stream::Err));
+    assert!(wait_until(SOON, || received() > before + 50.0).is_some(), "{}", hosts[0].ask(&["status"]));
+    assert_eq!(hosts[0].ask(&["stop", "again"]).code, Some(0));
+    assert_eq!(mission.ended(SOON).code, Some(1));
+    end(&cluster, nodes);
+}
+
 /// The host of a program that has the arm is cut off, and the program goes on there: nobody else gets the arm until that
 /// host is back and has ended it.
 #[test]

@@ -92,6 +92,13 @@ impl State {
         }
     }
 
+    /// Returns the idle state of a group whose members' activations are numbered from there on.
+    pub fn numbered_from(program: &Program, last: Activation) -> Self {
+        let mut state = Self::new(program);
+        state.seats.iter_mut().for_each(|seat| seat.activation = last);
+        state
+    }
+
     /// Returns whether nothing of the group runs: it was not started since its last outcome.
     pub fn is_idle(&self) -> bool {
         !self.cells[0].phase.is_active()

@@ -11,6 +11,7 @@
 //! of the deployment is left on any host that can be reached.
 
 mod change;
+mod rejoin;
 mod start;
 
 use crate::logic::effect::{Effect, Out, earliest};
@@ -23,6 +24,7 @@ use crate::logic::wiring::Registrations;
 use change::Changing;
 use comms::logic::time::Time;
 use language::plan::Plan;
+use rejoin::Rejoins;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -81,6 +83,7 @@ pub struct Coordinator {
     change: Option<Changing>,
     /// Numbers the changes.
     changes: u32,
+    rejoins: Rejoins,
     history: History,
 }
 
@@ -123,6 +126,7 @@ impl Coordinator {
             revision: (0, String::new()),
             change: None,
             changes: 0,
+            rejoins: Rejoins::default(),
         };
         out.effects.push(Effect::PersistEpoch {
             deployment: coordinator.deployment.clone(),
@@ -148,16 +152,22 @@ impl Coordinator {
             ToCoordinator::Prepared { facts, machine } => {
                 if self.phase == Phase::Preparing {
                     self.prepared(from, facts, machine, out);
+                } else {
+                    self.rejoin_prepared(from, facts, machine, out);
                 }
             }
             ToCoordinator::Connected => {
                 if self.phase == Phase::Connecting {
                     self.connected(from, out);
+                } else {
+                    self.rejoined(from, out);
                 }
             }
             ToCoordinator::Refused { reasons } => {
                 if starting {
                     self.refused(from, reasons, out);
+                } else {
+                    self.rejoin_refused(from, &reasons.join("; "), out);
                 }
             }
             ToCoordinator::Released | ToCoordinator::Unconfirmed => {
@@ -179,6 +189,7 @@ impl Coordinator {
                         let cleared = ToParticipant::Cleared { host: from.to_owned() };
                         out.send(host, self.deployment.to_participant(cleared));
                     }
+                    self.rejoin_later(from, out.now);
                 }
                 if self.phase == Phase::Ending && self.waiting.remove(from) && self.waiting.is_empty() {
                     self.finish(out);
@@ -260,6 +271,7 @@ impl Coordinator {
             Phase::Running => {
                 self.back.remove(host);
                 self.lost.insert(host.to_owned());
+                self.rejoins.forget(host);
                 self.change_without(host, out);
             }
             Phase::Ending => {
@@ -282,17 +294,20 @@ impl Coordinator {
             }
             out.send(host, self.deployment.to_participant(ToParticipant::Release));
         }
+        self.rejoins.hurry(host, out.now);
     }
 
     /// Takes note that its node was gone: nobody could answer it meanwhile.
     pub fn adopted(&mut self, away: Duration) {
         self.deadline = self.deadline.map(|at| at + away);
         self.change.iter_mut().for_each(|change| change.adopted(away));
+        self.rejoins.adopted(away);
     }
 
     /// Does what is due.
     pub fn tick(&mut self, out: &mut Out<'_>) {
         self.tick_change(out);
+        self.tick_rejoins(out);
         if self.deadline.is_none_or(|at| at > out.now) {
             return;
         }
@@ -315,7 +330,8 @@ impl Coordinator {
 
     /// Returns when [`Coordinator::tick`] wants to be called.
     pub fn deadline(&self) -> Option<Time> {
-        earliest(self.deadline, self.change.as_ref().map(Changing::deadline))
+        let change = self.change.as_ref().map(Changing::deadline);
+        [change, self.rejoin_deadline()].into_iter().fold(self.deadline, earliest)
     }
 
     fn happened(&mut self, target: Target, change: Change, out: &mut Out<'_>) {
@@ -335,6 +351,7 @@ impl Coordinator {
         }
         self.phase = Phase::Ending;
         self.ending = ending;
+        self.rejoins = Rejoins::default();
         self.abandon_change(out);
         let slowest = self.plan.leaves.iter().map(|leaf| leaf.stop_within).max().unwrap_or_default();
         self.deadline = Some(out.now + slowest + RELEASE_WITHIN);

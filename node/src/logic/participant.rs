@@ -5,6 +5,7 @@
 //! participant leaves by itself, unless the spec wants something of it to go on (`loss`).
 
 mod change;
+mod leaving;
 mod links;
 mod loss;
 mod report;
@@ -65,6 +66,8 @@ pub struct Participant {
     /// The wires that are linked: those of the connection sets, and during a change also those of before.
     live: BTreeSet<u32>,
     change: Option<Changing>,
+    /// Whether its host was lost or has left, and its programs are not all up again.
+    rejoining: bool,
 }
 
 impl Participant {
@@ -86,6 +89,7 @@ impl Participant {
             claims: Claims::of(&plan, host),
             live: plan.live_wires(),
             change: None,
+            rejoining: false,
             deployment,
             plan,
             home,
@@ -128,9 +132,15 @@ impl Participant {
     pub fn receive(&mut self, message: ToParticipant, from: &str, out: &mut Out<'_>) {
         match message {
             // It is prepared already: that is how it came to be.
-            ToParticipant::Prepare { .. } => {}
+            ToParticipant::Prepare { .. } | ToParticipant::Rejoin { .. } => {}
             ToParticipant::Connect { facts, machines } => self.connect(facts, machines, out),
-            ToParticipant::Go => self.go(out.now),
+            ToParticipant::Go => {
+                self.rejoining = false;
+                self.go(out.now);
+            }
+            ToParticipant::Reopen { host } => {
+                self.each_executer(out, |executer, at, out| executer.reopen(&host, at, out))
+            }
             ToParticipant::Release => self.leave(out),
             ToParticipant::Activate { target, activation, value } => {
                 self.go(out.now);
@@ -155,12 +165,7 @@ impl Participant {
                 });
             }
             ToParticipant::Cleared { host } => {
-                for group in self.executers.numbers() {
-                    self.with_executer(group, out, |executer, at, out| {
-                        executer.host_cleared(&host, at, out);
-                        None
-                    });
-                }
+                self.each_executer(out, |executer, at, out| executer.host_cleared(&host, at, out));
             }
             ToParticipant::Restarted { target, cause } => {
                 let Some(&(group, slot)) = self.supervisors.get(&target) else { return };
@@ -223,42 +228,6 @@ impl Participant {
     /// Returns what it is a part of.
     pub fn plan(&self) -> &Plan {
         &self.plan
-    }
-
-    /// Tells every program to go.
-    pub fn leave(&mut self, out: &mut Out<'_>) {
-        if self.phase != Phase::Leaving {
-            self.phase = Phase::Leaving;
-            self.abandon_groups(out);
-            for leaf in self.instances.numbers() {
-                self.with_instance(leaf, out, Instance::leave);
-            }
-            self.report_released(out);
-        }
-    }
-
-    fn abandon_groups(&mut self, out: &mut Out<'_>) {
-        let since_go = self.since_go(out.now);
-        let context = ExecContext { deployment: &self.deployment, home: &self.home, plan: &self.plan, since_go };
-        self.executers.each(|group, executer| {
-            if !executer.is_running() {
-                return;
-            }
-            // What was taken for it is not free before its programs have ended.
-            executer.abandon(context, out);
-            let origin = self.plan.groups.get(group as usize).map(|group| group.path.clone()).unwrap_or_default();
-            let failure = Failure { origin, cause: FailureCause::NotAvailable("its node left".into()), at: since_go };
-            let (target, activation) = (Target::Group(group), executer.activation());
-            let ending = Ending::Aborted(failure);
-            if let Some(host) = self.supervisors.get(&target).and_then(|(group, _)| group_host(&self.plan, *group)) {
-                out.send(host, self.deployment.to_participant(ToParticipant::Ended { target, activation, ending }));
-            }
-        });
-    }
-
-    /// Returns whether nothing of it is left here.
-    pub fn is_over(&self) -> bool {
-        self.phase == Phase::Leaving && self.instances.are_over()
     }
 
     /// Takes note that its node was gone: no program could answer it meanwhile.
@@ -426,6 +395,15 @@ impl Participant {
         let target = Target::Group(group);
         self.happened(target, Change::Ended(ending.clone()), out);
         self.tell_supervisor(target, activation, ending, out);
+    }
+
+    fn each_executer(&mut self, out: &mut Out<'_>, act: impl Fn(&mut Executer, ExecContext<'_>, &mut Out<'_>)) {
+        for group in self.executers.numbers() {
+            self.with_executer(group, out, |executer, at, out| {
+                act(executer, at, out);
+                None
+            });
+        }
     }
 
     fn since_go(&self, now: Time) -> Duration {

@@ -213,6 +213,21 @@ pub enum ToParticipant {
         /// Absolute path of the one that has died.
         with: String,
     },
+    /// Start every program of yours again, idle: you were lost, or have left, and nothing of the deployment is left at yours.
+    Rejoin {
+        /// The whole plan of the deployment as it is now.
+        plan: Plan,
+        /// Which time this is for the deployment, from 1. Your supervisors number what they order from it on, so that nothing
+        /// is taken for an answer that was on its way when you were lost.
+        number: u32,
+        /// Since GO at the home.
+        since_go: Duration,
+    },
+    /// A host has its programs up again: open the wires again that they produce.
+    Reopen {
+        /// The host.
+        host: String,
+    },
 }
 
 impl Deployment {

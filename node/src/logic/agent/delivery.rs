@@ -40,7 +40,12 @@ impl Agent {
             return self.answer_without_participant(deployment, message, from, out);
         };
         let is_home = participant.home() == from;
-        if matches!(message, ToParticipant::Prepare { .. }) {
+        if let ToParticipant::Moved { facts } = &message
+            && let Some(coordinator) = self.coordinators.get_mut(deployment)
+        {
+            coordinator.moved(facts, from);
+        }
+        if matches!(message, ToParticipant::Prepare { .. } | ToParticipant::Rejoin { .. }) {
             let reason = format!("host `{}`: `{deployment}` is already there", self.identity.host);
             out.send(from, deployment.to_coordinator(ToCoordinator::Refused { reasons: vec![reason] }));
         } else if message == ToParticipant::Release && !is_home {
@@ -49,6 +54,10 @@ impl Agent {
             if is_home {
                 self.take_change(deployment, order, out);
             }
+        } else if participant.is_rejoining() && is_for_members(&message) {
+            answer_of_absent(message, gone())
+                .into_iter()
+                .for_each(|answer| out.send(from, deployment.to_participant(answer)));
         } else if is_home || !matches!(message, ToParticipant::Connect { .. } | ToParticipant::Go) {
             participant.receive(message, from, out);
         }
@@ -96,6 +105,11 @@ impl Agent {
     ) {
         if let ToParticipant::Prepare { plan } = message {
             self.prepare(deployment.clone(), plan, from, out);
+        } else if let ToParticipant::Rejoin { plan, number, since_go } = message {
+            self.prepare(deployment.clone(), plan, from, out);
+            if let Some(participant) = self.participants.get_mut(deployment) {
+                participant.rejoins(number, out.now, since_go);
+            }
         } else if message == ToParticipant::Release {
             let is_loose = self.unended.contains_key(deployment);
             out.send(
@@ -106,8 +120,7 @@ impl Agent {
             let reason = format!("host `{}`: its node has left the deployment", self.identity.host);
             out.send(from, deployment.to_coordinator(ToCoordinator::Change(order.failed(reason))));
         } else {
-            let gone = FailureCause::NotAvailable("its node has left the deployment".to_owned());
-            let answer = answer_of_absent(message, gone);
+            let answer = answer_of_absent(message, gone());
             answer.into_iter().for_each(|answer| out.send(from, deployment.to_participant(answer)));
         }
     }
@@ -155,7 +168,7 @@ impl Agent {
         message: ToParticipant,
         out: &mut Out<'_>,
     ) {
-        if matches!(message, ToParticipant::Prepare { .. }) {
+        if matches!(message, ToParticipant::Prepare { .. } | ToParticipant::Rejoin { .. }) {
             let reason = format!(
                 "host `{lost}` cannot be reached; start `dca-node --name {lost}` on it, in the same team or with `--insecure-lan`"
             );
@@ -184,6 +197,15 @@ impl Agent {
             coordinator.receive(message, from, out);
         }
     }
+}
+
+fn gone() -> FailureCause {
+    FailureCause::NotAvailable("its node has left the deployment".to_owned())
+}
+
+/// Whether a message orders processes about, which are not there yet where a host rejoins.
+fn is_for_members(message: &ToParticipant) -> bool {
+    matches!(message, ToParticipant::Activate { .. } | ToParticipant::Stop { .. })
 }
 
 /// Returns what a part of a deployment that is not there would have to say to its supervisor, so that nobody waits for
@@ -216,6 +238,8 @@ fn answer_of_absent(message: ToParticipant, cause: FailureCause) -> Option<ToPar
         | ToParticipant::Cleared { .. }
         | ToParticipant::Restarted { .. }
         | ToParticipant::Renew { .. }
+        | ToParticipant::Rejoin { .. }
+        | ToParticipant::Reopen { .. }
         | ToParticipant::Change(_) => None,
     }
 }

@@ -1,14 +1,32 @@
 //! A supervisor whose members are on hosts that are lost.
 
-use super::{ExecContext, Executer, fence, member_host, member_target};
+use super::{ExecContext, Executer, fence, leaf_host, member_host, member_target};
 use crate::logic::effect::Out;
 use crate::logic::protocol::{Ending, Failure, FailureCause, Target, ToParticipant};
-use language::algebra::Activity;
+use language::algebra::{Activation, Activity, State};
 use language::plan::{Group, MemberKind};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
+/// How many activations of a member, as a power of two, have numbers of their own until its supervisor's host rejoins.
+const NUMBERS: u32 = 22;
+
 impl Executer {
+    /// Begins for the time `number` on this host: its numbers are others than those of the times before, of which answers may
+    /// still be on their way.
+    pub fn rejoins(&mut self, number: u32) {
+        self.state = State::numbered_from(&self.program, Activation(number << NUMBERS));
+        self.generation = u64::from(number) << 32;
+    }
+
+    /// Opens the wires of its open sets again whose producers are on a host that has rejoined.
+    pub fn reopen(&mut self, host: &str, context: ExecContext<'_>, out: &mut Out<'_>) {
+        let producer = |wire: u32| leaf_host(context.plan, context.plan.wires.get(wire as usize)?.from.leaf);
+        let open = self.open.iter().filter(|(_, count)| **count > 0).map(|(wire, _)| *wire);
+        let theirs: Vec<u32> = open.filter(|wire| producer(*wire) == Some(host)).collect();
+        self.flip(&theirs, true, context, out);
+    }
+
     /// Takes the loss of a host: its members fail, and nobody waits for it any more.
     pub fn host_lost(&mut self, host: &str, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
         let theirs = self.unconfirmed.iter().filter(|(_, wires)| wires.host == host).map(|(number, _)| *number);

@@ -42,6 +42,10 @@ impl Participant {
         for facts in facts {
             self.registrations.facts.entry(facts.leaf).or_insert(facts);
         }
+        if self.rejoining {
+            let own = |facts: &&LeafFacts| self.instances.contains(facts.leaf);
+            self.registrations.facts.values().filter(own).for_each(|facts| self.tell_where(facts, out));
+        }
         for leaf in self.instances.numbers() {
             match links(&self.plan, &self.deployment, &self.registrations, (leaf, &self.live)) {
                 Ok(order) => {
@@ -63,14 +67,7 @@ impl Participant {
     /// Links a program of this host that was started again, and tells the hosts of those who dial it.
     pub(super) fn rejoin(&mut self, facts: LeafFacts, out: &mut Out<'_>) {
         let leaf = facts.leaf;
-        let here = leaf_host(&self.plan, leaf);
-        let hosts: BTreeSet<&str> = dialers(&self.plan, &self.registrations, leaf)
-            .into_iter()
-            .filter_map(|dialer| leaf_host(&self.plan, dialer).filter(|host| Some(*host) != here))
-            .collect();
-        for host in hosts {
-            out.send(host, self.deployment.to_participant(ToParticipant::Moved { facts: facts.clone() }));
-        }
+        self.tell_where(&facts, out);
         self.moved(facts, out);
         let made = links(&self.plan, &self.deployment, &self.registrations, (leaf, &self.live));
         let orders = made.map(|order| shapes(&self.plan, leaf).into_iter().chain([order]));
@@ -80,9 +77,23 @@ impl Participant {
         });
     }
 
+    /// Tells the hosts of those who dial a program where it is now, and the home, which tells a host that rejoins.
+    fn tell_where(&self, facts: &LeafFacts, out: &mut Out<'_>) {
+        let here = leaf_host(&self.plan, facts.leaf);
+        let dialers = dialers(&self.plan, &self.registrations, facts.leaf);
+        let others = dialers.into_iter().filter_map(|dialer| leaf_host(&self.plan, dialer));
+        let hosts: BTreeSet<&str> = others.filter(|host| Some(*host) != here).chain([self.home.as_str()]).collect();
+        for host in hosts {
+            out.send(host, self.deployment.to_participant(ToParticipant::Moved { facts: facts.clone() }));
+        }
+    }
+
     /// Takes note of where a program is now, and tells those of this host who dial it.
     pub(super) fn moved(&mut self, facts: LeafFacts, out: &mut Out<'_>) {
         let moved = facts.leaf;
+        if self.registrations.facts.get(&moved) == Some(&facts) {
+            return;
+        }
         let before = self.registrations.facts.insert(moved, facts);
         let Some(lost) = before.and_then(|before| before.location).map(|location| location.session) else { return };
         for dialer in dialers(&self.plan, &self.registrations, moved) {

@@ -18,6 +18,7 @@ use comms::logic::time::Time;
 use language::plan::LinkLoss;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
+use std::time::Duration;
 
 /// The hosts that cannot be reached.
 #[derive(Debug, Default, Serialize, Deserialize)]
@@ -28,6 +29,19 @@ pub(super) struct Loss {
 }
 
 impl Participant {
+    /// Takes note that its host takes part again, for the time `number`; GO was `since_go` ago.
+    pub fn rejoins(&mut self, number: u32, now: Time, since_go: Duration) {
+        self.rejoining = true;
+        let since_go = u64::try_from(since_go.as_nanos()).unwrap_or(u64::MAX);
+        self.go_at = Some(Time::from_nanos(now.nanos().saturating_sub(since_go)));
+        self.executers.each(|_, executer| executer.rejoins(number));
+    }
+
+    /// Returns whether its host takes part again, and its programs are not all up.
+    pub fn is_rejoining(&self) -> bool {
+        self.rejoining
+    }
+
     /// Takes note that a host is missing.
     pub fn host_missing(&mut self, host: &str, now: Time) {
         let is_noted = |leaf| self.loss.stops.iter().any(|(_, other, missing)| *other == leaf && missing == host);
