@@ -1,13 +1,14 @@
-//! `dca fmea`: what each single fault of each program does.
+//! `dca fmea`: what each single fault of each program, host and link does, and each two of them.
 
 use crate::Controllers;
 use crate::logic::page::text::escape;
 use crate::verify::{LimitArgs, load, story};
+use comms::io::clock;
 use node::console::{self, Failure};
 use node::logic::table::counted;
 use serde_json::{Value, json};
 use std::path::PathBuf;
-use verify::{COLUMNS, Row, Severity, Table};
+use verify::{COLUMNS, Faults, Row, Severity, Table};
 
 /// The arguments of `dca fmea`.
 #[derive(Debug, clap::Args)]
@@ -29,6 +30,9 @@ pub struct Arguments {
     /// Print the table in Markdown
     #[arg(long, conflicts_with_all = ["csv", "html", "stories", "json"])]
     markdown: bool,
+    /// How many faults may happen in one run: 1, or 2, of which those pairs are printed that are worse than each alone
+    #[arg(long, value_name = "NUMBER", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
+    faults: u8,
     #[command(flatten)]
     limits: LimitArgs,
     #[command(flatten)]
@@ -38,46 +42,72 @@ pub struct Arguments {
 /// So many programs that were not looked at whole are named.
 const UNFINISHED_MAX: usize = 10;
 
+/// The verdicts, the worst first.
+const SEVERITIES: [Severity; 8] = [
+    Severity::Stuck,
+    Severity::Adrift,
+    Severity::Unconfirmed,
+    Severity::Blind,
+    Severity::FailsLater,
+    Severity::Degraded,
+    Severity::Handled,
+    Severity::Safe,
+];
+
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let loaded = load(&arguments.file, &arguments.controllers)?;
-    let table = arguments.limits.with(|limits| verify::fmea(&loaded.plan, &loaded.sites, limits));
+    let faults = if arguments.faults == 2 { Faults::Two } else { Faults::One };
+    let start = clock::now();
+    let table = arguments.limits.with(|limits| verify::fmea(&loaded.plan, &loaded.sites, limits, faults));
+    let took = clock::now().since(start);
     console::say(&match arguments {
         Arguments { csv: true, .. } => csv(&table),
         Arguments { html: true, .. } => html(&loaded.plan.name, &table),
         Arguments { json: true, .. } => json(&loaded.plan.name, &table),
         Arguments { markdown: true, .. } => table.markdown(),
-        _ => text(&table, arguments.stories),
+        _ => text(&table, arguments.stories, faults) + &format!("looked at in {:.2} s\n", took.as_secs_f64()),
     });
     for program in table.unfinished.iter().take(UNFINISHED_MAX) {
         console::note(&format!("`{program}` was not looked at whole: a limit was reached"));
     }
     if let Some(more @ 1..) = table.unfinished.len().checked_sub(UNFINISHED_MAX) {
-        console::note(&format!("and {} were not, too", counted(more, "other program")));
+        console::note(&format!("and {more} more were not"));
     }
     if table.unfinished.is_empty() { Ok(()) } else { Err(Failure::Limited) }
 }
 
-fn text(table: &Table, tells_stories: bool) -> String {
+fn text(table: &Table, tells_stories: bool, faults: Faults) -> String {
     let mut text = String::new();
     let mut program = "";
     for row in &table.rows {
-        let [_, kind, phase, effect, running, safe, word] = row.cells();
+        let [_, fault, phase, effect, running, safe, mission, word] = row.cells();
         if program != row.program {
             text += &format!("{}\n", row.program);
             program = &row.program;
         }
         let safe = if safe.is_empty() { String::new() } else { format!(" within {safe}") };
-        text += &format!("  {kind}, while: {phase}\n    {word}{safe}: {effect}; still runs: {running}\n");
+        text += &format!(
+            "  {fault}, while: {phase}\n    {word}{safe}: {effect}; still runs: {running}; the mission {mission}\n"
+        );
         if tells_stories {
             row.story.lines().iter().for_each(|line| text += &format!("      {line}\n"));
         }
     }
     let count = |severity| table.rows.iter().filter(|row| row.severity == severity).count();
     let of = |severity: Severity| format!("{} {}", count(severity), severity.word());
-    let all = [Severity::Safe, Severity::Handled, Severity::Degraded, Severity::Stuck].map(of).join(", ");
-    let (faults, states) = (counted(table.rows.len(), "fault"), counted(table.states, "state"));
-    text + &format!("{faults} in {states}: {all}\n")
+    let all = SEVERITIES.into_iter().filter(|severity| count(*severity) > 0).map(of);
+    let all = all.collect::<Vec<_>>().join(", ");
+    let states = counted(table.states, "state");
+    let rows = counted(table.rows.len(), "row");
+    match faults {
+        Faults::One => text + &format!("{rows} over {states}: {all}\n"),
+        Faults::Two => {
+            let harmless = counted(table.harmless, "other pair");
+            let all = if all.is_empty() { String::new() } else { format!(": {all}") };
+            text + &format!("{rows} over {states}{all}; {harmless} no worse than one of the two alone\n")
+        }
+    }
 }
 
 fn csv(table: &Table) -> String {
@@ -87,24 +117,31 @@ fn csv(table: &Table) -> String {
     line(&head) + &table.rows.iter().map(|row| line(&row.cells())).collect::<String>()
 }
 
-/// `{"version", "spec", "rows": [{"program", "fault", "while", "at_once", "still_runs", "safe_within_s", "verdict", "story"}], "states",
-/// "unfinished"}`; without `safe_within_s` not everything stops.
+/// `{"version", "spec", "rows": [{"program", "fault", "while", "at_once", "still_runs", "safe_within_s", "mission", "verdict", "story"}],
+/// "states", "unfinished", "harmless"}`; without `safe_within_s` not everything stops.
 fn json(name: &str, table: &Table) -> String {
     let row = |row: &Row| {
         json!({
             "program": row.program,
-            "fault": row.kind.word(),
+            "fault": row.fault,
             "while": row.phase,
             "at_once": row.effect.replace('`', ""),
             "still_runs": row.running,
             "safe_within_s": row.safe_within.map(|time| time.as_secs_f64()),
+            "mission": row.mission.word(),
             "verdict": row.severity.word().to_lowercase(),
             "story": story(&row.story),
         })
     };
     let rows: Vec<Value> = table.rows.iter().map(row).collect();
-    let document =
-        json!({ "version": 1, "spec": name, "rows": rows, "states": table.states, "unfinished": table.unfinished });
+    let document = json!({
+        "version": 1,
+        "spec": name,
+        "rows": rows,
+        "states": table.states,
+        "unfinished": table.unfinished,
+        "harmless": table.harmless,
+    });
     format!("{document:#}")
 }
 
@@ -118,7 +155,7 @@ fn html(name: &str, table: &Table) -> String {
     let name = escape(name);
     format!(
         "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>Faults of {name}</title>\n<style>body{{font:15px sans-serif}}\
-         td,th{{text-align:left;padding:3px 10px;border-bottom:1px solid #ccc;vertical-align:top}}.stuck{{background:#fdd}}\
-         .goes-on-without{{background:#ffd}}</style></head>\n<body><h1>Faults of {name}</h1>\n<table>\n<tr>{head}</tr>\n{rows}</table></body></html>\n"
+         td,th{{text-align:left;padding:3px 10px;border-bottom:1px solid #ccc;vertical-align:top}}.stuck,.out-of-reach{{background:#fdd}}\
+         .unconfirmed,.goes-on-blind{{background:#fed}}.goes-on-without,.fails-later{{background:#ffd}}</style></head>\n<body><h1>Faults of {name}</h1>\n<table>\n<tr>{head}</tr>\n{rows}</table></body></html>\n"
     )
 }

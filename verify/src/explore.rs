@@ -380,8 +380,13 @@ impl Graph {
 /// Whether something happens without anybody failing or asking for it: programs that end, stops that are answered, timers.
 pub(crate) fn is_natural(label: Label) -> bool {
     match label {
-        Label::Start | Label::Done(..) | Label::Stopped(..) | Label::Elapsed(..) | Label::Reached(_) => true,
-        Label::Stop | Label::Aborted(..) | Label::Fault(..) | Label::Lost => false,
+        Label::Start
+        | Label::Done(..)
+        | Label::Stopped(..)
+        | Label::Elapsed(..)
+        | Label::Reached(_)
+        | Label::Noted(_) => true,
+        Label::Stop | Label::Aborted(..) | Label::Fault(..) | Label::Second(..) | Label::Lost => false,
     }
 }
 

@@ -49,8 +49,8 @@ fn word(system: &System<'_>, label: Label) -> String {
             format!("elapsed({}, {time}, {timer})", group(unit))
         }
         Label::Reached(unit) => format!("reached({})", group(unit)),
-        Label::Fault(unit, slot) => format!("fault({})", member(unit, slot)),
-        Label::Lost => "lost".to_owned(),
+        Label::Fault(unit, slot) | Label::Second(unit, slot) => format!("fault({})", member(unit, slot)),
+        Label::Lost | Label::Noted(_) => "lost".to_owned(),
     }
 }
 

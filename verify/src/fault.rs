@@ -1,72 +1,116 @@
-//! What each single fault does, in every state that a run without faults can be in.
+//! What each single fault does, in every state that a run without faults can be in, and each two of them.
 //!
-//! For each program the groups on the way to it are looked into; all others are boxes that end as they do without faults.
+//! For each program the groups on the way to it are looked into; all others are boxes that end as they do without faults. For the loss
+//! of a host every group is looked into that it may tear.
 
-use crate::explore::{Found, Graph, Limits, Nobody, explore, is_natural};
+mod case;
+mod link;
+mod pairs;
+mod settle;
+
+use crate::explore::{Limits, Nobody, explore};
 use crate::model::{Model, short};
 use crate::property::around;
-use crate::story::{Story, running, seconds, story, timer_of};
-use crate::system::{FaultKind, Frame, Injection, Label, Mode, Occupant, System};
-use language::algebra::Activity;
+use crate::story::{Story, seconds};
+use crate::system::{FaultKind, Injection, Loss, LossKind, Mode, System, is_torn};
+use crate::times::Times;
+use case::{Case, Struck};
 use language::plan::MemberKind;
+pub(crate) use pairs::pairs;
+pub(crate) use settle::NOTED_AFTER;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// How bad a fault is.
+/// How bad a fault is, the worst last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
-    /// Something that the spec foresees goes on in its place.
+    /// Something that the spec foresees goes on in its place, or ends it.
     Handled,
     /// Everything is stopped.
     Safe,
-    /// The rest goes on without it.
+    /// The rest goes on without it, and can be done.
     Degraded,
-    /// It never ends, and only a stop from outside helps.
+    /// The rest goes on without it, although it can only fail.
+    FailsLater,
+    /// The rest goes on, and something in it gets no data any more.
+    Blind,
+    /// Nobody knows whether the program has stopped.
+    Unconfirmed,
+    /// Something runs that the mission does not reach.
+    Adrift,
+    /// Something never ends by itself, and only a stop from outside helps.
     Stuck,
 }
 
-/// One row: a fault of one program in one phase of the run.
+/// What becomes of the mission.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mission {
+    /// It is done.
+    Done,
+    /// It has failed, or can only fail.
+    Fails,
+    /// It can be done, and it can fail because of the fault, although no limit passes.
+    MayFail,
+    /// It can be done.
+    CanBeDone,
+    /// Only a limit ends it.
+    EndsByLimit,
+    /// It never ends.
+    NeverEnds,
+    /// It is a service, and goes on.
+    GoesOn,
+    /// Its own host is lost.
+    IsLost,
+}
+
+/// One row: a fault of one program or host in one phase of the run, or two faults.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
-    /// The path of the program.
+    /// The path of the program; the host, or the two whose link is lost; two of these with `and`.
     pub program: String,
-    /// The fault.
-    pub kind: FaultKind,
+    /// The fault, or both.
+    pub fault: String,
     /// What runs beside it when it happens: the steps, no services.
     pub phase: String,
-    /// What follows at once.
+    /// What follows at once; after the loss of a host, once the others have noted it.
     pub effect: String,
     /// What still runs once all stops are answered.
     pub running: Vec<String>,
-    /// The longest time until everything has stopped, when everything does: the longest limit of what is stopped.
+    /// The longest time until everything has stopped, when everything does.
     pub safe_within: Option<Duration>,
+    /// What becomes of the mission.
+    pub mission: Mission,
     /// How bad it is.
     pub severity: Severity,
     /// How it comes to that.
     pub story: Story,
 }
 
-/// The rows of all programs, and whether a limit was reached.
+/// The rows, and whether a limit was reached.
 #[derive(Debug, Default)]
 pub struct Table {
-    /// The rows, in the order of the plan.
+    /// The rows: programs by name, then hosts, then links.
     pub rows: Vec<Row>,
-    /// The programs that were not looked at whole.
+    /// The programs and hosts that were not looked at whole.
     pub unfinished: Vec<String>,
     /// How many states were looked at.
     pub states: u64,
+    /// Of two faults: how many pairs there are that are not worse than one of the two alone.
+    pub harmless: u64,
 }
 
 /// What the columns of a table are called.
-pub const COLUMNS: [&str; 7] = ["program", "fault", "while", "at once", "still runs", "safe within", "verdict"];
+pub const COLUMNS: [&str; 8] =
+    ["program", "fault", "while", "at once", "still runs", "safe within", "mission", "verdict"];
 
 impl Row {
     /// Returns what stands in the columns.
-    pub fn cells(&self) -> [String; 7] {
+    pub fn cells(&self) -> [String; 8] {
         let running = if self.running.is_empty() { "nothing".to_owned() } else { self.running.join(", ") };
         let safe = self.safe_within.map_or_else(String::new, seconds);
-        let (kind, word) = (self.kind.word().to_owned(), self.severity.word().to_owned());
-        [self.program.clone(), kind, self.phase.clone(), self.effect.replace('`', ""), running, safe, word]
+        let (mission, word) = (self.mission.word().to_owned(), self.severity.word().to_owned());
+        let effect = self.effect.replace('`', "");
+        [self.program.clone(), self.fault.clone(), self.phase.clone(), effect, running, safe, mission, word]
     }
 }
 
@@ -81,189 +125,145 @@ impl Table {
 
 const KINDS: [FaultKind; 3] = [FaultKind::Crash, FaultKind::Hang, FaultKind::Unanswered];
 
-/// Injects every fault into every program.
-pub(crate) fn table(model: &Model<'_>, limits: &Limits<'_>) -> Table {
+/// One thing that may go wrong.
+#[derive(Clone, Debug)]
+struct Strike {
+    /// What it is called.
+    name: String,
+    kind: FaultKind,
+    target: Target,
+}
+
+/// What a fault strikes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Target {
+    /// A program: its group and slot.
+    Program(u32, u32),
+    Host(Loss),
+}
+
+/// Injects every fault into every program, and loses every host and link.
+pub(crate) fn table(times: &Times<'_, '_>, limits: &Limits<'_>) -> Table {
+    let model = times.model;
     let mut table = Table::default();
-    for (group, source) in (0_u32..).zip(&model.plan.groups) {
-        for (slot, member) in (0_u32..).zip(&source.members) {
-            if let MemberKind::Leaf(leaf) = member.kind {
-                of_leaf(model, (group, slot, leaf), limits, &mut table);
-            }
+    for strike in strikes(model) {
+        // One limit that is reached is enough to say so of a program.
+        if table.unfinished.last() != Some(&strike.name) {
+            of_strikes(times, &[&strike], limits, &mut table);
         }
     }
-    table.rows.sort_by_key(|row| row.program.clone());
+    link::rows(times, limits, &mut table);
     table
 }
 
-fn of_leaf(model: &Model<'_>, (group, slot, leaf): (u32, u32, u32), limits: &Limits<'_>, table: &mut Table) {
-    for kind in KINDS {
-        if !limits.goes_on.goes_on() {
-            table.unfinished.push(short(&model.plan.leaves[leaf as usize].path));
-            return;
-        }
-        let mut system = around(model, 0, &[(group, slot)]);
-        let Some((unit, member)) = system.find(group, slot) else { return };
-        system.mode = Mode { fault: Some(Injection { unit, member, kind }), ..Mode::default() };
-        let Found { graph, .. } = explore(&system, limits, true, &Nobody);
-        table.states += u64::from(graph.store.count());
-        if graph.reached.is_some() {
-            table.unfinished.push(short(&model.plan.leaves[leaf as usize].path));
-            return;
-        }
-        let over = graph.which(&system, |frame| frame.phase.is_over());
-        let ends = graph.can_reach(&over, &is_natural);
-        let mut rows: BTreeMap<String, Row> = BTreeMap::new();
-        let (mut before, mut after) = (system.initial(), system.initial());
-        for state in 0..graph.store.count() {
-            for (_, target) in graph.from(state).filter(|(label, _)| matches!(label, Label::Fault(..))) {
-                system.unpack(graph.store.get(state), &mut before);
-                // Who is being stopped cannot hang any more: it is killed when it does not answer.
-                if kind == FaultKind::Hang && is_being_stopped(&system, &before, unit) {
-                    continue;
-                }
-                system.unpack(graph.store.get(target), &mut after);
-                let case = Case { system: &system, graph: &graph, ends: &ends, kind, struck: (unit, member) };
-                let row = case.row(leaf, (&before, &after), target);
-                let worse = rows.get(&row.phase).is_none_or(|known| known.severity < row.severity);
-                if worse {
-                    rows.insert(row.phase.clone(), row);
-                }
+/// Every single fault: programs by name, then hosts.
+fn strikes(model: &Model<'_>) -> Vec<Strike> {
+    let mut strikes = Vec::new();
+    for (group, source) in (0_u32..).zip(&model.plan.groups) {
+        for (slot, member) in (0_u32..).zip(&source.members) {
+            if let MemberKind::Leaf(leaf) = member.kind {
+                let name = short(&model.plan.leaves[leaf as usize].path);
+                let target = Target::Program(group, slot);
+                strikes.extend(KINDS.map(|kind| Strike { name: name.clone(), kind, target }));
             }
         }
-        table.rows.extend(rows.into_values());
     }
+    strikes.sort_by(|one, other| one.name.cmp(&other.name));
+    let hosts = &model.plan.hosts;
+    let home = model.plan.groups[0].host;
+    let loss = |host: u32, kind| Target::Host(Loss { host, kind });
+    for (host, name) in (0_u32..).zip(hosts).filter(|_| hosts.len() > 1) {
+        let name = format!("host {name}");
+        let target = loss(host, LossKind::Death);
+        strikes.push(Strike { name: name.clone(), kind: FaultKind::HostLost, target });
+        if hosts.len() > 2 {
+            strikes.push(Strike { name, kind: FaultKind::CutOff, target: loss(host, LossKind::Cut) });
+        }
+    }
+    if let [one, other] = hosts.as_slice() {
+        let away = u32::from(home == 0);
+        let name = format!("{one} - {other}");
+        strikes.push(Strike { name, kind: FaultKind::LinkLost, target: loss(away, LossKind::Cut) });
+    }
+    strikes
 }
 
-/// Whether an order to stop is on its way to a unit, or to one around it.
-fn is_being_stopped(system: &System<'_>, frame: &Frame, unit: usize) -> bool {
-    let outwards = std::iter::successors(Some(unit), |&unit| system.units[unit].parent.map(|(around, _)| around));
-    outwards.into_iter().any(|unit| {
-        let around = system.units[unit].parent;
-        let is_asked = |(unit, member): (usize, u32)| frame.states[unit].activity(member) == Activity::Stopping;
-        frame.ordered[unit] || around.is_some_and(is_asked)
-    })
+/// The system in which some faults may happen; none if a program is not in it.
+fn system_of<'a>(model: &'a Model<'a>, strikes: &[&Strike]) -> Option<System<'a>> {
+    let programs = strikes.iter().filter_map(|strike| match strike.target {
+        Target::Program(group, slot) => Some((group, slot, strike.kind)),
+        Target::Host(_) => None,
+    });
+    let programs: Vec<(u32, u32, FaultKind)> = programs.collect();
+    let named: Vec<(u32, u32)> = programs.iter().map(|(group, slot, _)| (*group, *slot)).collect();
+    let loss = strikes.iter().find_map(|strike| match strike.target {
+        Target::Host(loss) => Some(loss),
+        Target::Program(..) => None,
+    });
+    let mut system = match loss {
+        Some(_) => torn(model, &named),
+        None => around(model, 0, &named),
+    };
+    let mut injections = Vec::new();
+    for (group, slot, kind) in programs {
+        let (unit, member) = system.find(group, slot)?;
+        injections.push(Some(Injection { unit, member, kind }));
+    }
+    // A loss counts as the first fault.
+    if loss.is_some() {
+        injections.insert(0, None);
+    }
+    injections.resize(2, None);
+    system.mode = Mode { fault: injections[0], second: injections[1], ..Mode::default() };
+    if let Some(loss) = loss {
+        system.lose(loss);
+    }
+    Some(system)
 }
 
-/// One kind of fault of one program.
-struct Case<'c, 'a> {
-    system: &'c System<'a>,
-    graph: &'c Graph,
-    /// For each state, whether the end can be reached from it.
-    ends: &'c [bool],
-    kind: FaultKind,
-    struck: (usize, u32),
+/// The whole, with every group open that a loss may tear or that holds one of these members.
+pub(crate) fn torn<'a>(model: &'a Model<'a>, named: &[(u32, u32)]) -> System<'a> {
+    let mut open: Vec<bool> = (0_u32..).zip(&model.plan.groups).map(|(group, _)| is_torn(model, group)).collect();
+    for &(group, _) in named {
+        open[group as usize] = true;
+    }
+    for group in (0..open.len()).rev() {
+        // Groups stand behind the one that they are in.
+        if let Some((around, _)) = model.around[group].filter(|_| open[group]) {
+            open[around as usize] = true;
+        }
+    }
+    System::new(model, 0, &|part| open[model.parts[part].group as usize])
 }
 
-impl Case<'_, '_> {
-    fn row(&self, leaf: u32, (before, after): (&Frame, &Frame), target: u32) -> Row {
-        let model = self.system.model;
-        let settled = self.settle(after);
-        let told = story(self.system, self.graph, target);
-        let effect = told.steps.last().map(|step| step.effects.join("; ")).filter(|effect| !effect.is_empty());
-        let (running, _) = running(self.system, &settled);
-        let severity = self.severity(before, after, &settled, target);
-        let is_over = settled.phase.is_over();
-        Row {
-            program: short(&model.plan.leaves[leaf as usize].path),
-            kind: self.kind,
-            phase: self.phase(before),
-            effect: effect.unwrap_or_else(|| match self.new_pause(before, after) {
-                Some(pause) => format!("a pause of {} begins", seconds(pause)),
-                None => "nothing follows at once".to_owned(),
-            }),
-            safe_within: is_over.then(|| self.longest_stop(before)),
-            running,
-            severity,
-            story: told,
-        }
+/// Explores what some faults together do, and adds a row for each phase.
+fn of_strikes(times: &Times<'_, '_>, strikes: &[&Strike], limits: &Limits<'_>, table: &mut Table) {
+    let name = || strikes.iter().map(|strike| strike.name.as_str()).collect::<Vec<_>>().join(" and ");
+    if !limits.goes_on.goes_on() {
+        return table.unfinished.push(name());
     }
-
-    /// Lets all stops be answered.
-    fn settle(&self, frame: &Frame) -> Frame {
-        let mut frame = frame.clone();
-        let (mut labels, mut changes, mut stepper) = (Vec::new(), Vec::new(), self.system.stepper());
-        loop {
-            self.system.labels(&frame, &mut labels);
-            let answer = labels.iter().find(|label| matches!(label, Label::Stopped(..) | Label::Reached(_)));
-            let Some(&answer) = answer else { return frame };
-            stepper.apply(&mut frame, answer, Some(&mut changes));
-        }
+    let Some(system) = system_of(times.model, strikes) else { return };
+    let graph = explore(&system, limits, true, &Nobody).graph;
+    table.states += u64::from(graph.store.count());
+    if graph.reached.is_some() {
+        return table.unfinished.push(name());
     }
-
-    fn severity(&self, before: &Frame, after: &Frame, settled: &Frame, target: u32) -> Severity {
-        let is_task = !self.system.program(0).is_service();
-        if settled.phase.is_over() {
-            return Severity::Safe;
+    let struck = strikes.iter().map(|strike| Struck {
+        kind: strike.kind,
+        seat: match strike.target {
+            Target::Program(group, slot) => system.find(group, slot),
+            Target::Host(_) => None,
+        },
+    });
+    let case = Case::new(times, &system, &graph, struck.collect());
+    let words: Vec<&str> = strikes.iter().map(|strike| strike.kind.word()).collect();
+    let mut worst: BTreeMap<String, case::Judged> = BTreeMap::new();
+    case.each_fault(|judged| {
+        if worst.get(&judged.phase).is_none_or(|known| known.severity < judged.severity) {
+            worst.insert(judged.phase.clone(), judged);
         }
-        if is_task && !self.ends[target as usize] {
-            return Severity::Stuck;
-        }
-        if self.kind == FaultKind::Hang {
-            return if self.is_limited(before) { Severity::Handled } else { Severity::Degraded };
-        }
-        let others = |frame: &Frame| {
-            let (running, _) = running(self.system, frame);
-            let own = crate::story::member_name(self.system, self.struck.0, self.struck.1);
-            running.into_iter().filter(|name| Some(name) != own.as_ref()).collect::<Vec<_>>()
-        };
-        let goes_on = others(before) == others(settled) && before.phase == after.phase;
-        if goes_on && self.new_pause(before, after).is_none() { Severity::Degraded } else { Severity::Handled }
-    }
-
-    /// The pause that a fault sets off, after which something goes on: a timer that was not armed before.
-    fn new_pause(&self, before: &Frame, after: &Frame) -> Option<Duration> {
-        (0..self.system.units.len()).find_map(|unit| {
-            let program = self.system.program(unit);
-            let is_new = |&timer: &u32| {
-                after.states[unit].is_armed(program, timer) && !before.states[unit].is_armed(program, timer)
-            };
-            let timer = (0..program.timers()).find(is_new)?;
-            timer_of(&self.system.model.parts[self.system.units[unit].part].expression, timer as usize)
-        })
-    }
-
-    /// Whether the program that hangs is one that was to end, so that something has to end it.
-    fn is_limited(&self, _: &Frame) -> bool {
-        let (unit, member) = self.struck;
-        match &self.system.units[unit].seats[member as usize] {
-            Occupant::Box(ends) => !ends[0].done.is_empty(),
-            Occupant::Unit(_) => true,
-        }
-    }
-
-    /// What runs and will end: the step that the run is in.
-    fn phase(&self, frame: &Frame) -> String {
-        let mut names = Vec::new();
-        for (unit, state) in frame.states.iter().enumerate() {
-            for member in state.members_active() {
-                let Occupant::Box(ends) = &self.system.units[unit].seats[member as usize] else { continue };
-                let is_step = !ends[0].done.is_empty() || (unit, member) == self.struck;
-                let is_there = state.activity(member) == Activity::Active || (unit, member) == self.struck;
-                if is_step && is_there {
-                    names.extend(crate::story::member_name(self.system, unit, member));
-                }
-            }
-        }
-        let own = crate::story::member_name(self.system, self.struck.0, self.struck.1);
-        names.retain(|name| Some(name) != own.as_ref());
-        if names.is_empty() { "alone".to_owned() } else { names.join(", ") }
-    }
-
-    /// The longest limit of a stop among what runs.
-    fn longest_stop(&self, frame: &Frame) -> Duration {
-        let model = self.system.model;
-        let mut longest = Duration::ZERO;
-        for (unit, state) in frame.states.iter().enumerate() {
-            let group = model.parts[self.system.units[unit].part].group;
-            let members = model.plan.groups[group as usize].members.len();
-            for member in state.members_active().filter(|&member| (member as usize) < members) {
-                let leaves = model.leaves_below(group, member);
-                let times = leaves.into_iter().map(|leaf| model.plan.leaves[leaf as usize].stop_within);
-                longest = times.fold(longest, Duration::max);
-            }
-        }
-        longest
-    }
+    });
+    table.rows.extend(worst.into_values().map(|judged| case.row((name(), words.join(" and ")), judged)));
 }
 
 impl Severity {
@@ -273,7 +273,27 @@ impl Severity {
             Self::Handled => "handled",
             Self::Safe => "safe",
             Self::Degraded => "goes on without",
+            Self::FailsLater => "fails later",
+            Self::Blind => "goes on BLIND",
+            Self::Unconfirmed => "UNCONFIRMED",
+            Self::Adrift => "OUT OF REACH",
             Self::Stuck => "STUCK",
+        }
+    }
+}
+
+impl Mission {
+    /// The words for it.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Done => "is done",
+            Self::Fails => "fails",
+            Self::MayFail => "may fail",
+            Self::CanBeDone => "can be done",
+            Self::EndsByLimit => "fails at a limit",
+            Self::NeverEnds => "never ends",
+            Self::GoesOn => "goes on",
+            Self::IsLost => "is lost",
         }
     }
 }
@@ -286,6 +306,8 @@ impl FaultKind {
             Self::Hang => "hang",
             Self::Unanswered => "stop unanswered",
             Self::HostLost => "loss of host",
+            Self::CutOff => "cut off",
+            Self::LinkLost => "loss of link",
         }
     }
 }

@@ -27,7 +27,7 @@ mod wires;
 
 pub use explore::{Always, GoesOn, Limits, Reached};
 pub use export::{Transitions, transitions};
-pub use fault::{COLUMNS, Row, Severity, Table};
+pub use fault::{COLUMNS, Mission, Row, Severity, Table};
 pub use finding::{Finding, Verdict};
 pub use flat::{Detail, Ending, Flat, flat};
 pub use model::Model;
@@ -99,11 +99,26 @@ fn assumed(sites: &Sites) -> BTreeMap<(u32, u32), (Duration, Duration)> {
     assumed
 }
 
-/// Says what each single fault of each program does.
-pub fn fmea(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Table {
+/// How many faults may happen in one run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Faults {
+    /// One.
+    #[default]
+    One,
+    /// Two, at any time and in either order.
+    Two,
+}
+
+/// Says what each single fault of each program, host and link does, or what each two do that are worse together.
+pub fn fmea(plan: &Plan, sites: &Sites, limits: &Limits<'_>, faults: Faults) -> Table {
     let mut model = Model::new(plan, sites);
     let catalogue = catalogue::explore_parts(&mut model, limits);
-    let mut table = fault::table(&model, limits);
+    let assumed = assumed(sites);
+    let times = times::Times { model: &model, assumed, endless: BTreeSet::new(), hung: BTreeSet::new() };
+    let mut table = match faults {
+        Faults::One => fault::table(&times, limits),
+        Faults::Two => fault::pairs(&times, limits),
+    };
     table.states += catalogue.states;
     table
 }

@@ -90,3 +90,19 @@ pub(crate) fn within(expression: &Expression) -> Option<(&Expression, Duration)>
         (_, _) => None,
     }
 }
+
+/// For each timer of an expression, whether it is a limit: what follows when it has passed is a failure.
+pub(crate) fn is_limit(expression: &Expression) -> Vec<bool> {
+    let (mut timers, mut limits) = (0, BTreeSet::new());
+    walk(expression, &mut |expression| {
+        if let Expression::Sequence(wait, fail) = expression
+            && matches!((&**wait, &**fail), (Expression::Wait(_), Expression::Fail(_)))
+        {
+            // Its `wait` is the next timer.
+            limits.insert(timers);
+        }
+        let is_timer = matches!(expression, Expression::Wait(_) | Expression::Shield { bound: Some(_), .. });
+        timers += usize::from(is_timer);
+    });
+    (0..timers).map(|timer| limits.contains(&timer)).collect()
+}

@@ -4,19 +4,17 @@ mod formula;
 mod watch;
 
 use crate::explore::{Found, Graph, Limits, explore, is_natural};
+use crate::fault::{NOTED_AFTER, torn};
 use crate::finding::{Finding, diagnostic, help};
 use crate::model::Model;
 use crate::story::{seconds, story, tell};
-use crate::system::{FaultKind, Frame, Injection, Label, Mode, Phase, System};
+use crate::system::{FaultKind, Frame, Injection, Label, Loss, LossKind, Mode, Phase, System};
 use crate::times::Times;
 use language::plan::MemberKind;
 use language::sites::{Consequence, Fault, Occurrence, ProcessRef, Property, Sentence};
 use language::{Code, Span};
 use std::time::Duration;
 use watch::{Goal, Watch};
-
-/// A host that has been missing for so long is lost.
-const LOST_AFTER: Duration = Duration::from_secs(5);
 
 /// Answers every sentence, each with its place.
 pub(crate) fn check(times: &Times<'_, '_>, limits: &Limits<'_>) -> Vec<(Span, Finding)> {
@@ -173,8 +171,8 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
 
     /// Whether a stop that the loss of a host asks for may take longer, from the moment at which the host is gone.
     fn stops_after_loss(&self, lost: &[ProcessRef], who: ProcessRef, limit: Duration) -> Option<Finding> {
-        let Some(rest) = limit.checked_sub(LOST_AFTER) else {
-            let why = format!("a host counts as lost only when it has been missing for {}", seconds(LOST_AFTER));
+        let Some(rest) = limit.checked_sub(NOTED_AFTER) else {
+            let why = format!("it takes up to {} until a host counts as lost", seconds(NOTED_AFTER));
             return Some(self.fails(&why, None));
         };
         lost.iter().find_map(|member| self.stops((Some(*member), Some(who)), rest))
@@ -326,12 +324,43 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
             Consequence::Eventually(other) => (Goal::Owed(None, other.clone()), other.who),
         };
         let whom: Vec<ProcessRef> = lost.into_iter().chain([other]).collect();
-        let system = self.system(&whom, Mode { lost: Some(host), ..Mode::default() });
-        let found = match consequence {
-            Consequence::Never(_) | Consequence::Stopped(..) => self.is_safe(&system, &goal),
-            Consequence::Eventually(_) => self.is_live(&system, &goal, &|_| true),
+        let mode = |kind| Mode { lost: Some(Loss { host, kind }), ..Mode::default() };
+        let found = self.on_loss_in(&self.system(&whom, mode(LossKind::Programs)), consequence, &goal);
+        found.or_else(|| self.on_loss_of_all(host, consequence)).unwrap_or_else(|| self.proved())
+    }
+
+    fn on_loss_in(&self, system: &System<'_>, consequence: &Consequence, goal: &Goal) -> Option<Finding> {
+        match consequence {
+            Consequence::Never(_) | Consequence::Stopped(..) => self.is_safe(system, goal),
+            Consequence::Eventually(_) => self.is_live(system, goal, &|_| true),
+        }
+    }
+
+    /// The host dies with its supervisors, or goes on where nobody reaches it: in both the sentence has to hold of the whole mission.
+    fn on_loss_of_all(&self, host: u32, consequence: &Consequence) -> Option<Finding> {
+        let model = self.times.model;
+        let seen = |who: ProcessRef| match (who.member, model.around[who.group as usize]) {
+            (None, Some((group, slot))) => ProcessRef { group, member: Some(slot) },
+            (_, _) => who,
         };
-        found.unwrap_or_else(|| self.proved())
+        let (goal, other) = match consequence {
+            Consequence::Stopped(who, _) => (Goal::StillRuns(None, seen(*who)), seen(*who)),
+            Consequence::Never(event) => {
+                let event = Occurrence { who: seen(event.who), kind: event.kind.clone() };
+                (Goal::Then(None, event.clone()), event.who)
+            }
+            Consequence::Eventually(event) => {
+                let event = Occurrence { who: seen(event.who), kind: event.kind.clone() };
+                (Goal::Owed(None, event.clone()), event.who)
+            }
+        };
+        let named = other.member.map(|slot| (other.group, slot));
+        [LossKind::Death, LossKind::Cut].into_iter().find_map(|kind| {
+            let mut system = torn(model, named.as_slice());
+            system.notes = 1;
+            system.lose(Loss { host, kind });
+            self.on_loss_in(&system, consequence, &goal)
+        })
     }
 }
 
@@ -365,16 +394,7 @@ pub(crate) fn around<'a>(model: &'a Model<'a>, root: u32, named: &[(u32, u32)]) 
 
 /// Whether a frame shows a member that runs, and is not being stopped, it or a group around it.
 pub(crate) fn is_running(system: &System<'_>, frame: &Frame, who: ProcessRef) -> bool {
-    let Some(slot) = who.member else { return frame.phase == Phase::Running };
-    let mut at = system.find(who.group, slot);
-    if at.is_none() || frame.phase != Phase::Running {
-        return false;
-    }
-    while let Some((unit, member)) = at {
-        if frame.states[unit].activity(member) != language::algebra::Activity::Active {
-            return false;
-        }
-        at = system.units[unit].parent;
-    }
-    true
+    let Some(slot) = who.member else { return frame.phase == Phase::Running && !system.is_silent(frame, 0) };
+    let seat = system.find(who.group, slot).filter(|_| frame.phase == Phase::Running || system.is_split(frame));
+    seat.is_some_and(|seat| system.is_running(frame, seat))
 }

@@ -2,7 +2,7 @@
 
 use crate::explore::Graph;
 use crate::model::Model;
-use crate::system::{Change, Changed, Frame, Label, Phase, System};
+use crate::system::{Change, Changed, Frame, Label, LossKind, Phase, System};
 use language::algebra::Activity;
 use language::plan::{Expression, MemberKind};
 use std::time::Duration;
@@ -81,7 +81,7 @@ pub(crate) fn tell_run(system: &System<'_>, way: &[Label], again: Option<&[Label
         if number == way.len() {
             story.again = Some(story.steps.len());
         }
-        let cause = cause(system, &frame, label);
+        let cause = cause(system, label);
         stepper.apply(&mut frame, label, Some(&mut changes));
         let effects = effects(system, label, &changes);
         let moves: Vec<Move> = changes.iter().filter_map(|change| move_of(system, change)).collect();
@@ -137,17 +137,14 @@ fn is_stop(step: &Step) -> bool {
 /// The members that run, and those that are being stopped; groups that are looked into are left to what is in them.
 pub(crate) fn running(system: &System<'_>, frame: &Frame) -> (Vec<String>, Vec<String>) {
     let (mut running, mut stopping) = (Vec::new(), Vec::new());
-    if frame.phase.is_over() || frame.phase == Phase::Idle {
+    if frame.phase == Phase::Idle || frame.phase.is_over() && !system.is_split(frame) {
         return (running, stopping);
     }
-    for (unit, state) in frame.states.iter().enumerate() {
-        for member in state.members_active() {
-            let is_inside = matches!(system.units[unit].seats[member as usize], crate::system::Occupant::Unit(_));
-            let Some(name) = member_name(system, unit, member).filter(|_| !is_inside) else { continue };
-            match state.activity(member) {
-                Activity::Stopping => stopping.push(name),
-                Activity::Active | Activity::Idle => running.push(name),
-            }
+    for (unit, member) in system.there(frame) {
+        let Some(name) = member_name(system, unit, member) else { continue };
+        match frame.states[unit].activity(member) {
+            Activity::Stopping if !system.is_silent(frame, unit) => stopping.push(name),
+            Activity::Stopping | Activity::Active | Activity::Idle => running.push(name),
         }
     }
     (running, stopping)
@@ -160,7 +157,12 @@ pub(crate) fn member_name(system: &System<'_>, unit: usize, member: u32) -> Opti
     (usize::try_from(member).ok()? < group.members.len()).then(|| system.model.name(part.group, member))
 }
 
-fn cause(system: &System<'_>, frame: &Frame, label: Label) -> String {
+fn lost_host<'s>(system: &'s System<'_>) -> &'s str {
+    let host = system.mode.lost.and_then(|loss| system.model.plan.hosts.get(loss.host as usize));
+    host.map_or("", String::as_str)
+}
+
+fn cause(system: &System<'_>, label: Label) -> String {
     let name = |unit: u16, member: u16| {
         let name = member_name(system, usize::from(unit), u32::from(member));
         let part = &system.model.parts[system.units[usize::from(unit)].part];
@@ -186,24 +188,33 @@ fn cause(system: &System<'_>, frame: &Frame, label: Label) -> String {
             format!("the order to stop reaches `{}`", system.model.group_name(part.group))
         }
         Label::Lost => {
-            let host = system.mode.lost.and_then(|host| system.model.plan.hosts.get(host as usize));
-            format!("the host `{}` IS LOST", host.map_or("", String::as_str))
+            let is_cut = system.mode.lost.is_some_and(|loss| loss.kind == LossKind::Cut);
+            format!("the host `{}` {}", lost_host(system), if is_cut { "IS CUT OFF" } else { "IS LOST" })
+        }
+        Label::Noted(host) => {
+            let host = system.model.plan.hosts.get(usize::from(host)).map_or("", String::as_str);
+            match lost_host(system) {
+                lost if lost == host => format!("`{host}` notes that it reaches nobody"),
+                lost => format!("`{host}` notes that `{lost}` is lost"),
+            }
         }
         Label::Fault(unit, member) => {
-            let what = system.mode.fault.map_or("fails", |fault| fault.kind.verb());
-            let _ = frame;
-            format!("{} {what}", name(unit, member))
+            format!("{} {}", name(unit, member), system.mode.fault.map_or("fails", |fault| fault.kind.verb()))
+        }
+        Label::Second(unit, member) => {
+            format!("{} {}", name(unit, member), system.mode.second.map_or("fails", |fault| fault.kind.verb()))
         }
     }
 }
 
-fn effects(system: &System<'_>, label: Label, changes: &[Change]) -> Vec<String> {
+/// What a change makes follow, one clause each.
+pub(crate) fn effects(system: &System<'_>, label: Label, changes: &[Change]) -> Vec<String> {
     let subject = match label {
         Label::Done(unit, member, _) | Label::Aborted(unit, member) | Label::Stopped(unit, member) => {
             Some((usize::from(unit), u32::from(member)))
         }
-        Label::Fault(unit, member) => Some((usize::from(unit), u32::from(member))),
-        Label::Start | Label::Stop | Label::Elapsed(..) | Label::Reached(_) | Label::Lost => None,
+        Label::Fault(unit, member) | Label::Second(unit, member) => Some((usize::from(unit), u32::from(member))),
+        Label::Start | Label::Stop | Label::Elapsed(..) | Label::Reached(_) | Label::Lost | Label::Noted(_) => None,
     };
     let (mut starts, mut stops, mut ends) = (Vec::new(), Vec::new(), Vec::new());
     for change in changes {
@@ -292,6 +303,8 @@ impl crate::system::FaultKind {
             Self::Hang => "HANGS: it never ends by itself",
             Self::Unanswered => "DOES NOT ANSWER the stop",
             Self::HostLost => "is lost with its host",
+            Self::CutOff => "is cut off with its host",
+            Self::LinkLost => "loses its link",
         }
     }
 }

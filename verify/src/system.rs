@@ -5,46 +5,18 @@
 //! stopped at some time; a timer that is armed may run out. Supervisors of different groups react on their own: an order to
 //! stop reaches a member group some time after it was given.
 
+mod loss;
+mod mode;
 mod reaction;
 
 use crate::model::{Ends, Model, Seat};
 use language::algebra::{Activity, Packing, Program, Steps, Value, Words};
 use language::sites::ProcessRef;
+use loss::Rift;
+pub(crate) use loss::{Loss, LossKind, is_torn};
+pub use mode::FaultKind;
+pub(crate) use mode::{Injection, Mode};
 pub(crate) use reaction::Stepper;
-
-/// What may happen beside what programs do when all is well.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Mode {
-    /// Any program may abort at any time.
-    pub(crate) aborts: bool,
-    /// The whole may be stopped at any time.
-    pub(crate) stops: bool,
-    /// One fault of this kind may happen to this member.
-    pub(crate) fault: Option<Injection>,
-    /// This host may be lost: an index into `Plan::hosts`.
-    pub(crate) lost: Option<u32>,
-}
-
-/// A fault, and whom it strikes: a member of a unit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Injection {
-    pub(crate) unit: usize,
-    pub(crate) member: u32,
-    pub(crate) kind: FaultKind,
-}
-
-/// What goes wrong.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum FaultKind {
-    /// The program dies.
-    Crash,
-    /// The program goes on for ever, but still answers a stop, at the latest by being killed.
-    Hang,
-    /// Nobody can confirm that the program has stopped.
-    Unanswered,
-    /// Its host is lost, with every program there.
-    HostLost,
-}
 
 /// Something that happens to a system.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,8 +35,12 @@ pub(crate) enum Label {
     Reached(u16),
     /// The fault.
     Fault(u16, u16),
+    /// The second fault.
+    Second(u16, u16),
     /// The host is lost.
     Lost,
+    /// The node of a host takes note of the loss: an index into `Plan::hosts`.
+    Noted(u16),
 }
 
 /// Where the whole is.
@@ -137,6 +113,10 @@ pub(crate) struct Frame {
     pub(crate) phase: Phase,
     /// Whether the fault has happened.
     pub(crate) is_faulty: bool,
+    /// Whether the second one has.
+    pub(crate) is_twice_faulty: bool,
+    /// What a loss has made of hosts and members: see `loss`.
+    pub(crate) rift: Vec<u8>,
     /// What observers keep in mind.
     pub(crate) notes: Vec<u8>,
 }
@@ -150,6 +130,8 @@ pub(crate) struct System<'a> {
     /// How many bytes observers need.
     pub(crate) notes: usize,
     values: Vec<Value>,
+    /// What lies on either side of a loss, if `mode` has one.
+    rift: Option<Rift>,
     /// Whether it is known how everything in it may end.
     is_whole: bool,
 }
@@ -158,7 +140,8 @@ impl<'a> System<'a> {
     /// Puts a part together with those below it that `is_open` says; pieces of an open group are open if anything in them is.
     pub(crate) fn new(model: &'a Model<'a>, root: usize, is_open: &dyn Fn(usize) -> bool) -> Self {
         let values = all_values(model);
-        let mut system = Self { model, units: Vec::new(), mode: Mode::default(), notes: 0, values, is_whole: true };
+        let mut system =
+            Self { model, units: Vec::new(), mode: Mode::default(), notes: 0, values, rift: None, is_whole: true };
         system.add(root, None, is_open);
         system
     }
@@ -225,7 +208,7 @@ impl<'a> System<'a> {
 
     /// How many bytes a configuration takes.
     pub(crate) fn length(&self) -> usize {
-        self.states_length() + self.units.len().div_ceil(8) + 1 + self.notes
+        self.states_length() + self.units.len().div_ceil(8) + 1 + self.rift_length() + self.notes
     }
 
     fn states_length(&self) -> usize {
@@ -238,6 +221,8 @@ impl<'a> System<'a> {
             ordered: vec![false; self.units.len()],
             phase: Phase::Idle,
             is_faulty: false,
+            is_twice_faulty: false,
+            rift: vec![0; self.rift_length()],
             notes: vec![0; self.notes],
         }
     }
@@ -266,8 +251,10 @@ impl<'a> System<'a> {
         for (eight, byte) in frame.ordered.chunks(8).zip(orders) {
             *byte = eight.iter().rev().fold(0, |byte, ordered| byte << 1 | u8::from(*ordered));
         }
-        rest[0] = frame.phase as u8 | u8::from(frame.is_faulty) << 7;
-        rest[1..].copy_from_slice(&frame.notes);
+        rest[0] = frame.phase as u8 | u8::from(frame.is_twice_faulty) << 6 | u8::from(frame.is_faulty) << 7;
+        let (rift, notes) = rest[1..].split_at_mut(frame.rift.len());
+        rift.copy_from_slice(&frame.rift);
+        notes.copy_from_slice(&frame.notes);
     }
 
     pub(crate) fn unpack(&self, bytes: &[u8], frame: &mut Frame) {
@@ -282,8 +269,16 @@ impl<'a> System<'a> {
         }
         rest = &rest[self.units.len().div_ceil(8)..];
         frame.phase = Phase::ALL[usize::from(rest[0] & 7).min(5)];
+        frame.is_twice_faulty = rest[0] >> 6 & 1 == 1;
         frame.is_faulty = rest[0] >> 7 == 1;
-        frame.notes.copy_from_slice(&rest[1..]);
+        let (rift, notes) = rest[1..].split_at(frame.rift.len());
+        frame.rift.copy_from_slice(rift);
+        frame.notes.copy_from_slice(notes);
+    }
+
+    /// Where the whole is in a packed configuration.
+    pub(crate) fn phase_of(&self, bytes: &[u8]) -> Phase {
+        Phase::ALL[usize::from(bytes[self.states_length() + self.units.len().div_ceil(8)] & 7).min(5)]
     }
 
     // ---- what may happen ----
@@ -293,20 +288,29 @@ impl<'a> System<'a> {
         labels.clear();
         match frame.phase {
             Phase::Idle => return labels.push(Label::Start),
-            Phase::Done | Phase::Aborted | Phase::Stopped => return,
+            // Beyond a loss something may go on.
+            Phase::Done | Phase::Aborted | Phase::Stopped if !self.is_split(frame) => return,
+            Phase::Done | Phase::Aborted | Phase::Stopped | Phase::Stopping => {}
             Phase::Running if self.mode.stops => labels.push(Label::Stop),
-            Phase::Running | Phase::Stopping => {}
+            Phase::Running => {}
         }
-        if self.mode.lost.is_some() && !frame.is_faulty {
-            labels.push(Label::Lost);
+        if self.mode.lost.is_some() {
+            self.loss_labels(frame, labels);
         }
         for unit in 0..self.units.len() {
+            if self.is_silent(frame, unit) {
+                continue;
+            }
             if frame.ordered[unit] {
                 labels.push(Label::Reached(small(unit)));
             }
             for member in frame.states[unit].members_active() {
-                if let Occupant::Box(ends) = &self.units[unit].seats[member as usize] {
-                    self.member_labels(frame, (unit, member), ends, labels);
+                match &self.units[unit].seats[member as usize] {
+                    Occupant::Box(ends) => self.member_labels(frame, (unit, member), ends, labels),
+                    Occupant::Unit(_) if self.is_refused(frame, (unit, member)) => {
+                        labels.push(Label::Aborted(small(unit), small(member as usize)));
+                    }
+                    Occupant::Unit(_) => {}
                 }
             }
             for timer in 0..self.program(unit).timers() {
@@ -319,37 +323,37 @@ impl<'a> System<'a> {
 
     fn member_labels(&self, frame: &Frame, (unit, member): (usize, u32), ends: &[Ends; 2], labels: &mut Vec<Label>) {
         let (at, slot) = (small(unit), small(member as usize));
-        if frame.is_faulty && self.is_lost(unit, member) {
+        if self.is_refused(frame, (unit, member)) {
             labels.push(Label::Aborted(at, slot));
             return;
         }
-        let struck = self.mode.fault.filter(|fault| (fault.unit, fault.member) == (unit, member));
-        let hangs = |fault: Injection| fault.kind == FaultKind::Hang && frame.is_faulty;
-        if frame.states[unit].activity(member) == Activity::Stopping {
-            labels.push(Label::Stopped(at, slot));
-            if struck.is_some_and(|fault| fault.kind == FaultKind::Unanswered && !frame.is_faulty) {
-                labels.push(Label::Fault(at, slot));
-            }
+        if self.is_unheard(frame, (unit, member)) {
             return;
         }
+        let is_stopping = frame.states[unit].activity(member) == Activity::Stopping;
+        let mut hangs = self.waits_for_ever(frame, (unit, member));
         let ends = &ends[usize::from(!self.mode.aborts)];
-        if !struck.is_some_and(hangs) {
+        let is_struck = |fault: Injection| (fault.unit, fault.member) == (unit, member);
+        let faults = [
+            (self.mode.fault, frame.is_faulty, Label::Fault(at, slot)),
+            (self.mode.second, frame.is_twice_faulty, Label::Second(at, slot)),
+        ];
+        for (fault, has_happened, _) in faults {
+            hangs |= has_happened && fault.is_some_and(|fault| is_struck(fault) && fault.kind == FaultKind::Hang);
+        }
+        if is_stopping {
+            labels.push(Label::Stopped(at, slot));
+        } else if !hangs {
             labels.extend(ends.done.iter().map(|value| Label::Done(at, slot, self.number(value))));
             if ends.aborts {
                 labels.push(Label::Aborted(at, slot));
             }
         }
-        if struck.is_some_and(|fault| fault.kind != FaultKind::Unanswered && !frame.is_faulty) {
-            labels.push(Label::Fault(at, slot));
-        }
-    }
-
-    /// Whether a member is a program on the host that may be lost.
-    fn is_lost(&self, unit: usize, member: u32) -> bool {
-        let Some(host) = self.mode.lost else { return false };
-        match self.model.parts[self.units[unit].part].members.get(member as usize) {
-            Some(Seat::Leaf(leaf)) => self.model.plan.leaves[*leaf as usize].host == host,
-            Some(Seat::Part(_)) | None => false,
+        for (fault, has_happened, label) in faults {
+            let may = |fault: Injection| is_struck(fault) && is_stopping == (fault.kind == FaultKind::Unanswered);
+            if !has_happened && fault.is_some_and(may) {
+                labels.push(label);
+            }
         }
     }
 
@@ -373,11 +377,11 @@ impl<'a> System<'a> {
             let state = &frame.states[unit];
             let is_box = |member: u32| matches!(self.units[unit].seats[member as usize], Occupant::Box(_));
             let is_awaited = |member: u32| {
-                state.activity(member) == Activity::Stopping || frame.is_faulty && self.is_lost(unit, member)
+                is_box(member) && state.activity(member) == Activity::Stopping || self.is_refused(frame, (unit, member))
             };
-            state.members_active().any(|member| is_box(member) && is_awaited(member))
+            !self.is_silent(frame, unit) && state.members_active().any(is_awaited)
         };
-        frame.ordered.contains(&true) || (0..self.units.len()).any(is_stopping)
+        frame.ordered.contains(&true) || self.is_news_due(frame) || (0..self.units.len()).any(is_stopping)
     }
 
     /// The steps of each unit, for one who lets things happen.

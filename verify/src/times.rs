@@ -143,8 +143,9 @@ impl Times<'_, '_> {
             }
             Expression::Shield { bound, .. } => {
                 let held = match (bound, parts[0].end) {
-                    (Some(bound), Some(end)) => add(Some((*bound).min(end)), stop),
-                    (Some(bound), None) => add(Some(*bound), stop),
+                    // What ends before its bound is never stopped.
+                    (Some(bound), Some(end)) if end <= *bound => Some(end),
+                    (Some(bound), _) => add(Some(*bound), stop),
                     (None, end) => end,
                 };
                 Span { stop: held, ..parts[0] }

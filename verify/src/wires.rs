@@ -15,10 +15,10 @@ use std::collections::BTreeMap;
 
 /// A wire where it is declared.
 #[derive(Clone, Copy, Debug)]
-struct Line {
-    wire: u32,
-    group: u32,
-    set: u32,
+pub(crate) struct Line {
+    pub(crate) wire: u32,
+    pub(crate) group: u32,
+    pub(crate) set: u32,
     /// The members of that group at or around its two ends.
     from: u32,
     to: u32,
@@ -61,7 +61,7 @@ pub(crate) fn check(model: &Model<'_>, limits: &Limits<'_>) -> Vec<Finding> {
 }
 
 /// Every wire with the set that it is in.
-fn lines(model: &Model<'_>) -> Vec<Line> {
+pub(crate) fn lines(model: &Model<'_>) -> Vec<Line> {
     let mut lines = Vec::new();
     for (group, source) in (0_u32..).zip(&model.plan.groups) {
         for (set, source) in (0_u32..).zip(&source.sets) {

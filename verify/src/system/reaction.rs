@@ -1,6 +1,6 @@
 //! Lets something happen in a system: the parts react one after the other, until nothing follows any more.
 
-use super::{Change, Changed, FaultKind, Frame, Label, Occupant, Phase, System};
+use super::{Change, Changed, FaultKind, Frame, Injection, Label, Occupant, Phase, System};
 use language::algebra::{Activation, Activity, Cause, Command, Event, Outcome, Reason, Steps, Value};
 use std::collections::VecDeque;
 
@@ -17,8 +17,21 @@ pub(crate) struct Stepper<'s> {
     journal: Vec<(usize, u32, u64)>,
     ordered: Vec<bool>,
     notes: Vec<u8>,
+    rift: Vec<u8>,
     phase: Phase,
     is_faulty: bool,
+    is_twice_faulty: bool,
+}
+
+/// What the note of a loss does to a unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Blow {
+    /// It is stopped.
+    Stop(usize),
+    /// A member has failed for it.
+    End(usize, u32),
+    /// Nobody hears that a member has stopped.
+    Tell(usize, u32),
 }
 
 impl<'s> Stepper<'s> {
@@ -30,8 +43,10 @@ impl<'s> Stepper<'s> {
             journal: Vec::new(),
             ordered: Vec::new(),
             notes: Vec::new(),
+            rift: Vec::new(),
             phase: Phase::Idle,
             is_faulty: false,
+            is_twice_faulty: false,
         }
     }
 
@@ -43,11 +58,12 @@ impl<'s> Stepper<'s> {
         self.journal.clear();
         self.ordered.clone_from(&frame.ordered);
         self.notes.clone_from(&frame.notes);
-        (self.phase, self.is_faulty) = (frame.phase, frame.is_faulty);
+        self.rift.clone_from(&frame.rift);
+        (self.phase, self.is_faulty, self.is_twice_faulty) = (frame.phase, frame.is_faulty, frame.is_twice_faulty);
         let Self { system, steps, queue, journal, .. } = self;
-        let mut reaction = Reaction { system, frame, changes, queue, journal };
+        let mut reaction = Reaction { system, frame, changes, queue, journal, blows: VecDeque::new() };
         let mut next = reaction.begin(label);
-        while let Some((unit, event)) = next {
+        while let Some((unit, event)) = next.or_else(|| reaction.blow()) {
             reaction.react(&mut steps[unit], unit, event);
             next = reaction.queue.pop_front();
         }
@@ -65,7 +81,8 @@ impl<'s> Stepper<'s> {
         }
         frame.ordered.clone_from(&self.ordered);
         frame.notes.clone_from(&self.notes);
-        (frame.phase, frame.is_faulty) = (self.phase, self.is_faulty);
+        frame.rift.clone_from(&self.rift);
+        (frame.phase, frame.is_faulty, frame.is_twice_faulty) = (self.phase, self.is_faulty, self.is_twice_faulty);
     }
 }
 
@@ -76,6 +93,8 @@ struct Reaction<'r, 'a> {
     changes: Option<&'r mut Vec<Change>>,
     queue: &'r mut VecDeque<(usize, Event)>,
     journal: &'r mut Vec<(usize, u32, u64)>,
+    /// What the note of a loss still does, once nothing follows from what it has done.
+    blows: VecDeque<Blow>,
 }
 
 impl Reaction<'_, '_> {
@@ -94,13 +113,18 @@ impl Reaction<'_, '_> {
             }
             Label::Done(unit, member, value) => self.ends(unit, member, Outcome::Done(self.system.value(value))),
             Label::Aborted(unit, member) => {
-                let (at, slot) = (usize::from(unit), u32::from(member));
-                let is_lost = self.frame.is_faulty && self.system.is_lost(at, slot);
-                let is_asked = is_lost && self.frame.states[at].activity(slot) == Activity::Stopping;
-                self.ends(unit, member, if is_asked { unconfirmed() } else { failed() })
+                let seat = (usize::from(unit), u32::from(member));
+                let is_asked = self.frame.states[seat.0].activity(seat.1) == Activity::Stopping;
+                let is_unknown = is_asked && self.system.is_refused(self.frame, seat);
+                self.ends(unit, member, if is_unknown { unconfirmed() } else { failed() })
             }
             Label::Lost => {
                 self.frame.is_faulty = true;
+                self.lose_orders();
+                None
+            }
+            Label::Noted(host) => {
+                self.blows = self.system.note(self.frame, u32::from(host));
                 None
             }
             Label::Stopped(unit, member) => self.ends(unit, member, Outcome::Stopped),
@@ -114,13 +138,54 @@ impl Reaction<'_, '_> {
             }
             Label::Fault(unit, member) => {
                 self.frame.is_faulty = true;
-                match self.system.mode.fault.map(|fault| fault.kind) {
-                    Some(FaultKind::Crash) => self.ends(unit, member, failed()),
-                    Some(FaultKind::Unanswered) => self.ends(unit, member, unconfirmed()),
-                    Some(FaultKind::Hang | FaultKind::HostLost) | None => None,
-                }
+                self.strikes((unit, member), self.system.mode.fault)
+            }
+            Label::Second(unit, member) => {
+                self.frame.is_twice_faulty = true;
+                self.strikes((unit, member), self.system.mode.second)
             }
         }
+    }
+
+    fn strikes(&mut self, (unit, member): (u16, u16), fault: Option<Injection>) -> Option<(usize, Event)> {
+        match fault?.kind {
+            FaultKind::Crash => self.ends(unit, member, failed()),
+            FaultKind::Unanswered => self.ends(unit, member, unconfirmed()),
+            FaultKind::Hang | FaultKind::HostLost | FaultKind::CutOff | FaultKind::LinkLost => None,
+        }
+    }
+
+    /// Orders to stop that are on their way over what is lost do not arrive.
+    fn lose_orders(&mut self) {
+        for unit in 0..self.system.units.len() {
+            let is_severed =
+                self.system.units[unit].parent.is_some_and(|seat| self.system.is_severed(self.frame, seat));
+            if is_severed || self.system.is_silent(self.frame, unit) {
+                self.frame.ordered[unit] = false;
+            }
+        }
+    }
+
+    /// What the note of a loss does next.
+    fn blow(&mut self) -> Option<(usize, Event)> {
+        while let Some(blow) = self.blows.pop_front() {
+            match blow {
+                Blow::Tell(unit, member) => self.change(unit, Some(member), || Changed::Stopped),
+                Blow::Stop(unit) if !self.system.is_silent(self.frame, unit) => return Some((unit, Event::Stop)),
+                Blow::End(unit, member) if !self.system.is_silent(self.frame, unit) => {
+                    let is_severed = self.system.is_severed(self.frame, (unit, member));
+                    match self.frame.states[unit].activity(member) {
+                        Activity::Active => return Some((unit, self.ended(unit, member, failed()))),
+                        Activity::Stopping if is_severed => {
+                            return Some((unit, self.ended(unit, member, unconfirmed())));
+                        }
+                        Activity::Stopping | Activity::Idle => {}
+                    }
+                }
+                Blow::Stop(_) | Blow::End(..) => {}
+            }
+        }
+        None
     }
 
     fn ends(&mut self, unit: u16, member: u16, outcome: Outcome) -> Option<(usize, Event)> {
@@ -165,7 +230,8 @@ impl Reaction<'_, '_> {
             match command {
                 Command::Activate { member, value, .. } => {
                     self.change(unit, Some(*member), || Changed::Started);
-                    if let Occupant::Unit(inner) = self.system.units[unit].seats[*member as usize] {
+                    let begins = self.system.begins(self.frame, (unit, *member));
+                    if begins && let Occupant::Unit(inner) = self.system.units[unit].seats[*member as usize] {
                         self.queue.push_back((inner, Event::Start(value.clone())));
                     }
                 }
@@ -185,7 +251,10 @@ impl Reaction<'_, '_> {
         let Occupant::Unit(inner) = self.system.units[unit].seats[member as usize] else { return };
         if self.system.model.parts[self.system.units[inner].part].is_piece {
             self.queue.push_back((inner, Event::Stop));
-        } else {
+        } else if self.system.waits_for_ever(self.frame, (unit, member)) {
+            // It has never begun.
+            self.queue.push_back((unit, Event::Stopped { member, activation: ACTIVATION }));
+        } else if !self.system.is_severed(self.frame, (unit, member)) {
             self.frame.ordered[inner] = true;
         }
     }
@@ -195,7 +264,9 @@ impl Reaction<'_, '_> {
         self.frame.ordered[unit] = false;
         if let Some((around, member)) = self.system.units[unit].parent {
             // A stop that comes too late finds nothing: its answer is the outcome that was under way.
-            if self.frame.states[around].activity(member) != Activity::Idle {
+            let is_heard =
+                !self.system.is_severed(self.frame, (around, member)) && !self.system.is_silent(self.frame, around);
+            if is_heard && self.frame.states[around].activity(member) != Activity::Idle {
                 let event = self.ended(around, member, outcome);
                 self.queue.push_back((around, event));
             }

@@ -1,0 +1,379 @@
+//! What one fault, or two, come to: how bad that is, and its row.
+
+use super::settle::{NOTED_AFTER, Settled, longest_stop, settle};
+use super::{Mission, Row, Severity};
+use crate::explore::{Graph, is_natural};
+use crate::limits::is_limit;
+use crate::model::Seat;
+use crate::story::{Step, Story, effects, member_name, running, seconds, tell, timer_of};
+use crate::system::{FaultKind, Frame, Label, Occupant, Phase, Stepper, System};
+use crate::times::Times;
+use language::algebra::Activity;
+use language::plan::LinkLoss;
+use std::cell::RefCell;
+use std::time::Duration;
+
+/// What a fault strikes in a system.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Struck {
+    pub(super) kind: FaultKind,
+    /// The program; none for a host.
+    pub(super) seat: Option<(usize, u32)>,
+}
+
+/// A fault, or two, in all states that they can happen in.
+pub(super) struct Case<'c, 'm, 'a> {
+    times: &'c Times<'m, 'a>,
+    system: &'c System<'a>,
+    graph: &'c Graph,
+    struck: Vec<Struck>,
+    /// For each state: whether an end can be reached from it, and without a limit that passes: success, failure.
+    ends: Vec<bool>,
+    done: Vec<bool>,
+    fails: Vec<bool>,
+    /// For each step that may hang, and each state, whether something can end it.
+    ended: Vec<Vec<bool>>,
+    /// For each unit, which of its timers are limits.
+    limits: Vec<Vec<bool>>,
+    stepper: RefCell<Stepper<'c>>,
+}
+
+/// A fault in one state, judged.
+#[derive(Debug)]
+pub(super) struct Judged {
+    pub(super) phase: String,
+    pub(super) severity: Severity,
+    mission: Mission,
+    settled: Settled,
+    /// The state in which it happens, and what follows.
+    before: Frame,
+    state: u32,
+    fault: Label,
+    after: Frame,
+}
+
+impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
+    pub(super) fn new(times: &'c Times<'m, 'a>, system: &'c System<'a>, graph: &'c Graph, struck: Vec<Struck>) -> Self {
+        let limits: Vec<Vec<bool>> = (0..system.units.len())
+            .map(|unit| is_limit(&system.model.parts[system.units[unit].part].expression))
+            .collect();
+        let is_lossy = system.mode.lost.is_some();
+        let counts = |label: Label| is_natural(label) || is_lossy && matches!(label, Label::Aborted(..));
+        let passes =
+            |unit: u16, timer: u16| limits[usize::from(unit)].get(usize::from(timer)).is_some_and(|limit| *limit);
+        let is_passed = |label: Label| matches!(label, Label::Elapsed(unit, timer) if passes(unit, timer));
+        let is_free = |label: Label| counts(label) && !is_passed(label);
+        let phases: Vec<Phase> =
+            (0..graph.store.count()).map(|state| system.phase_of(graph.store.get(state))).collect();
+        let phase = |which: fn(Phase) -> bool| phases.iter().map(|phase| which(*phase)).collect::<Vec<_>>();
+        let ends = graph.can_reach(&phase(Phase::is_over), &counts);
+        let done = graph.can_reach(&phase(|phase| phase == Phase::Done), &is_free);
+        let fails = graph.can_reach(&phase(|phase| phase == Phase::Aborted), &is_free);
+        let hung = struck.iter().filter(|struck| struck.kind == FaultKind::Hang).filter_map(|struck| struck.seat);
+        let ended = hung.filter(|seat| is_step(system, *seat)).map(|(unit, member)| {
+            let idle = graph.which(system, |frame| frame.states[unit].activity(member) == Activity::Idle);
+            graph.can_reach(&idle, &counts)
+        });
+        let ended = ended.collect();
+        Self { times, system, graph, struck, ends, done, fails, ended, limits, stepper: RefCell::new(system.stepper()) }
+    }
+
+    /// Judges the last fault in every state in which it happens.
+    pub(super) fn each_fault(&self, mut take: impl FnMut(Judged)) {
+        let (mut before, mut after) = (self.system.initial(), self.system.initial());
+        for state in 0..self.graph.store.count() {
+            for (label, target) in self.graph.from(state) {
+                if !matches!(label, Label::Fault(..) | Label::Second(..) | Label::Lost) {
+                    continue;
+                }
+                self.system.unpack(self.graph.store.get(state), &mut before);
+                self.system.unpack(self.graph.store.get(target), &mut after);
+                if !after.is_faulty || self.struck.len() > 1 && !after.is_twice_faulty {
+                    continue;
+                }
+                let judged = self.judge((&before, &after), (state, label, target));
+                // What is being stopped anyway ends, whatever strikes it.
+                if self.is_asked(&before, label) && judged.severity < Severity::Adrift {
+                    continue;
+                }
+                take(judged);
+            }
+        }
+    }
+
+    fn judge(&self, (before, after): (&Frame, &Frame), (state, fault, target): (u32, Label, u32)) -> Judged {
+        let settled = self.settle(after);
+        let mission = self.mission(&settled, target);
+        let severity = self.severity((before, after), &settled, mission, (fault, target));
+        // It could fail before, too.
+        let may_anyway = mission == Mission::MayFail && self.fails[state as usize];
+        let mission = if may_anyway { Mission::CanBeDone } else { mission };
+        let (phase, before, after) = (self.phase(before), before.clone(), after.clone());
+        Judged { phase, severity, mission, settled, before, state, fault, after }
+    }
+
+    fn settle(&self, frame: &Frame) -> Settled {
+        settle(self.times, self.system, &mut self.stepper.borrow_mut(), frame)
+    }
+
+    /// Whether a program that crashes or hangs, or a group around it, has been asked to stop.
+    fn is_asked(&self, frame: &Frame, fault: Label) -> bool {
+        let seat = struck_by(fault);
+        let is_own = |struck: &&Struck| struck.seat == seat && struck.kind != FaultKind::Unanswered;
+        if seat.is_none() || !self.struck.iter().any(|struck| is_own(&struck)) {
+            return false;
+        }
+        let mut seats = std::iter::successors(seat, |(unit, _)| self.system.units[*unit].parent);
+        seats.any(|(unit, member)| frame.ordered[unit] || frame.states[unit].activity(member) == Activity::Stopping)
+    }
+
+    fn mission(&self, settled: &Settled, target: u32) -> Mission {
+        let target = target as usize;
+        match settled.frame.phase {
+            Phase::Done => return Mission::Done,
+            Phase::Aborted | Phase::Stopped => return Mission::Fails,
+            Phase::Idle | Phase::Running | Phase::Stopping => {}
+        }
+        if self.system.is_silent(&settled.frame, 0) {
+            return Mission::IsLost;
+        }
+        if self.system.program(0).is_service() {
+            return Mission::GoesOn;
+        }
+        match (self.done[target], self.fails[target]) {
+            (true, true) => Mission::MayFail,
+            (true, false) => Mission::CanBeDone,
+            (false, true) => Mission::Fails,
+            (false, false) if self.ends[target] => Mission::EndsByLimit,
+            (false, false) => Mission::NeverEnds,
+        }
+    }
+
+    fn severity(
+        &self,
+        (before, after): (&Frame, &Frame),
+        settled: &Settled,
+        mission: Mission,
+        (fault, target): (Label, u32),
+    ) -> Severity {
+        let there = self.system.there(&settled.frame);
+        if there.iter().any(|seat| self.system.is_adrift(&settled.frame, *seat)) {
+            return Severity::Adrift;
+        }
+        if mission == Mission::NeverEnds || settled.is_restless || self.waits(&settled.frame, mission) {
+            return Severity::Stuck;
+        }
+        if self.struck.iter().any(|struck| struck.kind == FaultKind::Unanswered) {
+            return Severity::Unconfirmed;
+        }
+        if there.is_empty() && (settled.frame.phase.is_over() || mission == Mission::IsLost) {
+            return Severity::Safe;
+        }
+        if self.ended.iter().any(|ended| !ended[target as usize]) {
+            return Severity::Stuck;
+        }
+        if let Some(hung) = self.hung(fault) {
+            return match is_step(self.system, hung) {
+                _ if mission == Mission::Fails => Severity::FailsLater,
+                true => Severity::Handled,
+                false if self.blinds(hung) => Severity::Blind,
+                false => Severity::Degraded,
+            };
+        }
+        let (were, are) = (self.others(before), self.others(&settled.frame));
+        let starts_anew = are.iter().any(|seat| !were.contains(seat)) || self.new_pause(before, after).is_some();
+        let waits = are.iter().any(|(unit, member)| self.system.waits_for_ever(&settled.frame, (*unit, *member)));
+        match [Mission::Fails, Mission::EndsByLimit].contains(&mission) {
+            _ if starts_anew && !waits => Severity::Handled,
+            true => Severity::FailsLater,
+            false if were != are => Severity::Handled,
+            false => Severity::Degraded,
+        }
+    }
+
+    /// Whether something in a mission that is a service waits for what a lost host may still use.
+    fn waits(&self, frame: &Frame, mission: Mission) -> bool {
+        let waits = |unit: usize| {
+            let mut members = frame.states[unit].members_active();
+            members.any(|member| self.system.waits_for_ever(frame, (unit, member)))
+        };
+        mission == Mission::GoesOn && (0..self.system.units.len()).any(waits)
+    }
+
+    /// Whether others get data from a service that hangs: nobody ends it, and nobody tells them.
+    fn blinds(&self, (unit, member): (usize, u32)) -> bool {
+        let part = &self.system.model.parts[self.system.units[unit].part];
+        let sends = |leaf: u32| self.system.model.plan.wires.iter().any(|wire| wire.from.leaf == leaf);
+        let leaf = part.members.get(member as usize).filter(|_| !is_step(self.system, (unit, member)));
+        matches!(leaf, Some(Seat::Leaf(leaf)) if sends(*leaf))
+    }
+
+    /// The program that this fault makes hang, if it does.
+    fn hung(&self, fault: Label) -> Option<(usize, u32)> {
+        let seat = struck_by(fault)?;
+        self.struck.iter().any(|struck| struck.seat == Some(seat) && struck.kind == FaultKind::Hang).then_some(seat)
+    }
+
+    /// What runs and is not being stopped, besides what the faults strike: also what is on a host that is lost.
+    fn others(&self, frame: &Frame) -> Vec<(usize, u32)> {
+        let is_struck = |seat: (usize, u32)| self.struck.iter().any(|struck| struck.seat == Some(seat));
+        let is_stopping = |(unit, member): (usize, u32)| frame.states[unit].activity(member) == Activity::Stopping;
+        let there = self.system.there(frame).into_iter();
+        there.filter(|seat| !is_struck(*seat) && !self.system.is_on_lost(*seat) && !is_stopping(*seat)).collect()
+    }
+
+    fn names(&self) -> Vec<String> {
+        let seats = self.struck.iter().filter_map(|struck| struck.seat);
+        seats.filter_map(|(unit, member)| member_name(self.system, unit, member)).collect()
+    }
+
+    /// The pause that a fault sets off, after which something goes on: a timer that was not armed before.
+    fn new_pause(&self, before: &Frame, after: &Frame) -> Option<Duration> {
+        (0..self.system.units.len()).find_map(|unit| {
+            let program = self.system.program(unit);
+            let is_new = |&timer: &u32| {
+                after.states[unit].is_armed(program, timer) && !before.states[unit].is_armed(program, timer)
+            };
+            let timer = (0..program.timers()).find(is_new)?;
+            self.time_of(unit, timer)
+        })
+    }
+
+    fn time_of(&self, unit: usize, timer: u32) -> Option<Duration> {
+        timer_of(&self.system.model.parts[self.system.units[unit].part].expression, timer as usize)
+    }
+
+    /// What runs and will end: the step that the run is in.
+    fn phase(&self, frame: &Frame) -> String {
+        let own = self.names();
+        let (mut steps, mut stopping) = (Vec::new(), Vec::new());
+        for (unit, member) in self.system.there(frame) {
+            let Some(name) = member_name(self.system, unit, member).filter(|name| !own.contains(name)) else {
+                continue;
+            };
+            match frame.states[unit].activity(member) {
+                Activity::Stopping => stopping.push(name),
+                Activity::Active | Activity::Idle if is_step(self.system, (unit, member)) => steps.push(name),
+                Activity::Active | Activity::Idle => {}
+            }
+        }
+        match (steps.is_empty(), stopping.is_empty()) {
+            (false, _) => steps.join(", "),
+            (true, true) if self.struck.iter().any(|struck| struck.seat.is_some()) => "alone".to_owned(),
+            (true, _) => "between two steps".to_owned(),
+        }
+    }
+
+    // ---- the row ----
+
+    pub(super) fn row(&self, (program, fault): (String, String), judged: Judged) -> Row {
+        let told = self.story(&judged);
+        let effect = self.effect(&judged);
+        let Judged { phase, severity, mission, settled, after, .. } = judged;
+        let (mut running, stopping) = running(self.system, &settled.frame);
+        running.extend(stopping);
+        for struck in self.struck.iter().filter(|struck| struck.kind == FaultKind::Unanswered) {
+            let name = struck.seat.and_then(|(unit, member)| member_name(self.system, unit, member));
+            running.extend(name.map(|name| format!("perhaps {name}")));
+        }
+        let safe_within = self.safe_within(&after, &settled).filter(|_| severity == Severity::Safe);
+        Row { program, fault, phase, effect, running, safe_within, mission, severity, story: told }
+    }
+
+    fn story(&self, judged: &Judged) -> Story {
+        let mut way = self.graph.way(judged.state);
+        way.push(judged.fault);
+        let mut told = tell(self.system, &way);
+        if self.system.mode.lost.is_some() {
+            (told.running, told.stopping) = running(self.system, &judged.settled.frame);
+            told.steps.push(Step {
+                cause: "everybody has noted it, and all stops are answered".to_owned(),
+                effects: judged.settled.noted.clone(),
+                moves: Vec::new(),
+            });
+        }
+        told
+    }
+
+    fn effect(&self, judged: &Judged) -> String {
+        let Judged { settled, before, after, fault, .. } = judged;
+        let (mut frame, mut changes) = (before.clone(), Vec::new());
+        self.stepper.borrow_mut().apply(&mut frame, *fault, Some(&mut changes));
+        let last = effects(self.system, *fault, &changes);
+        let all: Vec<String> = last.into_iter().chain(settled.noted.iter().cloned()).collect();
+        if settled.is_restless {
+            return "it is tried again and again".to_owned();
+        }
+        if !all.is_empty() {
+            return all.join("; ");
+        }
+        if let Some(pause) = self.new_pause(before, after) {
+            return format!("a pause of {} begins", seconds(pause));
+        }
+        match self.hung(*fault).and_then(|seat| self.limit_that_ends(after, seat)) {
+            Some(limit) => format!("nothing follows at once; the limit of {} ends it", seconds(limit)),
+            None if self.struck.last().is_some_and(|struck| struck.kind == FaultKind::Hang) => {
+                "nobody notices".to_owned()
+            }
+            None => "nothing follows at once".to_owned(),
+        }
+    }
+
+    /// The shortest limit that ends what hangs.
+    fn limit_that_ends(&self, frame: &Frame, (unit, member): (usize, u32)) -> Option<Duration> {
+        if !is_step(self.system, (unit, member)) {
+            return None;
+        }
+        let mut labels = Vec::new();
+        self.system.labels(frame, &mut labels);
+        let mut limits = Vec::new();
+        for &label in &labels {
+            let Label::Elapsed(of, timer) = label else { continue };
+            if !self.limits[usize::from(of)].get(usize::from(timer)).is_some_and(|limit| *limit) {
+                continue;
+            }
+            let mut passed = frame.clone();
+            self.stepper.borrow_mut().apply(&mut passed, label, None);
+            let left = self.settle(&passed).frame;
+            if left.states[unit].activity(member) == Activity::Idle {
+                limits.extend(self.time_of(usize::from(of), u32::from(timer)));
+            }
+        }
+        limits.into_iter().min()
+    }
+
+    /// The longest time until nothing runs, if nothing does.
+    fn safe_within(&self, after: &Frame, settled: &Settled) -> Option<Duration> {
+        let mut longest = settled.after?;
+        // What stops by itself beyond the loss does so beside all that.
+        for (unit, member) in self.system.there(after).into_iter().filter(|_| self.system.mode.lost.is_some()) {
+            let waits = match self.system.link_loss((unit, member)) {
+                LinkLoss::SafeStopAfter(time) => time.saturating_add(Duration::from_secs(1)),
+                LinkLoss::Leave | LinkLoss::Keep | LinkLoss::Hold => NOTED_AFTER,
+            };
+            let is_done = settled.frame.states[unit].activity(member) == Activity::Idle;
+            let is_severed = self.system.is_severed(after, (unit, member)) || !is_done;
+            if is_severed {
+                longest = longest.max(waits.saturating_add(longest_stop(self.times, self.system, (unit, member))?));
+            }
+        }
+        Some(longest)
+    }
+}
+
+/// Whether a member is a step, which ends, and no service.
+pub(super) fn is_step(system: &System<'_>, (unit, member): (usize, u32)) -> bool {
+    match &system.units[unit].seats[member as usize] {
+        Occupant::Box(ends) => !ends[0].done.is_empty(),
+        Occupant::Unit(_) => true,
+    }
+}
+
+/// The program that a fault strikes.
+fn struck_by(fault: Label) -> Option<(usize, u32)> {
+    if let Label::Fault(unit, member) | Label::Second(unit, member) = fault {
+        Some((usize::from(unit), u32::from(member)))
+    } else {
+        None
+    }
+}

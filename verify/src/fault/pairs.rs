@@ -1,0 +1,48 @@
+//! What two faults together do, where that is worse than what each of them does alone.
+
+use super::{Row, Severity, Strike, Table, Target, of_strikes, strikes, table};
+use crate::explore::Limits;
+use crate::times::Times;
+use std::collections::BTreeMap;
+
+/// Looks at each two faults of different programs, and at the loss of a host together with a fault of a program, in every order and at
+/// any time. A pair has one row, the worst of all phases;
+/// it has none if one of the two alone is as bad in that phase, or, where it cannot happen there, in some other.
+pub(crate) fn pairs(times: &Times<'_, '_>, limits: &Limits<'_>) -> Table {
+    let singles = table(times, limits);
+    let mut pairs = Table { unfinished: singles.unfinished, states: singles.states, ..Table::default() };
+    let mut alone: BTreeMap<(&str, &str), Severity> = BTreeMap::new();
+    let mut in_phase: BTreeMap<(&str, &str, &str), Severity> = BTreeMap::new();
+    for row in &singles.rows {
+        in_phase.insert((&row.program, &row.fault, &row.phase), row.severity);
+        let worst = alone.entry((&row.program, &row.fault)).or_insert(row.severity);
+        *worst = row.severity.max(*worst);
+    }
+    let severity = |strike: &Strike, phase: &str| {
+        let fault = (strike.name.as_str(), strike.kind.word());
+        in_phase.get(&(fault.0, fault.1, phase)).or_else(|| alone.get(&fault)).copied()
+    };
+    let all = strikes(times.model);
+    for (index, one) in all.iter().enumerate() {
+        for other in &all[index + 1..] {
+            if one.name == other.name || matches!((one.target, other.target), (Target::Host(_), Target::Host(_))) {
+                continue;
+            }
+            let mut found = Table::default();
+            of_strikes(times, &[one, other], limits, &mut found);
+            pairs.states += found.states;
+            if !found.unfinished.is_empty() {
+                pairs.unfinished.append(&mut found.unfinished);
+                continue;
+            }
+            let is_worse = |row: &Row| [one, other].into_iter().all(|it| severity(it, &row.phase) < Some(row.severity));
+            let rows = found.rows.into_iter().filter(is_worse);
+            let worse = rows.reduce(|worst, row| if row.severity > worst.severity { row } else { worst });
+            match worse {
+                Some(row) => pairs.rows.push(row),
+                None => pairs.harmless += 1,
+            }
+        }
+    }
+    pairs
+}

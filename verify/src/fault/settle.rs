@@ -1,0 +1,94 @@
+//! What is left of a fault once everything has heard of it and all stops are answered, as late as each may be.
+
+use crate::model::Seat;
+use crate::story::effects;
+use crate::system::{Change, Frame, Label, Stepper, System};
+use crate::times::Times;
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// From the loss of a host to when every other has noted it: a node counts as missing 1 s after its last answer, and as lost 5 s later.
+pub(crate) const NOTED_AFTER: Duration = Duration::from_secs(6);
+/// After so many answers without a pause between them, something is tried again and again.
+const ANSWERS_MAX: usize = 2000;
+
+/// What is left.
+#[derive(Debug)]
+pub(super) struct Settled {
+    pub(super) frame: Frame,
+    /// How long that took; none if nothing bounds it.
+    pub(super) after: Option<Duration>,
+    /// What the nodes did when they noted the loss of a host.
+    pub(super) noted: Vec<String>,
+    /// Whether it never came to rest.
+    pub(super) is_restless: bool,
+}
+
+/// Lets the nodes note a loss and all stops be answered; programs that could be done meanwhile are not.
+pub(super) fn settle<'s>(
+    times: &Times<'_, '_>,
+    system: &'s System<'_>,
+    stepper: &mut Stepper<'s>,
+    frame: &Frame,
+) -> Settled {
+    let mut settled =
+        Settled { frame: frame.clone(), after: Some(Duration::ZERO), noted: Vec::new(), is_restless: false };
+    let (mut labels, mut changes) = (Vec::new(), Vec::<Change>::new());
+    let mut now = Duration::ZERO;
+    let mut since: BTreeMap<(u16, u16), Duration> = BTreeMap::new();
+    for _ in 0..ANSWERS_MAX {
+        system.labels(&settled.frame, &mut labels);
+        let mut next: Option<(Duration, Label)> = None;
+        since.retain(|seat, _| labels.contains(&Label::Stopped(seat.0, seat.1)));
+        for &label in &labels {
+            let due = match label {
+                Label::Reached(_) => now,
+                Label::Aborted(unit, member) if system.is_refused(&settled.frame, (unit.into(), member.into())) => now,
+                Label::Noted(_) => now.max(NOTED_AFTER),
+                Label::Stopped(unit, member) => {
+                    let since = *since.entry((unit, member)).or_insert(now);
+                    let limit = longest_stop(times, system, (unit.into(), member.into()));
+                    settled.after = settled.after.filter(|_| limit.is_some());
+                    since.saturating_add(limit.unwrap_or_default())
+                }
+                Label::Start
+                | Label::Stop
+                | Label::Done(..)
+                | Label::Aborted(..)
+                | Label::Elapsed(..)
+                | Label::Fault(..)
+                | Label::Second(..)
+                | Label::Lost => continue,
+            };
+            if next.is_none_or(|(soonest, _)| due < soonest) {
+                next = Some((due, label));
+            }
+        }
+        let Some((due, label)) = next else {
+            settled.after = settled.after.map(|_| now);
+            return settled;
+        };
+        now = now.max(due);
+        let is_noted = matches!(label, Label::Noted(_));
+        stepper.apply(&mut settled.frame, label, is_noted.then_some(&mut changes));
+        if is_noted {
+            settled.noted.extend(effects(system, label, &changes));
+        }
+    }
+    settled.is_restless = true;
+    settled
+}
+
+/// The most time that a stop of a member takes.
+pub(super) fn longest_stop(
+    times: &Times<'_, '_>,
+    system: &System<'_>,
+    (unit, member): (usize, u32),
+) -> Option<Duration> {
+    let part = &system.model.parts[system.units[unit].part];
+    match part.members.get(member as usize) {
+        Some(Seat::Leaf(leaf)) => Some(system.model.plan.leaves[*leaf as usize].stop_within),
+        Some(Seat::Part(inner)) => times.of_group(system.model.parts[*inner].group).stop,
+        None => Some(Duration::ZERO),
+    }
+}

@@ -1,0 +1,308 @@
+//! The loss of a host, as the nodes on both sides of it take it.
+//!
+//! A host that has died and one that nobody reaches look alike from outside. Once the node of a supervisor has noted the loss, what ran
+//! there has failed for it. Whether it still runs is another question. What is out of reach goes on until its own node has noted
+//! the loss, too, and then does as `on_link_loss` says; a group goes on with its expression as long as any program below it may.
+//! A host that has lost the home, and has nothing that goes on, leaves the mission. What a `using` has taken for a member on a
+//! lost host is given to nobody else. The rules are those of `node/src/logic`: `participant/loss`, `executer/lost`, `executer/fence`.
+
+mod note;
+
+use super::{Frame, Occupant, System};
+use crate::model::{Model, Seat};
+use language::algebra::Activity;
+use language::plan::{Expression, LinkLoss, MemberKind};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// A host that is lost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Loss {
+    /// Index into `Plan::hosts`.
+    pub(crate) host: u32,
+    pub(crate) kind: LossKind,
+}
+
+/// What has become of a host that is lost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum LossKind {
+    /// Its programs have died. Its node, and the supervisors there, go on.
+    Programs,
+    /// It has died.
+    Death,
+    /// It goes on, and reaches no other host.
+    Cut,
+}
+
+/// What a host has done about the loss: nothing yet, noted it, left the mission.
+const NOTED: u8 = 1;
+const LEFT: u8 = 2;
+
+/// What has become of a member. It runs though its supervisor has given it up.
+const ORPHAN: u8 = 1;
+/// It has stopped, and its supervisor does not know.
+const GONE: u8 = 2;
+/// What was taken for it stays taken.
+const FENCED: u8 = 4;
+/// It was started after the loss, and has never begun: its host is out of reach, or begins nothing new, or what it needs is fenced.
+const UNREACHED: u8 = 8;
+const HELD: u8 = 16;
+const WAITS: u8 = 32;
+
+/// What lies where, seen from a loss.
+#[derive(Debug)]
+pub(super) struct Rift {
+    home: u32,
+    /// For each unit, the host of its supervisor.
+    units: Vec<u32>,
+    /// For each unit, the hosts of its members.
+    seats: Vec<Vec<u32>>,
+    /// For each unit, where the flags of its members begin in `Frame::rift`.
+    starts: Vec<usize>,
+    length: usize,
+    /// For each unit, whether some program below it may go on without other hosts.
+    endures: Vec<bool>,
+    /// For each group, what is taken for each of its members.
+    taken: Vec<BTreeMap<u32, BTreeSet<String>>>,
+    /// The groups for which something is taken further out.
+    below: BTreeSet<u32>,
+    /// The hosts that have to note the loss, since it means something to them.
+    concerned: Vec<u32>,
+}
+
+impl System<'_> {
+    /// A host may be lost from now on. What the loss may tear apart has to be open: see [`is_torn`].
+    pub(crate) fn lose(&mut self, loss: Loss) {
+        self.mode.lost = Some(loss);
+        if loss.kind != LossKind::Programs {
+            let mut rift = self.rift_of();
+            rift.concerned = self.concerned(&rift, loss);
+            self.rift = Some(rift);
+        }
+    }
+
+    fn rift_of(&self) -> Rift {
+        let plan = self.model.plan;
+        let part = |unit: usize| &self.model.parts[self.units[unit].part];
+        let units: Vec<u32> = (0..self.units.len()).map(|unit| plan.groups[part(unit).group as usize].host).collect();
+        let host = |unit: usize, seat: &Seat| match *seat {
+            Seat::Leaf(leaf) => plan.leaves[leaf as usize].host,
+            Seat::Part(inner) if self.model.parts[inner].is_piece => units[unit],
+            Seat::Part(inner) => plan.groups[self.model.parts[inner].group as usize].host,
+        };
+        let seats: Vec<Vec<u32>> =
+            (0..units.len()).map(|unit| part(unit).members.iter().map(|seat| host(unit, seat)).collect()).collect();
+        let mut length = plan.hosts.len();
+        let mut starts = Vec::new();
+        for seats in &seats {
+            starts.push(length);
+            length += seats.len();
+        }
+        let endures = (0..units.len()).map(|unit| endures(self.model, part(unit).group)).collect();
+        let taken: Vec<_> = plan.groups.iter().map(|group| taken(&group.expression)).collect();
+        let below = below(self.model, &taken);
+        Rift { home: plan.groups[0].host, units, seats, starts, length, endures, taken, below, concerned: Vec::new() }
+    }
+
+    /// The hosts that have something to do when they note a loss.
+    fn concerned(&self, rift: &Rift, loss: Loss) -> Vec<u32> {
+        let is_cut = |one: u32, other: u32| (one == loss.host) != (other == loss.host);
+        let mut hosts = BTreeSet::new();
+        for (unit, &own) in rift.units.iter().enumerate() {
+            for &host in &rift.seats[unit] {
+                if is_cut(own, host) {
+                    hosts.extend([own, host]);
+                }
+                // A program that stops by itself minds every supervisor above it, not only its own.
+                let above = std::iter::successors(Some(unit), |unit| Some(self.units[*unit].parent?.0));
+                if is_cut(rift.home, host) || above.into_iter().any(|unit| is_cut(rift.units[unit], host)) {
+                    hosts.insert(host);
+                }
+            }
+            if is_cut(rift.home, own) {
+                hosts.insert(own);
+            }
+        }
+        hosts.into_iter().filter(|host| loss.kind != LossKind::Death || *host != loss.host).collect()
+    }
+
+    pub(super) fn rift_length(&self) -> usize {
+        self.rift.as_ref().map_or(0, |rift| rift.length)
+    }
+
+    // ---- where things stand ----
+
+    /// Whether a host has been lost, and what is on either side goes its own way.
+    pub(crate) fn is_split(&self, frame: &Frame) -> bool {
+        self.rift.is_some() && frame.is_faulty
+    }
+
+    /// Whether the supervisor of a unit does nothing any more: its host has died or has left the mission.
+    pub(crate) fn is_silent(&self, frame: &Frame, unit: usize) -> bool {
+        let Some(rift) = self.rift.as_ref().filter(|_| frame.is_faulty) else { return false };
+        self.is_out(frame, rift.units[unit])
+    }
+
+    /// Whether nothing runs on a host any more.
+    fn is_out(&self, frame: &Frame, host: u32) -> bool {
+        let is_dead = |loss: Loss| loss.kind == LossKind::Death && loss.host == host;
+        self.mode.lost.is_some_and(is_dead) || frame.rift.get(host as usize) == Some(&LEFT)
+    }
+
+    fn is_cut(&self, one: u32, other: u32) -> bool {
+        self.mode.lost.is_some_and(|loss| (one == loss.host) != (other == loss.host))
+    }
+
+    /// Whether the loss stands between a member and its supervisor.
+    pub(crate) fn is_severed(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
+        let Some(rift) = self.rift.as_ref().filter(|_| frame.is_faulty) else { return false };
+        self.is_cut(rift.units[unit], rift.seats[unit][member as usize])
+    }
+
+    fn has_noted(&self, frame: &Frame, host: u32) -> bool {
+        frame.rift.get(host as usize).is_some_and(|noted| *noted != 0)
+    }
+
+    /// Whether a member that is active has failed for its supervisor, or is about to, because its host is lost.
+    pub(crate) fn is_refused(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
+        let Some(loss) = self.mode.lost.filter(|_| frame.is_faulty) else { return false };
+        let Some(rift) = &self.rift else {
+            let seat = self.model.parts[self.units[unit].part].members.get(member as usize);
+            return matches!(seat, Some(Seat::Leaf(leaf)) if self.model.plan.leaves[*leaf as usize].host == loss.host);
+        };
+        self.is_severed(frame, (unit, member)) && self.has_noted(frame, rift.units[unit])
+            || self.flags(frame, (unit, member)) & HELD != 0
+    }
+
+    /// Whether nothing is heard of a member, and its supervisor does not know yet why.
+    pub(super) fn is_unheard(&self, frame: &Frame, seat: (usize, u32)) -> bool {
+        self.is_severed(frame, seat) && !self.is_refused(frame, seat)
+    }
+
+    /// Whether a member that is active has not begun, because a lost host may still use what it needs.
+    pub(crate) fn waits_for_ever(&self, frame: &Frame, seat: (usize, u32)) -> bool {
+        self.flags(frame, seat) & WAITS != 0
+    }
+
+    fn flags(&self, frame: &Frame, (unit, member): (usize, u32)) -> u8 {
+        let rift = self.rift.as_ref().filter(|_| frame.is_faulty);
+        rift.map_or(0, |rift| frame.rift[rift.starts[unit] + member as usize])
+    }
+
+    /// Whether a program, or a group that is not looked into, is really running or stopping, whatever its supervisor knows.
+    pub(crate) fn is_there(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
+        let is_active = frame.states[unit].activity(member) != Activity::Idle;
+        let Some(rift) = self.rift.as_ref().filter(|_| frame.is_faulty) else { return is_active };
+        let flags = self.flags(frame, (unit, member));
+        let has_begun = flags & (GONE | UNREACHED | HELD | WAITS) == 0;
+        !self.is_out(frame, rift.seats[unit][member as usize]) && (flags & ORPHAN != 0 || is_active && has_begun)
+    }
+
+    /// Whether a member is on the host that may be lost.
+    pub(crate) fn is_on_lost(&self, (unit, member): (usize, u32)) -> bool {
+        let host = self.rift.as_ref().map(|rift| rift.seats[unit][member as usize]);
+        host.is_some() && host == self.mode.lost.map(|loss| loss.host)
+    }
+
+    /// The programs that run or stop, and the groups that do and are not looked into.
+    pub(crate) fn there(&self, frame: &Frame) -> Vec<(usize, u32)> {
+        let mut there = Vec::new();
+        for (unit, source) in self.units.iter().enumerate() {
+            for (member, occupant) in (0..).zip(&source.seats) {
+                if matches!(occupant, Occupant::Box(_)) && self.is_there(frame, (unit, member)) {
+                    there.push((unit, member));
+                }
+            }
+        }
+        there
+    }
+
+    /// Whether a program runs and nobody whom the mission reaches supervises it.
+    pub(crate) fn is_adrift(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
+        let Some(rift) = self.rift.as_ref().filter(|_| frame.is_faulty) else { return false };
+        let seats = std::iter::successors(Some((unit, member)), |(unit, _)| self.units[*unit].parent);
+        let is_lost = |seat: (usize, u32)| self.is_severed(frame, seat) || self.is_silent(frame, seat.0);
+        let is_home_away = self.is_out(frame, rift.home);
+        self.is_there(frame, (unit, member)) && (is_home_away || seats.into_iter().any(is_lost))
+    }
+
+    /// Whether a member runs and is not being stopped, it or a group around it.
+    pub(crate) fn is_running(&self, frame: &Frame, seat: (usize, u32)) -> bool {
+        let mut at = Some(seat);
+        while let Some((unit, member)) = at {
+            if self.is_severed(frame, (unit, member)) || self.is_silent(frame, unit) {
+                // What is around it does not count any more.
+                return match self.units[unit].seats[member as usize] {
+                    Occupant::Box(_) => self.is_there(frame, (unit, member)),
+                    Occupant::Unit(inner) => frame.states[inner].is_node_active(0) && !self.is_silent(frame, inner),
+                };
+            }
+            if frame.states[unit].activity(member) != Activity::Active || self.waits_for_ever(frame, (unit, member)) {
+                return false;
+            }
+            at = self.units[unit].parent;
+        }
+        true
+    }
+
+    /// What the programs of a member do when hosts cannot be reached; a group that is not looked into has no such wish.
+    pub(crate) fn link_loss(&self, (unit, member): (usize, u32)) -> LinkLoss {
+        match self.model.parts[self.units[unit].part].members.get(member as usize) {
+            Some(Seat::Leaf(leaf)) => self.model.plan.leaves[*leaf as usize].policy.link_loss,
+            Some(Seat::Part(_)) | None => LinkLoss::Leave,
+        }
+    }
+}
+
+/// Whether the loss of a host may tear a group, or part it from the one around it: then it has to be looked into.
+pub(crate) fn is_torn(model: &Model<'_>, group: u32) -> bool {
+    let host = model.around[group as usize]
+        .map_or(model.plan.groups[group as usize].host, |(around, _)| model.plan.groups[around as usize].host);
+    endures(model, group) || !is_all_on(model, group, host)
+}
+
+fn is_all_on(model: &Model<'_>, group: u32, host: u32) -> bool {
+    let source = &model.plan.groups[group as usize];
+    source.host == host
+        && source.members.iter().all(|member| match member.kind {
+            MemberKind::Leaf(leaf) => model.plan.leaves[leaf as usize].host == host,
+            MemberKind::Group(inner) => is_all_on(model, inner, host),
+        })
+}
+
+/// Whether some program below a group may go on when hosts are lost.
+fn endures(model: &Model<'_>, group: u32) -> bool {
+    let leaves = model.leaves_of_group(group);
+    leaves.into_iter().any(|leaf| model.plan.leaves[leaf as usize].policy.link_loss != LinkLoss::Leave)
+}
+
+/// What is taken around each run of a member.
+fn taken(expression: &Expression) -> BTreeMap<u32, BTreeSet<String>> {
+    let mut taken = BTreeMap::new();
+    collect(expression, &BTreeSet::new(), &mut taken);
+    taken
+}
+
+fn collect(expression: &Expression, around: &BTreeSet<String>, taken: &mut BTreeMap<u32, BTreeSet<String>>) {
+    if let Expression::Run { member, .. } = expression
+        && !around.is_empty()
+    {
+        taken.entry(*member).or_default().extend(around.iter().cloned());
+    }
+    let own = if let Expression::Using { resources, .. } = expression { &resources[..] } else { &[] };
+    let around = around.iter().chain(own).cloned().collect();
+    expression.operands().into_iter().for_each(|operand| collect(operand, &around, taken));
+}
+
+/// The groups for which something is taken further out.
+fn below(model: &Model<'_>, taken: &[BTreeMap<u32, BTreeSet<String>>]) -> BTreeSet<u32> {
+    // Groups stand behind the one that they are in.
+    let mut below = BTreeSet::new();
+    for (group, around) in (0_u32..).zip(&model.around) {
+        if let Some((outer, slot)) = around
+            && (below.contains(outer) || taken[*outer as usize].contains_key(slot))
+        {
+            below.insert(group);
+        }
+    }
+    below
+}

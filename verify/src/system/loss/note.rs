@@ -1,0 +1,167 @@
+//! What happens once a host is lost: the nodes note it, programs stop or go on, supervisors give up what they do not reach.
+
+use super::super::reaction::Blow;
+use super::super::{Frame, Label, Occupant, System, small};
+use super::{FENCED, GONE, HELD, LEFT, NOTED, ORPHAN, UNREACHED, WAITS};
+use language::plan::LinkLoss;
+use std::collections::VecDeque;
+
+impl System<'_> {
+    pub(in crate::system) fn loss_labels(&self, frame: &Frame, labels: &mut Vec<Label>) {
+        if !frame.is_faulty {
+            return labels.push(Label::Lost);
+        }
+        let unknowing = |host: &&u32| !self.has_noted(frame, **host);
+        let hosts = self.rift.iter().flat_map(|rift| &rift.concerned).filter(unknowing);
+        labels.extend(hosts.map(|host| Label::Noted(small(*host as usize))));
+    }
+
+    pub(in crate::system) fn is_news_due(&self, frame: &Frame) -> bool {
+        let mut hosts = self.rift.iter().flat_map(|rift| &rift.concerned);
+        frame.is_faulty && hosts.any(|host| !self.has_noted(frame, *host))
+    }
+
+    /// Notes at the activation of a member whether it begins. Returns whether it does.
+    pub(in crate::system) fn begins(&self, frame: &mut Frame, (unit, member): (usize, u32)) -> bool {
+        let Some(rift) = self.rift.as_ref().filter(|_| frame.is_faulty) else { return true };
+        let host = rift.seats[unit][member as usize];
+        let is_program = matches!(self.units[unit].seats[member as usize], Occupant::Box(_));
+        let is_held = || {
+            is_program
+                && self.has_noted(frame, host)
+                && self.link_loss((unit, member)) != LinkLoss::Keep
+                && (self.is_cut(rift.home, host) || self.is_below_cut(unit, host))
+        };
+        let flag = match () {
+            () if self.is_severed(frame, (unit, member)) => UNREACHED,
+            () if self.is_fenced(frame, (unit, member)) => WAITS,
+            () if is_held() => HELD,
+            () => 0,
+        };
+        let flags = &mut frame.rift[rift.starts[unit] + member as usize];
+        *flags = *flags & !(GONE | UNREACHED | HELD | WAITS) | flag;
+        flag == 0
+    }
+
+    /// What the node of a host does when it notes the loss: first what stops here, then what its supervisors hear.
+    pub(in crate::system) fn note(&self, frame: &mut Frame, host: u32) -> VecDeque<Blow> {
+        let Some(rift) = &self.rift else { return VecDeque::new() };
+        let is_home_away = self.is_cut(rift.home, host);
+        let leaves = is_home_away && !self.goes_on(frame, host);
+        let mut blows = VecDeque::new();
+        for (unit, &own) in rift.units.iter().enumerate() {
+            for member in (0..).take(rift.seats[unit].len()).filter(|slot| rift.seats[unit][*slot as usize] == host) {
+                let seat = (unit, member);
+                let is_box = matches!(self.units[unit].seats[member as usize], Occupant::Box(_));
+                if !is_box || !self.is_there(frame, seat) || !(leaves || self.stops(frame, seat)) {
+                    continue;
+                }
+                if self.is_severed(frame, seat) || self.is_silent(frame, unit) {
+                    let flags = &mut frame.rift[rift.starts[unit] + member as usize];
+                    *flags = *flags & !ORPHAN | GONE;
+                    blows.push_back(Blow::Tell(unit, member));
+                } else if own != host || !leaves {
+                    blows.push_back(Blow::End(unit, member));
+                }
+            }
+            if own == host && !leaves && (is_home_away || self.is_supervised_across(unit)) && !rift.endures[unit] {
+                blows.push_back(Blow::Stop(unit));
+            }
+            if let Some((around, member)) = self.units[unit].parent
+                && own == host
+                && leaves
+                && rift.units[around] != host
+                && !self.is_severed(frame, (around, member))
+            {
+                blows.push_back(Blow::End(around, member));
+            }
+        }
+        frame.rift[host as usize] = if leaves { LEFT } else { NOTED };
+        if !leaves {
+            self.give_up(frame, host, &mut blows);
+        }
+        blows
+    }
+
+    /// The supervisors of a host give up what ran beyond the loss.
+    fn give_up(&self, frame: &mut Frame, host: u32, blows: &mut VecDeque<Blow>) {
+        let Some(rift) = &self.rift else { return };
+        for unit in (0..rift.units.len()).filter(|unit| rift.units[*unit] == host) {
+            let group = self.model.parts[self.units[unit].part].group;
+            let severed: Vec<u32> =
+                frame.states[unit].members_active().filter(|member| self.is_severed(frame, (unit, *member))).collect();
+            for member in severed {
+                let is_box = matches!(self.units[unit].seats[member as usize], Occupant::Box(_));
+                let is_there = is_box && self.is_there(frame, (unit, member));
+                let is_taken = rift.below.contains(&group) || rift.taken[group as usize].contains_key(&member);
+                let flags = &mut frame.rift[rift.starts[unit] + member as usize];
+                if *flags & UNREACHED == 0 {
+                    *flags |= if is_there { ORPHAN } else { 0 } | if is_taken { FENCED } else { 0 };
+                }
+                blows.push_back(Blow::End(unit, member));
+            }
+        }
+    }
+
+    /// Whether something on a host goes on without the home.
+    fn goes_on(&self, frame: &Frame, host: u32) -> bool {
+        let Some(rift) = &self.rift else { return false };
+        let keeps = |unit: usize, member: u32| {
+            let is_box = matches!(self.units[unit].seats[member as usize], Occupant::Box(_));
+            is_box && self.link_loss((unit, member)) != LinkLoss::Leave && self.is_there(frame, (unit, member))
+        };
+        (0..rift.units.len()).any(|unit| {
+            let runs = rift.units[unit] == host && frame.states[unit].is_node_active(0);
+            let mut here = (0..).zip(&rift.seats[unit]).filter(|(_, other)| **other == host);
+            runs && rift.endures[unit] || here.any(|(member, _)| keeps(unit, member))
+        })
+    }
+
+    /// Whether a program stops by its own rules when its node notes the loss.
+    fn stops(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
+        let Some(rift) = &self.rift else { return false };
+        let host = rift.seats[unit][member as usize];
+        let mut above = std::iter::successors(Some(unit), |unit| Some(self.units[*unit].parent?.0));
+        match self.link_loss((unit, member)) {
+            LinkLoss::Keep | LinkLoss::Hold => false,
+            LinkLoss::SafeStopAfter(_) => above.any(|unit| self.is_cut(rift.units[unit], host)),
+            LinkLoss::Leave => {
+                self.is_cut(rift.home, host)
+                    || self.is_severed(frame, (unit, member))
+                    || rift.units[unit] == host && self.is_below_cut(unit, host)
+            }
+        }
+    }
+
+    /// Whether a unit, or one around it on the same host, is supervised from beyond the loss.
+    fn is_below_cut(&self, unit: usize, host: u32) -> bool {
+        let Some(rift) = &self.rift else { return false };
+        let mut around = std::iter::successors(Some(unit), |unit| Some(self.units[*unit].parent?.0));
+        around.by_ref().take_while(|unit| rift.units[*unit] == host).any(|unit| self.is_supervised_across(unit))
+    }
+
+    fn is_supervised_across(&self, unit: usize) -> bool {
+        let around = self.units[unit].parent.zip(self.rift.as_ref());
+        around.is_some_and(|((around, _), rift)| self.is_cut(rift.units[around], rift.units[unit]))
+    }
+
+    /// Whether something that a member needs may still be used on a lost host.
+    fn is_fenced(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
+        let Some(rift) = &self.rift else { return false };
+        let group = self.model.parts[self.units[unit].part].group;
+        let taken = &rift.taken[group as usize];
+        let Some(wanted) = taken.get(&member) else { return false };
+        let is_same = |unit: &usize| self.model.parts[self.units[*unit].part].group == group;
+        (0..self.units.len()).filter(is_same).any(|unit| {
+            let others = taken.iter().filter(|(other, names)| **other != member && !names.is_disjoint(wanted));
+            others.into_iter().any(|(&other, _)| self.is_loose(frame, (unit, other)))
+        })
+    }
+
+    /// Whether a lost host may still do something for a member.
+    fn is_loose(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
+        self.flags(frame, (unit, member)) & FENCED != 0
+            || matches!(self.units[unit].seats.get(member as usize), Some(&Occupant::Unit(inner))
+                if (0..).take(self.units[inner].seats.len()).any(|slot| self.is_loose(frame, (inner, slot))))
+    }
+}
