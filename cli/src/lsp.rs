@@ -1,7 +1,7 @@
 //! `dca lsp`: a language server, over standard input and output.
 //!
 //! One thread reads messages, this one answers them in their order; programs are asked for their interfaces by threads of
-//! their own, whose answers come in by the same queue. Every keystroke is checked from the start, unless the next one is
+//! their own, and so are proofs; their answers come in by the same queue. Every keystroke is checked from the start, unless the next one is
 //! here already: then the text in between is never looked at. Nothing is computed ahead, so nothing can be stale.
 
 mod answer;
@@ -10,6 +10,7 @@ mod convert;
 mod disk;
 mod inbox;
 mod interfaces;
+mod lens;
 mod position;
 mod publish;
 mod rpc;
@@ -19,6 +20,7 @@ mod workspace;
 use crate::Controllers;
 use inbox::{Event, Inbox};
 use interfaces::Interfaces;
+use lens::Proofs;
 use node::console::{self, Failure};
 use node::io::programs;
 use server::{Server, State};
@@ -44,14 +46,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let reader_tx = events_tx.clone();
     // Nobody joins it: it ends with standard input, or with the process.
     std::thread::Builder::new().name("reader".to_owned()).spawn(move || read(&reader_tx))?;
+    let proofs = Proofs::new(events_tx.clone());
     let interfaces = Interfaces::new(programs::chosen(&arguments.controllers.programs), events_tx);
-    let mut server = Server::new(interfaces);
+    let mut server = Server::new(interfaces, proofs);
     let mut inbox = Inbox::new(events, QUEUE_MAX);
     loop {
         let mut replies = Vec::new();
         match inbox.next(&mut replies) {
             Event::Message(message) => server.handle(message, &mut replies),
             Event::Interface(interface) => server.arrived(interface, &mut replies),
+            Event::Proof(proof) => server.proved(proof, &mut replies),
             Event::End => return Err(Failure::Reported),
         }
         if !inbox.has_change() {

@@ -1,14 +1,15 @@
 //! `dca verify`: proves what holds of a spec in every order of events.
 
 use crate::check::json::diagnostic;
+use crate::io::whole_file;
 use crate::{Controllers, check};
+use anyhow::Context as _;
 use comms::io::clock;
 use comms::logic::time::Time;
 use language::plan::Plan;
 use language::sites::Sites;
 use language::{Severity, Source, Texts, compile_with_sites, render};
 use node::console::{self, Failure};
-use node::logic::table::counted;
 use serde_json::{Value, json};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -35,6 +36,9 @@ pub struct Arguments {
     /// Print all states and transitions for other tools instead, nothing reduced: Aldebaran (CADP, mCRL2) or Graphviz
     #[arg(long, value_name = "FORMAT", conflicts_with = "json")]
     export: Option<Export>,
+    /// Draw the first story of what does not hold, a lane for each process; nothing is written if everything holds
+    #[arg(long, value_name = "FILE", conflicts_with = "export")]
+    svg: Option<PathBuf>,
     #[command(flatten)]
     limits: LimitArgs,
     #[command(flatten)]
@@ -128,7 +132,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         return export(&loaded, arguments.limits, format);
     }
     let report = arguments.limits.with(|limits| verify::verify(&loaded.plan, &loaded.sites, limits));
-    console::say(&if arguments.json { json(&loaded, &report) } else { text(&loaded, &report) });
+    console::say(&if arguments.json {
+        json(&loaded, &report)
+    } else {
+        report.text(&loaded.spec, &loaded.interfaces, check::style())
+    });
+    let story = report.findings.iter().find_map(|finding| Some((finding, finding.story.as_ref()?)));
+    if let Some((file, (finding, story))) = arguments.svg.as_ref().zip(story) {
+        whole_file::put(file, story.svg(&finding.sentence).as_bytes()).context("writing the picture")?;
+    }
     if report.findings.iter().any(|finding| finding.verdict == Verdict::Fails) {
         return Err(Failure::Reported);
     }
@@ -182,31 +194,4 @@ fn json(loaded: &Loaded, report: &Report) -> String {
 pub(crate) fn story(story: &Story) -> Value {
     let steps = story.steps.iter().map(|step| json!({ "cause": step.cause, "effects": step.effects }));
     json!({ "steps": steps.collect::<Vec<_>>(), "running": story.running, "stopping": story.stopping })
-}
-
-/// The whole report for a person.
-fn text(loaded: &Loaded, report: &Report) -> String {
-    let mut text: String = report.findings.iter().map(|finding| of_finding(loaded, finding)).collect();
-    let count = |verdict| report.findings.iter().filter(|finding| finding.verdict == verdict).count();
-    text += "\nassumed:\n";
-    report.assumptions.iter().for_each(|assumption| text += &format!("  {assumption}\n"));
-    let file = &loaded.spec.name;
-    let (proved, fails, open) = (count(Verdict::Proved), count(Verdict::Fails), count(Verdict::Open));
-    let states = counted(usize::try_from(report.states).unwrap_or(usize::MAX), "state");
-    text += &format!("{file}: {proved} proved, {fails} failed, {open} not decided, over {states}\n");
-    text
-}
-
-fn of_finding(loaded: &Loaded, finding: &Finding) -> String {
-    let Some(diagnostic) = &finding.diagnostic else {
-        let word = if finding.verdict == Verdict::Proved { "proved" } else { "NOT DECIDED" };
-        return format!("{word}: {}\n", finding.sentence);
-    };
-    let found = std::slice::from_ref(diagnostic);
-    let mut text = format!("\n{}\n", render(found, &loaded.spec, &loaded.interfaces, check::style()).trim_end());
-    if let Some(story) = &finding.story {
-        text += "  how it comes to that:\n";
-        story.lines().iter().for_each(|line| text += &format!("  {line}\n"));
-    }
-    text + "\n"
 }

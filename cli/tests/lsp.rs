@@ -74,6 +74,31 @@ fn fixes_names_and_forms_are_offered() {
     assert!(editor.end().success());
 }
 
+/// A spec with a sentence that holds and one that does not.
+const PROVED: &str = "module Step { done; }
+process main() {
+    host{c1}
+    instantiated_processes { a instof Step(c1); b instof Step(c1); }
+    internal_event_actions { a , b }
+    verify { can finish; never a with b; }
+}
+";
+
+#[test]
+fn what_holds_stands_above_its_block() {
+    let mut editor = Editor::ready(NOBODY, &json!({"workspace": {"codeLens": {"refreshSupport": true}}}));
+    let uri = "untitled:proved";
+    editor.open(uri, PROVED);
+    let known = editor.lens(uri);
+    assert_eq!(known["command"]["title"], "1 of 2 does not hold: never a with b", "{known}");
+    assert_eq!(known["range"]["start"], json!({"line": 5, "character": 4}));
+    let range = json!({"start": {"line": 4, "character": 31}, "end": {"line": 4, "character": 32}});
+    editor.change(uri, 2, &json!({"range": range, "text": ";"}));
+    let known = editor.lens(uri);
+    assert_eq!(known["command"]["title"], "2 sentences hold", "{known}");
+    assert!(editor.end().success());
+}
+
 #[test]
 fn nothing_that_is_said_ends_the_server() {
     let mut editor = Editor::start(NOBODY);

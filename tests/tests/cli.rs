@@ -79,6 +79,10 @@ fn proofs_have_their_exit_codes() {
         assert_eq!(ended.code, Some(code), "{ended}");
         assert!(ended.out.contains(text), "{ended}");
     }
+    let picture = cluster.folder().join("story.svg");
+    let drawn = cluster.here().ask(&["verify", "--svg", &picture.to_string_lossy(), &bad]);
+    let picture = std::fs::read_to_string(&picture).expect("a picture was drawn");
+    assert!(drawn.code == Some(1) && picture.ends_with("</svg>\n"), "{drawn}");
     let wrong = cluster.here().ask(&["fmea", "--csv", "--html", &good]);
     assert_eq!(wrong.code, Some(2), "{wrong}");
 }

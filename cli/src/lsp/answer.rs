@@ -6,8 +6,8 @@ use super::workspace::{Document, is_file};
 use language::ide::{Analysis, FileEdit, rename};
 use language::{Diagnostic, Origin, Source, Span, apply_fixes, format};
 use lsp_types::{
-    CodeAction, CodeActionKind, CodeActionParams, CodeActionRequest, CodeActionResponse, CompletionParams,
-    CompletionRequest, CompletionResponse, Contents, Definition, DefinitionParams, DefinitionRequest,
+    CodeAction, CodeActionKind, CodeActionParams, CodeActionRequest, CodeActionResponse, CodeLensRequest,
+    CompletionParams, CompletionRequest, CompletionResponse, Contents, Definition, DefinitionParams, DefinitionRequest,
     DefinitionResponse, DocumentFormattingParams, DocumentFormattingRequest, DocumentHighlight,
     DocumentHighlightParams, DocumentHighlightRequest, DocumentSymbolParams, DocumentSymbolRequest,
     DocumentSymbolResponse, ErrorCodes, FoldingRange, FoldingRangeParams, FoldingRangeRequest, Hover, HoverParams,
@@ -46,6 +46,7 @@ impl Server {
             "textDocument/documentHighlight" => ask::<DocumentHighlightRequest>(params, |it| self.highlight(&it)),
             "textDocument/prepareRename" => ask::<PrepareRenameRequest>(params, |it| self.prepare_rename(&it)),
             "textDocument/rename" => ask::<RenameRequest>(params, |it| self.rename(&it)),
+            "textDocument/codeLens" => ask::<CodeLensRequest>(params, |it| self.lenses(&it)),
             "textDocument/codeAction" => ask::<CodeActionRequest>(params, |it| self.actions(&it)),
             "textDocument/documentSymbol" => ask::<DocumentSymbolRequest>(params, |it| self.outline(&it)),
             "textDocument/semanticTokens/full" => ask::<SemanticTokensRequest>(params, |it| self.tokens(&it)),
@@ -59,7 +60,7 @@ impl Server {
     }
 
     /// A document and what is known of it.
-    fn document(&mut self, uri: &str) -> Result<(&Document, Rc<Analysis>), Refusal> {
+    pub(super) fn document(&mut self, uri: &str) -> Result<(&Document, Rc<Analysis>), Refusal> {
         let analysis = self.workspace.analysis(uri);
         let document = self.workspace.document(uri);
         let document = document.ok_or_else(|| Refusal::failed(format!("`{uri}` is not open")))?;

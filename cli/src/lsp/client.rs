@@ -16,6 +16,8 @@ pub(super) struct Client {
     pub(super) related: bool,
     /// Whether it tells when files on the disk change, if asked to.
     pub(super) watches: bool,
+    /// Whether it asks for the lines above blocks again, if asked to.
+    pub(super) refreshes_lenses: bool,
     /// The folders that are open, as URIs.
     pub(super) folders: Vec<String>,
 }
@@ -37,6 +39,7 @@ impl Client {
             versioned_edits: is("/capabilities/workspace/workspaceEdit/documentChanges"),
             related: is("/capabilities/textDocument/publishDiagnostics/relatedInformation"),
             watches: is("/capabilities/workspace/didChangeWatchedFiles/dynamicRegistration"),
+            refreshes_lenses: is("/capabilities/workspace/codeLens/refreshSupport"),
             folders,
         }
     }

@@ -1,6 +1,7 @@
 //! The queue of messages from an editor, without those that it has cancelled.
 
 use super::interfaces::InterfaceReply;
+use super::lens::ProofReply;
 use super::rpc::Message;
 use super::server::{Reply, refusal};
 use lsp_types::LspErrorCodes;
@@ -16,6 +17,8 @@ pub(super) enum Event {
     Message(Message),
     /// A program has told its interface, or not.
     Interface(InterfaceReply),
+    /// It is known what holds of a text.
+    Proof(ProofReply),
     /// The editor says no more.
     End,
 }

@@ -3,6 +3,7 @@
 use super::client::Client;
 use super::convert::{TOKEN_MODIFIERS, TOKEN_TYPES};
 use super::interfaces::{InterfaceReply, Interfaces};
+use super::lens::{ProofReply, Proofs};
 use super::position::Encoding;
 use super::publish::Published;
 use super::rpc::Message;
@@ -54,12 +55,13 @@ pub(super) struct Server {
     pub(super) client: Client,
     pub(super) workspace: Workspace,
     pub(super) published: Published,
+    pub(super) proofs: Proofs,
 }
 
 impl Server {
-    pub(super) fn new(interfaces: Interfaces) -> Self {
+    pub(super) fn new(interfaces: Interfaces, proofs: Proofs) -> Self {
         let workspace = Workspace::new(interfaces);
-        Self { state: State::Fresh, client: Client::default(), workspace, published: Published::default() }
+        Self { state: State::Fresh, client: Client::default(), workspace, published: Published::default(), proofs }
     }
 
     pub(super) fn state(&self) -> State {
@@ -96,6 +98,20 @@ impl Server {
         }
         self.workspace.forget_all();
         self.published.is_stale = true;
+        self.refresh_lenses(replies);
+    }
+
+    /// Takes in what holds of a text, and has the editor ask for it again.
+    pub(super) fn proved(&mut self, arrived: ProofReply, replies: &mut Vec<Reply>) {
+        if self.proofs.take(arrived) {
+            self.refresh_lenses(replies);
+        }
+    }
+
+    fn refresh_lenses(&self, replies: &mut Vec<Reply>) {
+        if self.client.refreshes_lenses {
+            replies.push(json!({"jsonrpc": "2.0", "id": "lenses", "method": "workspace/codeLens/refresh"}));
+        }
     }
 
     fn request(&mut self, method: &str, params: Value) -> Result<Value, Refusal> {
@@ -135,6 +151,7 @@ impl Server {
                 "documentFormattingProvider": true,
                 "foldingRangeProvider": true,
                 "renameProvider": {"prepareProvider": true},
+                "codeLensProvider": {},
                 "codeActionProvider": {"codeActionKinds": ["quickfix", "source.fixAll.dca"]},
                 "semanticTokensProvider": {
                     "legend": {"tokenTypes": TOKEN_TYPES, "tokenModifiers": TOKEN_MODIFIERS},
@@ -168,6 +185,7 @@ impl Server {
             "textDocument/didClose" => {
                 let closed: DidCloseTextDocumentParams = read(params)?;
                 self.workspace.close(&closed.text_document.uri.0);
+                self.proofs.forget(&closed.text_document.uri.0);
             }
             "textDocument/didSave" => self.workspace.forget_all(),
             "workspace/didChangeWatchedFiles" => {

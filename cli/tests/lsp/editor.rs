@@ -68,6 +68,23 @@ impl Editor {
         serde_json::from_slice(&body).expect("a message is JSON")
     }
 
+    /// Reads on to a message of this method.
+    pub(crate) fn until(&mut self, method: &str) {
+        while self.read()["method"] != method {}
+    }
+
+    /// What stands above the first block of a document to prove, once it is known.
+    pub(crate) fn lens(&mut self, uri: &str) -> Value {
+        loop {
+            let mut answer = self.ask("textDocument/codeLens", &json!({"textDocument": {"uri": uri}}));
+            let lens = answer["result"][0].take();
+            if lens["command"]["title"] != "being proved …" {
+                return lens;
+            }
+            self.until("workspace/codeLens/refresh");
+        }
+    }
+
     /// Reads the next message but for those about programs, which come whenever a program has answered.
     pub(crate) fn read_next(&mut self) -> Value {
         loop {

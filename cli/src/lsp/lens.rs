@@ -1,0 +1,182 @@
+//! What `dca verify` finds out about the sentences of each `verify` block, above it.
+//!
+//! A thread of its own works on it, within limits, one for each text at the most; the next version of the text calls it off. So nobody
+//! who types waits for a proof.
+
+use super::convert::range;
+use super::inbox::Event;
+use super::server::{Refusal, Server};
+use comms::io::clock;
+use comms::logic::time::Time;
+use language::ide::Analysis;
+use language::{Options, Source, Span, compile_with_sites};
+use lsp_types::{CodeLens, CodeLensParams, Command};
+use std::collections::{BTreeMap, BTreeSet};
+use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::SyncSender;
+use std::time::Duration;
+use verify::{Alone, Finding, GoesOn, Limits, Verdict};
+
+/// The most states and bytes of one exploration, and the longest time of all: less than `dca verify` spends.
+const STATES: u32 = 200_000;
+const MEMORY: usize = 256 << 20;
+const TIME: Duration = Duration::from_secs(5);
+/// At most so many sentences that do not hold are named.
+const NAMED_MAX: usize = 3;
+
+/// A line for each block.
+type Titles = Vec<(Span, String)>;
+
+/// A thread has found out what holds.
+#[derive(Debug)]
+pub(super) struct ProofReply {
+    uri: String,
+    number: u64,
+    titles: Titles,
+}
+
+/// What is known of the blocks of one document.
+struct Proof {
+    /// The version of the text that it is about.
+    of: Rc<Analysis>,
+    number: u64,
+    is_called_off: Arc<AtomicBool>,
+    /// Nothing while it is being found out.
+    titles: Option<Titles>,
+}
+
+/// The proofs of all documents that an editor has asked for.
+pub(super) struct Proofs {
+    events: SyncSender<Event>,
+    documents: BTreeMap<String, Proof>,
+    /// The number of the next proof.
+    next: u64,
+}
+
+impl Proofs {
+    pub(super) fn new(events: SyncSender<Event>) -> Self {
+        Self { events, documents: BTreeMap::new(), next: 0 }
+    }
+
+    /// What is known of a text by now; what is not is being found out afterwards.
+    fn of(&mut self, uri: &str, analysis: &Rc<Analysis>) -> Option<&Titles> {
+        if !self.documents.get(uri).is_some_and(|known| Rc::ptr_eq(&known.of, analysis)) {
+            self.begin(uri, analysis);
+        }
+        self.documents.get(uri)?.titles.as_ref()
+    }
+
+    fn begin(&mut self, uri: &str, analysis: &Rc<Analysis>) {
+        self.forget(uri);
+        let is_called_off = Arc::new(AtomicBool::new(false));
+        let number = self.next;
+        self.next += 1;
+        let (events, reply_to, off) = (self.events.clone(), uri.to_owned(), Arc::clone(&is_called_off));
+        let (spec, others, blocks) = (analysis.spec().clone(), analysis.others().to_vec(), analysis.blocks_to_prove());
+        let prove = move || {
+            let titles = titles(&spec, &others, &blocks, off);
+            // Nobody listens any more when the editor is gone.
+            events.send(Event::Proof(ProofReply { uri: reply_to, number, titles })).unwrap_or_default();
+        };
+        // Nobody joins it: it ends within its limits.
+        let is_begun = std::thread::Builder::new().name("prove".to_owned()).spawn(prove).is_ok();
+        let titles = (!is_begun).then(Vec::new);
+        self.documents.insert(uri.to_owned(), Proof { of: Rc::clone(analysis), number, is_called_off, titles });
+    }
+
+    /// Takes in what a thread has found out; returns whether somebody still wants to know it.
+    pub(super) fn take(&mut self, arrived: ProofReply) -> bool {
+        let known = self.documents.get_mut(&arrived.uri).filter(|known| known.number == arrived.number);
+        known.map(|known| known.titles = Some(arrived.titles)).is_some()
+    }
+
+    /// Calls off what is being found out about a document.
+    pub(super) fn forget(&mut self, uri: &str) {
+        if let Some(known) = self.documents.remove(uri) {
+            known.is_called_off.store(true, Ordering::Relaxed);
+        }
+    }
+}
+
+impl Drop for Proofs {
+    fn drop(&mut self) {
+        self.documents.values().for_each(|known| known.is_called_off.store(true, Ordering::Relaxed));
+    }
+}
+
+impl Server {
+    /// A line above each `verify` block.
+    pub(super) fn lenses(&mut self, params: &CodeLensParams) -> Result<Option<Vec<CodeLens>>, Refusal> {
+        let (uri, encoding) = (&params.text_document.uri.0, self.client.encoding);
+        let (_, analysis) = self.document(uri)?;
+        let blocks = analysis.blocks_to_prove();
+        if blocks.is_empty() || analysis.plan().is_none() {
+            self.proofs.forget(uri);
+            return Ok(None);
+        }
+        let under_way = || blocks.iter().map(|block| (*block, "being proved …".to_owned())).collect();
+        let titles = self.proofs.of(uri, &analysis).cloned().unwrap_or_else(under_way);
+        let (document, analysis) = self.document(uri)?;
+        let lens = |(block, title): (Span, String)| {
+            let first = Span { end: block.start, ..block };
+            let command = Command { title, tooltip: None, command: String::new(), arguments: None };
+            let range = range(analysis.spec(), &document.lines, first, encoding);
+            CodeLens { range, command: Some(command), data: None }
+        };
+        Ok(Some(titles.into_iter().map(lens).collect()))
+    }
+}
+
+/// Until then, unless it is called off.
+#[derive(Debug)]
+struct Until {
+    end: Time,
+    is_called_off: Arc<AtomicBool>,
+}
+
+impl GoesOn for Until {
+    fn goes_on(&self) -> bool {
+        !self.is_called_off.load(Ordering::Relaxed) && clock::now() < self.end
+    }
+}
+
+fn titles(spec: &Source, others: &[Source], blocks: &[Span], is_called_off: Arc<AtomicBool>) -> Titles {
+    let (compiled, sites) = compile_with_sites(spec, others, &Options::named("spec"));
+    let Some((plan, sites)) = compiled.plan.zip(sites) else { return Vec::new() };
+    let until = Until { end: clock::now() + TIME, is_called_off };
+    let limits = Limits { states: STATES, memory: MEMORY, threads: &Alone, goes_on: &until };
+    let found = verify::sentences(&plan, &sites, &limits);
+    let title = |block: &Span| {
+        let of_block: Vec<&(Span, Finding)> = found.iter().filter(|(span, _)| block.contains(*span)).collect();
+        (*block, title(spec, &of_block))
+    };
+    blocks.iter().map(title).collect()
+}
+
+/// `12 sentences hold`, `2 of 12 do not hold: never a with b; can finish`. A sentence about several groups holds of all of them.
+fn title(spec: &Source, found: &[&(Span, Finding)]) -> String {
+    let of = |verdict: Verdict| -> BTreeSet<Span> {
+        found.iter().filter(|(_, finding)| finding.verdict == verdict).map(|(span, _)| *span).collect()
+    };
+    let (proved, fails, open) = (of(Verdict::Proved), of(Verdict::Fails), of(Verdict::Open));
+    let all = proved.union(&fails).chain(&open).collect::<BTreeSet<_>>().len();
+    let text = |span: &Span| spec.text.get(span.start as usize..span.end as usize).unwrap_or_default();
+    let mut parts = Vec::new();
+    if !fails.is_empty() {
+        let named: Vec<&str> = fails.iter().take(NAMED_MAX).map(text).collect();
+        let more = if fails.len() > NAMED_MAX { "; …" } else { "" };
+        let verb = if fails.len() == 1 { "does" } else { "do" };
+        parts.push(format!("{} of {all} {verb} not hold: {}{more}", fails.len(), named.join("; ")));
+    }
+    if !open.is_empty() {
+        parts.push(format!("{} of {all} not decided here: `dca verify` takes its time", open.len()));
+    }
+    match (parts.is_empty(), all) {
+        (true, 0) => "nothing to prove".to_owned(),
+        (true, 1) => "1 sentence holds".to_owned(),
+        (true, all) => format!("{all} sentences hold"),
+        (false, _) => parts.join(" · "),
+    }
+}
