@@ -357,8 +357,10 @@ impl<'a> System<'a> {
         }
     }
 
+    /// Of a value with a tag only that counts, as in a packed state.
     fn number(&self, value: &Value) -> u8 {
-        let known = self.values.iter().position(|other| other == value);
+        let is_same_tag = |other: &Value| other.tag() == value.tag();
+        let known = value.tag().and_then(|_| self.values.iter().position(is_same_tag));
         known.and_then(|known| u8::try_from(known + 1).ok()).unwrap_or(0)
     }
 

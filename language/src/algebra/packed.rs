@@ -146,7 +146,7 @@ impl Words {
 
 impl Packing {
     /// Returns the packing of the states of a program. `values` are the values that outcomes may have besides the empty one,
-    /// at most 255; any other is packed as the empty value.
+    /// at most 255; any other is packed as the one with its tag, or as the empty value.
     pub fn new(program: &Program, values: &[Value]) -> Self {
         let values: Vec<Value> = std::iter::once(Value::EMPTY).chain(values.iter().take(255).cloned()).collect();
         let (nodes, members, places) = (program.nodes.len(), program.endless.len(), program.usings);
@@ -294,9 +294,13 @@ impl Packing {
         Cell { phase, open: count(OPEN), done: count(DONE), outcome }
     }
 
+    /// What stands behind a tag is not kept, the tag is: a `match` may look at it later.
     fn number(&self, value: &Value) -> usize {
-        let is_empty = value.bytes().is_empty();
-        if is_empty { 0 } else { self.values.iter().position(|other| other == value).unwrap_or(0) }
+        let is_same_tag = |other: &Value| other.tag() == value.tag();
+        match value.tag() {
+            None => self.values.iter().position(|other| other == value).unwrap_or(0),
+            Some(_) => self.values.iter().position(is_same_tag).unwrap_or(0),
+        }
     }
 
     /// The word of a cell.
