@@ -15,14 +15,16 @@ const LIMITS: Limits<'static> = Limits { states: 20_000_000, memory: 4 << 30, th
 
 fn main() {
     println!("| what | states | time | figure |\n|---|---|---|---|");
-    tidy_up(14);
-    groups(100, 10);
-    checked(99, 100);
-    door();
     let objects = std::env::args().nth(1).and_then(|objects| objects.parse().ok());
-    let objects = objects.unwrap_or(10);
+    if objects.is_none() {
+        tidy_up(14);
+        groups(100, 10);
+        checked(100, 100);
+        door();
+    }
+    let objects = objects.unwrap_or(12);
     flat_system(&format!("tidy-up, {objects} objects, flat"), &tidy_up_spec(objects));
-    let steps = objects + objects / 3;
+    let steps = objects + objects / 4;
     flat_system(&format!("{steps} steps side by side, flat"), &side_by_side(steps));
 }
 
