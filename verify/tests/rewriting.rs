@@ -18,6 +18,8 @@ mod rules;
 mod stop;
 #[path = "rewriting/term.rs"]
 mod term;
+#[path = "rewriting/text.rs"]
+mod text;
 
 /// As many random groups are run in the suite.
 const GROUPS: u64 = 20_000;

@@ -3,11 +3,11 @@
 //! What is looked through here are all truth values that the temporal parts of a formula could have at each position, beside the
 //! reference's own states. Nothing of it is shared with the verifier, which builds an automaton step by step.
 
-use super::against_verify::text;
 use super::explore::{Edge, Graph, Move, Seen, Tags, explore};
 use super::random::{Dice, TAGS, Taste, group};
 use super::rules::Event;
 use super::term::Outcome;
+use super::text::text;
 use language::algebra::Value;
 use language::{Options, Source, compile_with_sites};
 use std::collections::{BTreeMap, BTreeSet};
@@ -59,10 +59,10 @@ pub(crate) fn compare(seed: u64) -> Compared {
     let mut dice = Dice::new(seed ^ 0x5EED);
     let made = group(&mut dice, Taste::Text);
     let members = u32::try_from(made.members.len()).expect("few members");
-    let (_, tags) = text(&made, &[]);
+    let (_, tags) = text(&made, "");
     let mut temporal = 0;
     let formula = Maker { dice: &mut dice, members, tags: &tags, temporal: &mut temporal }.formula(3);
-    let (text, tags) = text(&made, &[format!("holds ltl \"{}\"", formula.written())]);
+    let (text, tags) = text(&made, &format!("        holds ltl \"{}\";\n", formula.written()));
     let source = Source::new("random.dca", text.clone());
     let (compiled, sites) = compile_with_sites(&source, &[], &Options::named("random"));
     let Some((plan, sites)) = compiled.plan.zip(sites) else { return Compared::LeftOut };

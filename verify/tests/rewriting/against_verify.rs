@@ -1,13 +1,13 @@
 //! Brute force beside `verify`: the same verdicts on random small specs with random sentences.
 
-use super::explore::{Graph, Tags, explore};
-use super::random::{Dice, TAGS, Taste, group};
+use super::explore::{Graph, explore};
+use super::random::{Dice, Taste, group};
 use super::term::Outcome;
+use super::text::text;
 use language::algebra::Activity;
-use language::plan::{Expression, Group, MemberKind, Plan};
+use language::plan::{Expression, Plan};
 use language::{Options, Source, compile_with_sites};
 use std::collections::BTreeSet;
-use std::fmt::Write as _;
 use std::rc::Rc;
 use verify::{Alone, Always, Detail, Ending, Limits, Report, Verdict};
 
@@ -42,7 +42,8 @@ pub(crate) fn compare(seed: u64) -> Compared {
         sentences.extend([Sentence::NeverWith(a, b), Sentence::Implies(a, b)]);
         sentences.extend([Sentence::OnlyAfter(a, b), Sentence::AfterNever(a, b)]);
     }
-    let (text, tags) = text(&made, &sentences.iter().map(|sentence| words(*sentence)).collect::<Vec<_>>());
+    let stated: String = sentences.iter().map(|sentence| format!("        {};\n", words(*sentence))).collect();
+    let (text, tags) = text(&made, &stated);
     let source = Source::new("random.dca", text.clone());
     let (compiled, sites) = compile_with_sites(&source, &[], &Options::named("random"));
     let Some((plan, sites)) = compiled.plan.zip(sites) else { return Compared::LeftOut };
@@ -170,79 +171,5 @@ fn words(sentence: Sentence) -> String {
         Sentence::AfterNever(a, b) => format!("after m{a}.done: never m{b}"),
         Sentence::AtMostOnce(a) => format!("m{a} at most once"),
         Sentence::CanFinish => "can finish".to_owned(),
-    }
-}
-
-/// The spec as a text, and the tags of its modules.
-pub(crate) fn text(group: &Group, sentences: &[String]) -> (String, Tags) {
-    let mut matched = Vec::new();
-    let expression = written(&group.expression, &mut matched);
-    let (mut modules, mut instances, mut tags) = (String::new(), String::new(), Tags::new());
-    for (slot, member) in (0..).zip(&group.members) {
-        assert!(matches!(member.kind, MemberKind::Leaf(_)), "a text has leaves only");
-        let ends = match (matched.contains(&slot), member.service) {
-            (true, _) => {
-                tags.insert(slot, TAGS.map(str::to_owned).to_vec());
-                format!("done({} | {})", TAGS[0], TAGS[1])
-            }
-            (false, true) => "service".to_owned(),
-            (false, false) => "done".to_owned(),
-        };
-        writeln!(modules, "module M{slot}(host: Host) {{ {ends}; }}").expect("a text");
-        writeln!(instances, "        m{slot} instof M{slot}(c1);").expect("a text");
-    }
-    let sentences: String = sentences.iter().map(|sentence| format!("        {sentence};\n")).collect();
-    let text = format!(
-        "{modules}\nprocess main(){{\n    host{{c1}}\n    resource arm, gripper;\n    instantiated_processes{{\n\
-         {instances}    }}\n    internal_event_actions{{\n        {expression}\n    }}\n    verify{{\n{sentences}    }}\n}}\n"
-    );
-    (text, tags)
-}
-
-/// An expression, with parentheses around each operand.
-fn written(expression: &Expression, matched: &mut Vec<u32>) -> String {
-    let mut join = |of: &[Expression], sign: &str| {
-        let operands: Vec<String> = of.iter().map(|operand| format!("({})", written(operand, matched))).collect();
-        operands.join(sign)
-    };
-    match expression {
-        Expression::Run { member, .. } => format!("m{member}"),
-        Expression::Skip => "skip".to_owned(),
-        Expression::Never => "never".to_owned(),
-        Expression::Fail(why) => format!("fail(\"{why}\")"),
-        Expression::Wait(after) => format!("wait({} s)", after.as_secs()),
-        Expression::Concurrent(of) => join(of, ", "),
-        Expression::FailFast(of) => join(of, " & "),
-        Expression::AnyOf { count, of } => format!("any {count} of ({})", join(of, ", ")),
-        Expression::Disable(of) => join(of, " # "),
-        Expression::Sequence(p, q) => format!("({}) ; ({})", written(p, matched), written(q, matched)),
-        Expression::Conditional(p, q) => {
-            if let (Expression::Run { member, .. }, Expression::Match(_)) = (&**p, &**q) {
-                matched.push(*member);
-            }
-            let is_match = matches!(**q, Expression::Match(_));
-            let (p, q) = (written(p, matched), written(q, matched));
-            if is_match { format!("({p}) : {q}") } else { format!("({p}) : ({q})") }
-        }
-        Expression::Recurrent(p, q) => format!("({}) ;; ({})", written(p, matched), written(q, matched)),
-        Expression::Otherwise(p, q) => format!("({}) else ({})", written(p, matched), written(q, matched)),
-        Expression::Finally(p, q) => format!("({}) finally ({})", written(p, matched), written(q, matched)),
-        Expression::Match(arms) => {
-            let arms: Vec<String> = arms
-                .iter()
-                .map(|arm| format!("{} => ({})", arm.tag.as_deref().unwrap_or("else"), written(&arm.body, matched)))
-                .collect();
-            format!("match {{ {} }}", arms.join(", "))
-        }
-        Expression::Shield { bound: None, of } => format!("shield ({})", written(of, matched)),
-        Expression::Shield { bound: Some(after), of } => {
-            format!("shield({} s) ({})", after.as_secs(), written(of, matched))
-        }
-        Expression::Using { resources, of } => format!("using({}) ({})", resources.join(", "), written(of, matched)),
-        // The pool of a text is of one place: more would need arrays.
-        Expression::Asynchronous { source, pool } => {
-            format!("({}) ::[1] ({})", written(source, matched), written(&pool[0], matched))
-        }
-        Expression::Tagged { tag, of } => format!("({}) as {tag}", written(of, matched)),
     }
 }

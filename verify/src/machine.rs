@@ -1,0 +1,91 @@
+//! A plan as variables and guarded changes, for model checkers that explore it themselves.
+//!
+//! Written from the rules of the manual, operator by operator; nothing here calls `algebra::step`. So it is evidence when the
+//! state space of what is written here is that of the explorer.
+//!
+//! One reaction is a chain of silent changes: `act` says what is to be done, `at` the node that does it. A node is called to start
+//! or to stop; it calls its operands, and reports back to the operator around it whether it runs or how it has ended. Nothing
+//! else can happen meanwhile, and of the silent changes exactly one is possible. So the chain is inert: the model and the
+//! transition system are branching bisimilar, and no chain is endless.
+
+mod groups;
+mod joins;
+mod rules;
+mod text;
+mod writer;
+
+use crate::model::Model;
+use language::plan::Plan;
+use language::sites::Sites;
+
+/// Returns a plan as a model in JANI (jani-model), of the type `mdp` with probabilities of 1.
+pub fn jani(plan: &Plan, sites: &Sites) -> String {
+    text::jani(&plan.name, &Machine::of(plan, sites))
+}
+
+/// Returns a plan as a specification in mCRL2: one linear process.
+pub fn mcrl2(plan: &Plan, sites: &Sites) -> String {
+    text::mcrl2(&Machine::of(plan, sites))
+}
+
+/// Variables and changes.
+#[derive(Debug, Default)]
+pub(crate) struct Machine {
+    variables: Vec<Variable>,
+    changes: Vec<Change>,
+}
+
+/// A number from 0, which it is at first, to a greatest one.
+#[derive(Debug)]
+struct Variable {
+    name: String,
+    most: u32,
+}
+
+/// The index of a variable.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Var(usize);
+
+/// Something that can happen when all its tests hold; without a word it is silent.
+#[derive(Debug)]
+struct Change {
+    word: Option<String>,
+    tests: Vec<Test>,
+    sets: Vec<(Var, Term)>,
+}
+
+#[derive(Clone, Debug)]
+enum Test {
+    Is(Var, u32),
+    Not(Var, u32),
+    Same(Var, Var),
+    Less(Var, Var),
+    All(Vec<Self>),
+    Any(Vec<Self>),
+    Fails(Box<Self>),
+}
+
+/// A number, of the values before the change.
+#[derive(Clone, Copy, Debug)]
+enum Term {
+    Number(u32),
+    Of(Var),
+    OneMore(Var),
+    /// One less, but not below 0.
+    OneLess(Var),
+    /// One less if it is greater than the other variable.
+    MovesUp(Var, Var),
+}
+
+impl Machine {
+    fn of(plan: &Plan, sites: &Sites) -> Self {
+        writer::write(&Model::of_groups(plan, sites))
+    }
+
+    /// A new variable, with room for numbers up to `most`, and at least up to 1: Storm 2.0 spoils the variables beside one that
+    /// has a single value.
+    fn variable(&mut self, name: String, most: usize) -> Var {
+        self.variables.push(Variable { name, most: u32::try_from(most.max(1)).unwrap_or(u32::MAX) });
+        Var(self.variables.len() - 1)
+    }
+}

@@ -1,0 +1,146 @@
+//! The rules of a group: `using`, and what goes between groups.
+
+use super::writer::{
+    ABORTED, DELIVER, DONE, GRANT, IDLE, Node, OVER, REPORT, REST, RUNNING, RUNS, SETTLE, START, STOP, STOPPED,
+    STOPPING, Sets, Use, Writer,
+};
+use super::{Term, Test};
+use language::plan::{Expression, Group};
+
+impl Writer<'_> {
+    /// The group of the plan that is being written.
+    pub(super) fn source(&self) -> &Group {
+        &self.model.plan.groups[self.group]
+    }
+
+    pub(super) fn group(&mut self, group: usize) -> Node {
+        (self.group, self.timers) = (group, 0);
+        self.uses.clear();
+        self.held.clear();
+        let model = self.model;
+        let root = self.write(&model.plan.groups[group].expression, None);
+        for index in 0..self.uses.len() {
+            self.takes_turns(root, index);
+        }
+        let waiting = self.groups[group].waiting;
+        self.rule(root, SETTLE, &[Test::Is(self.result, RUNS)], self.todo(root, GRANT, 1));
+        let delivers = self.todo(root, DELIVER, 0);
+        self.rule(root, GRANT, &[Test::Less(waiting, self.operand)], delivers.clone());
+        let mut over = delivers;
+        if group == 0 {
+            over.push((self.whole, Term::Number(OVER)));
+        } else {
+            over.push((self.groups[group].is_ordered, Term::Number(0)));
+            let group = u32::try_from(group).unwrap_or(u32::MAX);
+            over.extend(self.deliver(group, Term::Of(self.result), Term::Of(self.value)));
+        }
+        self.rule(root, SETTLE, &[Test::Not(self.result, RUNS)], over);
+        root
+    }
+
+    /// `using`. Phases: 1 it waits, 2 it has what it takes. The rest is written once all of the group are known.
+    pub(super) fn using(&mut self, node: Node, resources: &[String], of: &Expression) {
+        let number = self.uses.len();
+        let place = self.own(node, "place", self.nodes as usize + number + 1);
+        let kept = self.own(node, "kept", self.tags.len());
+        for resource in resources {
+            if self.held.iter().all(|(name, _)| name != resource) {
+                let held = self.machine.variable(format!("g{}_held{}", self.group, self.held.len()), 1);
+                self.held.push((resource.clone(), held));
+            }
+        }
+        let inner = self.write(of, Some((node, 0)));
+        self.uses.push(Use { node, place, kept, takes: resources.to_vec(), inner });
+    }
+
+    /// Whether it starts at once, waits, gets its turn, and gives back what it took.
+    fn takes_turns(&mut self, root: Node, index: usize) {
+        let Use { node, place, kept, inner, ref takes } = self.uses[index];
+        let waiting = self.groups[self.group].waiting;
+        let taken = self.held.iter().filter(|(name, _)| takes.contains(name)).map(|(_, held)| *held);
+        let taken: Vec<_> = taken.collect();
+        let others = self.uses.iter().filter(|other| other.node.number != node.number);
+        let places: Vec<_> = others.clone().map(|other| other.place).collect();
+        let rivals = others.filter(|other| other.takes.iter().any(|name| takes.contains(name)));
+        let rivals: Vec<_> = rivals.map(|rival| rival.place).collect();
+        let free: Vec<Test> = taken.iter().map(|held| Test::Is(*held, 0)).collect();
+        let takes: Sets = taken.iter().map(|held| (*held, Term::Number(1))).collect();
+        let frees: Sets = taken.iter().map(|held| (*held, Term::Number(0))).collect();
+        let mut leaves: Sets = places.iter().map(|other| (*other, Term::MovesUp(*other, place))).collect();
+        leaves.extend([(place, Term::Number(0)), (kept, Term::Number(0)), (waiting, Term::OneLess(waiting))]);
+
+        let unwanted = rivals.iter().map(|rival| Test::Is(*rival, 0));
+        let at_once = Test::All(free.iter().cloned().chain(unwanted).collect());
+        let begins = vec![self.enter(node, 2)];
+        let starts = [begins.clone(), takes.clone(), self.start(inner, Term::Of(self.value))].concat();
+        self.rule(node, START, std::slice::from_ref(&at_once), starts);
+        let waits = vec![self.enter(node, 1), (place, Term::OneMore(waiting)), (waiting, Term::OneMore(waiting))];
+        let waits = [waits, vec![(kept, Term::Of(self.value))], self.reports(node, RUNS)].concat();
+        self.rule(node, START, &[Test::Fails(Box::new(at_once))], waits);
+
+        let later = |rival: &super::Var| Test::Any(vec![Test::Is(*rival, 0), Test::Less(place, *rival)]);
+        let is_first = Test::All(free.into_iter().chain(rivals.iter().map(later)).collect());
+        let turn = Test::Same(place, self.operand);
+        let granted = [begins, takes, leaves.clone(), self.start(inner, Term::Of(kept))].concat();
+        self.rule(root, GRANT, &[turn.clone(), is_first.clone()], granted);
+        let next = vec![(self.operand, Term::OneMore(self.operand))];
+        self.rule(root, GRANT, &[turn, Test::Fails(Box::new(is_first))], next);
+
+        self.rule(node, REPORT, &[Test::Is(self.result, RUNS)], self.passes(node));
+        let ends = [vec![self.enter(node, IDLE)], frees, self.passes(node)].concat();
+        self.rule(node, REPORT, &[Test::Not(self.result, RUNS)], ends);
+        let gives_up = [leaves, vec![self.enter(node, IDLE)], self.reports(node, STOPPED)].concat();
+        self.rule(node, STOP, &[Test::Is(node.phase, 1)], gives_up);
+        self.rule(node, STOP, &[Test::Is(node.phase, 2)], self.stop(inner));
+    }
+
+    /// Something is to be delivered for a group: that it starts, or its result to the group around it.
+    pub(super) fn deliver(&self, group: u32, result: Term, value: Term) -> Sets {
+        let own = &self.groups[group as usize];
+        let place = vec![(own.place, Term::OneMore(self.pending)), (self.pending, Term::OneMore(self.pending))];
+        [place, vec![(own.result, result), (own.value, value)]].concat()
+    }
+
+    /// What is not of one group alone: the start and the stop of the whole, and all that goes between groups.
+    pub(super) fn between(&mut self, roots: &[Node]) {
+        let starts = [vec![(self.whole, Term::Number(RUNNING))], self.start(roots[0], Term::Number(0))].concat();
+        self.event("start".to_owned(), &[Test::Is(self.whole, 0)], starts);
+        let stops = [vec![(self.whole, Term::Number(STOPPING))], self.stop(roots[0])].concat();
+        self.event("stop".to_owned(), &[Test::Is(self.whole, RUNNING)], stops);
+        let delivers = Test::Is(self.todo, DELIVER);
+        let control = [self.at, self.todo, self.operand, self.result, self.value];
+        let rests = control.map(|var| (var, Term::Number(REST))).to_vec();
+        self.change(None, vec![delivers.clone(), Test::Is(self.pending, 0)], rests);
+        for (group, &root) in (0_u32..).zip(roots).skip(1) {
+            let (place, result) = (self.groups[group as usize].place, self.groups[group as usize].result);
+            let (value, is_ordered) = (self.groups[group as usize].value, self.groups[group as usize].is_ordered);
+            let others = self.groups.iter().map(|other| other.place).filter(|other| *other != place);
+            let mut takes: Sets = others.map(|other| (other, Term::MovesUp(other, place))).collect();
+            takes.extend([(self.pending, Term::OneLess(self.pending))]);
+            takes.extend([place, result, value].map(|var| (var, Term::Number(0))));
+            let first = [delivers.clone(), Test::Is(place, 1)];
+            let starts = [takes.clone(), self.start(root, Term::Of(value))].concat();
+            self.change(None, [&first[..], &[Test::Is(result, RUNS)]].concat(), starts);
+            let runs: Vec<Node> =
+                self.runs.iter().filter(|(inner, _)| *inner == group).map(|(_, node)| *node).collect();
+            for node in runs {
+                // One that stops though nobody has asked it to has failed.
+                let own = [(1, DONE, DONE), (1, ABORTED, ABORTED), (1, STOPPED, ABORTED)];
+                for (phase, came, counts) in
+                    own.into_iter().chain([DONE, ABORTED, STOPPED].map(|came| (2, came, STOPPED)))
+                {
+                    let tests = [Test::Is(result, came), Test::Is(node.phase, phase)];
+                    let given = if counts == DONE { Term::Of(value) } else { Term::Number(0) };
+                    let hears = [vec![self.enter(node, IDLE)], self.report(node, Term::Number(counts), given)].concat();
+                    self.change(None, [&first[..], &tests].concat(), [takes.clone(), hears].concat());
+                }
+            }
+            let reached = format!("reached({})", self.model.group_name(group));
+            let arrives = vec![(is_ordered, Term::Number(0))];
+            let is_ordered = Test::Is(is_ordered, 1);
+            let stops = [arrives.clone(), self.stop(root)].concat();
+            self.event(reached.clone(), &[is_ordered.clone(), Test::Not(root.phase, IDLE)], stops);
+            self.event(reached, &[is_ordered, Test::Is(root.phase, IDLE)], arrives);
+        }
+    }
+}

@@ -1,0 +1,215 @@
+//! The rules of the manual, one function for each operator with at most two operands. Those with more are in `joins`.
+
+use super::writer::{ABORTED, DONE, IDLE, Node, REPORT, RUNS, START, STOP, STOPPED, Writer};
+use super::{Term, Test};
+use crate::story::seconds;
+use language::plan::{Expression, Group, MemberKind};
+
+/// How the second of two follows the first.
+struct Turn {
+    /// After which outcome of the first.
+    after: u32,
+    /// With which value.
+    given: Term,
+    /// Whether the first follows again.
+    is_loop: bool,
+}
+
+impl Writer<'_> {
+    pub(super) fn write(&mut self, expression: &Expression, around: Option<(Node, u32)>) -> Node {
+        let node = self.node(around, 6);
+        let (nothing, left) = (Term::Number(0), Term::Of(self.value));
+        match expression {
+            Expression::Run { member, .. } => self.run(node, *member),
+            Expression::Skip => self.rule(node, START, &[], self.reports(node, DONE)),
+            Expression::Fail(_) => self.rule(node, START, &[], self.reports(node, ABORTED)),
+            Expression::Never => self.lasting(node),
+            Expression::Wait(after) => {
+                let word = self.timer(seconds(*after));
+                self.lasting(node);
+                let ends = [vec![self.enter(node, IDLE)], self.reports(node, DONE)].concat();
+                self.event(word, &[Test::Is(node.phase, 1)], ends);
+            }
+            Expression::Sequence(p, q) => {
+                self.in_turn(node, [p, q], Turn { after: DONE, given: nothing, is_loop: false });
+            }
+            Expression::Conditional(p, q) => {
+                self.in_turn(node, [p, q], Turn { after: DONE, given: left, is_loop: false });
+            }
+            Expression::Recurrent(p, q) => self.in_turn(node, [p, q], Turn { after: DONE, given: left, is_loop: true }),
+            Expression::Otherwise(p, q) => {
+                self.in_turn(node, [p, q], Turn { after: ABORTED, given: nothing, is_loop: false });
+            }
+            Expression::Finally(p, q) => self.finally(node, [p, q]),
+            Expression::Match(_) => self.matching(node, expression),
+            Expression::Shield { bound, of } => {
+                let word = bound.map(|after| self.timer(seconds(after)));
+                self.shield(node, word, of);
+            }
+            Expression::Using { resources, of } => self.using(node, resources, of),
+            Expression::Tagged { tag, of } => self.tagged(node, tag, of),
+            Expression::Concurrent(of) => self.concurrent(node, of),
+            Expression::FailFast(of) => self.fail_fast(node, of),
+            Expression::AnyOf { count, of } => self.any(node, *count, of),
+            Expression::Disable(of) => self.disable(node, of),
+            Expression::Asynchronous { source, pool } => self.pool(node, source, pool),
+        }
+        node
+    }
+
+    /// The word for the next timer of the group.
+    fn timer(&mut self, time: String) -> String {
+        self.timers += 1;
+        let group = self.model.group_name(u32::try_from(self.group).unwrap_or(u32::MAX));
+        format!("elapsed({group}, {time}, {})", self.timers - 1)
+    }
+
+    /// What runs from its start until it is stopped, which is confirmed at once.
+    fn lasting(&mut self, node: Node) {
+        let starts = [vec![self.enter(node, 1)], self.reports(node, RUNS)].concat();
+        self.rule(node, START, &[], starts);
+        let stops = [vec![self.enter(node, IDLE)], self.reports(node, STOPPED)].concat();
+        self.rule(node, STOP, &[], stops);
+    }
+
+    /// A process. Phases: 1 it runs, 2 it has been asked to stop.
+    fn run(&mut self, node: Node, member: u32) {
+        let group = u32::try_from(self.group).unwrap_or(u32::MAX);
+        let source: &Group = &self.model.plan.groups[self.group];
+        let (name, slot) = (self.model.name(group, member), &source.members[member as usize]);
+        let mut starts = [vec![self.enter(node, 1)], self.reports(node, RUNS)].concat();
+        let mut stops = [vec![self.enter(node, 2)], self.reports(node, RUNS)].concat();
+        match slot.kind {
+            MemberKind::Leaf(leaf) => {
+                let ends = |this: &Self, result, tag| {
+                    let report = this.report(node, Term::Number(result), Term::Number(tag));
+                    [vec![this.enter(node, IDLE)], report].concat()
+                };
+                let runs = [Test::Is(node.phase, 1)];
+                let outcomes =
+                    if self.tags.is_empty() { &[][..] } else { &self.model.plan.leaves[leaf as usize].outcomes };
+                if !slot.service && outcomes.is_empty() {
+                    self.event(format!("done({name})"), &runs, ends(self, DONE, 0));
+                }
+                for tag in outcomes.iter().filter(|_| !slot.service) {
+                    let sets = ends(self, DONE, self.tag(tag));
+                    self.event(format!("done({name}, {tag})"), &runs, sets);
+                }
+                self.event(format!("aborted({name})"), &runs, ends(self, ABORTED, 0));
+                self.event(format!("stopped({name})"), &[Test::Is(node.phase, 2)], ends(self, STOPPED, 0));
+            }
+            MemberKind::Group(inner) => {
+                self.runs.push((inner, node));
+                starts.extend(self.deliver(inner, Term::Number(RUNS), Term::Of(self.value)));
+                stops.push((self.groups[inner as usize].is_ordered, Term::Number(1)));
+            }
+        }
+        self.rule(node, START, &[], starts);
+        self.rule(node, STOP, &[Test::Is(node.phase, 1)], stops);
+        self.rule(node, STOP, &[Test::Is(node.phase, 2)], self.reports(node, RUNS));
+    }
+
+    /// The number of a tag; values without one have number 0.
+    pub(super) fn tag(&self, tag: &str) -> u32 {
+        let index = self.tags.iter().position(|known| known == tag);
+        index.and_then(|index| u32::try_from(index + 1).ok()).unwrap_or(0)
+    }
+
+    /// `;` `:` `;;` and `else`. Phases: 1 the first runs, 2 the second does, 3 the one that runs was stopped, the other forgotten.
+    fn in_turn(&mut self, node: Node, [p, q]: [&Expression; 2], Turn { after, given, is_loop }: Turn) {
+        let (first, second) = (self.write(p, Some((node, 0))), self.write(q, Some((node, 1))));
+        let (nothing, left) = (Term::Number(0), Term::Of(self.value));
+        self.rule(node, START, &[], [vec![self.enter(node, 1)], self.start(first, left)].concat());
+        let is_first = Test::Is(node.phase, 1);
+        let next = [vec![self.enter(node, 2)], self.start(second, given)].concat();
+        self.rule(node, REPORT, &[is_first.clone(), Test::Is(self.result, after)], next);
+        self.passes_on(node, &[is_first, Test::Not(self.result, after)]);
+        let is_second = Test::Is(node.phase, 2);
+        if is_loop {
+            let again = [vec![self.enter(node, 1)], self.start(first, nothing)].concat();
+            self.rule(node, REPORT, &[is_second.clone(), Test::Is(self.result, DONE)], again);
+            self.passes_on(node, &[is_second, Test::Not(self.result, DONE)]);
+        } else {
+            self.passes_on(node, &[is_second]);
+        }
+        self.passes_on(node, &[Test::Is(node.phase, 3)]);
+        for (phase, operand) in [(1, first), (2, second)] {
+            let stops = [vec![self.enter(node, 3)], self.stop(operand)].concat();
+            self.rule(node, STOP, &[Test::Is(node.phase, phase)], stops);
+        }
+        self.rule(node, STOP, &[Test::Is(node.phase, 3)], self.reports(node, RUNS));
+    }
+
+    /// Phases: 1 P runs, 2 Q does.
+    fn finally(&mut self, node: Node, [p, q]: [&Expression; 2]) {
+        let (first, second) = (self.write(p, Some((node, 0))), self.write(q, Some((node, 1))));
+        let (held, kept) = (self.own(node, "held", 3), self.own(node, "kept", self.tags.len()));
+        let cleared = [self.enter(node, IDLE), (held, Term::Number(0)), (kept, Term::Number(0))];
+        let (is_first, is_second) = (Test::Is(node.phase, 1), Test::Is(node.phase, 2));
+        self.rule(node, START, &[], [vec![self.enter(node, 1)], self.start(first, Term::Of(self.value))].concat());
+        self.rule(node, REPORT, &[is_first.clone(), Test::Is(self.result, RUNS)], self.passes(node));
+        let outcome = vec![self.enter(node, 2), (held, Term::Of(self.result)), (kept, Term::Of(self.value))];
+        let next = [outcome, self.start(second, Term::Number(0))].concat();
+        self.rule(node, REPORT, &[is_first.clone(), Test::Not(self.result, RUNS)], next);
+        self.rule(node, REPORT, &[is_second.clone(), Test::Is(self.result, RUNS)], self.passes(node));
+        // The failure of Q counts if P was done.
+        let fails = Test::All(vec![Test::Is(self.result, ABORTED), Test::Is(held, DONE)]);
+        let aborts = [cleared.to_vec(), self.reports(node, ABORTED)].concat();
+        self.rule(node, REPORT, &[is_second.clone(), fails.clone()], aborts);
+        let ends = [cleared.to_vec(), self.report(node, Term::Of(held), Term::Of(kept))].concat();
+        let ended = [is_second.clone(), Test::Not(self.result, RUNS), Test::Fails(Box::new(fails))];
+        self.rule(node, REPORT, &ended, ends);
+        self.rule(node, STOP, &[is_first], self.stop(first));
+        let waits = [vec![(held, Term::Number(STOPPED)), (kept, Term::Number(0))], self.reports(node, RUNS)].concat();
+        self.rule(node, STOP, &[is_second], waits);
+    }
+
+    /// Phases: the number of the arm that runs, from 1.
+    fn matching(&mut self, node: Node, expression: &Expression) {
+        let Expression::Match(arms) = expression else { return };
+        self.machine.variables[node.phase.0].most = u32::try_from(arms.len()).unwrap_or(u32::MAX);
+        let mut others: Vec<Test> = Vec::new();
+        for (operand, arm) in (0..).zip(arms) {
+            let body = self.write(&arm.body, Some((node, operand)));
+            let mut tests = others.clone();
+            let mut given = Term::Of(self.value);
+            if let Some(tag) = &arm.tag {
+                tests.push(Test::Is(self.value, self.tag(tag)));
+                others.push(Test::Not(self.value, self.tag(tag)));
+                given = Term::Number(0);
+            } else {
+                others.push(Test::Any(Vec::new()));
+            }
+            self.rule(node, START, &tests, [vec![self.enter(node, operand + 1)], self.start(body, given)].concat());
+            self.rule(node, STOP, &[Test::Is(node.phase, operand + 1)], self.stop(body));
+        }
+        self.rule(node, START, &others, self.reports(node, ABORTED));
+        self.passes_on(node, &[]);
+    }
+
+    /// Phases: 1 it runs, 2 a stop waits for it, 3 the stop has waited long enough.
+    fn shield(&mut self, node: Node, timer: Option<String>, of: &Expression) {
+        let inner = self.write(of, Some((node, 0)));
+        let is_asked = Test::Not(node.phase, 1);
+        self.rule(node, START, &[], [vec![self.enter(node, 1)], self.start(inner, Term::Of(self.value))].concat());
+        self.passes_on(node, &[Test::Is(node.phase, 1)]);
+        self.rule(node, REPORT, &[is_asked.clone(), Test::Is(self.result, RUNS)], self.passes(node));
+        let ends = [vec![self.enter(node, IDLE)], self.reports(node, STOPPED)].concat();
+        self.rule(node, REPORT, &[is_asked.clone(), Test::Not(self.result, RUNS)], ends);
+        let waits = [vec![self.enter(node, 2)], self.reports(node, RUNS)].concat();
+        self.rule(node, STOP, &[Test::Is(node.phase, 1)], waits);
+        self.rule(node, STOP, &[is_asked], self.reports(node, RUNS));
+        if let Some(word) = timer {
+            self.event(word, &[Test::Is(node.phase, 2)], [vec![self.enter(node, 3)], self.stop(inner)].concat());
+        }
+    }
+
+    fn tagged(&mut self, node: Node, tag: &str, of: &Expression) {
+        let inner = self.write(of, Some((node, 0)));
+        self.rule(node, START, &[], [vec![self.enter(node, 1)], self.start(inner, Term::Of(self.value))].concat());
+        let named = self.report(node, Term::Number(DONE), Term::Number(self.tag(tag)));
+        self.rule(node, REPORT, &[Test::Is(self.result, DONE)], [vec![self.enter(node, IDLE)], named].concat());
+        self.passes_on(node, &[Test::Not(self.result, DONE)]);
+        self.rule(node, STOP, &[], self.stop(inner));
+    }
+}

@@ -1,0 +1,263 @@
+//! What every rule is made of: the control that all nodes share, calls and reports.
+
+use super::{Change, Machine, Term, Test, Var};
+use crate::model::Model;
+use language::plan::Expression;
+
+/// What is to be done: nothing, by anybody. Only then something can happen.
+pub(super) const REST: u32 = 0;
+/// The node starts, with `value`.
+pub(super) const START: u32 = 1;
+/// The node is asked to stop.
+pub(super) const STOP: u32 = 2;
+/// The node hears of its operand number `operand`: `result`, and the `value` that it has left.
+pub(super) const REPORT: u32 = 3;
+/// The node goes through its operands, as far as number `operand`, to stop those that run.
+pub(super) const HALT: u32 = 4;
+/// The node weighs what it has heard.
+pub(super) const WEIGH: u32 = 5;
+/// The group of which the node is the root gives what is free to the one that waits in place `operand`.
+pub(super) const GRANT: u32 = 6;
+/// The first of the orders and reports between groups is delivered.
+pub(super) const DELIVER: u32 = 7;
+/// The root of a group has reacted: `result`.
+pub(super) const SETTLE: u32 = 8;
+
+/// The results: it runs, or how it has ended.
+pub(super) const RUNS: u32 = 0;
+pub(super) const DONE: u32 = 1;
+pub(super) const ABORTED: u32 = 2;
+pub(super) const STOPPED: u32 = 3;
+
+/// The phase of a node that is not active. Others are said where they are used.
+pub(super) const IDLE: u32 = 0;
+
+/// The whole: not started, running, stopping, over.
+pub(super) const RUNNING: u32 = 1;
+pub(super) const STOPPING: u32 = 2;
+pub(super) const OVER: u32 = 3;
+
+pub(super) type Sets = Vec<(Var, Term)>;
+
+/// A node of an expression that has been given its number and its phase.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Node {
+    pub(super) number: u32,
+    pub(super) phase: Var,
+    /// The operator around it, and which of its operands it is.
+    around: Option<(u32, u32)>,
+}
+
+/// One `using` of a group.
+pub(super) struct Use {
+    pub(super) node: Node,
+    /// Its place among those that wait, from 1; 0 if it does not.
+    pub(super) place: Var,
+    /// The value that it starts with when its turn comes.
+    pub(super) kept: Var,
+    pub(super) takes: Vec<String>,
+    pub(super) inner: Node,
+}
+
+/// What a group has beside its nodes.
+pub(super) struct GroupVars {
+    /// An order to stop is on its way to it.
+    pub(super) is_ordered: Var,
+    /// Its place among what is delivered, from 1; 0 if there is nothing.
+    pub(super) place: Var,
+    /// What is delivered: 0 it starts, else its result is reported.
+    pub(super) result: Var,
+    pub(super) value: Var,
+    /// How many of its `using`s wait.
+    pub(super) waiting: Var,
+}
+
+/// The control that all share, and what has been written so far.
+pub(super) struct Writer<'m> {
+    pub(super) model: &'m Model<'m>,
+    pub(super) machine: Machine,
+    pub(super) at: Var,
+    pub(super) todo: Var,
+    pub(super) operand: Var,
+    pub(super) result: Var,
+    pub(super) value: Var,
+    pub(super) whole: Var,
+    /// How many things are to be delivered between groups.
+    pub(super) pending: Var,
+    pub(super) groups: Vec<GroupVars>,
+    pub(super) nodes: u32,
+    pub(super) tags: Vec<String>,
+    // Of the group that is being written:
+    pub(super) group: usize,
+    pub(super) timers: usize,
+    pub(super) uses: Vec<Use>,
+    pub(super) held: Vec<(String, Var)>,
+    /// For each member that is a group, the nodes that run it.
+    pub(super) runs: Vec<(u32, Node)>,
+}
+
+/// Writes all groups of a model.
+pub(super) fn write(model: &Model<'_>) -> Machine {
+    let mut machine = Machine::default();
+    let plan = model.plan;
+    let nodes: u32 = plan.groups.iter().map(|group| crate::model::count(&group.expression)).sum();
+    let tags = tags(model);
+    let widest = plan.groups.iter().map(|group| widest(&group.expression)).max().unwrap_or(0);
+    let (at, todo) = (machine.variable("at".into(), nodes as usize), machine.variable("todo".into(), 8));
+    let operand = machine.variable("operand".into(), widest.max(nodes as usize) + 1);
+    let (result, value) = (machine.variable("result".into(), 3), machine.variable("value".into(), tags.len()));
+    let whole = machine.variable("whole".into(), 3);
+    let pending = machine.variable("pending".into(), plan.groups.len());
+    let groups = (0..plan.groups.len())
+        .map(|group| {
+            let mut own = |what: &str, most| machine.variable(format!("g{group}_{what}"), most);
+            GroupVars {
+                is_ordered: own("ordered", 1),
+                place: own("place", plan.groups.len()),
+                result: own("result", 3),
+                value: own("value", tags.len()),
+                waiting: own("waiting", nodes as usize),
+            }
+        })
+        .collect();
+    let mut writer = Writer {
+        model,
+        machine,
+        at,
+        todo,
+        operand,
+        result,
+        value,
+        whole,
+        pending,
+        groups,
+        nodes: 0,
+        tags,
+        group: 0,
+        timers: 0,
+        uses: Vec::new(),
+        held: Vec::new(),
+        runs: Vec::new(),
+    };
+    let roots: Vec<Node> = (0..plan.groups.len()).map(|group| writer.group(group)).collect();
+    writer.between(&roots);
+    writer.machine
+}
+
+/// The tags that outcomes may have, if anything looks at them.
+fn tags(model: &Model<'_>) -> Vec<String> {
+    if !model.has_tags() {
+        return Vec::new();
+    }
+    let mut tags: Vec<String> = model.plan.leaves.iter().flat_map(|leaf| leaf.outcomes.clone()).collect();
+    for group in &model.plan.groups {
+        crate::model::walk(&group.expression, &mut |expression| {
+            if let Expression::Tagged { tag, .. } = expression {
+                tags.push(tag.clone());
+            } else if let Expression::Match(arms) = expression {
+                tags.extend(arms.iter().filter_map(|arm| arm.tag.clone()));
+            }
+        });
+    }
+    tags.sort();
+    tags.dedup();
+    tags
+}
+
+fn widest(expression: &Expression) -> usize {
+    let operands = expression.operands();
+    operands.iter().map(|operand| widest(operand)).max().unwrap_or(0).max(operands.len())
+}
+
+impl Writer<'_> {
+    /// A silent change of a node, when it has this to do.
+    pub(super) fn rule(&mut self, node: Node, todo: u32, tests: &[Test], sets: Sets) {
+        let own = [Test::Is(self.todo, todo), Test::Is(self.at, node.number)];
+        self.change(None, own.into_iter().chain(tests.iter().cloned()).collect(), sets);
+    }
+
+    /// Something that can happen while nobody has anything to do.
+    pub(super) fn event(&mut self, word: String, tests: &[Test], sets: Sets) {
+        let rests = [Test::Is(self.todo, REST), Test::Not(self.whole, OVER)];
+        self.change(Some(word), rests.into_iter().chain(tests.iter().cloned()).collect(), sets);
+    }
+
+    /// Of several numbers for one variable the last counts.
+    pub(super) fn change(&mut self, word: Option<String>, tests: Vec<Test>, mut sets: Sets) {
+        let mut last: Sets = Vec::new();
+        while let Some((var, term)) = sets.pop() {
+            if last.iter().all(|(known, _)| *known != var) {
+                last.push((var, term));
+            }
+        }
+        last.reverse();
+        self.machine.changes.push(Change { word, tests, sets: last });
+    }
+
+    pub(super) fn todo(&self, node: Node, todo: u32, operand: u32) -> Sets {
+        let number = Term::Number;
+        vec![(self.at, number(node.number)), (self.todo, number(todo)), (self.operand, number(operand))]
+    }
+
+    pub(super) fn enter(&self, node: Node, phase: u32) -> (Var, Term) {
+        (node.phase, Term::Number(phase))
+    }
+
+    /// A node is called to start with a value.
+    pub(super) fn start(&self, node: Node, value: Term) -> Sets {
+        let mut sets = self.todo(node, START, 0);
+        sets.extend([(self.result, Term::Number(RUNS)), (self.value, value)]);
+        sets
+    }
+
+    /// A node is called to stop.
+    pub(super) fn stop(&self, node: Node) -> Sets {
+        let mut sets = self.todo(node, STOP, 0);
+        sets.extend([(self.result, Term::Number(RUNS)), (self.value, Term::Number(0))]);
+        sets
+    }
+
+    /// A node says to what is around it how it is.
+    pub(super) fn report(&self, node: Node, result: Term, value: Term) -> Sets {
+        let mut sets = match node.around {
+            Some((around, operand)) => vec![
+                (self.at, Term::Number(around)),
+                (self.todo, Term::Number(REPORT)),
+                (self.operand, Term::Number(operand)),
+            ],
+            None => self.todo(node, SETTLE, 0),
+        };
+        sets.extend([(self.result, result), (self.value, value)]);
+        sets
+    }
+
+    pub(super) fn reports(&self, node: Node, result: u32) -> Sets {
+        self.report(node, Term::Number(result), Term::Number(0))
+    }
+
+    /// A node says of itself what its operand has said.
+    pub(super) fn passes(&self, node: Node) -> Sets {
+        self.report(node, Term::Of(self.result), Term::Of(self.value))
+    }
+
+    /// While its operand runs, so does the node; when that has ended, so has the node, in the same way.
+    pub(super) fn passes_on(&mut self, node: Node, tests: &[Test]) {
+        let with = |test: Test| tests.iter().cloned().chain([test]).collect::<Vec<_>>();
+        self.rule(node, REPORT, &with(Test::Is(self.result, RUNS)), self.passes(node));
+        let ends = [vec![self.enter(node, IDLE)], self.passes(node)].concat();
+        self.rule(node, REPORT, &with(Test::Not(self.result, RUNS)), ends);
+    }
+
+    /// A node with its phases up to this number.
+    pub(super) fn node(&mut self, around: Option<(Node, u32)>, phases: usize) -> Node {
+        let number = self.nodes;
+        self.nodes += 1;
+        let phase = self.machine.variable(format!("n{number}"), phases);
+        Node { number, phase, around: around.map(|(node, operand)| (node.number, operand)) }
+    }
+
+    /// A variable of a node beside its phase.
+    pub(super) fn own(&mut self, node: Node, what: &str, most: usize) -> Var {
+        self.machine.variable(format!("n{}_{what}", node.number), most)
+    }
+}
