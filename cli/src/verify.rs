@@ -33,7 +33,8 @@ pub struct Arguments {
     /// Print the report as one JSON document
     #[arg(long)]
     json: bool,
-    /// Print all states and transitions for other tools instead, nothing reduced: Aldebaran (CADP, mCRL2) or Graphviz
+    /// Print it for other tools instead, nothing reduced: all states and transitions (Aldebaran, Graphviz), or a model that a tool
+    /// explores itself (JANI, mCRL2)
     #[arg(long, value_name = "FORMAT", conflicts_with = "json")]
     export: Option<Export>,
     /// Draw the first story of what does not hold, a lane for each process; nothing is written if everything holds
@@ -45,11 +46,13 @@ pub struct Arguments {
     controllers: Controllers,
 }
 
-/// The formats of transition systems.
+/// The formats of transition systems and of models.
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
 enum Export {
     Aut,
     Dot,
+    Jani,
+    Mcrl2,
 }
 
 /// What may be spent.
@@ -147,17 +150,25 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if report.is_limited { Err(Failure::Limited) } else { Ok(()) }
 }
 
-/// Prints the transition system; one that is not whole is not printed.
+/// Prints the model, or the transition system; one that is not whole is not printed.
 fn export(loaded: &Loaded, limits: LimitArgs, format: Export) -> Result<(), Failure> {
-    let all = limits.with(|limits| verify::transitions(&loaded.plan, &loaded.sites, limits));
+    let Loaded { plan, sites, .. } = loaded;
+    let write = match format {
+        Export::Jani => return say(&verify::jani(plan, sites)),
+        Export::Mcrl2 => return say(&verify::mcrl2(plan, sites)),
+        Export::Aut => verify::Transitions::aut,
+        Export::Dot => verify::Transitions::dot,
+    };
+    let all = limits.with(|limits| verify::transitions(plan, sites, limits));
     if let Some(reached) = all.reached {
         console::note(&format!("nothing is exported: {}", reached.words()));
         return Err(Failure::Limited);
     }
-    console::say(&match format {
-        Export::Aut => all.aut(),
-        Export::Dot => all.dot(),
-    });
+    say(&write(&all))
+}
+
+fn say(text: &str) -> Result<(), Failure> {
+    console::say(text);
     Ok(())
 }
 

@@ -73,6 +73,8 @@ fn proofs_have_their_exit_codes() {
         (&["verify", "--json", &bad], 1, "\"code\": \"E0811\""),
         (&["verify", "--export", "aut", &good], 0, "des (0, "),
         (&["verify", "--export", "dot", &good], 0, "digraph {"),
+        (&["verify", "--export", "jani", &good], 0, "\"jani-version\": 1"),
+        (&["verify", "--export", "mcrl2", &good], 0, "proc Plan("),
     ];
     for (arguments, code, text) in cases {
         let ended = cluster.here().ask(arguments);
