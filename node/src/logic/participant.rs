@@ -139,7 +139,7 @@ impl Participant {
                 self.go(out.now);
             }
             ToParticipant::Reopen { host } => {
-                self.each_executer(out, |executer, at, out| executer.reopen(&host, at, out))
+                self.each_executer(out, |executer, at, out| executer.reopen(&host, at, out));
             }
             ToParticipant::Release => self.leave(out),
             ToParticipant::Activate { target, activation, value } => {

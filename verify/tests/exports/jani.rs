@@ -51,7 +51,7 @@ fn expr(value: &Value, variables: &[Variable]) -> Expr {
         Value::Number(number) => Expr::Number(number.as_i64().expect("a whole number")),
         Value::Bool(truth) => Expr::Number(i64::from(*truth)),
         Value::String(name) => Expr::Variable(position(variables, name)),
-        _ => match value["op"].as_str().expect("an operator") {
+        Value::Null | Value::Array(_) | Value::Object(_) => match value["op"].as_str().expect("an operator") {
             "ite" => Expr::Of("if", vec![part("if"), part("then"), part("else")]),
             "¬" => Expr::Of("!", vec![part("exp")]),
             op => {

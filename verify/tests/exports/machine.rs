@@ -11,7 +11,7 @@ pub(crate) enum Expr {
     Number(i64),
     Variable(usize),
     /// A sign of mCRL2: `&&` `||` `!` `==` `!=` `<` `+` `-` `if`.
-    Of(&'static str, Vec<Expr>),
+    Of(&'static str, Vec<Self>),
 }
 
 #[derive(Debug)]
