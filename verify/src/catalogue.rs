@@ -227,10 +227,16 @@ fn promised(system: &System<'_>, part: usize, expression: &Expression, next: &mu
 /// A state from which a node that promises to end cannot, although no program fails.
 fn stuck(system: &System<'_>, graph: &Graph, (part, node): (usize, usize)) -> Option<Finding> {
     let is_active = |frame: &Frame| frame.states[0].is_node_active(node);
-    let ended = graph.which(system, |frame| frame.phase != Phase::Idle && !is_active(frame));
-    let can = graph.can_reach(&ended, &is_natural);
+    let mut ended = graph.which(system, |frame| frame.phase != Phase::Idle && !is_active(frame));
     let running = graph.which(system, |frame| frame.phase == Phase::Running && is_active(frame));
-    let state = (0..graph.store.count()).find(|&state| running[state as usize] && !can[state as usize])?;
+    let first = |ended: &[bool]| {
+        let can = graph.can_reach(ended, &is_natural);
+        (0..graph.store.count()).find(|&state| running[state as usize] && !can[state as usize])
+    };
+    first(&ended)?;
+    // What a loop starts anew at once has ended, too, although there is no state in which it is not active.
+    round_ends(system, graph, node, (&running, &mut ended));
+    let state = first(&ended)?;
     let name = system.model.group_name(system.model.parts[part].group);
     let span = blocking(system, graph, (part, node), state);
     let message = match node {
@@ -239,6 +245,16 @@ fn stuck(system: &System<'_>, graph: &Graph, (part, node): (usize, usize)) -> Op
     };
     let found = diagnostic(Code::E0811, span, message);
     Some(Finding::fails(with_advice(system, graph, state, found), Some(story_to_the_end(system, graph, state))))
+}
+
+/// Adds the states from which something that happens by itself ends a node.
+fn round_ends(system: &System<'_>, graph: &Graph, node: usize, (running, ended): (&[bool], &mut [bool])) {
+    let (mut frame, mut stepper) = (system.initial(), system.stepper());
+    for state in (0..graph.store.count()).filter(|&state| running[state as usize]) {
+        system.unpack(graph.store.get(state), &mut frame);
+        let mut natural = graph.from(state).filter(|(label, _)| is_natural(*label));
+        ended[state as usize] |= natural.any(|(label, _)| stepper.ended(&frame, label).contains(&node));
+    }
 }
 
 /// What it looks like where nothing happens any more.

@@ -113,7 +113,7 @@ impl<'p> Steps<'p> {
             self.roots[root].missed = self.roots[root].missed.saturating_sub(1);
             return &self.kept[found].effect;
         }
-        let effect = self.compute(words, event);
+        let effect = self.compute(words, event, None);
         match self.footprint(root) {
             Some(footprint) if self.roots[root].count < EFFECTS_MAX => self.keep(root, footprint, words, effect),
             Some(_) | None => {
@@ -122,6 +122,13 @@ impl<'p> Steps<'p> {
                 &self.unkept
             }
         }
+    }
+
+    /// Returns the nodes that end when an event comes, also those that are started anew in the same step.
+    pub fn ended(&mut self, words: &Words, event: Event) -> Vec<usize> {
+        let mut ended = Vec::new();
+        self.unkept = self.compute(words, event, Some(&mut ended));
+        ended
     }
 
     /// What is kept under the words of one of some footprints.
@@ -205,7 +212,7 @@ impl<'p> Steps<'p> {
     }
 
     /// Lets `step` run, and sees what it looks at.
-    fn compute(&mut self, words: &Words, event: Event) -> Effect {
+    fn compute(&mut self, words: &Words, event: Event, ended: Option<&mut Vec<usize>>) -> Effect {
         let Self { program, packing, scratch, unkept, .. } = self;
         let (nodes, start) = (scratch.cells.len(), packing.usings_start());
         scratch.looked_at.clear();
@@ -224,7 +231,7 @@ impl<'p> Steps<'p> {
         let mut effect = std::mem::take(unkept);
         effect.writes.clear();
         effect.commands.clear();
-        effect.outcome = step_in(program, &mut state, event, &mut effect.commands);
+        effect.outcome = step_in(program, &mut state, event, (&mut effect.commands, ended));
         let State { timers, queue, holders, .. } = state;
         (scratch.looked_at, scratch.timers) = (looked_at.into_inner(), timers);
         scratch.timers.fill(Activation(1));

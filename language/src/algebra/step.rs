@@ -91,18 +91,18 @@ use std::ops::IndexMut;
 /// # Panics
 /// If `state` was made for another program.
 pub fn step(program: &Program, state: &mut State, event: Event, commands: &mut Vec<Command>) -> Option<Outcome> {
-    step_in(program, state, event, commands)
+    step_in(program, state, event, (commands, None))
 }
 
-/// [`step`], wherever the state is kept.
+/// [`step`], wherever the state is kept. Tells one who wants to know which operands end on the way, also those that start anew.
 pub(super) fn step_in<C: Cells, S: Seats>(
     program: &Program,
     state: &mut State<C, S>,
     event: Event,
-    commands: &mut Vec<Command>,
+    (commands, ended): (&mut Vec<Command>, Option<&mut Vec<usize>>),
 ) -> Option<Outcome> {
-    let mut reaction = Reaction { program, state, commands };
-    let ended = match event {
+    let mut reaction = Reaction { program, state, commands, ended };
+    let outcome = match event {
         Event::Start(_) if !reaction.is_idle() => return None,
         Event::Start(value) => reaction.begin(value),
         Event::Stop => reaction.halt(),
@@ -131,7 +131,7 @@ pub(super) fn step_in<C: Cells, S: Seats>(
             reaction.e_timer(node).and_then(|outcome| reaction.e_ctx(node, outcome))
         }
     };
-    ended.or_else(|| reaction.e_grant())
+    outcome.or_else(|| reaction.e_grant())
 }
 
 /// Cells by the numbers of their nodes.
@@ -147,6 +147,7 @@ struct Reaction<'a, C, S> {
     program: &'a Program,
     state: &'a mut State<C, S>,
     commands: &'a mut Vec<Command>,
+    ended: Option<&'a mut Vec<usize>>,
 }
 
 impl<C: Cells, S: Seats> Reaction<'_, C, S> {
@@ -188,6 +189,9 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
 
     /// An operand of the active operator `node` has ended; returns the outcome of `node`, if that is one.
     fn complete(&mut self, node: usize, operand: usize, outcome: Outcome) -> Option<Outcome> {
+        if let Some(ended) = &mut self.ended {
+            ended.push(operand);
+        }
         if self.state.cells[node].phase == Phase::Draining {
             return self.drained(node, outcome);
         }

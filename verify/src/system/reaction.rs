@@ -69,6 +69,16 @@ impl<'s> Stepper<'s> {
         }
     }
 
+    /// The nodes of a unit that end at once when something happens to it, also those that a loop starts anew.
+    pub(crate) fn ended(&mut self, frame: &Frame, label: Label) -> Vec<usize> {
+        let Self { system, steps, queue, journal, .. } = self;
+        let mut frame = frame.clone();
+        let mut reaction =
+            Reaction { system, frame: &mut frame, changes: None, queue, journal, blows: VecDeque::new() };
+        let Some((unit, event)) = reaction.begin(label) else { return Vec::new() };
+        steps[unit].ended(&frame.states[unit], event)
+    }
+
     /// Which items of which units the last thing that happened has changed.
     pub(crate) fn changed(&self) -> impl Iterator<Item = (usize, u32)> + '_ {
         self.journal.iter().map(|&(unit, item, _)| (unit, item))
