@@ -7,7 +7,7 @@ use crate::story::{Story, seconds, tell};
 use crate::system::{Label, System, small};
 use crate::times::Times;
 use language::Code;
-use language::plan::{DEADLINE, Expression};
+use language::plan::{DEADLINE, Expression, Group, MemberKind};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
@@ -21,15 +21,23 @@ pub(crate) fn check(times: &Times<'_, '_>, limits: &Limits<'_>) -> Vec<Finding> 
             node += 1;
             let Some((body, limit)) = within(expression) else { return };
             count += 1;
-            let Some(least) = times.of(group, source, body).done.filter(|least| *least > limit) else { return };
+            let Some(least) = times.of(group, source, body).done else { return };
+            // What has to run takes some time, however short.
+            if least <= limit && !(limit.is_zero() && takes_time(source, body)) {
+                return;
+            }
             let sites = &times.model.sites.groups[group as usize];
             let span = sites.nodes.get(own).copied().unwrap_or(sites.name);
             if !seen.insert(span) {
                 return;
             }
-            let (least, limit) = (seconds(least), seconds(limit));
-            let message = format!("this takes {least} at the least, so the limit of {limit} always passes");
-            let found = help(diagnostic(Code::E0815, span, message), format!("give it more than {least}"));
+            let limit = seconds(limit);
+            let (takes, advice) = match least.is_zero() {
+                true => ("some time, however short".to_owned(), "give it some time, as in `P within 5 s`".to_owned()),
+                false => (format!("{} at the least", seconds(least)), format!("give it more than {}", seconds(least))),
+            };
+            let message = format!("this takes {takes}, so the limit of {limit} always passes");
+            let found = help(diagnostic(Code::E0815, span, message), advice);
             findings.push(Finding::fails(found, passes(times.model, (group, own), limits)));
         });
     }
@@ -38,6 +46,18 @@ pub(crate) fn check(times: &Times<'_, '_>, limits: &Limits<'_>) -> Vec<Finding> 
         findings.push(Finding::proved(format!("{limits} longer than what is known of their bodies")));
     }
     findings
+}
+
+/// Whether nothing in an expression ends at the moment at which it starts: there are programs and pauses alone.
+fn takes_time(group: &Group, expression: &Expression) -> bool {
+    if let Expression::Run { member, .. } = expression {
+        return matches!(group.members[*member as usize].kind, MemberKind::Leaf(_));
+    }
+    let operands = expression.operands();
+    match operands.is_empty() {
+        true => matches!(expression, Expression::Wait(time) if !time.is_zero()),
+        false => operands.into_iter().all(|operand| takes_time(group, operand)),
+    }
 }
 
 /// How it comes to the end of a limit: the `within` with this number in the expression of a group.
