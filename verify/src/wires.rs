@@ -6,12 +6,13 @@
 use crate::explore::{Graph, Limits, Nobody, explore};
 use crate::finding::{Finding, diagnostic, help, reason};
 use crate::model::Model;
-use crate::story::{member_name, story};
+use crate::property::place_of;
+use crate::story::story;
 use crate::system::{Frame, Mode, System};
 use language::Code;
 use language::algebra::Activity;
 use language::plan::{Expression, Retention, Transfer};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A wire where it is declared.
 #[derive(Clone, Copy, Debug)]
@@ -35,12 +36,24 @@ pub(crate) fn check(model: &Model<'_>, limits: &Limits<'_>) -> Vec<Finding> {
     }
     let mut is_open = false;
     for (group, _) in (0_u32..).zip(&model.plan.groups) {
-        let Some(watch) = Watch::new(model, group, &lines, limits) else {
-            is_open |= lines.iter().any(|line| line.group == group);
+        let is_bare =
+            |leaf: u32| is_of(model, leaf, group) && needs(model, leaf).any(|port| !inputs.contains_key(&(leaf, port)));
+        let leaves = 0..u32::try_from(model.plan.leaves.len()).unwrap_or(u32::MAX);
+        if !lines.iter().any(|line| line.group == group) && !leaves.clone().any(is_bare) {
+            continue;
+        }
+        let Some(watch) = Watch::new(model, &[group], limits) else {
+            is_open = true;
             continue;
         };
         findings.extend(watch.two_writers(&inputs));
         findings.extend(watch.blind(&inputs));
+    }
+    for groups in writing_groups(&inputs) {
+        match Watch::new(model, &groups, limits) {
+            Some(watch) => findings.extend(watch.two_writers(&inputs)),
+            None => is_open = true,
+        }
     }
     let is_wrong =
         |code| findings.iter().any(|found: &Finding| found.diagnostic.as_ref().is_some_and(|it| it.code == code));
@@ -58,6 +71,30 @@ pub(crate) fn check(model: &Model<'_>, limits: &Limits<'_>) -> Vec<Finding> {
         findings.push(Finding::proved("every process that can end gets what it needs while it runs"));
     }
     findings
+}
+
+/// The inputs that a program which can end does not work without.
+fn needs<'m>(model: &'m Model<'_>, leaf: u32) -> impl Iterator<Item = &'m str> {
+    let is_service = place_of(model, leaf)
+        .is_some_and(|(group, slot)| model.plan.groups[group as usize].members[slot as usize].service);
+    let facts = model.sites.leaves.get(leaf as usize).filter(|_| !is_service);
+    facts.into_iter().flat_map(|facts| facts.inputs.iter().map(String::as_str))
+}
+
+fn is_of(model: &Model<'_>, leaf: u32, group: u32) -> bool {
+    place_of(model, leaf).is_some_and(|(of, _)| of == group)
+}
+
+/// Each two groups with connections to one input.
+fn writing_groups(inputs: &BTreeMap<(u32, &str), Vec<Line>>) -> BTreeSet<[u32; 2]> {
+    let mut pairs = BTreeSet::new();
+    for lines in inputs.values() {
+        let groups: BTreeSet<u32> = lines.iter().map(|line| line.group).collect();
+        for &one in &groups {
+            pairs.extend(groups.range(one + 1..).map(|&other| [one, other]));
+        }
+    }
+    pairs
 }
 
 /// Every wire with the set that it is in.
@@ -86,10 +123,10 @@ fn holder(model: &Model<'_>, group: u32, leaf: u32) -> Option<u32> {
     (0_u32..).zip(members).find(|(_, member)| member.name == name).map(|(slot, _)| slot)
 }
 
-/// A group with its wires, explored whole.
+/// A group with its wires, or two with those to the same inputs, explored whole.
 struct Watch<'w, 'a> {
     model: &'w Model<'a>,
-    group: u32,
+    groups: Vec<u32>,
     system: System<'w>,
     graph: Graph,
     /// For each unit and node, the sets that it names.
@@ -97,10 +134,18 @@ struct Watch<'w, 'a> {
 }
 
 impl<'w, 'a> Watch<'w, 'a> {
-    fn new(model: &'w Model<'a>, group: u32, lines: &[Line], limits: &Limits<'_>) -> Option<Self> {
-        let lines: Vec<Line> = lines.iter().filter(|line| line.group == group).copied().collect();
-        let is_piece = |part: usize| model.parts[part].is_piece && model.parts[part].group == group;
-        let mut system = System::new(model, group as usize, &|part| !lines.is_empty() && is_piece(part));
+    fn new(model: &'w Model<'a>, groups: &[u32], limits: &Limits<'_>) -> Option<Self> {
+        let outwards = |group: u32| {
+            let around = |group: &u32| model.around[*group as usize].map(|(outer, _)| outer);
+            std::iter::successors(Some(group), around).collect::<Vec<u32>>()
+        };
+        let root =
+            outwards(groups[0]).into_iter().find(|outer| groups.iter().all(|own| outwards(*own).contains(outer)))?;
+        // The groups from the one around all of them down to each, with all pieces of theirs.
+        let open: BTreeSet<u32> =
+            groups.iter().flat_map(|own| outwards(*own).into_iter().take_while(|outer| *outer != root)).collect();
+        let is_open = |part: usize| model.parts[part].group == root || open.contains(&model.parts[part].group);
+        let mut system = System::new(model, root as usize, &is_open);
         system.mode = Mode { aborts: true, ..Mode::default() };
         let graph = explore(&system, limits, false, &Nobody).graph;
         if graph.reached.is_some() {
@@ -118,55 +163,81 @@ impl<'w, 'a> Watch<'w, 'a> {
                 node += 1;
             });
         }
-        Some(Self { model, group, system, graph, named })
+        Some(Self { model, groups: groups.to_vec(), system, graph, named })
     }
 
-    fn is_set_open(&self, frame: &Frame, set: u32) -> bool {
+    /// Whether a unit is of a group.
+    fn is_of(&self, unit: usize, group: u32) -> bool {
+        self.model.parts[self.system.units[unit].part].group == group
+    }
+
+    fn is_set_open(&self, frame: &Frame, line: Line) -> bool {
         if frame.phase.is_over() {
             return false;
         }
-        let source = &self.model.plan.groups[self.group as usize];
-        source.sets_always.contains(&set)
-            || self
-                .named
-                .iter()
-                .any(|(unit, node, sets)| sets.contains(&set) && frame.states[*unit].is_node_active(*node))
+        let source = &self.model.plan.groups[line.group as usize];
+        let is_on = |unit: usize| self.is_of(unit, line.group) && frame.states[unit].is_node_active(0);
+        let is_named = |(unit, node, sets): &(usize, usize, Vec<u32>)| {
+            self.is_of(*unit, line.group) && sets.contains(&line.set) && frame.states[*unit].is_node_active(*node)
+        };
+        source.sets_always.contains(&line.set) && (0..self.system.units.len()).any(is_on)
+            || self.named.iter().any(is_named)
     }
 
-    fn runs(&self, frame: &Frame, member: u32) -> bool {
+    /// Whether a member of a group runs.
+    fn runs(&self, frame: &Frame, group: u32, member: u32) -> bool {
         let is_own = |unit: usize| {
             let part = &self.model.parts[self.system.units[unit].part];
-            frame.states[unit].activity(member) != Activity::Idle && (part.members.len() > member as usize)
+            part.group == group
+                && part.members.len() > member as usize
+                && frame.states[unit].activity(member) != Activity::Idle
         };
         (0..self.system.units.len()).any(is_own)
     }
 
     fn is_live(&self, frame: &Frame, line: Line) -> bool {
-        self.is_set_open(frame, line.set) && self.runs(frame, line.from)
+        self.is_set_open(frame, line) && self.runs(frame, line.group, line.from)
     }
 
-    /// Pairs of wires from different sources to one input that carry data at the same time.
+    /// What a member is called.
+    fn name(&self, group: u32, member: u32) -> String {
+        self.model.name(group, member)
+    }
+
+    /// Pairs of wires from different outputs to one input that carry data at the same time: the first of each two connections.
     fn two_writers(&self, inputs: &BTreeMap<(u32, &str), Vec<Line>>) -> Vec<Finding> {
-        let mut findings = Vec::new();
+        let (mut findings, mut told) = (Vec::new(), BTreeSet::new());
         for ((leaf, port), lines) in inputs {
-            let own: Vec<Line> = lines.iter().filter(|line| line.group == self.group).copied().collect();
+            let own: Vec<Line> = lines.iter().filter(|line| self.groups.contains(&line.group)).copied().collect();
             for (index, &one) in own.iter().enumerate() {
-                let wire = |line: Line| &self.model.plan.wires[line.wire as usize].from;
-                let sites = &self.model.sites.groups[self.group as usize];
-                // Connections of an array are written once, for all of its instances: that is meant.
-                let is_other = |other: &&Line| {
-                    wire(**other) != wire(one) && sites.sets[other.set as usize] != sites.sets[one.set as usize]
-                };
-                let others = own[index + 1..].iter().filter(is_other);
-                for &other in others {
+                let from = |line: Line| &self.model.plan.wires[line.wire as usize].from;
+                let span = |line: Line| self.model.sites.groups[line.group as usize].sets[line.set as usize];
+                // Two groups are looked at together for what both of them send to.
+                let is_other =
+                    |other: &&Line| from(**other) != from(one) && (self.groups.len() == 1 || other.group != one.group);
+                for &other in own[index + 1..].iter().filter(is_other) {
                     let both = |frame: &Frame| self.is_live(frame, one) && self.is_live(frame, other);
+                    if told.contains(&(leaf, port, span(one), span(other))) {
+                        continue;
+                    }
                     let Some(state) = self.first(both) else { continue };
+                    told.insert((leaf, port, span(one), span(other)));
                     let path = crate::model::short(&self.model.plan.leaves[*leaf as usize].path);
-                    let name = |member| member_name(&self.system, 0, member).unwrap_or_default();
-                    let (first, second) = (name(one.from), name(other.from));
-                    let message = format!("`{first}` and `{second}` send to `{path}`, `{port}` at the same time");
-                    let found = diagnostic(Code::E0814, sites.sets[other.set as usize], message);
-                    let found = reason(found, sites.sets[one.set as usize], "the other connection");
+                    let message = match (self.name(one.group, one.from), self.name(other.group, other.from)) {
+                        (first, second) if first == second => {
+                            let (first_port, second_port) = (&from(one).port, &from(other).port);
+                            format!(
+                                "`{first_port}` and `{second_port}` of `{first}` are sent to `{path}`, `{port}` at the same time"
+                            )
+                        }
+                        (first, second) => {
+                            format!("`{first}` and `{second}` send to `{path}`, `{port}` at the same time")
+                        }
+                    };
+                    let mut found = diagnostic(Code::E0814, span(other), message);
+                    if span(one) != span(other) {
+                        found = reason(found, span(one), "the other connection");
+                    }
                     let found = help(found, "run them in turn, or merge their values in a process of its own");
                     findings.push(Finding::fails(found, Some(story(&self.system, &self.graph, state))));
                 }
@@ -182,23 +253,29 @@ impl<'w, 'a> Watch<'w, 'a> {
 
     /// Processes that can end, and need an input of which no wire ever carries data while they run.
     fn blind(&self, inputs: &BTreeMap<(u32, &str), Vec<Line>>) -> Vec<Finding> {
-        let mut findings = Vec::new();
-        for (leaf, facts) in (0_u32..).zip(&self.model.sites.leaves) {
-            let path = &self.model.plan.leaves[leaf as usize].path;
-            for port in &facts.inputs {
-                let Some(lines) = inputs.get(&(leaf, port.as_str())) else { continue };
-                let is_own = |line: &&Line| line.group == self.group;
-                if !lines.iter().all(|line| is_own(&line)) || self.is_service(leaf) {
+        let (mut findings, group) = (Vec::new(), self.groups[0]);
+        for (leaf, source) in (0_u32..).zip(&self.model.plan.leaves) {
+            let path = crate::model::short(&source.path);
+            for port in needs(self.model, leaf) {
+                let sites = &self.model.sites.groups[group as usize];
+                let message = format!("`{path}` needs `{port}` and never gets it: it works blind");
+                let Some(lines) = inputs.get(&(leaf, port)) else {
+                    let Some((_, slot)) = place_of(self.model, leaf).filter(|(of, _)| *of == group) else { continue };
+                    let Some(state) = self.first(|frame| self.runs(frame, group, slot)) else { continue };
+                    let found = diagnostic(Code::E0816, sites.members[slot as usize], message);
+                    let found =
+                        help(found, format!("nothing is connected to it: write `sender, Out -> {path}, {port}`"));
+                    findings.push(Finding::fails(found, Some(story(&self.system, &self.graph, state))));
                     continue;
-                }
-                let Some(state) = self.first(|frame| self.runs(frame, lines[0].to)) else { continue };
-                if lines.iter().any(|&line| self.ever_meets(line)) {
+                };
+                if lines.iter().any(|line| line.group != group) {
                     continue;
                 }
                 let line = lines[0];
-                let sites = &self.model.sites.groups[self.group as usize];
-                let path = crate::model::short(path);
-                let message = format!("`{path}` needs `{port}` and never gets it: it works blind");
+                let Some(state) = self.first(|frame| self.runs(frame, group, line.to)) else { continue };
+                if lines.iter().any(|&line| self.ever_meets(line)) {
+                    continue;
+                }
                 let found = diagnostic(Code::E0816, sites.sets[line.set as usize], message);
                 let found = reason(found, sites.members[line.to as usize], "needs it");
                 let found = help(found, self.advice(line));
@@ -208,22 +285,17 @@ impl<'w, 'a> Watch<'w, 'a> {
         findings
     }
 
-    fn is_service(&self, leaf: u32) -> bool {
-        let seats = self.model.plan.groups.iter().flat_map(|group| &group.members);
-        seats.into_iter().any(|member| member.kind == language::plan::MemberKind::Leaf(leaf) && member.service)
-    }
-
     fn ever_meets(&self, line: Line) -> bool {
         let wire = &self.model.plan.wires[line.wire as usize];
         if wire.transfer == Transfer::Pull || wire.quality.retention == Retention::Latch {
-            return self.first(|frame| self.is_set_open(frame, line.set)).is_some();
+            return self.first(|frame| self.is_set_open(frame, line)).is_some();
         }
-        self.first(|frame| self.is_live(frame, line) && self.runs(frame, line.to)).is_some()
+        self.first(|frame| self.is_live(frame, line) && self.runs(frame, line.group, line.to)).is_some()
     }
 
     fn advice(&self, line: Line) -> String {
-        let set = &self.model.plan.groups[self.group as usize].sets[line.set as usize];
-        let name = |member| member_name(&self.system, 0, member).unwrap_or_default();
+        let set = &self.model.plan.groups[line.group as usize].sets[line.set as usize];
+        let name = |member| self.name(line.group, member);
         let is_named = self.named.iter().any(|(_, _, sets)| sets.contains(&line.set));
         match (&set.label, is_named) {
             (Some(label), false) => {

@@ -1,6 +1,6 @@
 //! Every bad spec is caught with the reason that is written beside it; no good spec is refused.
 
-use language::{Options, Source, Style, compile_with_sites, render};
+use language::{Code, Options, Source, Style, compile_with_sites, render};
 use std::fs;
 use std::path::{Path, PathBuf};
 use verify::{Alone, Always, Faults, Limits, Report, Verdict};
@@ -136,7 +136,13 @@ fn specs_of_the_manual_are_not_refused() {
             if marks.contains("refused") || marks.contains("actions") {
                 continue;
             }
-            let Some((_, text)) = verified(&Source::new("spec.dca", block), &library()) else { continue };
+            let spec = Source::new("spec.dca", block);
+            let (compiled, _) = compile_with_sites(&spec, &library(), &Options::named("spec"));
+            // The page shows that `dca check` warns of it.
+            if compiled.diagnostics.iter().any(|found| [Code::W0306, Code::W0310].contains(&found.code)) {
+                continue;
+            }
+            let Some((_, text)) = verified(&spec, &library()) else { continue };
             assert!(text.is_empty(), "{}:\n{block}\n{text}", page.display());
             count += 1;
         }
