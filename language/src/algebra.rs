@@ -37,7 +37,6 @@ mod memo;
 mod packed;
 mod phase;
 mod program;
-mod record;
 mod state;
 mod step;
 
@@ -45,6 +44,5 @@ pub use event::{Activation, Cause, Command, Event, Outcome, Reason, TAG_MAX, Val
 pub use memo::{Effect, Steps};
 pub use packed::{Packing, Words};
 pub use program::Program;
-pub use record::StepRecord;
 pub use state::{Activity, Cell, State};
 pub use step::step;

@@ -8,7 +8,6 @@
 //! calls brings the limits.
 
 mod catalogue;
-mod conform;
 mod explore;
 mod export;
 mod fault;
@@ -27,7 +26,6 @@ mod threads;
 mod times;
 mod wires;
 
-pub use conform::{Conformance, Coverage, conform};
 pub use explore::{Always, GoesOn, Limits, Reached};
 pub use export::{Transitions, transitions};
 pub use fault::{COLUMNS, Mission, Row, Severity, Table};
