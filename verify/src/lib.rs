@@ -115,8 +115,7 @@ pub enum Faults {
 pub fn fmea(plan: &Plan, sites: &Sites, limits: &Limits<'_>, faults: Faults) -> Table {
     let mut model = Model::new(plan, sites);
     let catalogue = catalogue::explore_parts(&mut model, limits);
-    let assumed = assumed(sites);
-    let times = times::Times { model: &model, assumed, endless: BTreeSet::new(), hung: BTreeSet::new() };
+    let times = times(&model);
     let mut table = match faults {
         Faults::One => fault::table(&times, limits),
         Faults::Two => fault::pairs(&times, limits),
