@@ -16,7 +16,6 @@ mod start;
 
 use crate::logic::effect::{Effect, Out, earliest};
 use crate::logic::history::History;
-use crate::logic::instance::watchdog::{READY_WITHIN, ready_within};
 use crate::logic::protocol::{
     Answer, Change, Deployment, Ending, Report, StopReply, Target, ToCoordinator, ToParticipant, Why,
 };
@@ -98,9 +97,7 @@ impl Coordinator {
         out: &mut Out<'_>,
     ) -> Self {
         let hosts: Vec<String> = plan.hosts.clone();
-        // The plan may let a program take longer than usual.
-        let slowest = plan.leaves.iter().map(|leaf| ready_within(&leaf.policy)).max().unwrap_or_default();
-        let prepare_within = PREPARE_WITHIN + slowest.saturating_sub(READY_WITHIN);
+        let until = out.now + start::prepare_within(&plan);
         let mut coordinator = Self {
             registrations: Registrations { facts: Default::default(), machines: vec![String::new(); hosts.len()] },
             waiting: hosts.iter().cloned().collect(),
@@ -112,7 +109,7 @@ impl Coordinator {
             committed: false,
             begun: out.now,
             go_at: None,
-            deadline: Some(out.now + prepare_within),
+            deadline: Some(until),
             reasons: Vec::new(),
             lost: BTreeSet::new(),
             back: BTreeSet::new(),
@@ -151,9 +148,9 @@ impl Coordinator {
         match message {
             ToCoordinator::Prepared { facts, machine } => {
                 if self.phase == Phase::Preparing {
-                    self.prepared(from, facts, machine, out);
+                    self.prepared(from, facts, &machine, out);
                 } else {
-                    self.rejoin_prepared(from, facts, machine, out);
+                    self.rejoin_prepared(from, facts, &machine, out);
                 }
             }
             ToCoordinator::Connected => {

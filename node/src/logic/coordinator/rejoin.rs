@@ -10,9 +10,9 @@
 //!
 //! A host that refuses is asked again, less and less often. While a change is made nobody is asked.
 
+use super::start::prepare_within;
 use super::{CONNECT_WITHIN, Coordinator, PREPARE_WITHIN, Phase};
 use crate::logic::effect::{Out, earliest};
-use crate::logic::instance::watchdog::{READY_WITHIN, ready_within};
 use crate::logic::protocol::{LeafFacts, Report, ToParticipant};
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
@@ -118,8 +118,7 @@ impl Coordinator {
     fn rejoin(&mut self, host: &str, out: &mut Out<'_>) {
         let Some(one) = self.rejoins.hosts.get_mut(host) else { return };
         self.rejoins.number += 1;
-        let slowest = self.plan.leaves.iter().map(|leaf| ready_within(&leaf.policy)).max().unwrap_or_default();
-        (one.step, one.due) = (Step::Preparing, out.now + PREPARE_WITHIN + slowest.saturating_sub(READY_WITHIN));
+        (one.step, one.due) = (Step::Preparing, out.now + prepare_within(&self.plan));
         // From now on it may hold something again.
         self.left.remove(host);
         self.lost.insert(host.to_owned());
@@ -129,17 +128,11 @@ impl Coordinator {
         out.send(host, self.deployment.to_participant(ToParticipant::Rejoin { plan, number, since_go }));
     }
 
-    pub(super) fn rejoin_prepared(&mut self, from: &str, facts: Vec<LeafFacts>, machine: String, out: &mut Out<'_>) {
+    pub(super) fn rejoin_prepared(&mut self, from: &str, facts: Vec<LeafFacts>, machine: &str, out: &mut Out<'_>) {
         let Some(one) = self.rejoins.at(from, Step::Preparing) else { return };
         (one.step, one.due) = (Step::Connecting, out.now + CONNECT_WITHIN);
-        let leaves = u32::try_from(facts.len()).unwrap_or(u32::MAX);
-        self.registrations.facts.extend(facts.into_iter().map(|facts| (facts.leaf, facts)));
-        let theirs = self.hosts.iter().zip(&mut self.registrations.machines).filter(|(host, _)| *host == from);
-        theirs.for_each(|(_, known)| known.clone_from(&machine));
-        self.report(Report::Prepared { host: from.to_owned(), leaves }, out);
-        let (facts, machines) =
-            (self.registrations.facts.values().cloned().collect(), self.registrations.machines.clone());
-        out.send(from, self.deployment.to_participant(ToParticipant::Connect { facts, machines }));
+        self.register(from, facts, machine, out);
+        self.have_connected(from, out);
     }
 
     pub(super) fn rejoined(&mut self, from: &str, out: &mut Out<'_>) {

@@ -1,21 +1,23 @@
 //! The start of a deployment at its home: every host prepares, every host connects, then GO.
 
-use super::{CONNECT_WITHIN, Coordinator, Phase, REASONS_WITHIN};
+use super::{CONNECT_WITHIN, Coordinator, PREPARE_WITHIN, Phase, REASONS_WITHIN};
 use crate::logic::effect::Out;
+use crate::logic::instance::watchdog::{READY_WITHIN, ready_within};
 use crate::logic::protocol::{LeafFacts, Report, Target, ToParticipant};
 use crate::logic::wiring::observe;
+use language::plan::Plan;
+use std::time::Duration;
+
+/// Returns how long hosts have to start their programs: the plan may let one take longer than usual.
+pub(super) fn prepare_within(plan: &Plan) -> Duration {
+    let slowest = plan.leaves.iter().map(|leaf| ready_within(&leaf.policy)).max().unwrap_or_default();
+    PREPARE_WITHIN + slowest.saturating_sub(READY_WITHIN)
+}
 
 impl Coordinator {
-    pub(super) fn prepared(&mut self, from: &str, facts: Vec<LeafFacts>, machine: String, out: &mut Out<'_>) {
+    pub(super) fn prepared(&mut self, from: &str, facts: Vec<LeafFacts>, machine: &str, out: &mut Out<'_>) {
         self.waiting.remove(from);
-        let leaves = u32::try_from(facts.len()).unwrap_or(u32::MAX);
-        self.registrations.facts.extend(facts.into_iter().map(|facts| (facts.leaf, facts)));
-        for (host, known) in self.hosts.iter().zip(&mut self.registrations.machines) {
-            if host == from {
-                known.clone_from(&machine);
-            }
-        }
-        self.report(Report::Prepared { host: from.to_owned(), leaves }, out);
+        self.register(from, facts, machine, out);
         if !self.waiting.is_empty() {
             return;
         }
@@ -25,11 +27,23 @@ impl Coordinator {
         self.phase = Phase::Connecting;
         self.deadline = Some(out.now + CONNECT_WITHIN);
         self.waiting = self.hosts.iter().cloned().collect();
-        for host in self.hosts.clone() {
-            let facts = self.registrations.facts.values().cloned().collect();
-            let machines = self.registrations.machines.clone();
-            out.send(&host, self.deployment.to_participant(ToParticipant::Connect { facts, machines }));
-        }
+        self.hosts.iter().for_each(|host| self.have_connected(host, out));
+    }
+
+    /// Notes where the programs of a host are.
+    pub(super) fn register(&mut self, host: &str, facts: Vec<LeafFacts>, machine: &str, out: &mut Out<'_>) {
+        let leaves = u32::try_from(facts.len()).unwrap_or(u32::MAX);
+        self.registrations.facts.extend(facts.into_iter().map(|facts| (facts.leaf, facts)));
+        let theirs = self.hosts.iter().zip(&mut self.registrations.machines).filter(|(other, _)| *other == host);
+        theirs.for_each(|(_, known)| machine.clone_into(known));
+        self.report(Report::Prepared { host: host.to_owned(), leaves }, out);
+    }
+
+    /// Has a host make its links, with all that is known of where programs are.
+    pub(super) fn have_connected(&self, host: &str, out: &mut Out<'_>) {
+        let facts = self.registrations.facts.values().cloned().collect();
+        let machines = self.registrations.machines.clone();
+        out.send(host, self.deployment.to_participant(ToParticipant::Connect { facts, machines }));
     }
 
     pub(super) fn connected(&mut self, from: &str, out: &mut Out<'_>) {
