@@ -385,8 +385,15 @@ pub(crate) fn is_natural(label: Label) -> bool {
         | Label::Stopped(..)
         | Label::Elapsed(..)
         | Label::Reached(_)
+        | Label::Back(..)
         | Label::Noted(_) => true,
-        Label::Stop | Label::Aborted(..) | Label::Fault(..) | Label::Second(..) | Label::Lost => false,
+        Label::Stop
+        | Label::Aborted(..)
+        | Label::Died(..)
+        | Label::TooMany(_)
+        | Label::Fault(..)
+        | Label::Second(..)
+        | Label::Lost => false,
     }
 }
 

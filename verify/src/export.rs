@@ -50,6 +50,8 @@ fn word(system: &System<'_>, label: Label) -> String {
         }
         Label::Reached(unit) => format!("reached({})", group(unit)),
         Label::Fault(unit, slot) | Label::Second(unit, slot) => format!("fault({})", member(unit, slot)),
+        Label::Died(unit, slot) | Label::Back(unit, slot) => format!("restart({})", member(unit, slot)),
+        Label::TooMany(unit) => format!("restarts({})", group(unit)),
         Label::Lost | Label::Noted(_) => "lost".to_owned(),
     }
 }

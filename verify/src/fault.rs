@@ -12,7 +12,7 @@ use crate::explore::{Limits, Nobody, explore};
 use crate::model::{Model, short};
 use crate::property::around;
 use crate::story::{Story, seconds};
-use crate::system::{FaultKind, Injection, Loss, LossKind, Mode, System, is_torn};
+use crate::system::{FaultKind, Injection, Loss, LossKind, Mode, System, crashes, is_torn};
 use crate::times::Times;
 use case::{Case, Struck};
 use language::plan::MemberKind;
@@ -123,8 +123,6 @@ impl Table {
     }
 }
 
-const KINDS: [FaultKind; 3] = [FaultKind::Crash, FaultKind::Hang, FaultKind::Unanswered];
-
 /// One thing that may go wrong.
 #[derive(Clone, Debug)]
 struct Strike {
@@ -164,7 +162,8 @@ fn strikes(model: &Model<'_>) -> Vec<Strike> {
             if let MemberKind::Leaf(leaf) = member.kind {
                 let name = short(&model.plan.leaves[leaf as usize].path);
                 let target = Target::Program(group, slot);
-                strikes.extend(KINDS.map(|kind| Strike { name: name.clone(), kind, target }));
+                let kinds = crashes(model, group, leaf).into_iter().chain([FaultKind::Hang, FaultKind::Unanswered]);
+                strikes.extend(kinds.map(|kind| Strike { name: name.clone(), kind, target }));
             }
         }
     }
@@ -217,6 +216,9 @@ fn system_of<'a>(model: &'a Model<'a>, strikes: &[&Strike]) -> Option<System<'a>
     system.mode = Mode { fault: injections[0], second: injections[1], ..Mode::default() };
     if let Some(loss) = loss {
         system.lose(loss);
+    }
+    for fault in injections.into_iter().flatten() {
+        system.follow_fault((fault.unit, fault.member), fault.kind);
     }
     Some(system)
 }
@@ -308,6 +310,8 @@ impl FaultKind {
             Self::HostLost => "loss of host",
             Self::CutOff => "cut off",
             Self::LinkLost => "loss of link",
+            Self::GivenUp => "crash, too often",
+            Self::TooMany => "crash, too many",
         }
     }
 }

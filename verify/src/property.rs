@@ -8,7 +8,7 @@ use crate::fault::{NOTED_AFTER, torn};
 use crate::finding::{Finding, diagnostic, help};
 use crate::model::Model;
 use crate::story::{seconds, story, tell};
-use crate::system::{FaultKind, Frame, Injection, Label, Loss, LossKind, Mode, Phase, System};
+use crate::system::{FaultKind, Frame, Injection, Label, Loss, LossKind, Mode, Phase, System, crashes, is_restarted};
 use crate::times::Times;
 use language::plan::MemberKind;
 use language::sites::{Consequence, Fault, Occurrence, ProcessRef, Property, Sentence};
@@ -33,7 +33,7 @@ struct Question<'q, 'm, 'a> {
 impl<'m, 'a> Question<'_, 'm, 'a> {
     fn answer(&self) -> Option<Finding> {
         let calm = Mode::default();
-        let rough = Mode { aborts: true, stops: true, ..Mode::default() };
+        let rough = Mode { aborts: true, crashes: true, stops: true, ..Mode::default() };
         Some(match &self.property.sentence {
             Sentence::Assume(..) => return None,
             Sentence::NeverTogether(all) => self.safe(rough, all, &Goal::Together(all.clone())),
@@ -77,6 +77,10 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         let mut system = around(self.times.model, self.property.group, &named);
         system.mode = mode;
         system.notes = 1;
+        if mode.crashes {
+            let seats: Vec<_> = named.iter().filter_map(|&(group, slot)| system.find(group, slot)).collect();
+            system.follow_restarts(&seats);
+        }
         system
     }
 
@@ -211,7 +215,11 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         };
         for (group, slot) in struck {
             let member = ProcessRef { group, member: Some(slot) };
-            if let Some(found) = self.on_fault(kind, member, consequence) {
+            let kinds = match self.times.model.plan.groups[group as usize].members[slot as usize].kind {
+                MemberKind::Leaf(leaf) if kind == FaultKind::Crash => crashes(self.times.model, group, leaf),
+                MemberKind::Leaf(_) | MemberKind::Group(_) => vec![kind],
+            };
+            if let Some(found) = kinds.into_iter().find_map(|kind| self.on_fault(kind, member, consequence)) {
                 return found;
             }
         }
@@ -225,7 +233,9 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
             Consequence::Stopped(who, limit) if kind == FaultKind::Hang => {
                 return self.ends_beside_a_hang(struck, *who, *limit);
             }
-            Consequence::Stopped(who, _) if *who == struck => return None,
+            // Whose program has died does not run, unless it is started again.
+            Consequence::Stopped(who, _) if *who == struck && kind != FaultKind::Crash => return None,
+            Consequence::Stopped(who, _) if *who == struck && !self.is_restarted(struck) => return None,
             Consequence::Stopped(who, limit) => {
                 if let Some(found) = limit.and_then(|limit| self.stops((Some(struck), Some(*who)), limit)) {
                     return Some(found);
@@ -247,6 +257,13 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         let mut system = self.system(&[struck, other], Mode::default());
         let (unit, member) = system.find(struck.group, struck.member?)?;
         system.mode.fault = Some(Injection { unit, member, kind });
+        system.follow_fault((unit, member), kind);
+        let other = other.member.and_then(|slot| system.find(other.group, slot));
+        if kind == FaultKind::Crash
+            && let Some(other) = other
+        {
+            system.follow_restarts(&[other]);
+        }
         Some(system)
     }
 
@@ -275,6 +292,10 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
             Some(most) => Some(self.fails(&format!("it may take {} until it has stopped", seconds(most)), None)),
             None => Some(self.fails("no limit ends it: write `P within 5 s` around both", None)),
         }
+    }
+
+    fn is_restarted(&self, who: ProcessRef) -> bool {
+        self.leaves_of(who).into_iter().any(|leaf| is_restarted(self.times.model, leaf))
     }
 
     /// The programs at and below a process.

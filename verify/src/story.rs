@@ -2,7 +2,7 @@
 
 use crate::explore::Graph;
 use crate::model::Model;
-use crate::system::{Change, Changed, Frame, Label, LossKind, Phase, System};
+use crate::system::{Change, Changed, FaultKind, Frame, Label, LossKind, Phase, System};
 use language::algebra::Activity;
 use language::plan::{Expression, MemberKind};
 use std::time::Duration;
@@ -124,6 +124,7 @@ fn move_of(system: &System<'_>, change: &Change) -> Option<Move> {
         Changed::Done(_) => Became::Done,
         Changed::Aborted => Became::Failed,
         Changed::Stopped => Became::Stopped,
+        Changed::Away => Became::Failed,
     };
     Some(Move { process, host, became })
 }
@@ -198,12 +199,27 @@ fn cause(system: &System<'_>, label: Label) -> String {
                 lost => format!("`{host}` notes that `{lost}` is lost"),
             }
         }
-        Label::Fault(unit, member) => {
-            format!("{} {}", name(unit, member), system.mode.fault.map_or("fails", |fault| fault.kind.verb()))
+        Label::Died(unit, member) => format!("{} dies: it is away until it is started again", name(unit, member)),
+        Label::Back(unit, member) => format!("{} runs again, and has forgotten what it knew", name(unit, member)),
+        Label::TooMany(unit) => {
+            let part = &system.model.parts[system.units[usize::from(unit)].part];
+            let group = system.model.group_name(part.group);
+            format!("a program of `{group}` dies, once more than the group bears")
         }
-        Label::Second(unit, member) => {
-            format!("{} {}", name(unit, member), system.mode.second.map_or("fails", |fault| fault.kind.verb()))
+        Label::Fault(unit, member) => format!("{} {}", name(unit, member), fault(system, (unit, member), false)),
+        Label::Second(unit, member) => format!("{} {}", name(unit, member), fault(system, (unit, member), true)),
+    }
+}
+
+/// What a fault does to a member, as a verb.
+fn fault(system: &System<'_>, (unit, member): (u16, u16), is_second: bool) -> &'static str {
+    let injected = if is_second { system.mode.second } else { system.mode.fault };
+    match injected.map(|fault| fault.kind) {
+        Some(FaultKind::Crash) if system.is_restarted((usize::from(unit), u32::from(member))) => {
+            "CRASHES: it is started again, and has forgotten what it knew"
         }
+        Some(kind) => kind.verb(),
+        None => "fails",
     }
 }
 
@@ -213,8 +229,17 @@ pub(crate) fn effects(system: &System<'_>, label: Label, changes: &[Change]) -> 
         Label::Done(unit, member, _) | Label::Aborted(unit, member) | Label::Stopped(unit, member) => {
             Some((usize::from(unit), u32::from(member)))
         }
-        Label::Fault(unit, member) | Label::Second(unit, member) => Some((usize::from(unit), u32::from(member))),
-        Label::Start | Label::Stop | Label::Elapsed(..) | Label::Reached(_) | Label::Lost | Label::Noted(_) => None,
+        Label::Fault(unit, member)
+        | Label::Second(unit, member)
+        | Label::Died(unit, member)
+        | Label::Back(unit, member) => Some((usize::from(unit), u32::from(member))),
+        Label::Start
+        | Label::Stop
+        | Label::Elapsed(..)
+        | Label::Reached(_)
+        | Label::TooMany(_)
+        | Label::Lost
+        | Label::Noted(_) => None,
     };
     let (mut starts, mut stops, mut ends) = (Vec::new(), Vec::new(), Vec::new());
     for change in changes {
@@ -223,12 +248,13 @@ pub(crate) fn effects(system: &System<'_>, label: Label, changes: &[Change]) -> 
                 Changed::Done(_) => ends.push(format!("`{}` is done", root_name(system))),
                 Changed::Aborted => ends.push(format!("`{}` fails", root_name(system))),
                 Changed::Stopped => ends.push(format!("`{}` has stopped", root_name(system))),
-                Changed::Started | Changed::Stopping => {}
+                Changed::Started | Changed::Stopping | Changed::Away => {}
             }
             continue;
         };
         let Some(name) = member_name(system, change.unit, member) else { continue };
-        if subject == Some((change.unit, member)) && !matches!(change.what, Changed::Started) {
+        let is_told = !matches!(change.what, Changed::Started) || matches!(label, Label::Back(..));
+        if subject == Some((change.unit, member)) && is_told {
             continue;
         }
         match &change.what {
@@ -237,6 +263,7 @@ pub(crate) fn effects(system: &System<'_>, label: Label, changes: &[Change]) -> 
             Changed::Done(_) => ends.push(format!("`{name}` is done")),
             Changed::Aborted => ends.push(format!("`{name}` fails")),
             Changed::Stopped => ends.push(format!("`{name}` has stopped")),
+            Changed::Away => ends.push(format!("`{name}` is started anew with it")),
         }
     }
     let mut all = ends;
@@ -295,7 +322,7 @@ impl Story {
     }
 }
 
-impl crate::system::FaultKind {
+impl FaultKind {
     /// What the fault does, as a verb.
     pub fn verb(self) -> &'static str {
         match self {
@@ -305,6 +332,8 @@ impl crate::system::FaultKind {
             Self::HostLost => "is lost with its host",
             Self::CutOff => "is cut off with its host",
             Self::LinkLost => "loses its link",
+            Self::GivenUp => "CRASHES, too often to be started again",
+            Self::TooMany => "CRASHES, once more than its group bears",
         }
     }
 }

@@ -8,6 +8,7 @@
 mod loss;
 mod mode;
 mod reaction;
+mod restart;
 
 use crate::model::{Ends, Model, Seat};
 use language::algebra::{Activity, Packing, Program, Steps, Value, Words};
@@ -17,6 +18,8 @@ pub(crate) use loss::{Loss, LossKind, is_torn};
 pub use mode::FaultKind;
 pub(crate) use mode::{Injection, Mode};
 pub(crate) use reaction::Stepper;
+use restart::Restarts;
+pub(crate) use restart::{crashes, is_never_done, is_restarted, taken_along};
 
 /// Something that happens to a system.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,6 +44,12 @@ pub(crate) enum Label {
     Lost,
     /// The node of a host takes note of the loss: an index into `Plan::hosts`.
     Noted(u16),
+    /// The program of a member has died, and is started again.
+    Died(u16, u16),
+    /// It runs again.
+    Back(u16, u16),
+    /// The programs of a unit have died more often than its group bears.
+    TooMany(u16),
 }
 
 /// Where the whole is.
@@ -102,6 +111,8 @@ pub(crate) enum Changed {
     Done(Value),
     Aborted,
     Stopped,
+    /// Its program has died, and is started again.
+    Away,
 }
 
 /// A configuration of a system, unpacked.
@@ -117,6 +128,8 @@ pub(crate) struct Frame {
     pub(crate) is_twice_faulty: bool,
     /// What a loss has made of hosts and members: see `loss`.
     pub(crate) rift: Vec<u8>,
+    /// What deaths have made of members and units: see `restart`.
+    pub(crate) restarts: Vec<u8>,
     /// What observers keep in mind.
     pub(crate) notes: Vec<u8>,
 }
@@ -132,6 +145,7 @@ pub(crate) struct System<'a> {
     values: Vec<Value>,
     /// What lies on either side of a loss, if `mode` has one.
     rift: Option<Rift>,
+    restarts: Restarts,
     /// Whether it is known how everything in it may end.
     is_whole: bool,
 }
@@ -140,8 +154,9 @@ impl<'a> System<'a> {
     /// Puts a part together with those below it that `is_open` says; pieces of an open group are open if anything in them is.
     pub(crate) fn new(model: &'a Model<'a>, root: usize, is_open: &dyn Fn(usize) -> bool) -> Self {
         let values = all_values(model);
+        let (mode, restarts) = (Mode::default(), Restarts::default());
         let mut system =
-            Self { model, units: Vec::new(), mode: Mode::default(), notes: 0, values, rift: None, is_whole: true };
+            Self { model, units: Vec::new(), mode, notes: 0, values, rift: None, restarts, is_whole: true };
         system.add(root, None, is_open);
         system
     }
@@ -178,6 +193,7 @@ impl<'a> System<'a> {
         let tags = &self.model.plan.leaves[leaf as usize].outcomes;
         let done = match is_service {
             true => Vec::new(),
+            false if is_never_done(self.model, leaf) => Vec::new(),
             false if tags.is_empty() || self.values.is_empty() => vec![Value::EMPTY],
             false => tags.iter().filter_map(|tag| Value::tagged(tag, &[])).collect(),
         };
@@ -208,7 +224,12 @@ impl<'a> System<'a> {
 
     /// How many bytes a configuration takes.
     pub(crate) fn length(&self) -> usize {
-        self.states_length() + self.units.len().div_ceil(8) + 1 + self.rift_length() + self.notes
+        self.states_length()
+            + self.units.len().div_ceil(8)
+            + 1
+            + self.rift_length()
+            + self.restarts_length()
+            + self.notes
     }
 
     fn states_length(&self) -> usize {
@@ -223,6 +244,7 @@ impl<'a> System<'a> {
             is_faulty: false,
             is_twice_faulty: false,
             rift: vec![0; self.rift_length()],
+            restarts: vec![0; self.restarts_length()],
             notes: vec![0; self.notes],
         }
     }
@@ -252,8 +274,10 @@ impl<'a> System<'a> {
             *byte = eight.iter().rev().fold(0, |byte, ordered| byte << 1 | u8::from(*ordered));
         }
         rest[0] = frame.phase as u8 | u8::from(frame.is_twice_faulty) << 6 | u8::from(frame.is_faulty) << 7;
-        let (rift, notes) = rest[1..].split_at_mut(frame.rift.len());
+        let (rift, rest) = rest[1..].split_at_mut(frame.rift.len());
+        let (restarts, notes) = rest.split_at_mut(frame.restarts.len());
         rift.copy_from_slice(&frame.rift);
+        restarts.copy_from_slice(&frame.restarts);
         notes.copy_from_slice(&frame.notes);
     }
 
@@ -271,8 +295,10 @@ impl<'a> System<'a> {
         frame.phase = Phase::ALL[usize::from(rest[0] & 7).min(5)];
         frame.is_twice_faulty = rest[0] >> 6 & 1 == 1;
         frame.is_faulty = rest[0] >> 7 == 1;
-        let (rift, notes) = rest[1..].split_at(frame.rift.len());
+        let (rift, rest) = rest[1..].split_at(frame.rift.len());
+        let (restarts, notes) = rest.split_at(frame.restarts.len());
         frame.rift.copy_from_slice(rift);
+        frame.restarts.copy_from_slice(restarts);
         frame.notes.copy_from_slice(notes);
     }
 
@@ -297,6 +323,7 @@ impl<'a> System<'a> {
         if self.mode.lost.is_some() {
             self.loss_labels(frame, labels);
         }
+        self.restart_labels(frame, labels);
         for unit in 0..self.units.len() {
             if self.is_silent(frame, unit) {
                 continue;
@@ -343,14 +370,17 @@ impl<'a> System<'a> {
         }
         if is_stopping {
             labels.push(Label::Stopped(at, slot));
-        } else if !hangs {
+        } else if !self.death_labels(frame, (unit, member), labels) && !hangs {
             labels.extend(ends.done.iter().map(|value| Label::Done(at, slot, self.number(value))));
             if ends.aborts {
                 labels.push(Label::Aborted(at, slot));
             }
         }
         for (fault, has_happened, label) in faults {
-            let may = |fault: Injection| is_struck(fault) && is_stopping == (fault.kind == FaultKind::Unanswered);
+            let may = |fault: Injection| {
+                let is_due = is_stopping == (fault.kind == FaultKind::Unanswered);
+                is_struck(fault) && is_due && !self.is_away(frame, (unit, member))
+            };
             if !has_happened && fault.is_some_and(may) {
                 labels.push(label);
             }

@@ -1,6 +1,7 @@
 //! How long things take, as far as limits, pauses and declared durations say it.
 
 use crate::model::Model;
+use crate::system::{is_never_done, is_restarted};
 use language::plan::{Expression, Group, MemberKind};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -48,6 +49,11 @@ impl Times<'_, '_> {
                 Span { done, end: takes.map(|(_, most)| most), stop }
             }
         };
+        // One that dies and is started again begins anew, any number of times.
+        if let MemberKind::Leaf(leaf) = member.kind {
+            span.end = span.end.filter(|_| !is_restarted(self.model, leaf));
+            span.done = span.done.filter(|_| !is_never_done(self.model, leaf));
+        }
         if let Some(&(least, most)) = self.assumed.get(&(group, slot)) {
             (span.done, span.end) = (span.done.map(|_| least), Some(most));
         }

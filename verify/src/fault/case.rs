@@ -4,9 +4,9 @@ use super::settle::{NOTED_AFTER, Settled, longest_stop, settle};
 use super::{Mission, Row, Severity};
 use crate::explore::{Graph, is_natural};
 use crate::limits::is_limit;
-use crate::model::Seat;
+use crate::model::{Seat, short};
 use crate::story::{Step, Story, effects, member_name, running, seconds, tell, timer_of};
-use crate::system::{FaultKind, Frame, Label, Occupant, Phase, Stepper, System};
+use crate::system::{FaultKind, Frame, Label, Occupant, Phase, Stepper, System, is_restarted, taken_along};
 use crate::times::Times;
 use language::algebra::Activity;
 use language::plan::LinkLoss;
@@ -58,7 +58,14 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
             .map(|unit| is_limit(&system.model.parts[system.units[unit].part].expression))
             .collect();
         let is_lossy = system.mode.lost.is_some();
-        let counts = |label: Label| is_natural(label) || is_lossy && matches!(label, Label::Aborted(..));
+        // What was given up fails each time that it is started.
+        let is_given_up = |seat: (usize, u32)| {
+            let given_up = |kind| matches!(kind, FaultKind::GivenUp | FaultKind::Unanswered);
+            struck.iter().any(|struck| struck.seat == Some(seat) && given_up(struck.kind))
+        };
+        let fails = |unit: u16, member: u16| is_lossy || is_given_up((unit.into(), member.into()));
+        let counts =
+            |label: Label| is_natural(label) || matches!(label, Label::Aborted(unit, member) if fails(unit, member));
         let passes =
             |unit: u16, timer: u16| limits[usize::from(unit)].get(usize::from(timer)).is_some_and(|limit| *limit);
         let is_passed = |label: Label| matches!(label, Label::Elapsed(unit, timer) if passes(unit, timer));
@@ -180,13 +187,21 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
                 false => Severity::Degraded,
             };
         }
+        if self.restarted(fault).is_some() {
+            return if mission == Mission::Fails { Severity::FailsLater } else { Severity::Handled };
+        }
         let (were, are) = (self.others(before), self.others(&settled.frame));
-        let starts_anew = are.iter().any(|seat| !were.contains(seat)) || self.new_pause(before, after).is_some();
+        let is_back = struck_by(fault).is_some_and(|(unit, member)| {
+            settled.frame.states[unit].activity(member) == Activity::Active
+                && !self.system.is_refused(&settled.frame, (unit, member))
+        });
+        let is_new = is_back || are.iter().any(|seat| !were.contains(seat));
+        let starts_anew = is_new || self.new_pause(before, after).is_some();
         let waits = are.iter().any(|(unit, member)| self.system.waits_for_ever(&settled.frame, (*unit, *member)));
         match [Mission::Fails, Mission::EndsByLimit].contains(&mission) {
             _ if starts_anew && !waits => Severity::Handled,
             true => Severity::FailsLater,
-            false if were != are => Severity::Handled,
+            false if is_back || were != are => Severity::Handled,
             false => Severity::Degraded,
         }
     }
@@ -212,6 +227,25 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
     fn hung(&self, fault: Label) -> Option<(usize, u32)> {
         let seat = struck_by(fault)?;
         self.struck.iter().any(|struck| struck.seat == Some(seat) && struck.kind == FaultKind::Hang).then_some(seat)
+    }
+
+    /// The program that this fault has started again, if it does.
+    fn restarted(&self, fault: Label) -> Option<(usize, u32)> {
+        let seat = struck_by(fault).filter(|seat| self.system.is_restarted(*seat))?;
+        self.struck.iter().any(|struck| struck.seat == Some(seat) && struck.kind == FaultKind::Crash).then_some(seat)
+    }
+
+    /// What becomes of a program that is started again.
+    fn restart(&self, (unit, member): (usize, u32)) -> String {
+        let model = self.system.model;
+        let group = model.parts[self.system.units[unit].part].group;
+        let slots = taken_along(model, group, member).into_iter();
+        let leaves = slots.flat_map(|slot| model.leaves_below(group, slot)).filter(|leaf| is_restarted(model, *leaf));
+        let with: Vec<String> = leaves.map(|leaf| short(&model.plan.leaves[leaf as usize].path)).collect();
+        match with.as_slice() {
+            [] => "it is started again".to_owned(),
+            with => format!("it is started again, and with it {}", with.join(", ")),
+        }
     }
 
     /// What runs and is not being stopped, besides what the faults strike: also what is on a host that is lost.
@@ -306,6 +340,9 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         }
         if !all.is_empty() {
             return all.join("; ");
+        }
+        if let Some(seat) = self.restarted(*fault) {
+            return self.restart(seat);
         }
         if let Some(pause) = self.new_pause(before, after) {
             return format!("a pause of {} begins", seconds(pause));

@@ -40,7 +40,7 @@ impl Question<'_, '_, '_> {
         let (holds, fails) = parts.add(formula);
         let Some(automaton) = Automaton::of(&parts, fails) else { return Some(self.open(TOO_LARGE)) };
         let mode = match parts.is_safe(holds) {
-            true => Mode { aborts: true, stops: true, ..Mode::default() },
+            true => Mode { aborts: true, crashes: true, stops: true, ..Mode::default() },
             false => Mode::default(),
         };
         let whom: Vec<ProcessRef> = parts.atoms.iter().map(process).collect();
@@ -130,7 +130,7 @@ impl Letters<'_> {
     fn is_true(&self, system: &System<'_>, atom: &Atom, changes: &[Change], frame: &Frame) -> bool {
         match atom {
             Atom::Active(who) => self.seats.is_active(frame, *who),
-            Atom::Running(who) => is_running(system, frame, *who),
+            Atom::Running(who) => self.seats.is_active(frame, *who) && is_running(system, frame, *who),
             Atom::Stopping(who) => self.seats.is_active(frame, *who) && !is_running(system, frame, *who),
             Atom::Happens(event) => changes.iter().any(|change| self.seats.is(change, event)),
         }

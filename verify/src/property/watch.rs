@@ -52,7 +52,14 @@ pub(super) struct Watch<'w> {
 }
 
 /// Where each process that is named sits in a system.
-pub(super) struct Seats(Vec<(ProcessRef, Option<(usize, u32)>)>);
+pub(super) struct Seats(Vec<(ProcessRef, Option<Seat>)>);
+
+/// Unit and slot, and where it is noted that its program is away, if that is.
+#[derive(Clone, Copy, Debug)]
+struct Seat {
+    at: (usize, u32),
+    away: Option<usize>,
+}
 
 impl<'w> Watch<'w> {
     pub(super) fn new(system: &System<'_>, goal: &'w Goal) -> Self {
@@ -87,18 +94,24 @@ impl<'w> Watch<'w> {
 
 impl Seats {
     pub(super) fn new(system: &System<'_>, whom: &[ProcessRef]) -> Self {
-        let seat = |who: &ProcessRef| (*who, who.member.and_then(|slot| system.find(who.group, slot)));
-        Self(whom.iter().map(seat).collect())
+        let seat = |who: &ProcessRef| {
+            let at = system.find(who.group, who.member?)?;
+            Some(Seat { at, away: system.place_of(at) })
+        };
+        Self(whom.iter().map(|who| (*who, seat(who))).collect())
     }
 
-    fn seat(&self, who: ProcessRef) -> Option<(usize, u32)> {
+    fn seat(&self, who: ProcessRef) -> Option<Seat> {
         self.0.iter().find(|(other, _)| *other == who).and_then(|(_, seat)| *seat)
     }
 
-    /// Whether a process is active, also while it stops.
+    /// Whether a process is active, also while it stops, and its program is there.
     pub(super) fn is_active(&self, frame: &Frame, who: ProcessRef) -> bool {
         match self.seat(who) {
-            Some((unit, member)) => frame.states[unit].activity(member) != Activity::Idle,
+            Some(Seat { at: (unit, member), away }) => {
+                let is_away = away.is_some_and(|place| System::notes_away(frame, place));
+                frame.states[unit].activity(member) != Activity::Idle && !is_away
+            }
             None => who.member.is_none() && [Phase::Running, Phase::Stopping].contains(&frame.phase),
         }
     }
@@ -107,7 +120,7 @@ impl Seats {
     pub(super) fn is(&self, change: &Change, event: &Occurrence) -> bool {
         let is_there = match (event.who.member, change.member) {
             (None, None) => true,
-            (Some(_), Some(member)) => self.seat(event.who) == Some((change.unit, member)),
+            (Some(_), Some(member)) => self.seat(event.who).is_some_and(|seat| seat.at == (change.unit, member)),
             (_, _) => false,
         };
         is_there

@@ -80,6 +80,25 @@ impl System<'_> {
         }
     }
 
+    /// What a `using` has taken for a member stays taken once nobody confirms that it has stopped.
+    pub(super) fn keep_taken(&mut self, (unit, member): (usize, u32)) {
+        if self.rift.is_some() {
+            return;
+        }
+        let rift = self.rift_of();
+        let group = self.model.parts[self.units[unit].part].group;
+        if rift.below.contains(&group) || rift.taken[group as usize].contains_key(&member) {
+            self.rift = Some(rift);
+        }
+    }
+
+    /// Nobody has confirmed that a member has stopped.
+    pub(super) fn stays_taken(&self, frame: &mut Frame, (unit, member): (usize, u32)) {
+        if let Some(rift) = &self.rift {
+            frame.rift[rift.starts[unit] + member as usize] |= FENCED;
+        }
+    }
+
     fn rift_of(&self) -> Rift {
         let plan = self.model.plan;
         let part = |unit: usize| &self.model.parts[self.units[unit].part];
@@ -133,7 +152,7 @@ impl System<'_> {
 
     /// Whether a host has been lost, and what is on either side goes its own way.
     pub(crate) fn is_split(&self, frame: &Frame) -> bool {
-        self.rift.is_some() && frame.is_faulty
+        self.mode.lost.is_some_and(|loss| loss.kind != LossKind::Programs) && frame.is_faulty
     }
 
     /// Whether the supervisor of a unit does nothing any more: its host has died or has left the mission.
@@ -164,6 +183,9 @@ impl System<'_> {
 
     /// Whether a member that is active has failed for its supervisor, or is about to, because its host is lost.
     pub(crate) fn is_refused(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
+        if self.is_given_up(frame, (unit, member)) {
+            return true;
+        }
         let Some(loss) = self.mode.lost.filter(|_| frame.is_faulty) else { return false };
         let Some(rift) = &self.rift else {
             let seat = self.model.parts[self.units[unit].part].members.get(member as usize);
@@ -184,14 +206,16 @@ impl System<'_> {
     }
 
     fn flags(&self, frame: &Frame, (unit, member): (usize, u32)) -> u8 {
-        let rift = self.rift.as_ref().filter(|_| frame.is_faulty);
+        let rift = self.rift.as_ref().filter(|_| frame.is_faulty || frame.is_twice_faulty);
         rift.map_or(0, |rift| frame.rift[rift.starts[unit] + member as usize])
     }
 
     /// Whether a program, or a group that is not looked into, is really running or stopping, whatever its supervisor knows.
     pub(crate) fn is_there(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
         let is_active = frame.states[unit].activity(member) != Activity::Idle;
-        let Some(rift) = self.rift.as_ref().filter(|_| frame.is_faulty) else { return is_active };
+        let Some(rift) = self.rift.as_ref().filter(|_| frame.is_faulty || frame.is_twice_faulty) else {
+            return is_active;
+        };
         let flags = self.flags(frame, (unit, member));
         let has_begun = flags & (GONE | UNREACHED | HELD | WAITS) == 0;
         !self.is_out(frame, rift.seats[unit][member as usize]) && (flags & ORPHAN != 0 || is_active && has_begun)

@@ -7,6 +7,8 @@ use super::Loss;
 pub(crate) struct Mode {
     /// Any program may abort at any time.
     pub(crate) aborts: bool,
+    /// Programs that are started again when they die may die at any time.
+    pub(crate) crashes: bool,
     /// The whole may be stopped at any time.
     pub(crate) stops: bool,
     /// One fault of this kind may happen to this member.
@@ -28,7 +30,7 @@ pub(crate) struct Injection {
 /// What goes wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum FaultKind {
-    /// The program dies.
+    /// The program dies; by its policy it is started again.
     Crash,
     /// The program goes on for ever, but still answers a stop, at the latest by being killed.
     Hang,
@@ -40,4 +42,8 @@ pub enum FaultKind {
     CutOff,
     /// Two hosts do not reach each other.
     LinkLost,
+    /// The program dies, and has died too often: it is not started again.
+    GivenUp,
+    /// The program dies, and the programs of its group have died more often than it bears: the group has failed.
+    TooMany,
 }

@@ -18,6 +18,7 @@ pub(crate) struct Stepper<'s> {
     ordered: Vec<bool>,
     notes: Vec<u8>,
     rift: Vec<u8>,
+    restarts: Vec<u8>,
     phase: Phase,
     is_faulty: bool,
     is_twice_faulty: bool,
@@ -44,6 +45,7 @@ impl<'s> Stepper<'s> {
             ordered: Vec::new(),
             notes: Vec::new(),
             rift: Vec::new(),
+            restarts: Vec::new(),
             phase: Phase::Idle,
             is_faulty: false,
             is_twice_faulty: false,
@@ -59,6 +61,7 @@ impl<'s> Stepper<'s> {
         self.ordered.clone_from(&frame.ordered);
         self.notes.clone_from(&frame.notes);
         self.rift.clone_from(&frame.rift);
+        self.restarts.clone_from(&frame.restarts);
         (self.phase, self.is_faulty, self.is_twice_faulty) = (frame.phase, frame.is_faulty, frame.is_twice_faulty);
         let Self { system, steps, queue, journal, .. } = self;
         let mut reaction = Reaction { system, frame, changes, queue, journal, blows: VecDeque::new() };
@@ -92,6 +95,7 @@ impl<'s> Stepper<'s> {
         frame.ordered.clone_from(&self.ordered);
         frame.notes.clone_from(&self.notes);
         frame.rift.clone_from(&self.rift);
+        frame.restarts.clone_from(&self.restarts);
         (frame.phase, frame.is_faulty, frame.is_twice_faulty) = (self.phase, self.is_faulty, self.is_twice_faulty);
     }
 }
@@ -125,7 +129,8 @@ impl Reaction<'_, '_> {
             Label::Aborted(unit, member) => {
                 let seat = (usize::from(unit), u32::from(member));
                 let is_asked = self.frame.states[seat.0].activity(seat.1) == Activity::Stopping;
-                let is_unknown = is_asked && self.system.is_refused(self.frame, seat);
+                let is_lost = self.system.is_refused(self.frame, seat) && !self.system.is_given_up(self.frame, seat);
+                let is_unknown = is_asked && (is_lost || self.system.was_unconfirmed(self.frame, seat));
                 self.ends(unit, member, if is_unknown { unconfirmed() } else { failed() })
             }
             Label::Lost => {
@@ -138,6 +143,14 @@ impl Reaction<'_, '_> {
                 None
             }
             Label::Stopped(unit, member) => self.ends(unit, member, Outcome::Stopped),
+            Label::Died(unit, member) => self.dies((usize::from(unit), u32::from(member))),
+            Label::Back(unit, member) => {
+                let (unit, member) = (usize::from(unit), u32::from(member));
+                self.system.is_here(self.frame, (unit, member));
+                self.change(unit, Some(member), || Changed::Started);
+                None
+            }
+            Label::TooMany(unit) => self.too_many(usize::from(unit)),
             Label::Elapsed(unit, timer) => {
                 let event = Event::Elapsed { timer: u32::from(timer), activation: ACTIVATION };
                 Some((usize::from(unit), event))
@@ -158,11 +171,34 @@ impl Reaction<'_, '_> {
     }
 
     fn strikes(&mut self, (unit, member): (u16, u16), fault: Option<Injection>) -> Option<(usize, Event)> {
-        match fault?.kind {
+        let (kind, seat) = (fault?.kind, (usize::from(unit), u32::from(member)));
+        match kind {
+            FaultKind::Crash if self.system.is_restarted(seat) => self.dies(seat),
             FaultKind::Crash => self.ends(unit, member, failed()),
-            FaultKind::Unanswered => self.ends(unit, member, unconfirmed()),
+            FaultKind::GivenUp => {
+                self.system.give_up_member(self.frame, seat, kind);
+                self.ends(unit, member, failed())
+            }
+            FaultKind::TooMany => self.too_many(seat.0),
+            FaultKind::Unanswered => {
+                self.system.give_up_member(self.frame, seat, kind);
+                self.system.stays_taken(self.frame, seat);
+                self.ends(unit, member, unconfirmed())
+            }
             FaultKind::Hang | FaultKind::HostLost | FaultKind::CutOff | FaultKind::LinkLost => None,
         }
+    }
+
+    /// The supervisor hears nothing of it.
+    fn dies(&mut self, seat: (usize, u32)) -> Option<(usize, Event)> {
+        for (unit, member, what) in self.system.dies(self.frame, seat) {
+            self.change(unit, Some(member), || what);
+        }
+        None
+    }
+
+    fn too_many(&mut self, unit: usize) -> Option<(usize, Event)> {
+        Some((self.system.too_many(self.frame, unit), Event::Stop))
     }
 
     /// Orders to stop that are on their way over what is lost do not arrive.
@@ -214,6 +250,7 @@ impl Reaction<'_, '_> {
             };
             self.change(unit, Some(member), || changed);
         }
+        self.system.is_here(self.frame, (unit, member));
         let activation = ACTIVATION;
         match outcome {
             Outcome::Done(value) => Event::Done { member, activation, value },
@@ -239,8 +276,13 @@ impl Reaction<'_, '_> {
         for command in &effect.commands {
             match command {
                 Command::Activate { member, value, .. } => {
-                    self.change(unit, Some(*member), || Changed::Started);
-                    let begins = self.system.begins(self.frame, (unit, *member));
+                    let seat = (unit, *member);
+                    self.system.is_here(self.frame, seat);
+                    let begins = self.system.begins(self.frame, seat);
+                    let is_given_up = self.system.is_given_up(self.frame, seat);
+                    if !is_given_up && !self.system.waits_for_ever(self.frame, seat) {
+                        self.change(unit, Some(*member), || Changed::Started);
+                    }
                     if begins && let Occupant::Unit(inner) = self.system.units[unit].seats[*member as usize] {
                         self.queue.push_back((inner, Event::Start(value.clone())));
                     }
@@ -272,6 +314,9 @@ impl Reaction<'_, '_> {
     /// A unit has an outcome: it is that of the member around it, or of the whole.
     fn over(&mut self, unit: usize, outcome: Outcome) {
         self.frame.ordered[unit] = false;
+        let is_escalated = self.system.take_escalation(self.frame, unit);
+        let is_unconfirmed = matches!(&outcome, Outcome::Aborted(reason) if reason.cause == Cause::StopUnconfirmed);
+        let outcome = if is_escalated && !is_unconfirmed { failed() } else { outcome };
         if let Some((around, member)) = self.system.units[unit].parent {
             // A stop that comes too late finds nothing: its answer is the outcome that was under way.
             let is_heard =

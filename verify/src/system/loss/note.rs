@@ -23,7 +23,8 @@ impl System<'_> {
 
     /// Notes at the activation of a member whether it begins. Returns whether it does.
     pub(in crate::system) fn begins(&self, frame: &mut Frame, (unit, member): (usize, u32)) -> bool {
-        let Some(rift) = self.rift.as_ref().filter(|_| frame.is_faulty) else { return true };
+        let is_struck = frame.is_faulty || frame.is_twice_faulty;
+        let Some(rift) = self.rift.as_ref().filter(|_| is_struck) else { return true };
         let host = rift.seats[unit][member as usize];
         let is_program = matches!(self.units[unit].seats[member as usize], Occupant::Box(_));
         let is_held = || {

@@ -1,0 +1,260 @@
+//! What becomes of a program that dies and is started again by its policy, below the event actions.
+//!
+//! Its activation outlives it: the supervisor hears nothing, and the program is away until it runs again, as if it had just begun.
+//! As the strategy of its group says, programs of other members are started anew with it. A program that has died too often has failed,
+//! and cannot be started any more; a group whose programs have died too often stops everything and has failed. Nobody notes in a state
+//! how often that has been, so each may come at any time at which it may come at all. The rules are those of
+//! `node/src/logic`: `instance/restarts`, `executer/supervision`.
+
+use super::{Changed, FaultKind, Frame, Label, System, small};
+use crate::model::{Model, Seat};
+use language::algebra::Activity;
+use language::plan::{LeafKind, MemberKind, Restart, Strategy};
+use std::time::Duration;
+
+/// So often is one program started again within [`WINDOW`].
+const RESTARTS_MAX: u32 = 5;
+const WINDOW: Duration = Duration::from_secs(60);
+
+/// What has become of a member: it is away, and comes back.
+const AWAY: u8 = 1;
+/// It has been given up: each activation fails.
+const GIVEN_UP: u8 = 2;
+/// Nobody has confirmed that it has stopped: each activation fails.
+const UNCONFIRMED: u8 = 4;
+/// What has become of a unit: its programs have died too often, so it stops, and will have failed.
+const ESCALATES: u8 = 1;
+
+/// What a system keeps in mind of restarts.
+#[derive(Debug, Default)]
+pub(super) struct Restarts {
+    /// The members of which it is known whether they are away or given up.
+    seats: Vec<(usize, u32)>,
+    /// The units that may stop for restarts.
+    units: Vec<usize>,
+}
+
+/// Whether a program is started again when it dies.
+pub(crate) fn is_restarted(model: &Model<'_>, leaf: u32) -> bool {
+    model.plan.leaves[leaf as usize].policy.restart != Restart::Temporary
+}
+
+/// Whether a program is started again although it has done its work.
+pub(crate) fn is_never_done(model: &Model<'_>, leaf: u32) -> bool {
+    let leaf = &model.plan.leaves[leaf as usize];
+    leaf.policy.restart == Restart::Permanent && leaf.kind != LeafKind::Controller
+}
+
+/// What the death of a program may be: as its policy says, it is started again, has died too often, or the programs of its group have.
+pub(crate) fn crashes(model: &Model<'_>, group: u32, leaf: u32) -> Vec<FaultKind> {
+    if !is_restarted(model, leaf) {
+        return vec![FaultKind::Crash];
+    }
+    let mut kinds = Vec::new();
+    let borne = model.plan.groups[group as usize].supervision.intensity;
+    if borne.is_none_or(|borne| borne.restarts > 0) {
+        kinds.push(FaultKind::Crash);
+    }
+    // Five restarts of one program alone, so spread that the group bears them.
+    let is_given_up = borne.is_none_or(|borne| match borne.restarts {
+        0 => false,
+        restarts => borne.within.saturating_mul(RESTARTS_MAX.div_ceil(restarts) - 1) < WINDOW,
+    });
+    if is_given_up {
+        kinds.push(FaultKind::GivenUp);
+    }
+    if escalates(model, group) {
+        kinds.push(FaultKind::TooMany);
+    }
+    kinds
+}
+
+/// Whether the programs of a group can die more often than it bears.
+fn escalates(model: &Model<'_>, group: u32) -> bool {
+    let source = &model.plan.groups[group as usize];
+    let Some(borne) = source.supervision.intensity else { return false };
+    let restarted = |kind: MemberKind| matches!(kind, MemberKind::Leaf(leaf) if is_restarted(model, leaf));
+    let programs = source.members.iter().filter(|member| restarted(member.kind)).count() as u128;
+    let windows = borne.within.as_nanos().div_ceil(WINDOW.as_nanos());
+    programs * windows * u128::from(RESTARTS_MAX) > u128::from(borne.restarts)
+}
+
+/// The slots of a group whose programs are started anew with that of another.
+pub(crate) fn taken_along(model: &Model<'_>, group: u32, slot: u32) -> Vec<u32> {
+    let source = &model.plan.groups[group as usize];
+    let slots = (0_u32..).zip(&source.members).map(|(other, _)| other);
+    match source.supervision.strategy {
+        Strategy::OneForOne => Vec::new(),
+        Strategy::OneForAll => slots.filter(|other| *other != slot).collect(),
+        Strategy::RestForOne => slots.filter(|other| *other > slot).collect(),
+    }
+}
+
+impl System<'_> {
+    /// Keeps in mind whether these members are away, if they are ever started again, and lets them and every group die too often.
+    pub(crate) fn follow_restarts(&mut self, members: &[(usize, u32)]) {
+        let seats: Vec<_> = members.iter().copied().filter(|seat| self.is_restarted(*seat)).collect();
+        self.restarts.seats.extend(seats);
+        self.restarts.seats.sort_unstable();
+        self.restarts.seats.dedup();
+        self.restarts.units = (0..self.units.len()).filter(|unit| self.may_escalate(*unit)).collect();
+    }
+
+    /// Keeps in mind what has become of a member that a fault strikes.
+    pub(crate) fn follow_fault(&mut self, member: (usize, u32), kind: FaultKind) {
+        match kind {
+            FaultKind::Crash => self.follow_restarts(&[member]),
+            FaultKind::GivenUp | FaultKind::Unanswered => self.restarts.seats.push(member),
+            FaultKind::TooMany => self.follow_restarts(&[]),
+            FaultKind::Hang | FaultKind::HostLost | FaultKind::CutOff | FaultKind::LinkLost => {}
+        }
+        self.restarts.seats.sort_unstable();
+        self.restarts.seats.dedup();
+        if kind == FaultKind::Unanswered {
+            self.keep_taken(member);
+        }
+    }
+
+    /// Whether the program of a member is started again when it dies.
+    pub(crate) fn is_restarted(&self, seat: (usize, u32)) -> bool {
+        self.leaf(seat).is_some_and(|leaf| is_restarted(self.model, leaf))
+    }
+
+    fn may_escalate(&self, unit: usize) -> bool {
+        let part = &self.model.parts[self.units[unit].part];
+        !part.is_piece && escalates(self.model, part.group)
+    }
+
+    fn leaf(&self, (unit, member): (usize, u32)) -> Option<u32> {
+        match self.model.parts[self.units[unit].part].members.get(member as usize) {
+            Some(Seat::Leaf(leaf)) => Some(*leaf),
+            Some(Seat::Part(_)) | None => None,
+        }
+    }
+
+    /// The unit of the whole group of which a unit is a piece.
+    fn whole(&self, unit: usize) -> usize {
+        let outwards = std::iter::successors(Some(unit), |unit| Some(self.units[*unit].parent?.0));
+        outwards.into_iter().find(|unit| !self.model.parts[self.units[*unit].part].is_piece).unwrap_or(unit)
+    }
+
+    pub(super) fn restarts_length(&self) -> usize {
+        self.restarts.seats.len() + self.restarts.units.len()
+    }
+
+    /// Where it is noted what has become of a member.
+    pub(crate) fn place_of(&self, seat: (usize, u32)) -> Option<usize> {
+        self.restarts.seats.iter().position(|other| *other == seat)
+    }
+
+    fn flags_of(&self, frame: &Frame, seat: (usize, u32)) -> u8 {
+        self.place_of(seat).map_or(0, |place| frame.restarts[place])
+    }
+
+    /// Whether the program of a member has died and does not run yet again.
+    pub(crate) fn is_away(&self, frame: &Frame, seat: (usize, u32)) -> bool {
+        self.flags_of(frame, seat) & AWAY != 0
+    }
+
+    /// The same of a place that is known.
+    pub(crate) fn notes_away(frame: &Frame, place: usize) -> bool {
+        frame.restarts[place] & AWAY != 0
+    }
+
+    /// Whether a member cannot be started any more.
+    pub(super) fn is_given_up(&self, frame: &Frame, seat: (usize, u32)) -> bool {
+        self.flags_of(frame, seat) & (GIVEN_UP | UNCONFIRMED) != 0
+    }
+
+    pub(super) fn was_unconfirmed(&self, frame: &Frame, seat: (usize, u32)) -> bool {
+        self.flags_of(frame, seat) & UNCONFIRMED != 0
+    }
+
+    /// What deaths may do to units, where programs may die.
+    pub(super) fn restart_labels(&self, frame: &Frame, labels: &mut Vec<Label>) {
+        if !self.mode.crashes {
+            return;
+        }
+        for (place, &unit) in (self.restarts.seats.len()..).zip(&self.restarts.units) {
+            if frame.states[unit].is_node_active(0) && frame.restarts[place] & ESCALATES == 0 {
+                labels.push(Label::TooMany(small(unit)));
+            }
+        }
+    }
+
+    /// What the death of a member that is active may do. Returns whether it is away: then nothing else comes of it.
+    pub(super) fn death_labels(&self, frame: &Frame, seat: (usize, u32), labels: &mut Vec<Label>) -> bool {
+        let Some(place) = self.place_of(seat) else { return false };
+        let (unit, member) = (small(seat.0), small(seat.1 as usize));
+        let is_away = frame.restarts[place] & AWAY != 0;
+        if is_away {
+            labels.push(Label::Back(unit, member));
+            if self.mode.aborts {
+                labels.push(Label::Aborted(unit, member));
+            }
+        } else if self.mode.crashes {
+            labels.push(Label::Died(unit, member));
+        }
+        is_away
+    }
+
+    /// Notes at the activation, or at the end of one, that a member is not away.
+    pub(super) fn is_here(&self, frame: &mut Frame, seat: (usize, u32)) {
+        if let Some(place) = self.place_of(seat) {
+            frame.restarts[place] &= !AWAY;
+        }
+    }
+
+    /// The program of a member has died, and is started again. Returns what changes: it, and what is started anew with it.
+    pub(super) fn dies(&self, frame: &mut Frame, seat: (usize, u32)) -> Vec<(usize, u32, Changed)> {
+        let mut changes = vec![(seat.0, seat.1, Changed::Away)];
+        let with = self.restarts.seats.iter().filter(|other| self.is_taken_along(seat, **other));
+        changes.extend(with.map(|&(unit, member)| (unit, member, Changed::Away)));
+        changes.retain(|&(unit, member, _)| frame.states[unit].activity(member) == Activity::Active);
+        for (unit, member, _) in &changes {
+            if let Some(place) = self.place_of((*unit, *member)) {
+                frame.restarts[place] |= AWAY;
+            }
+        }
+        changes
+    }
+
+    /// Whether a member is started anew with another.
+    fn is_taken_along(&self, struck: (usize, u32), other: (usize, u32)) -> bool {
+        let group = self.model.parts[self.units[struck.0].part].group;
+        let slots = taken_along(self.model, group, struck.1);
+        let outwards = std::iter::successors(Some(other), |(unit, _)| self.units[*unit].parent);
+        let whole = self.whole(struck.0);
+        let mut at = outwards
+            .into_iter()
+            .filter(|(unit, _)| self.model.parts[self.units[*unit].part].group == group && self.whole(*unit) == whole);
+        self.is_restarted(other) && at.any(|(_, slot)| slots.contains(&slot))
+    }
+
+    /// A member is not started any more.
+    pub(super) fn give_up_member(&self, frame: &mut Frame, seat: (usize, u32), kind: FaultKind) {
+        // A plain program is held ready again.
+        let is_controller =
+            self.leaf(seat).is_some_and(|leaf| self.model.plan.leaves[leaf as usize].kind == LeafKind::Controller);
+        let flag = if kind == FaultKind::Unanswered { UNCONFIRMED } else { GIVEN_UP };
+        if let Some(place) = self.place_of(seat).filter(|_| is_controller || flag == UNCONFIRMED) {
+            frame.restarts[place] |= flag;
+        }
+    }
+
+    /// The programs of the group of a unit have died too often. Returns the unit that stops.
+    pub(super) fn too_many(&self, frame: &mut Frame, unit: usize) -> usize {
+        let whole = self.whole(unit);
+        if let Some(place) = self.restarts.units.iter().position(|other| *other == whole) {
+            frame.restarts[self.restarts.seats.len() + place] |= ESCALATES;
+        }
+        whole
+    }
+
+    /// Whether a unit that ends does so since its programs have died too often; it does so once.
+    pub(super) fn take_escalation(&self, frame: &mut Frame, unit: usize) -> bool {
+        let Some(place) = self.restarts.units.iter().position(|other| *other == unit) else { return false };
+        let flag = &mut frame.restarts[self.restarts.seats.len() + place];
+        std::mem::take(flag) & ESCALATES != 0
+    }
+}
