@@ -3,6 +3,7 @@
 use crate::change::{Probation, change_running};
 use crate::client::Client;
 use crate::follow::Spec;
+use crate::verify::Proof;
 use crate::{ConnectArgs, Controllers, check, follow, stored};
 use anyhow::anyhow;
 use node::console::{Failure, block_on};
@@ -21,11 +22,14 @@ pub struct Arguments {
     controllers: Controllers,
     #[command(flatten)]
     probation: Probation,
+    #[command(flatten)]
+    proof: Proof,
 }
 
 /// Runs the verb.
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     let spec = check::load(&arguments.file, &arguments.controllers, false)?;
+    arguments.proof.require(&arguments.file, &arguments.controllers)?;
     block_on(async {
         let client = Client::open(&arguments.connect).await?;
         let result = deploy(&client, spec, (&arguments.following, Some(arguments.probation))).await;

@@ -340,6 +340,7 @@ impl Watch {
             | Report::Process { .. }
             | Report::Programs { .. }
             | Report::Changed { .. }
+            | Report::Stepped { .. }
             | Report::Unchanged { .. } => {}
         }
     }

@@ -10,6 +10,7 @@ pub mod check;
 pub mod client;
 pub mod clock;
 pub mod completions;
+pub mod conform;
 pub mod db;
 pub mod deploy;
 pub mod display;
@@ -79,6 +80,8 @@ enum Verb {
     Verify(verify::Arguments),
     /// Say what each single fault of each program of a spec does
     Fmea(fmea::Arguments),
+    /// Compare what supervisors did in a recorded run with a spec
+    Conform(conform::Arguments),
     /// Make a folder with a spec, and a controller program for it, to begin with
     New(new::Arguments),
     /// Apply the fixes of a spec that need no decision
@@ -180,6 +183,7 @@ pub fn main() -> ExitCode {
         Verb::Check(arguments) => check::run(&arguments),
         Verb::Verify(arguments) => verify::run(&arguments),
         Verb::Fmea(arguments) => fmea::run(&arguments),
+        Verb::Conform(arguments) => conform::run(&arguments),
         Verb::New(arguments) => new::run(&arguments),
         Verb::Fix(arguments) => fix::run(&arguments),
         Verb::Fmt(arguments) => fmt::run(&arguments),

@@ -22,8 +22,7 @@ pub struct Arguments {
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let folder = arguments.record.is_dir();
-    let record = if folder { arguments.record.join(recorder::FILE) } else { arguments.record.clone() };
+    let record = recorder::file(&arguments.record);
     let file = arguments.output.clone().unwrap_or_else(|| record.with_file_name(FILE));
     let damage = write(&record, &file)?;
     console::say(&file.display().to_string());

@@ -3,6 +3,7 @@
 
 use crate::client::Client;
 use crate::follow::Spec;
+use crate::verify::Proof;
 use crate::{Controllers, check, deploy, follow};
 use anyhow::{Context, anyhow};
 use comms::io::clock;
@@ -36,6 +37,8 @@ pub struct Arguments {
     /// Folder with the sockets of this machine's nodes, where other verbs find this command's, too
     #[arg(long, value_name = "DIR")]
     run_dir: Option<PathBuf>,
+    #[command(flatten)]
+    proof: Proof,
 }
 
 /// The nodes inside this command.
@@ -49,6 +52,7 @@ struct Nodes {
 /// Runs the verb.
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     let spec = check::load(&arguments.file, &arguments.controllers, false)?;
+    arguments.proof.require(&arguments.file, &arguments.controllers)?;
     block_on(async {
         let mut nodes = Nodes::start(&spec.plan.hosts, &arguments).await?;
         let result = nodes.carry(spec, &arguments.following).await;

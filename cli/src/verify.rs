@@ -3,7 +3,7 @@
 use crate::check::json::diagnostic;
 use crate::io::whole_file;
 use crate::{Controllers, check};
-use anyhow::Context as _;
+use anyhow::{Context as _, anyhow};
 use comms::io::clock;
 use comms::logic::time::Time;
 use language::plan::Plan;
@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use verify::{Finding, GoesOn, Limits, Report, Story, Threads, Verdict};
+use verify::{Finding, GoesOn, Limits, Report, Story, Threads, Verdict, told};
 
 /// As many states of one exploration are looked at, unless the command line says otherwise.
 const STATES: u32 = 20_000_000;
@@ -70,6 +70,32 @@ pub struct LimitArgs {
     /// How many threads work on it; without it, one for each core
     #[arg(long, value_name = "NUMBER")]
     threads: Option<NonZeroUsize>,
+}
+
+/// Whether a spec has to be proved before it runs.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub struct Proof {
+    /// Run it only if `dca verify` proves everything about it, with its usual limits
+    #[arg(long)]
+    require_verified: bool,
+}
+
+impl Proof {
+    /// Refuses a spec of which something does not hold, or is not decided within the limits.
+    pub(crate) fn require(self, file: &Path, controllers: &Controllers) -> Result<(), Failure> {
+        if !self.require_verified {
+            return Ok(());
+        }
+        let loaded = load(file, controllers)?;
+        let limits = LimitArgs { states: STATES, memory: MEMORY, seconds: SECONDS, threads: None };
+        let report = limits.with(|limits| verify::verify(&loaded.plan, &loaded.sites, limits));
+        let unproved = report.findings.iter().filter(|finding| finding.verdict != Verdict::Proved);
+        unproved.for_each(|finding| console::note(&told(finding, &loaded.spec, &loaded.interfaces, check::style())));
+        if report.findings.iter().any(|finding| finding.verdict == Verdict::Fails) {
+            return Err(anyhow!("nothing was started: `dca verify {}` finds what does not hold", file.display()).into());
+        }
+        if report.is_limited { Err(Failure::Limited) } else { Ok(()) }
+    }
 }
 
 /// The time until which something goes on.

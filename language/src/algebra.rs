@@ -37,6 +37,7 @@ mod memo;
 mod packed;
 mod phase;
 mod program;
+mod record;
 mod state;
 mod step;
 
@@ -44,5 +45,6 @@ pub use event::{Activation, Cause, Command, Event, Outcome, Reason, TAG_MAX, Val
 pub use memo::{Effect, Steps};
 pub use packed::{Packing, Words};
 pub use program::Program;
+pub use record::StepRecord;
 pub use state::{Activity, Cell, State};
 pub use step::step;

@@ -7,7 +7,7 @@
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use controllers::sdk::harness::{Disturbance, Ending, Harness, ModuleId, Report, WireId};
-use language::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, Value, step};
+use language::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, StepRecord, Value, step};
 use language::plan::{Argument, Constant, MemberKind, Plan};
 use language::{Options, Source, Style, compile, render};
 use std::collections::BTreeMap;
@@ -50,6 +50,8 @@ pub struct Simulation {
     queue: BTreeMap<(Time, u64), (usize, Event)>,
     numbered: u64,
     finish: Option<Finish>,
+    steps: Vec<Vec<StepRecord>>,
+    loses: Option<fn(&Command) -> bool>,
 }
 
 /// A group at work. `parent` is its group and its slot there.
@@ -107,7 +109,8 @@ impl Simulation {
         let leaf = |(index, module)| Leaf { module, parent: leaf_parents[&index], activation: Activation(0) };
         let leaves = modules.into_iter().enumerate().map(leaf).collect();
         let queue = BTreeMap::from([((Time::ZERO, 0), (0, Event::Start(Value::EMPTY)))]);
-        Ok(Self { plan, harness, groups, leaves, wires, queue, numbered: 0, finish: None })
+        let steps = vec![Vec::new(); plan.groups.len()];
+        Ok(Self { plan, harness, groups, leaves, wires, queue, numbered: 0, finish: None, steps, loses: None })
     }
 
     /// Returns the present time.
@@ -161,6 +164,16 @@ impl Simulation {
             self.harness.restart(leaf, &[]);
         }
         leaf.is_some()
+    }
+
+    /// Returns the steps that the supervisor of each group has taken.
+    pub fn steps(&self) -> &[Vec<StepRecord>] {
+        &self.steps
+    }
+
+    /// Plants a mistake: from now on supervisors lose the commands that `loses` says.
+    pub fn lose(&mut self, loses: fn(&Command) -> bool) {
+        self.loses = Some(loses);
     }
 
     /// Makes the machine and the network better or worse from now on.
@@ -231,7 +244,11 @@ impl Simulation {
         let starts = matches!(event, Event::Start(_));
         let mut commands = Vec::new();
         let supervisor = &mut self.groups[group];
-        let outcome = step(&supervisor.program, &mut supervisor.state, event, &mut commands);
+        let outcome = step(&supervisor.program, &mut supervisor.state, event.clone(), &mut commands);
+        if let Some(loses) = self.loses {
+            commands.retain(|command| !loses(command));
+        }
+        self.steps[group].push(StepRecord::new(event, commands.clone(), outcome.clone()));
         if starts {
             for set in self.plan.groups[group].sets_always.clone() {
                 self.switch(group, set, Harness::open);

@@ -8,6 +8,7 @@
 //! calls brings the limits.
 
 mod catalogue;
+mod conform;
 mod explore;
 mod export;
 mod fault;
@@ -26,6 +27,7 @@ mod threads;
 mod times;
 mod wires;
 
+pub use conform::{Conformance, Coverage, Steps, conform};
 pub use explore::{Always, GoesOn, Limits, Reached};
 pub use export::{Transitions, transitions};
 pub use fault::{COLUMNS, Mission, Row, Severity, Table};
@@ -33,6 +35,7 @@ pub use finding::{Finding, Verdict};
 pub use flat::{Detail, Ending, Flat, flat};
 pub use machine::{jani, mcrl2};
 pub use model::Model;
+pub use report::told;
 pub use story::{Became, Move, Step, Story, seconds};
 pub use system::FaultKind;
 pub use threads::{Alone, Threads};

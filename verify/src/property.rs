@@ -1,6 +1,7 @@
 //! The sentences of `verify` blocks: each is looked for in the smallest system that holds what it names.
 
 mod formula;
+pub(crate) mod monitor;
 mod watch;
 
 use crate::explore::{Found, Graph, Limits, explore, is_natural};

@@ -18,7 +18,8 @@ impl Report {
     }
 }
 
-fn told(finding: &Finding, spec: &Source, interfaces: &[Source], style: Style) -> String {
+/// Returns an answer with its reason and its story.
+pub fn told(finding: &Finding, spec: &Source, interfaces: &[Source], style: Style) -> String {
     let Some(diagnostic) = &finding.diagnostic else {
         let word = if finding.verdict == Verdict::Proved { "proved" } else { "NOT DECIDED" };
         return format!("{word}: {}\n", finding.sentence);

@@ -74,6 +74,11 @@ fn reason(error: &McapError) -> String {
     if let McapError::Io(error) = error { cause(error) } else { error.to_string() }
 }
 
+/// Returns the record that a person means by its name, or by that of its folder.
+pub fn file(named: &Path) -> PathBuf {
+    if named.is_dir() { named.join(FILE) } else { named.to_owned() }
+}
+
 /// Reads a record, as far as it goes.
 ///
 /// # Errors

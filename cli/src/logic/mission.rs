@@ -117,7 +117,7 @@ impl Mission {
     pub fn report(&mut self, report: &Report) {
         match report {
             Report::Accepted { deployment } => self.deployment = Some(deployment.clone()),
-            Report::Programs { .. } => {}
+            Report::Programs { .. } | Report::Stepped { .. } => {}
             Report::Changed { .. } | Report::Unchanged { .. } => {
                 self.push_note("main", report_text(report), (self.now, &[]));
             }

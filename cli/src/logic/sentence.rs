@@ -26,6 +26,7 @@ pub(crate) fn report_text(report: &Report) -> String {
             format!("changed by {by} (revision {revision}): {}", changes.join("; "))
         }
         Report::Unchanged { by, reasons } => format!("a change by {by} was taken back: {}", reasons.join("; ")),
+        Report::Stepped { path, steps, .. } => format!("{path} took {}", counted(steps.len(), "step")),
     }
 }
 

@@ -97,7 +97,7 @@ impl std::hash::Hash for Value {
 pub struct Activation(pub u32);
 
 /// One thing that has happened to a group: the input of [`step`](super::step).
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Event {
     /// The group is activated with an initial value.
     Start(Value),
@@ -145,7 +145,7 @@ pub enum Event {
 }
 
 /// One order of a supervisor. A step gives them in the order in which they are to be carried out.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Command {
     /// Open a connection set; sets are opened before their owner is activated.
     Connect {

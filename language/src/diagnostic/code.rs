@@ -234,6 +234,8 @@ codes! {
         "`dca verify` has looked at every order of events. This process needs an input, but whenever it runs, nothing that sends to it does, or the connection is closed. A detector without input never fires."
     E0817 Error "property does not hold"
         "`dca verify` has found an order of events that breaks a sentence of a `verify` block. The story shows the shortest one."
+    E0819 Error "a run deviates"
+        "`dca conform` has found a step of a supervisor in the record of a run that is not what the spec says: the robot does something else than what was verified. The supervisor is wrong, or the record is of another version of DCA."
 }
 
 #[cfg(test)]

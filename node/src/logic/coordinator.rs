@@ -22,6 +22,7 @@ use crate::logic::protocol::{
 use crate::logic::wiring::Registrations;
 use change::Changing;
 use comms::logic::time::Time;
+use language::algebra::StepRecord;
 use language::plan::Plan;
 use rejoin::Rejoins;
 use serde::{Deserialize, Serialize};
@@ -195,6 +196,7 @@ impl Coordinator {
             ToCoordinator::MainEnded { ending } => self.end(Some(ending), out),
             ToCoordinator::Happened { target, change } => self.happened(target, change, out),
             ToCoordinator::Change(reply) => self.change_reply(reply, from, out),
+            ToCoordinator::Stepped { group, number, steps } => self.stepped(group, (number, steps), out),
         }
     }
 
@@ -342,6 +344,14 @@ impl Coordinator {
         }
     }
 
+    fn stepped(&mut self, group: u32, (number, steps): (u64, Vec<StepRecord>), out: &mut Out<'_>) {
+        if let Some(group) = self.plan.groups.get(group as usize) {
+            let at = self.go_at.map_or(Duration::ZERO, |go| out.now - go);
+            let (path, host) = (group.path.clone(), group.host);
+            self.report_of(host, Report::Stepped { path, number, steps, at }, out);
+        }
+    }
+
     fn end(&mut self, ending: Option<Ending>, out: &mut Out<'_>) {
         if matches!(self.phase, Phase::Ending | Phase::Over) {
             return;
@@ -400,6 +410,7 @@ impl Coordinator {
             | Report::Finished { .. }
             | Report::Programs { .. }
             | Report::Changed { .. }
+            | Report::Stepped { .. }
             | Report::Unchanged { .. } => self.plan.home(),
         };
         let host = (0..).zip(&self.hosts).find(|(_, host)| Some(host.as_str()) == named).map_or(0, |(host, _)| host);

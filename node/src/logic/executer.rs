@@ -15,7 +15,7 @@ use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, 
 use crate::logic::timed::Timed;
 use comms::logic::time::Time;
 use fence::Fences;
-use language::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, Value, step};
+use language::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, StepRecord, Value, step};
 use language::plan::{Group, MemberKind, Plan};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -30,6 +30,8 @@ pub(super) const SWITCH_WITHIN: Duration = Duration::from_secs(1);
 /// The shortest time between two activations of one member, and the shortest wait: a loop whose rounds end at once must
 /// not keep a node from everything else.
 pub(super) const PACE: Duration = Duration::from_millis(10);
+/// So many steps are recorded at once, or as many as there were when the group ends.
+const STEPS_MAX: usize = 32;
 /// The most bytes that a process may be initialised with.
 const VALUE_MAX: usize = 8 << 20;
 
@@ -83,6 +85,8 @@ pub struct Executer {
     failures: BTreeMap<u32, Failure>,
     fences: Fences,
     supervised: Supervised,
+    /// Steps that are not recorded yet, and how many came before them.
+    steps: (u64, Vec<StepRecord>),
 }
 
 impl Timed for Executer {
@@ -120,6 +124,7 @@ impl Executer {
             failures: BTreeMap::new(),
             fences: Fences::new(declared, is_below),
             supervised: Supervised::default(),
+            steps: (0, Vec::new()),
         })
     }
 
@@ -252,7 +257,11 @@ impl Executer {
 
     fn react(&mut self, event: Event, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
         let mut commands = Vec::new();
-        let outcome = step(&self.program, &mut self.state, event, &mut commands);
+        let outcome = step(&self.program, &mut self.state, event.clone(), &mut commands);
+        self.steps.1.push(StepRecord::new(event, commands.clone(), outcome.clone()));
+        if outcome.is_some() || self.steps.1.len() >= STEPS_MAX {
+            self.record(context, out);
+        }
         for command in commands {
             self.carry_out(command, context, out);
         }
@@ -265,6 +274,13 @@ impl Executer {
             Outcome::Stopped => Ending::Stopped,
         };
         Some(self.escalate(ending))
+    }
+
+    /// Has its steps recorded, for those who compare them later with the spec: several at once, since nothing waits for them.
+    fn record(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
+        let (group, number, steps) = (self.group, self.steps.0, std::mem::take(&mut self.steps.1));
+        self.steps.0 += steps.len() as u64;
+        out.send(context.home, context.deployment.to_coordinator(ToCoordinator::Stepped { group, number, steps }));
     }
 
     /// Sends the activations that wait for nothing any more.

@@ -83,9 +83,9 @@ impl History {
 
     /// Returns a report as it is told to those who listen to everything; nothing if it is none of their business.
     fn event(&self, entry: &Entry, now: Time) -> Option<Event> {
-        // Where programs can be dialled is for those who record one mission.
+        // Where programs can be dialled, and each step of a supervisor, is for those who record one mission.
         let report = match &entry.report {
-            Report::Programs { .. } => return None,
+            Report::Programs { .. } | Report::Stepped { .. } => return None,
             Report::Go { took, .. } => Report::Go { took: *took, signals: Vec::new() },
             Report::Accepted { .. }
             | Report::Prepared { .. }

@@ -26,6 +26,7 @@ use comms::logic::control::Dial;
 pub use event::Event;
 pub use facts::LeafFacts;
 pub use failure::{Failure, FailureCause, ProgramEnd, signal_name};
+use language::algebra::StepRecord;
 use language::plan::{MemberKind, Plan};
 pub use message::{Body, Message};
 pub use names::{DeviceName, Names, PortName};
@@ -115,6 +116,15 @@ pub enum ToCoordinator {
     Unconfirmed,
     /// To a step of a change while it runs.
     Change(ChangeReply),
+    /// For the record: what a supervisor has done about some events.
+    Stepped {
+        /// Its group.
+        group: u32,
+        /// The number of the first step, from 0 on.
+        number: u64,
+        /// The events, and what it did.
+        steps: Vec<StepRecord>,
+    },
 }
 
 /// From the home of a deployment, or a supervisor of it, to a host that takes part.

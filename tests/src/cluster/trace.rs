@@ -68,6 +68,7 @@ impl Trace {
             | Report::Process { .. }
             | Report::Programs { .. }
             | Report::Changed { .. }
+            | Report::Stepped { .. }
             | Report::Unchanged { .. }
             | Report::Refused { .. } => None,
         });
@@ -84,6 +85,7 @@ impl Trace {
             | Report::Go { .. }
             | Report::Programs { .. }
             | Report::Changed { .. }
+            | Report::Stepped { .. }
             | Report::Unchanged { .. }
             | Report::Refused { .. }
             | Report::Finished { .. } => None,

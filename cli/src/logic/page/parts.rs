@@ -117,6 +117,9 @@ pub(super) fn details(run: &Run) -> String {
     let mut now = Duration::ZERO;
     for entry in &run.entries {
         let Entry::Report(report) = entry else { continue };
+        if matches!(report, Report::Stepped { .. }) {
+            continue;
+        }
         let (process, what) = match report {
             Report::Process { path, change, at } => {
                 now = *at;
@@ -129,6 +132,7 @@ pub(super) fn details(run: &Run) -> String {
             | Report::Refused { .. }
             | Report::Programs { .. }
             | Report::Changed { .. }
+            | Report::Stepped { .. }
             | Report::Unchanged { .. }
             | Report::Finished { .. } => ("", report_text(report)),
         };

@@ -123,7 +123,7 @@ impl Rows {
 
     fn report(&mut self, report: &Report, arrived: Duration) -> Row {
         let since_go = match report {
-            Report::Process { at, .. } | Report::Finished { at, .. } => *at,
+            Report::Process { at, .. } | Report::Stepped { at, .. } | Report::Finished { at, .. } => *at,
             Report::Go { .. } => {
                 self.go = Some(arrived);
                 Duration::ZERO
@@ -139,7 +139,7 @@ impl Rows {
         let at = self.since_1970(since_go, arrived);
         let topic = self.single(EVENTS, "dca.Event", schema::event);
         let (process, host) = match report {
-            Report::Process { path, .. } => (path.as_str(), ""),
+            Report::Process { path, .. } | Report::Stepped { path, .. } => (path.as_str(), ""),
             Report::Prepared { host, .. } | Report::Connected { host } => ("", host.as_str()),
             Report::Accepted { .. }
             | Report::Go { .. }
@@ -269,6 +269,7 @@ pub(crate) fn kind(report: &Report) -> &'static str {
         Report::Finished { .. } => "finished",
         Report::Changed { .. } => "changed",
         Report::Unchanged { .. } => "unchanged",
+        Report::Stepped { .. } => "step",
         Report::Process { change, .. } => match change {
             Change::Activated => "activated",
             Change::Stopping => "stopping",
@@ -304,6 +305,7 @@ fn output(report: &Report) -> &[String] {
         | Report::Refused { .. }
         | Report::Programs { .. }
         | Report::Changed { .. }
+        | Report::Stepped { .. }
         | Report::Unchanged { .. } => &[],
     }
 }

@@ -109,6 +109,7 @@ impl Agent {
             | ToCoordinator::Connected
             | ToCoordinator::MainEnded { .. }
             | ToCoordinator::Happened { .. }
+            | ToCoordinator::Stepped { .. }
             | ToCoordinator::Change(_) => {}
         }
     }

@@ -71,6 +71,7 @@ pub fn ended(home: &str, history: &History) -> Option<Commit> {
         | Report::Process { .. }
         | Report::Programs { .. }
         | Report::Changed { .. }
+        | Report::Stepped { .. }
         | Report::Unchanged { .. } => None,
     })?;
     Some(commit(home, history.deployment(), "ended", fields))

@@ -2,6 +2,7 @@
 
 use super::{Deployment, Ending, FailureCause};
 use comms::logic::control::Dial;
+use language::algebra::StepRecord;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
@@ -78,6 +79,18 @@ pub enum Report {
         by: String,
         /// Sentences for a person.
         reasons: Vec<String>,
+    },
+    /// A supervisor has taken some steps; only who records a mission hears of it.
+    Stepped {
+        /// Absolute path of its group.
+        path: String,
+        /// The number of the first step of this supervisor, from 0 on: a gap shows what is missing.
+        number: u64,
+        /// The events, and what it did.
+        steps: Vec<StepRecord>,
+        /// Time since GO at the home node.
+        #[serde(with = "comms::logic::human::seconds")]
+        at: Duration,
     },
 }
 

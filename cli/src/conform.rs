@@ -1,0 +1,202 @@
+//! `dca conform`: compares what supervisors did in a recorded run with a spec.
+
+use crate::io::recorder;
+use crate::logic::record::{Entry, Run};
+use crate::verify::{LimitArgs, load};
+use crate::{Controllers, check};
+use anyhow::anyhow;
+use language::plan::{Group, Plan};
+use node::console::{self, Failure};
+use node::logic::protocol::Report;
+use node::logic::table::counted;
+use std::path::PathBuf;
+use verify::{Conformance, Coverage, Steps, Verdict, told};
+
+/// The arguments of `dca conform`.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// The record, or the folder it is in
+    record: PathBuf,
+    /// The spec that was verified
+    spec: PathBuf,
+    #[command(flatten)]
+    limits: LimitArgs,
+    #[command(flatten)]
+    controllers: Controllers,
+}
+
+/// The steps of a record.
+#[derive(Debug, Default)]
+struct Recorded {
+    /// For each group, the steps of each supervisor that it has had.
+    lives: Vec<Vec<Steps>>,
+    /// How many steps were recorded and cannot be compared, since others before them are missing.
+    omitted: usize,
+    /// Whether the plan was changed while it ran: what came then is not looked at.
+    is_changed: bool,
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let run = recorder::read(&recorder::file(&arguments.record)).map_err(anyhow::Error::from)?;
+    let loaded = load(&arguments.spec, &arguments.controllers)?;
+    if let Some(difference) = difference(&run.header.plan, &loaded.plan) {
+        return Err(anyhow!(
+            "the record is of another version of the spec: {difference}; the spec that ran is in the record, as `spec.dca`"
+        )
+        .into());
+    }
+    let recorded = Recorded::of(&run);
+    let found = arguments.limits.with(|limits| verify::conform(&loaded.plan, &loaded.sites, &recorded.lives, limits));
+    if found.steps == 0 {
+        return Err(anyhow!("the record has no step of a supervisor: the nodes were of an earlier version").into());
+    }
+    for finding in found.deviations.iter().chain(&found.sentences) {
+        console::say(told(finding, &loaded.spec, &loaded.interfaces, check::style()).trim_end());
+    }
+    console::say(&summary(&found, &recorded));
+    if let Some(lacks) = run.lacks() {
+        console::note(&format!("warning: the record is not whole: {lacks}"));
+    }
+    let is_broken = found.sentences.iter().any(|finding| finding.verdict == Verdict::Fails);
+    if is_broken || !found.deviations.is_empty() {
+        return Err(Failure::Reported);
+    }
+    if recorded.omitted > 0 || recorded.is_changed { Err(Failure::Limited) } else { Ok(()) }
+}
+
+/// What of the groups differs, if anything does; where they run is no part of it.
+fn difference(recorded: &Plan, spec: &Plan) -> Option<String> {
+    let is_same = |one: &Group, other: &Group| {
+        let placed = Group { host: one.host, ..other.clone() };
+        *one == placed
+    };
+    let pairs = recorded.groups.iter().zip(&spec.groups);
+    let differing = pairs.filter(|(one, other)| !is_same(one, other)).map(|(one, _)| one.path.as_str()).next();
+    match differing {
+        Some(path) => Some(format!("`{path}` differs")),
+        None if recorded.groups.len() != spec.groups.len() => Some("it has other groups".to_owned()),
+        None => None,
+    }
+}
+
+impl Recorded {
+    fn of(run: &Run) -> Self {
+        let groups = &run.header.plan.groups;
+        let mut recorded = Self { lives: vec![Vec::new(); groups.len()], ..Self::default() };
+        for entry in &run.entries {
+            match entry {
+                Entry::Report(Report::Changed { .. }) => {
+                    recorded.is_changed = true;
+                    return recorded;
+                }
+                Entry::Report(Report::Stepped { path, number, steps, .. }) => {
+                    let group = groups.iter().position(|group| group.path == *path);
+                    let Some(lives) = group.map(|group| &mut recorded.lives[group]) else { continue };
+                    // Where a host is back, its supervisors begin anew.
+                    if *number == 0 {
+                        lives.push(Vec::new());
+                    }
+                    match lives.last_mut().filter(|known| known.len() as u64 == *number) {
+                        Some(known) => known.extend(steps.iter().cloned()),
+                        None => recorded.omitted += steps.len(),
+                    }
+                }
+                Entry::Report(_) | Entry::Signals { .. } | Entry::Output { .. } | Entry::Port { .. } => {}
+            }
+        }
+        recorded
+    }
+}
+
+fn summary(found: &Conformance, recorded: &Recorded) -> String {
+    let mut text = String::new();
+    for one in found.coverage.iter().filter(|one| one.states.0 > 1) {
+        text += &line(one);
+    }
+    if recorded.omitted > 0 {
+        let steps = counted(recorded.omitted, "step");
+        text += &format!("NOT COMPARED: {steps}, since the record lacks what came before\n");
+    }
+    if recorded.is_changed {
+        text += "NOT COMPARED: what came after the plan was changed while it ran\n";
+    }
+    let supervisors = recorded.lives.iter().filter(|lives| !lives.is_empty()).count();
+    let (steps, supervisors) = (counted(found.steps, "step"), counted(supervisors, "supervisor"));
+    let deviations = match found.deviations.len() {
+        0 => "all as the spec says".to_owned(),
+        count => counted(count, "deviation"),
+    };
+    format!("{text}{steps} of {supervisors}: {deviations}")
+}
+
+/// What of the behaviour of a group was seen.
+fn line(one: &Coverage) -> String {
+    let at_least = if one.is_limited { "at least " } else { "" };
+    let (states, transitions) = (one.states, one.transitions);
+    let failed = match one.never_failed.as_slice() {
+        [] => String::new(),
+        names => format!("; never seen to fail: {}", names.join(", ")),
+    };
+    let outside = match one.outside {
+        0 => String::new(),
+        count => format!("; {} that no proof counts on", counted(count, "event")),
+    };
+    format!(
+        "seen of {}: {} of {at_least}{} states, {} of {at_least}{} transitions{failed}{outside}\n",
+        one.group, states.0, states.1, transitions.0, transitions.1
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::logic::record::Header;
+    use language::algebra::{Event, StepRecord};
+    use language::{Options, Source, compile};
+    use std::time::Duration;
+
+    fn plan(text: &str) -> Plan {
+        let compiled = compile(&Source::new("test.dca", text), &[], &Options::named("test"));
+        compiled.plan.expect("it has a plan")
+    }
+
+    const SPEC: &str = "module Step { done; }
+        process main(){
+            host{c1}
+            instantiated_processes{ a instof Step(c1); b instof Step(c1); }
+            internal_event_actions{ a ; b }
+        }";
+
+    fn recorded(numbers: &[Option<u64>]) -> Recorded {
+        let report = |number: &Option<u64>| match number {
+            Some(number) => Report::Stepped {
+                path: "main".to_owned(),
+                number: *number,
+                steps: vec![StepRecord::new(Event::Stop, Vec::new(), None)],
+                at: Duration::ZERO,
+            },
+            None => Report::Changed { revision: 1, by: "somebody".to_owned(), changes: Vec::new() },
+        };
+        let entries = numbers.iter().map(|number| Entry::Report(report(number))).collect();
+        let header = Header { file: "test.dca".to_owned(), text: SPEC.to_owned(), plan: plan(SPEC), started: None };
+        Recorded::of(&Run { header, entries, damage: None })
+    }
+
+    #[test]
+    fn steps_after_a_gap_are_counted_and_not_compared() {
+        let found = recorded(&[Some(0), Some(1), Some(3), Some(4), Some(0), Some(1)]);
+        assert_eq!(found.lives[0].iter().map(Vec::len).collect::<Vec<_>>(), [2, 2]);
+        assert_eq!((found.omitted, found.is_changed), (2, false));
+        let changed = recorded(&[Some(0), None, Some(1)]);
+        assert_eq!((changed.lives[0][0].len(), changed.is_changed), (1, true));
+    }
+
+    #[test]
+    fn another_spec_is_told_and_another_host_is_none() {
+        let told = |text: &str| difference(&plan(SPEC), &plan(text));
+        assert_eq!(told(SPEC), None);
+        assert_eq!(told(&SPEC.replace("c1", "c2")), None);
+        assert_eq!(told(&SPEC.replace("a ; b", "a , b")), Some("`main` differs".to_owned()));
+    }
+}

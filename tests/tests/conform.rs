@@ -1,0 +1,152 @@
+//! Runs with crashes, compared with what was verified: simulated ones and real ones, and ones with a planted mistake.
+
+use cli::io::recorder::{self, Recorder};
+use cli::logic::record::{Entry, Run};
+use comms::logic::time::Time;
+use controllers::sdk::harness::Disturbance;
+use dca_tests::cluster::{Cluster, SOON, Stream, rounds, spec};
+use dca_tests::simulation::{Simulation, plan};
+use language::algebra::Command;
+use language::sites::Sites;
+use language::{Options, Source, compile_with_sites};
+use node::logic::protocol::Report;
+use rustix::process::Signal;
+use std::path::Path;
+use std::time::Duration;
+use verify::{Alone, Always, Conformance, Limits, Verdict};
+
+const LIMITS: Limits<'static> = Limits { states: 100_000, memory: 64 << 20, threads: &Alone, goes_on: &Always };
+/// The longest mission, on its own clock.
+const MISSION_MAX: Time = Time::from_nanos(90_000_000_000);
+
+fn door() -> (String, Sites) {
+    let text = std::fs::read_to_string(spec("door_opening")).expect("the spec is there");
+    let interfaces = [Source::new("controllers", controllers::registry().interface_text())];
+    let (_, sites) =
+        compile_with_sites(&Source::new("door.dca", text.clone()), &interfaces, &Options::named("door_opening"));
+    (text, sites.expect("the door has a plan"))
+}
+
+/// Opens the door once; `seed` says which program dies, and when.
+fn opened(text: &str, sites: &Sites, seed: u64, loses: Option<fn(&Command) -> bool>) -> (bool, Conformance) {
+    let plan = plan("door_opening", text).unwrap_or_else(|error| panic!("{error}"));
+    let mut simulation =
+        Simulation::new(plan.clone(), Disturbance::busy(seed)).unwrap_or_else(|error| panic!("{error}"));
+    if let Some(loses) = loses {
+        simulation.lose(loses);
+    }
+    let leaves: Vec<String> = simulation.leaves().map(str::to_owned).collect();
+    // Neighbouring seeds are far from each other.
+    let random = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    let victim = leaves[usize::try_from(random >> 40).expect("24 bits") % leaves.len()].clone();
+    let at = Time::from_nanos((random >> 16) % 36_000 * 1_000_000);
+    let mut has_crashed = false;
+    simulation.run(MISSION_MAX, &mut |simulation| {
+        // A program that is not active dies as soon as it is.
+        has_crashed = has_crashed || simulation.now() >= at && simulation.crash(&victim);
+    });
+    let records: Vec<_> = simulation.steps().iter().map(|steps| vec![steps.clone()]).collect();
+    (has_crashed, verify::conform(&plan, sites, &records, &LIMITS))
+}
+
+/// `DCA_TEST_ROUNDS=200` makes as many runs as the acceptance asks for.
+#[test]
+fn simulated_doors_with_crashes_conform() {
+    let (text, sites) = door();
+    let (mut crashes, all) = (0, rounds(6_u64));
+    for seed in 0..all {
+        let (has_crashed, found) = opened(&text, &sites, seed, None);
+        crashes += u64::from(has_crashed);
+        assert!(found.steps > 0);
+        assert_eq!(found.deviations, Vec::new(), "seed {seed}");
+        let broken: Vec<_> = found.sentences.iter().filter(|it| it.verdict == Verdict::Fails).collect();
+        assert!(broken.is_empty(), "seed {seed}: {broken:?}");
+    }
+    assert!(2 * crashes >= all, "{crashes} of {all} runs had a crash");
+}
+
+#[test]
+fn a_supervisor_that_forgets_to_stop_is_found() {
+    let (text, sites) = door();
+    let (_, found) = opened(&text, &sites, 1, Some(|command| matches!(command, Command::Stop { .. })));
+    let deviation = found.deviations.first().and_then(|finding| finding.diagnostic.as_ref()).expect("it is found");
+    assert!(deviation.help.iter().any(|help| help.contains("expected: stops")), "{deviation:?}");
+}
+
+const ROUNDS: &str = "
+    module Step(host) { exec \"sleep 0.2\"; plain; done; }
+    module Watch(host) { exec \"sleep 60\"; plain; service; }
+
+    process Cell(there){
+        host{there}
+        instantiated_processes{ watch instof Watch(there); pick instof Step(there); place instof Step(there); }
+        internal_event_actions{ watch , (pick ; place) }
+    }
+    process main(){
+        host{c1}
+        instantiated_processes{ cell instof Cell(\"c1\"); home instof Step(c1) { restart transient; } }
+        internal_event_actions{ (cell else home) ; retry(2) home }
+        verify{ home only after cell.ended; }
+    }";
+
+/// Writes a record again with other entries.
+fn rewritten(run: &Run, folder: &Path, change: impl Fn(&mut Report)) {
+    let recorder = Recorder::create(folder, &run.header).expect("a test can write in its own folder");
+    for entry in &run.entries {
+        let mut entry = entry.clone();
+        if let Entry::Report(report) = &mut entry {
+            change(report);
+        }
+        recorder.push(entry);
+    }
+    recorder.finish().expect("the record is written");
+}
+
+#[test]
+fn real_runs_with_kills_conform_and_a_planted_deviation_is_found() {
+    let cluster = Cluster::new();
+    let file = cluster.file("cell.dca", ROUNDS);
+    let victims = ["main/cell/watch", "main/cell/pick", "main/home", "main/cell/place"];
+    let all = rounds(4_u32);
+    for round in 0..all {
+        let mission = cluster.here().dca(&["run", &file]);
+        mission.wait_for(Stream::Err, "▸", SOON);
+        let victim = victims[round as usize % victims.len()];
+        if let Some(program) = cluster.leaf(victim) {
+            program.signal(Signal::KILL);
+        }
+        mission.ended(SOON);
+        cluster.expect_nothing_left(Duration::from_secs(5));
+        let folder = cluster.folder().join(format!("runs/cell-{}", round + 1));
+        let compared = cluster.here().ask(&["conform", &folder.display().to_string(), &file]);
+        assert!(compared.code == Some(0) && compared.out.contains("all as the spec says"), "{victim}: {compared}");
+        assert!(compared.out.contains("proved: main: home only after cell.ended"), "{compared}");
+    }
+    let run = recorder::read(&cluster.folder().join("runs/cell-1").join(recorder::FILE)).expect("the record is whole");
+    let planted = cluster.folder().join("planted");
+    rewritten(&run, &planted, |report| {
+        if let Report::Stepped { steps, .. } = report {
+            let is_lost = |command: &Command| matches!(command, Command::Activate { member: 1, .. });
+            steps.iter_mut().for_each(|step| step.commands.retain(|command| !is_lost(command)));
+        }
+    });
+    let compared = cluster.here().ask(&["conform", &planted.display().to_string(), &file]);
+    assert!(compared.code == Some(1) && compared.err.is_empty(), "{compared}");
+    assert!(compared.out.contains("did something else than the spec says"), "{compared}");
+    let other = cluster.file("other.dca", &ROUNDS.replace("pick ; place", "pick , place"));
+    let compared = cluster.here().ask(&["conform", &planted.display().to_string(), &other]);
+    assert!(compared.code == Some(1) && compared.err.contains("`main/cell` differs"), "{compared}");
+}
+
+/// What is not proved does not run.
+#[test]
+fn a_spec_that_is_not_proved_is_not_started() {
+    let cluster = Cluster::new();
+    let file = cluster.file("cell.dca", &ROUNDS.replace("home only after cell.ended", "home at most once"));
+    let refused = cluster.here().ask(&["run", "--require-verified", &file]);
+    assert!(refused.code == Some(1) && refused.err.contains("nothing was started"), "{refused}");
+    assert!(!cluster.folder().join("runs").exists());
+    let file = cluster.file("proved.dca", &ROUNDS.replace(" { restart transient; }", ";"));
+    let done = cluster.here().ask(&["run", "--require-verified", &file]);
+    assert!(done.code == Some(0), "{done}");
+}

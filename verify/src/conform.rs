@@ -1,0 +1,138 @@
+//! Compares what supervisors did in a recorded run with what was verified.
+//!
+//! A record says of each step of a supervisor what happened and what it did about it. The same program takes the same events
+//! here: what it did has to be the same. Then the steps are followed through the states that were verified, to say which of
+//! them the run has seen, and the sentences of the spec are looked for in them.
+
+mod coverage;
+mod deviation;
+
+use crate::catalogue;
+use crate::explore::Limits;
+use crate::finding::Finding;
+use crate::model::Model;
+use crate::property::monitor;
+use crate::system::{Frame, Label, System};
+pub use coverage::Coverage;
+use deviation::deviation;
+use language::algebra::{Activity, Event, StepRecord};
+use language::plan::Plan;
+use language::sites::Sites;
+
+/// What a run has shown.
+#[derive(Debug)]
+pub struct Conformance {
+    /// For each group whose supervisor did something else than the spec says, the first time that it did.
+    pub deviations: Vec<Finding>,
+    /// The sentences of the `verify` blocks: those that held in this run are proved, those that nobody can see in it are open.
+    pub sentences: Vec<Finding>,
+    /// For each group, which part of its verified behaviour the run has seen.
+    pub coverage: Vec<Coverage>,
+    /// How many steps were compared.
+    pub steps: usize,
+}
+
+/// The steps of one supervisor of a group, without a gap, from its first on.
+pub type Steps = Vec<StepRecord>;
+
+/// Compares a run with what was verified; `records` has, for each group of the plan, the steps of each supervisor that it has had.
+pub fn conform(plan: &Plan, sites: &Sites, records: &[Vec<Steps>], limits: &Limits<'_>) -> Conformance {
+    let mut model = Model::of_groups(plan, sites);
+    let numbered = || (0_u32..).zip(records).take(plan.groups.len());
+    let first = |group, lives: &[Steps]| lives.iter().find_map(|steps| deviation(&model, group, steps));
+    let deviations: Vec<Finding> = numbered().filter_map(|(group, lives)| first(group, lives)).collect();
+    catalogue::explore_parts(&mut model, limits);
+    let coverage = numbered().map(|(group, lives)| Coverage::of(&model, group, lives, limits)).collect();
+    let sentences = monitor::check(&model, records);
+    Conformance { deviations, sentences, coverage, steps: numbered().flat_map(|(_, lives)| lives).map(Vec::len).sum() }
+}
+
+/// Follows the steps of one supervisor through a system that holds its group alone.
+pub(crate) struct Follower<'s, 'a> {
+    system: &'s System<'a>,
+    labels: Vec<Label>,
+    /// Whether the system can be where the group is; else it waits for the next start.
+    is_known: bool,
+}
+
+impl<'s, 'a> Follower<'s, 'a> {
+    pub(crate) fn new(system: &'s System<'a>) -> Self {
+        Self { system, labels: Vec::new(), is_known: false }
+    }
+
+    /// Another supervisor follows, of which nothing is known.
+    pub(crate) fn begins_anew(&mut self) {
+        self.is_known = false;
+    }
+
+    /// Returns what a step is in the system, and makes `frame` idle if it is a start. An event that the system does not have is
+    /// an error; what changes nothing is none.
+    pub(crate) fn label(&mut self, frame: &mut Frame, step: &StepRecord) -> Result<Option<Label>, Outside> {
+        if matches!(step.event, Event::Start(_)) {
+            *frame = self.system.initial();
+            self.is_known = true;
+        }
+        if !self.is_known {
+            return Ok(None);
+        }
+        self.system.labels(frame, &mut self.labels);
+        let found = self.find(frame, &step.event);
+        let is_harmless = step.commands.is_empty() && step.outcome.is_none() && self.is_stale(frame, &step.event);
+        match found {
+            Some(label) => Ok(Some(label)),
+            None if is_harmless => Ok(None),
+            None => {
+                self.is_known = false;
+                Err(Outside)
+            }
+        }
+    }
+
+    fn find(&self, frame: &Frame, event: &Event) -> Option<Label> {
+        let is_stopping = |member: u32| frame.states[0].activity(member) == Activity::Stopping;
+        let of = |member: u32| move |other: u16| u32::from(other) == member;
+        let has = |wanted: &dyn Fn(Label) -> bool| self.labels.iter().copied().find(|label| wanted(*label));
+        match event {
+            Event::Start(_) => has(&|label| label == Label::Start),
+            Event::Stop => has(&|label| label == Label::Stop),
+            Event::Elapsed { timer, .. } => {
+                has(&|label| matches!(label, Label::Elapsed(_, other) if of(*timer)(other)))
+            }
+            // An end that crosses an order to stop is its answer.
+            Event::Done { member, .. } | Event::Aborted { member, .. } | Event::Stopped { member, .. }
+                if is_stopping(*member) =>
+            {
+                has(&|label| matches!(label, Label::Stopped(_, other) if of(*member)(other)))
+            }
+            Event::Done { member, value, .. } => {
+                let tagged = |number: u8| self.system.tag(number).is_some_and(|tag| value.tag() == Some(tag));
+                let is_done = |label: Label, is_meant: &dyn Fn(u8) -> bool| {
+                    let Label::Done(_, other, number) = label else { return false };
+                    of(*member)(other) && is_meant(number)
+                };
+                has(&|label| is_done(label, &tagged)).or_else(|| has(&|label| is_done(label, &|number| number == 0)))
+            }
+            Event::Aborted { member, .. } => {
+                has(&|label| matches!(label, Label::Aborted(_, other) if of(*member)(other)))
+            }
+            Event::Stopped { .. } | Event::StopUnconfirmed { .. } => None,
+        }
+    }
+
+    /// Whether an event is about something that is over.
+    fn is_stale(&self, frame: &Frame, event: &Event) -> bool {
+        match event {
+            Event::Start(_) => false,
+            Event::Stop => true,
+            Event::Done { member, .. }
+            | Event::Aborted { member, .. }
+            | Event::Stopped { member, .. }
+            | Event::StopUnconfirmed { member, .. } => frame.states[0].activity(*member) == Activity::Idle,
+            Event::Elapsed { timer, .. } => !frame.states[0].is_armed(self.system.program(0), *timer),
+        }
+    }
+}
+
+/// Something happened that a verification takes for impossible.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Outside;

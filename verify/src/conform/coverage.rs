@@ -1,0 +1,95 @@
+//! Which part of the verified behaviour of a group a run has seen.
+
+use super::{Follower, Steps};
+use crate::explore::{Found, Limits, Nobody, explore};
+use crate::model::Model;
+use crate::system::{Label, Mode, System};
+use std::collections::BTreeSet;
+
+/// Which part of the verified behaviour of one group a run has seen.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Coverage {
+    /// The path of the group.
+    pub group: String,
+    /// How many of its states the run was in, and how many there are.
+    pub states: (usize, usize),
+    /// The same of its transitions.
+    pub transitions: (usize, usize),
+    /// The same of the states that only a failure leads to.
+    pub fault_states: (usize, usize),
+    /// The members whose failure was never seen.
+    pub never_failed: Vec<String>,
+    /// How many events no verification counts on: a stop that nobody could confirm, a service that was done.
+    pub outside: usize,
+    /// Whether a limit was reached: there are more states and transitions than were counted.
+    pub is_limited: bool,
+}
+
+impl Coverage {
+    pub(super) fn of(model: &Model<'_>, group: u32, lives: &[Steps], limits: &Limits<'_>) -> Self {
+        let mut system = System::new(model, group as usize, &|_| false);
+        system.mode = Mode { aborts: true, stops: true, ..Mode::default() };
+        let (seen, outside) = follow(&system, lives);
+        let Found { graph: all, .. } = explore(&system, limits, true, &Nobody);
+        system.mode.aborts = false;
+        let Found { graph: calm, .. } = explore(&system, limits, false, &Nobody);
+        let without_faults: BTreeSet<&[u8]> = (0..calm.store.count()).map(|state| calm.store.get(state)).collect();
+        let (mut states, mut fault_states) = ((0, 0), (0, 0));
+        for bytes in (0..all.store.count()).map(|state| all.store.get(state)) {
+            let is_seen = usize::from(seen.states.contains(bytes));
+            states = (states.0 + is_seen, states.1 + 1);
+            if !without_faults.contains(bytes) {
+                fault_states = (fault_states.0 + is_seen, fault_states.1 + 1);
+            }
+        }
+        let members = model.plan.groups[group as usize].members.len();
+        let has_failed = |member: &u32| seen.failed.contains(member);
+        let never_failed = (0..u32::try_from(members).unwrap_or(0)).filter(|member| !has_failed(member));
+        Self {
+            group: model.group_name(group),
+            states,
+            transitions: (seen.transitions.len(), usize::try_from(all.transitions).unwrap_or(usize::MAX)),
+            fault_states,
+            never_failed: never_failed.map(|member| model.name(group, member)).collect(),
+            outside,
+            is_limited: all.reached.is_some() || calm.reached.is_some(),
+        }
+    }
+}
+
+/// What a run has seen: packed states, transitions, and the members that failed.
+#[derive(Default)]
+struct Seen {
+    states: BTreeSet<Vec<u8>>,
+    transitions: BTreeSet<(Vec<u8>, String)>,
+    failed: BTreeSet<u32>,
+}
+
+/// Follows a run; says what it has seen, and how often it left the system.
+fn follow(system: &System<'_>, lives: &[Steps]) -> (Seen, usize) {
+    let (mut seen, mut outside) = (Seen::default(), 0);
+    let (mut follower, mut stepper) = (Follower::new(system), system.stepper());
+    let (mut frame, mut bytes) = (system.initial(), Vec::new());
+    system.pack(&frame, &mut bytes);
+    seen.states.insert(bytes.clone());
+    for (place, step) in lives.iter().flat_map(|steps| steps.iter().enumerate()) {
+        if place == 0 {
+            follower.begins_anew();
+        }
+        match follower.label(&mut frame, step) {
+            Ok(None) => {}
+            Err(_) => outside += 1,
+            Ok(Some(label)) => {
+                system.pack(&frame, &mut bytes);
+                seen.transitions.insert((bytes.clone(), format!("{label:?}")));
+                if let Label::Aborted(_, member) = label {
+                    seen.failed.insert(u32::from(member));
+                }
+                stepper.apply(&mut frame, label, None);
+                system.pack(&frame, &mut bytes);
+                seen.states.insert(bytes.clone());
+            }
+        }
+    }
+    (seen, outside)
+}

@@ -1,0 +1,150 @@
+//! The first step of a supervisor that is not what its program says.
+
+use crate::finding::{Finding, diagnostic, help};
+use crate::model::{Model, walk};
+use crate::story::{Step, Story, seconds, timer_of};
+use language::algebra::{Command, Event, Outcome, Program, State, StepRecord, step};
+use language::plan::{Expression, Group};
+use language::{Code, Span};
+
+/// So many steps before the deviation are told.
+const TOLD_MAX: usize = 12;
+
+/// Returns the first deviation of a supervisor, told as a story.
+pub(super) fn deviation(model: &Model<'_>, group: u32, steps: &[StepRecord]) -> Option<Finding> {
+    let source = model.plan.groups.get(group as usize)?;
+    let teller = Teller { model, group, source };
+    let program = Program::compile(source);
+    let mut state = State::new(&program);
+    let mut are_values_known = true;
+    for (index, seen) in steps.iter().enumerate() {
+        let mut commands = Vec::new();
+        let outcome = step(&program, &mut state, seen.event.clone(), &mut commands);
+        let mut expected = StepRecord::new(seen.event.clone(), commands, outcome);
+        // What is made of a value that was cut off is not known either.
+        are_values_known &= !seen.is_cut;
+        let mut compared = seen.clone();
+        if !are_values_known {
+            (expected, compared) = (expected.without_values(), compared.without_values());
+        }
+        if (&expected.commands, &expected.outcome) != (&compared.commands, &compared.outcome) {
+            return Some(teller.finding(&steps[..=index], &expected));
+        }
+    }
+    None
+}
+
+struct Teller<'t, 'a> {
+    model: &'t Model<'a>,
+    group: u32,
+    source: &'t Group,
+}
+
+impl Teller<'_, '_> {
+    fn finding(&self, steps: &[StepRecord], expected: &StepRecord) -> Finding {
+        let (last, before) = steps.split_last().expect("a deviation is a step");
+        let (cause, name) = (self.cause(&last.event), self.model.group_name(self.group));
+        let message =
+            format!("in step {} the supervisor of `{name}` did something else than the spec says", steps.len());
+        let mut found = diagnostic(Code::E0819, self.place(last, expected), message);
+        found = help(found, format!("{cause}: expected: {}", sentence(&self.effects(expected))));
+        found = help(found, format!("{cause}: seen: {}", sentence(&self.effects(last))));
+        let begin = before.iter().rposition(|step| matches!(step.event, Event::Start(_))).unwrap_or(0);
+        let told = &steps[begin.max(steps.len().saturating_sub(TOLD_MAX))..];
+        let tell = |step: &StepRecord| {
+            let (cause, effects) = (self.cause(&step.event), self.effects(step));
+            Step { cause, effects, moves: Vec::new() }
+        };
+        let story = Story { steps: told.iter().map(tell).collect(), ..Story::default() };
+        Finding::fails(found, Some(story))
+    }
+
+    /// Where the spec says what the first command that differs is about.
+    fn place(&self, seen: &StepRecord, expected: &StepRecord) -> Span {
+        let sites = &self.model.sites.groups[self.group as usize];
+        let count = seen.commands.len().max(expected.commands.len());
+        let differing = (0..count).find(|&index| seen.commands.get(index) != expected.commands.get(index));
+        let command = differing.and_then(|index| expected.commands.get(index).or(seen.commands.get(index)));
+        let place = match command {
+            Some(Command::Activate { member, .. } | Command::Stop { member, .. }) => self.place_of(*member),
+            Some(Command::Connect { set } | Command::Disconnect { set }) => sites.sets.get(*set as usize).copied(),
+            Some(Command::Arm { .. } | Command::Cancel { .. }) | None => None,
+        };
+        place.or_else(|| sites.nodes.first().copied()).unwrap_or(sites.name)
+    }
+
+    fn place_of(&self, member: u32) -> Option<Span> {
+        let (mut number, mut found) = (0, None);
+        walk(&self.source.expression, &mut |expression| {
+            if matches!(expression, Expression::Run { member: other, .. } if *other == member) {
+                found = found.or(Some(number));
+            }
+            number += 1;
+        });
+        self.model.sites.groups[self.group as usize].nodes.get(found?).copied()
+    }
+
+    fn name(&self, member: u32) -> String {
+        match self.source.members.get(member as usize) {
+            Some(_) => format!("`{}`", self.model.name(self.group, member)),
+            None => format!("a member that is not there ({member})"),
+        }
+    }
+
+    fn cause(&self, event: &Event) -> String {
+        let group = self.model.group_name(self.group);
+        match event {
+            Event::Start(_) => format!("`{group}` starts"),
+            Event::Stop => format!("`{group}` is asked to stop"),
+            Event::Done { member, value, .. } => match value.tag().filter(|_| self.has_outcomes(*member)) {
+                Some(tag) => format!("{} is done: {tag}", self.name(*member)),
+                None => format!("{} is done", self.name(*member)),
+            },
+            Event::Aborted { member, .. } => format!("{} fails", self.name(*member)),
+            Event::Stopped { member, .. } => format!("{} has stopped", self.name(*member)),
+            Event::StopUnconfirmed { member, .. } => {
+                format!("nobody can confirm that {} has stopped", self.name(*member))
+            }
+            Event::Elapsed { timer, .. } => {
+                let time = timer_of(&self.source.expression, *timer as usize);
+                format!("{} have passed", time.map_or_else(|| "some seconds".to_owned(), seconds))
+            }
+        }
+    }
+
+    /// Whether the bytes of a member's value begin with a tag.
+    fn has_outcomes(&self, member: u32) -> bool {
+        let leaf = match self.source.members.get(member as usize).map(|member| member.kind) {
+            Some(language::plan::MemberKind::Leaf(leaf)) => self.model.plan.leaves.get(leaf as usize),
+            Some(language::plan::MemberKind::Group(_)) | None => None,
+        };
+        leaf.is_some_and(|leaf| !leaf.outcomes.is_empty())
+    }
+
+    fn effects(&self, step: &StepRecord) -> Vec<String> {
+        let command = |command: &Command| match command {
+            Command::Connect { set } => format!("opens {}", self.set(*set)),
+            Command::Disconnect { set } => format!("closes {}", self.set(*set)),
+            Command::Activate { member, .. } => format!("starts {}", self.name(*member)),
+            Command::Stop { member, .. } => format!("stops {}", self.name(*member)),
+            Command::Arm { after, .. } => format!("waits for {}", seconds(*after)),
+            Command::Cancel { .. } => "waits no longer".to_owned(),
+        };
+        let group = self.model.group_name(self.group);
+        let outcome = step.outcome.as_ref().map(|outcome| match outcome {
+            Outcome::Done(_) => format!("`{group}` is done"),
+            Outcome::Aborted(_) => format!("`{group}` fails"),
+            Outcome::Stopped => format!("`{group}` has stopped"),
+        });
+        step.commands.iter().map(command).chain(outcome).collect()
+    }
+
+    fn set(&self, set: u32) -> String {
+        let label = self.source.sets.get(set as usize).and_then(|set| set.label.as_deref());
+        label.map_or_else(|| "connections without a label".to_owned(), |label| format!("the connections `{label}`"))
+    }
+}
+
+fn sentence(effects: &[String]) -> String {
+    if effects.is_empty() { "nothing follows".to_owned() } else { effects.join("; ") }
+}

@@ -1,0 +1,96 @@
+//! Sentences looked for in a recorded run, instead of in every order of events.
+//!
+//! The order of the events of one supervisor is known, that of two is not. So a sentence is seen if it names members of its own
+//! group, and says what never happens.
+
+use super::watch::{Goal, Watch};
+use crate::conform::{Follower, Steps};
+use crate::explore::Observer;
+use crate::finding::{Finding, diagnostic};
+use crate::model::Model;
+use crate::story::tell;
+use crate::system::{Label, Mode, System};
+use language::Code;
+use language::algebra::Event;
+use language::sites::{Consequence, ProcessRef, Property, Sentence};
+
+/// So many steps of a story are told: the last.
+const TOLD_MAX: usize = 12;
+
+/// Says of each sentence whether it held; `records` has the steps of each group.
+pub(crate) fn check(model: &Model<'_>, records: &[Vec<Steps>]) -> Vec<Finding> {
+    let is_said = |property: &&Property| !matches!(property.sentence, Sentence::Assume(..));
+    model.sites.properties.iter().filter(is_said).map(|property| monitor(model, property, records)).collect()
+}
+
+fn monitor(model: &Model<'_>, property: &Property, records: &[Vec<Steps>]) -> Finding {
+    let said = format!("{}: {}", model.group_name(property.group), property.text);
+    let Some((goal, whom)) = goal(&property.sentence) else {
+        return Finding::open(format!("{said}: it says what may or must come, which a single run cannot show"));
+    };
+    if whom.iter().any(|who| who.group != property.group) {
+        return Finding::open(format!("{said}: it names what several supervisors see"));
+    }
+    let mut system = System::new(model, property.group as usize, &|_| false);
+    system.mode = Mode { aborts: true, stops: true, ..Mode::default() };
+    system.notes = 1;
+    let watch = Watch::new(&system, &goal);
+    let (mut follower, mut stepper) = (Follower::new(&system), system.stepper());
+    let (mut frame, mut changes, mut way) = (system.initial(), Vec::new(), Vec::<Label>::new());
+    let mut is_lost = false;
+    let lives = records.get(property.group as usize).into_iter().flatten();
+    for (place, step) in lives.flat_map(|steps| steps.iter().enumerate()) {
+        if place == 0 {
+            follower.begins_anew();
+        }
+        if matches!(step.event, Event::Start(_)) {
+            way.clear();
+        }
+        match follower.label(&mut frame, step) {
+            Ok(None) => {}
+            Err(_) => is_lost = true,
+            Ok(Some(label)) => {
+                stepper.apply(&mut frame, label, Some(&mut changes));
+                way.push(label);
+                if !watch.sees(&system, false, &changes, &mut frame) {
+                    let message = format!(
+                        "did not hold in this run of `{}`: {}",
+                        model.group_name(property.group),
+                        property.text
+                    );
+                    let mut story = tell(&system, &way);
+                    story.steps.drain(..story.steps.len().saturating_sub(TOLD_MAX));
+                    return Finding::fails(diagnostic(Code::E0817, property.span, message), Some(story));
+                }
+            }
+        }
+    }
+    match is_lost {
+        true => Finding::open(format!("{said}: something happened that no verification counts on")),
+        false => Finding::proved(said),
+    }
+}
+
+/// What must never be seen, and whom it names; none for a sentence that one run cannot break.
+fn goal(sentence: &Sentence) -> Option<(Goal, Vec<ProcessRef>)> {
+    Some(match sentence {
+        Sentence::NeverTogether(all) => (Goal::Together(all.clone()), all.clone()),
+        Sentence::Implies(a, b) => (Goal::Without(*a, *b), vec![*a, *b]),
+        Sentence::OnlyAfter(who, event) => (Goal::Before(*who, event.clone()), vec![*who, event.who]),
+        Sentence::AtMost(who, times) => (Goal::Often(*who, *times), vec![*who]),
+        Sentence::After(event, Consequence::Stopped(who, _)) => {
+            (Goal::StillRuns(Some(event.clone()), *who), vec![event.who, *who])
+        }
+        Sentence::After(event, Consequence::Never(other)) => {
+            (Goal::Then(Some(event.clone()), other.clone()), vec![event.who, other.who])
+        }
+        Sentence::After(_, Consequence::Eventually(_))
+        | Sentence::On(..)
+        | Sentence::Eventually(_)
+        | Sentence::CanFinish
+        | Sentence::FinishesWithin(_)
+        | Sentence::StopsWithin(_)
+        | Sentence::Holds(_)
+        | Sentence::Assume(..) => return None,
+    })
+}
