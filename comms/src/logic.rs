@@ -5,6 +5,7 @@ pub mod control;
 pub mod frame;
 pub mod human;
 pub mod key;
+pub mod messaging;
 pub mod nearby;
 pub mod pace;
 pub mod port;

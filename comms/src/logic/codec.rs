@@ -49,6 +49,18 @@ pub enum Kind {
     Introduction = 10,
     /// [`Revocations`](crate::logic::tunnel::Revocations): whom an end of a tunnel has heard of as revoked.
     Revocations = 11,
+    /// [`QueueRequest`](crate::logic::messaging::wire::QueueRequest): a message for a queue.
+    QueueRequest = 20,
+    /// [`QueueAnswer`](crate::logic::messaging::wire::QueueAnswer): what became of it.
+    QueueAnswer = 21,
+    /// [`RouterRequest`](crate::logic::messaging::wire::RouterRequest): a queue subscribes.
+    RouterRequest = 22,
+    /// [`RouterAnswer`](crate::logic::messaging::wire::RouterAnswer): the answer to it.
+    RouterAnswer = 23,
+    /// [`LockRequest`](crate::logic::messaging::wire::LockRequest): a client wants a lock.
+    LockRequest = 24,
+    /// [`LockAnswer`](crate::logic::messaging::wire::LockAnswer): the answer to it.
+    LockAnswer = 25,
     /// A frame of the ordered link between two nodes.
     Frame = 100,
     /// A request to a node.

@@ -5,8 +5,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 
 /// The chapters of the glossary, each with the room whose code has its words.
-const GLOSSARY: [(&str, &str); 4] =
-    [("## The language", "language"), ("## The database", "dbmanager"), ("## The node", "node"), ("## Trust", "trust")];
+const GLOSSARY: [(&str, &str); 5] = [
+    ("## The language", "language"),
+    ("## The database", "dbmanager"),
+    ("## Messages", "comms"),
+    ("## The node", "node"),
+    ("## Trust", "trust"),
+];
 
 /// Returns the cells of the table below a heading of the glossary, row by row.
 fn glossary(heading: &str) -> Vec<Vec<String>> {

@@ -1,0 +1,118 @@
+//! The gate in front of a resource: it lets through who holds the lock now, and nobody who held it before.
+//!
+//! A client that was suspended, or cut off, does not know that its lease is over. So the resource does not believe a client; it
+//! compares numbers. Each grant of a lock has a fencing number that is greater than all before it, and every command to the
+//! resource carries the number under which it was given. Invariant: the floor of a gate never sinks, so what was refused once is
+//! refused for ever. Source: Gray and Cheriton, "Leases", SOSP 1989; Kleppmann, "Designing Data-Intensive Applications", chapter 8.
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// Compares fencing numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Gate {
+    /// The least number that is let through.
+    floor: u64,
+    /// The greatest number that was granted; none if this gate does not hear of grants.
+    granted: Option<u64>,
+}
+
+/// Why a command does not reach a resource.
+#[derive(Clone, Copy, Debug, Error, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Refusal {
+    /// It carries no fencing number.
+    #[error("it was sent without the lock")]
+    NoLock,
+    /// It carries the number of a grant that is over.
+    #[error("it was sent under grant {number} of the lock, which is over: only {floor} and later ones may act")]
+    Over {
+        /// The number that it carries.
+        number: u64,
+        /// The least number that is let through.
+        floor: u64,
+    },
+    /// It carries a number that was never granted.
+    #[error("grant {number} of the lock was never made")]
+    Unknown {
+        /// The number that it carries.
+        number: u64,
+    },
+}
+
+impl Gate {
+    /// Returns a gate at a resource that does not hear of grants: it learns the numbers from the commands that come through.
+    pub const fn learning() -> Self {
+        Self { floor: 0, granted: None }
+    }
+
+    /// Returns a gate beside its lock, closed until the first grant. No number from `first` on was granted yet.
+    pub const fn closed(first: u64) -> Self {
+        Self { floor: first, granted: Some(first.saturating_sub(1)) }
+    }
+
+    /// Lets a command through, or refuses it.
+    ///
+    /// # Errors
+    /// Says what is wrong with its number.
+    pub fn admit(&mut self, number: Option<u64>) -> Result<(), Refusal> {
+        let number = number.ok_or(Refusal::NoLock)?;
+        if number < self.floor {
+            return Err(Refusal::Over { number, floor: self.floor });
+        }
+        if self.granted.is_some_and(|granted| number > granted) {
+            return Err(Refusal::Unknown { number });
+        }
+        self.floor = number;
+        Ok(())
+    }
+
+    /// Notes a grant: every number before it is refused from now on.
+    pub fn open(&mut self, number: u64) {
+        self.floor = self.floor.max(number);
+        self.granted = self.granted.map(|granted| granted.max(number));
+    }
+
+    /// Notes that a grant is over: its number is refused from now on, too.
+    pub fn close(&mut self, number: u64) {
+        self.floor = self.floor.max(number.saturating_add(1));
+    }
+
+    /// Returns the least number that is let through.
+    pub const fn floor(&self) -> u64 {
+        self.floor
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn a_gate_beside_its_lock_knows_who_holds_it() {
+        let mut gate = Gate::closed(7);
+        assert_eq!(gate.admit(None), Err(Refusal::NoLock));
+        assert_eq!(gate.admit(Some(6)), Err(Refusal::Over { number: 6, floor: 7 }));
+        assert_eq!(gate.admit(Some(7)), Err(Refusal::Unknown { number: 7 }));
+        gate.open(7);
+        assert_eq!((gate.admit(Some(7)), gate.admit(Some(7))), (Ok(()), Ok(())));
+        gate.close(7);
+        assert_eq!(gate.admit(Some(7)), Err(Refusal::Over { number: 7, floor: 8 }));
+        assert_eq!(gate.admit(Some(8)), Err(Refusal::Unknown { number: 8 }));
+    }
+
+    proptest! {
+        /// Against a list of all numbers that came through.
+        #[test]
+        fn no_number_comes_through_after_a_greater_one(numbers in prop::collection::vec(0_u64..20, 0..60)) {
+            let (mut gate, mut through) = (Gate::learning(), Vec::<u64>::new());
+            for number in numbers {
+                let expected = through.iter().all(|&earlier| earlier <= number);
+                prop_assert_eq!(gate.admit(Some(number)).is_ok(), expected);
+                if expected {
+                    through.push(number);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,361 @@
+//! A resource lock: one client at a time, by priority, for the time of a lease.
+//!
+//! The server measures the lease on its own clock, from the grant or the last renewal that reached it. A holder that dies or is cut
+//! off stops renewing, so its lease runs out, and the next one gets the lock with a greater fencing number. From then on the
+//! [`Gate`] refuses the old number, whatever its holder believes. Of two hosts that cannot reach each other, the one without the
+//! server gets no lock: a partition costs availability, never exclusion.
+//!
+//! Invariants: no fencing number is granted twice, also by a server that was started again, because a number is on the disk before
+//! it is granted ([`LockEffect::Persist`]). A server that was started again grants nothing for the time of one lease, since it does
+//! not know who held the lock.
+
+use super::gate::{Gate, Refusal};
+use super::header::count;
+use super::wire::{Denied, LockAnswer, LockRequest, LockStatus};
+use crate::logic::time::Time;
+use std::cmp::Reverse;
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// How many numbers are reserved on the disk at once.
+const RESERVED: u64 = 64;
+/// The client that only looks; no other has this number.
+pub const NOBODY: u64 = 0;
+/// Of how many clients it is remembered which of their requests are over.
+const CLIENTS_MAX: usize = 1024;
+
+/// The declaration of a lock.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LockSettings {
+    /// How long a grant lasts without a renewal.
+    pub lease: Duration,
+    /// How long a holder may go on when somebody with a greater priority wants the lock; none if it may keep it.
+    pub preempt_after: Option<Duration>,
+    /// How many clients wait at most.
+    pub waiting_max: usize,
+}
+
+/// What a lock is told.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum LockInput {
+    /// A client asks.
+    Request(LockRequest),
+    /// The numbers before this one may be granted: that is on the disk.
+    Persisted(u64),
+    /// A time has come.
+    Tick,
+}
+
+/// What a lock wants done.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum LockEffect {
+    /// Write this number to the disk, then say [`LockInput::Persisted`]: no number from it on was granted.
+    Persist(u64),
+    /// Answer a client. It may have asked long ago.
+    Answer {
+        /// Which client.
+        client: u64,
+        /// The answer.
+        answer: LockAnswer,
+    },
+}
+
+/// The lock of one resource.
+#[derive(Clone, Debug)]
+pub struct ResourceLock {
+    settings: LockSettings,
+    gate: Gate,
+    /// The next fencing number.
+    next: u64,
+    /// The first number that may not be granted yet.
+    reserved: u64,
+    /// Whether a reservation is on its way to the disk.
+    is_persisting: bool,
+    /// Before this time nothing is granted.
+    quarantine: Time,
+    holder: Option<Holder>,
+    /// By priority and arrival.
+    waiting: BTreeMap<(Reverse<u8>, u64), Waiter>,
+    arrival: u64,
+    /// The last request of each client that is over, and when it ended.
+    ended: BTreeMap<u64, (u64, Denied, Time)>,
+    grants: u64,
+    expired: u64,
+    preempted: u64,
+    #[cfg(test)]
+    pub(super) fault: Option<Fault>,
+}
+
+/// A bug, made on purpose, that the schedules of the tests must find. No program has one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Fault {
+    /// A lease that is over leaves the gate open.
+    StaysOpen,
+    /// A number is granted before it is on the disk.
+    GrantsUnwritten,
+    /// A renewal by a former holder counts.
+    RenewsAnybody,
+    /// The holder that is preempted keeps its number.
+    PreemptsOnPaper,
+}
+
+#[derive(Clone, Debug)]
+struct Holder {
+    client: u64,
+    name: String,
+    request: u64,
+    priority: u8,
+    fence: u64,
+    until: Time,
+    /// Whether somebody with a greater priority waits for it to let go.
+    is_wanted: bool,
+}
+
+#[derive(Clone, Debug)]
+struct Waiter {
+    client: u64,
+    name: String,
+    request: u64,
+    heard: Time,
+}
+
+impl ResourceLock {
+    /// Returns a lock whose server starts now. No number from `first` on was ever granted; 1 for a lock that is new.
+    pub fn new(settings: LockSettings, first: u64, now: Time) -> Self {
+        let first = first.max(1);
+        Self {
+            settings,
+            gate: Gate::closed(first),
+            next: first,
+            reserved: first,
+            is_persisting: false,
+            quarantine: if first > 1 { now + settings.lease } else { now },
+            holder: None,
+            waiting: BTreeMap::new(),
+            arrival: 0,
+            ended: BTreeMap::new(),
+            grants: 0,
+            expired: 0,
+            preempted: 0,
+            #[cfg(test)]
+            fault: None,
+        }
+    }
+
+    /// Takes an input.
+    pub fn handle(&mut self, now: Time, input: LockInput, effects: &mut Vec<LockEffect>) {
+        self.expire(now);
+        match input {
+            LockInput::Request(LockRequest::Acquire { client, name, request, priority }) => {
+                self.acquire(now, Waiter { client, name, request, heard: now }, priority, effects);
+            }
+            LockInput::Request(LockRequest::Renew { client, request }) => self.renew(now, client, request, effects),
+            LockInput::Request(LockRequest::Release { client, request }) => {
+                self.release(now, client, request);
+                effects.push(LockEffect::Answer { client, answer: LockAnswer::Released { request } });
+            }
+            LockInput::Persisted(number) => {
+                self.is_persisting = false;
+                self.reserved = self.reserved.max(number);
+            }
+            LockInput::Request(LockRequest::Look) => {
+                effects.push(LockEffect::Answer { client: NOBODY, answer: LockAnswer::Status(self.status(now)) });
+            }
+            LockInput::Tick => {}
+        }
+        self.grant(now, effects);
+    }
+
+    /// Returns when something happens by itself.
+    pub fn deadline(&self) -> Option<Time> {
+        let grant =
+            (self.holder.is_none() && !self.waiting.is_empty() && !self.is_persisting).then_some(self.quarantine);
+        let expiry = self.holder.as_ref().map(|holder| holder.until);
+        let forgotten = self.waiting.values().map(|waiter| waiter.heard + self.settings.lease).min();
+        [grant, expiry, forgotten].into_iter().flatten().min()
+    }
+
+    /// Lets a command through to the resource, or refuses it: only the holder's number is let through, and only before its
+    /// lease is over.
+    ///
+    /// # Errors
+    /// Says what is wrong with its number.
+    pub fn admit(&mut self, now: Time, number: Option<u64>) -> Result<(), Refusal> {
+        self.expire(now);
+        self.gate.admit(number)
+    }
+
+    /// Returns the fencing number of the holder.
+    pub fn held(&mut self, now: Time) -> Option<u64> {
+        self.expire(now);
+        self.holder.as_ref().map(|holder| holder.fence)
+    }
+
+    /// Returns what people see of it.
+    pub fn status(&self, now: Time) -> LockStatus {
+        let holder = self.holder.as_ref();
+        LockStatus {
+            holder: holder.map(|holder| holder.name.clone()),
+            fence: holder.map(|holder| holder.fence),
+            left: holder.map(|holder| holder.until.since(now)),
+            lease: self.settings.lease,
+            waiting: self.waiting.values().map(|waiter| waiter.name.clone()).collect(),
+            grants: self.grants,
+            expired: self.expired,
+            preempted: self.preempted,
+        }
+    }
+
+    fn acquire(&mut self, now: Time, waiter: Waiter, priority: u8, effects: &mut Vec<LockEffect>) {
+        let (client, request) = (waiter.client, waiter.request);
+        let mut deny = |why| {
+            effects.push(LockEffect::Answer { client, answer: LockAnswer::Denied { request, why } });
+        };
+        if let Some(holder) = &self.holder
+            && (holder.client, holder.request) == (client, request)
+        {
+            let answer = self.granted(now, request);
+            return effects.extend(answer.map(|answer| LockEffect::Answer { client, answer }));
+        }
+        if let Some((ended, why, _)) = self.ended.get(&client)
+            && request <= *ended
+        {
+            return deny(*why);
+        }
+        // A newer request of a client takes the place of its older one.
+        self.release(now, client, request.saturating_sub(1));
+        let place = self.waiting.iter().find(|(_, other)| other.client == client).map(|(&place, _)| place);
+        match place {
+            Some(place) if place.0.0 == priority => {
+                self.waiting.insert(place, waiter);
+            }
+            Some(place) => {
+                self.waiting.remove(&place);
+                self.waiting.insert((Reverse(priority), place.1), waiter);
+            }
+            None if self.waiting.len() >= self.settings.waiting_max => return deny(Denied::TooManyWait),
+            None => {
+                self.arrival += 1;
+                self.waiting.insert((Reverse(priority), self.arrival), waiter);
+            }
+        }
+        self.preempt(now, priority);
+        self.grant(now, effects);
+        let ahead = self.waiting.values().position(|other| other.client == client);
+        if let Some(ahead) = ahead {
+            let holder = self.holder.as_ref().map_or(String::new(), |holder| holder.name.clone());
+            let answer = LockAnswer::Waiting { request, ahead: count(ahead), holder, lease: self.settings.lease };
+            effects.push(LockEffect::Answer { client, answer });
+        }
+    }
+
+    fn preempt(&mut self, now: Time, priority: u8) {
+        if let (Some(holder), Some(grace)) = (&mut self.holder, self.settings.preempt_after)
+            && priority > holder.priority
+            && !holder.is_wanted
+        {
+            holder.is_wanted = true;
+            holder.until = holder.until.min(now + grace);
+        }
+        self.expire(now);
+    }
+
+    fn renew(&mut self, now: Time, client: u64, request: u64, effects: &mut Vec<LockEffect>) {
+        let is_held = self.holder.as_ref().is_some_and(|holder| (holder.client, holder.request) == (client, request));
+        let renews_anybody = self.has(Fault::RenewsAnybody);
+        if let Some(holder) = self.holder.as_mut().filter(|_| is_held || renews_anybody) {
+            if !holder.is_wanted {
+                holder.until = now + self.settings.lease;
+            }
+            let answer = self.granted(now, request);
+            return effects.extend(answer.map(|answer| LockEffect::Answer { client, answer }));
+        }
+        let ended = self.ended.get(&client).filter(|(ended, ..)| request <= *ended);
+        let why = ended.map_or(Denied::NotHeld, |(_, why, _)| *why);
+        effects.push(LockEffect::Answer { client, answer: LockAnswer::Denied { request, why } });
+    }
+
+    /// Ends the requests of a client up to this one, whether they wait or hold.
+    fn release(&mut self, now: Time, client: u64, request: u64) {
+        self.waiting.retain(|_, waiter| waiter.client != client || waiter.request > request);
+        if self.holder.as_ref().is_some_and(|holder| holder.client == client && holder.request <= request) {
+            self.end_hold(now, Denied::Released);
+        }
+        if request > 0 {
+            self.remember(now, client, request, Denied::Released);
+        }
+    }
+
+    fn expire(&mut self, now: Time) {
+        let lease = self.settings.lease;
+        self.waiting.retain(|_, waiter| now < waiter.heard + lease);
+        let Some(holder) = self.holder.as_ref().filter(|holder| holder.until <= now) else { return };
+        let why = if holder.is_wanted { Denied::Preempted } else { Denied::Expired };
+        *(if holder.is_wanted { &mut self.preempted } else { &mut self.expired }) += 1;
+        self.end_hold(now, why);
+    }
+
+    fn end_hold(&mut self, now: Time, why: Denied) {
+        let Some(holder) = self.holder.take() else { return };
+        let fault = if why == Denied::Preempted { Fault::PreemptsOnPaper } else { Fault::StaysOpen };
+        if !self.has(fault) {
+            self.gate.close(holder.fence);
+        }
+        self.remember(now, holder.client, holder.request, why);
+    }
+
+    fn remember(&mut self, now: Time, client: u64, request: u64, why: Denied) {
+        if self.ended.get(&client).is_some_and(|(ended, ..)| *ended >= request) {
+            return;
+        }
+        if self.ended.len() >= CLIENTS_MAX && !self.ended.contains_key(&client) {
+            let oldest = self.ended.iter().min_by_key(|(_, (_, _, at))| *at).map(|(&client, _)| client);
+            oldest.and_then(|oldest| self.ended.remove(&oldest));
+        }
+        self.ended.insert(client, (request, why, now));
+    }
+
+    /// Gives a free lock to the first one that waits.
+    fn grant(&mut self, now: Time, effects: &mut Vec<LockEffect>) {
+        if self.holder.is_some() || self.waiting.is_empty() || now < self.quarantine {
+            return;
+        }
+        if self.next >= self.reserved && !self.is_persisting {
+            self.is_persisting = true;
+            effects.push(LockEffect::Persist(self.next.saturating_add(RESERVED)));
+        }
+        if self.next >= self.reserved && !self.has(Fault::GrantsUnwritten) {
+            return;
+        }
+        let Some(((Reverse(priority), _), waiter)) = self.waiting.pop_first() else { return };
+        let Waiter { client, name, request, .. } = waiter;
+        let (fence, until) = (self.next, now + self.settings.lease);
+        self.next += 1;
+        self.grants += 1;
+        self.gate.open(fence);
+        self.holder = Some(Holder { client, name, request, priority, fence, until, is_wanted: false });
+        effects.extend(self.granted(now, request).map(|answer| LockEffect::Answer { client, answer }));
+    }
+
+    #[cfg_attr(not(test), expect(clippy::unused_self, reason = "only a lock in a test can have a fault"))]
+    fn has(&self, fault: Fault) -> bool {
+        #[cfg(test)]
+        let planted = self.fault;
+        #[cfg(not(test))]
+        let planted = None;
+        planted == Some(fault)
+    }
+
+    fn granted(&self, now: Time, request: u64) -> Option<LockAnswer> {
+        self.holder.as_ref().map(|holder| LockAnswer::Granted {
+            request,
+            fence: holder.fence,
+            lease: self.settings.lease,
+            left: holder.until.since(now),
+            is_wanted: holder.is_wanted,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests;
