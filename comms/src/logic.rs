@@ -1,5 +1,6 @@
 //! Messages, keys, frames and queue policies, without I/O.
 
+pub mod bytes;
 pub mod codec;
 pub mod control;
 pub mod frame;
@@ -7,6 +8,7 @@ pub mod human;
 pub mod key;
 pub mod messaging;
 pub mod nearby;
+pub mod object;
 pub mod pace;
 pub mod port;
 pub mod random;

@@ -215,7 +215,7 @@ fn only_in(rule: &str, places: &[&str], words: &[&str]) {
 
 #[test]
 fn one_place_opens_zenoh() {
-    only_in("only the sessions of comms name zenoh", &["comms/src/io/session", "comms/src/io/data.rs"], &["zenoh::"]);
+    only_in("only the sessions of comms name zenoh", &["comms/src/io/session", "comms/src/io/data"], &["zenoh::"]);
     only_in("only one place opens a session of zenoh", &["comms/src/io/session"], &["zenoh::open"]);
 }
 

@@ -4,6 +4,10 @@
 //! a link that is lost is dialled again until the session closes. Nothing here needs tokio, and nothing may be called from
 //! a tokio task.
 
+mod object;
+
+pub use object::{AnswerWay, IncomingCall, ObjectEvent, ObjectServer, PendingCall};
+
 use crate::io::clock::now;
 use crate::io::session::{
     Identity, OpenError, Opened, Reach, Redial, Search, Settings, TunnelOptions, dialled, locator, unix_locator,

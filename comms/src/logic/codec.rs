@@ -61,6 +61,16 @@ pub enum Kind {
     LockRequest = 24,
     /// [`LockAnswer`](crate::logic::messaging::wire::LockAnswer): the answer to it.
     LockAnswer = 25,
+    /// [`ObjectCall`](crate::logic::object::ObjectCall): a call of a procedure, or the request to read a state.
+    ObjectCall = 12,
+    /// [`ObjectAnswer`](crate::logic::object::ObjectAnswer): the answer to it.
+    ObjectAnswer = 13,
+    /// [`ObjectCancel`](crate::logic::object::ObjectCancel): a caller waits no more.
+    ObjectCancel = 14,
+    /// [`Exports`](crate::logic::object::Exports): what a program exports.
+    Exports = 15,
+    /// [`TypeForm`](crate::logic::object::TypeForm): what the consumer of a wire takes.
+    TypeForm = 16,
     /// A frame of the ordered link between two nodes.
     Frame = 100,
     /// A request to a node.
@@ -246,7 +256,7 @@ fn check_size<T: Enveloped>(size: usize) -> Result<(), CodecError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::logic::control::{Device, Dial, Incoming, Location, Outgoing, Shape, VERSION};
+    use crate::logic::control::{CallRoute, Device, Dial, Incoming, Location, Outgoing, Shape, VERSION};
     use crate::logic::signals::{Peak, Signal};
     use crate::logic::tap::OutputType;
     use crate::logic::time::Time;
@@ -269,20 +279,23 @@ mod tests {
         let devices = vec![Device { device: "arm".into(), owner: dial() }];
         check(
             &Order::Connect { robot: "r".into(), incoming: vec![incoming], outgoing: vec![outgoing], devices },
-            "444304000100000172010102496e016b02613101016c0001ac02034f7574016a01010361726d02613101016c",
+            "444305000100000172010102496e016b02613101016c0001ac02034f7574016a01010361726d02613101016c",
         );
-        check(&Order::Open { wires: vec![1, 2], generation: 3 }, "4443040001000102010203");
-        check(&Order::Close { wires: vec![], generation: 1 }, "444304000100020001");
-        check(&Order::Activate { activation: 9, value: vec![1] }, "44430400010003090101");
-        check(&Order::Stop { activation: 9 }, "4443040001000409");
-        check(&Order::Exit, "44430400010005");
+        check(&Order::Open { wires: vec![1, 2], generation: 3 }, "4443050001000102010203");
+        check(&Order::Close { wires: vec![], generation: 1 }, "444305000100020001");
+        check(&Order::Activate { activation: 9, value: vec![1] }, "44430500010003090101");
+        check(&Order::Stop { activation: 9 }, "4443050001000409");
+        check(&Order::Exit, "44430500010005");
         let parameters = vec![("a".to_owned(), "1".to_owned())];
-        check(&Order::Configure { parameters }, "444304000100060101610131");
+        check(&Order::Configure { parameters }, "444305000100060101610131");
         let shape = Shape { wire: 1, latch: true, queue: Some(5), period_min: Some(Duration::from_millis(100)) };
-        check(&Order::Shape { wires: vec![shape] }, "444304000100070101010105010080c2d72f");
-        check(&Order::Rejoin, "44430400010008");
-        check(&Order::Relink { lost: "b".into(), found: dial() }, "44430400010009016202613101016c");
-        check(&Order::Resumed { notices: 300 }, "4443040001000aac02");
+        check(&Order::Shape { wires: vec![shape] }, "444305000100070101010105010080c2d72f");
+        check(&Order::Rejoin, "44430500010008");
+        check(&Order::Relink { lost: "b".into(), found: dial() }, "44430500010009016202613101016c");
+        check(&Order::Resumed { notices: 300 }, "4443050001000aac02");
+        let (call, path, name) = ("Grip".into(), "m".into(), "G".into());
+        let calls = vec![CallRoute { wire: 300, call, server: dial(), path, name }];
+        check(&Order::Calls { calls }, "4443050001000b01ac02044772697002613101016c016d0147");
     }
 
     #[test]
@@ -296,16 +309,16 @@ mod tests {
             needs: vec!["ft".into()],
             signals: true,
         };
-        check(&hello, "4443040002000004016d01016101017500000102667401");
-        check(&Notice::Connected, "44430400020001");
-        check(&Notice::ConnectFailed { reason: "x".into() }, "444304000200020178");
-        check(&Notice::Switched { generation: 7 }, "4443040002000307");
-        check(&Notice::Running { activation: 1 }, "4443040002000401");
-        check(&Notice::Done { activation: 1, value: vec![] }, "444304000200050100");
-        check(&Notice::Aborted { activation: 1, reason: "x".into() }, "44430400020006010178");
-        check(&Notice::Stopped { activation: 1 }, "4443040002000701");
+        check(&hello, "4443050002000005016d01016101017500000102667401");
+        check(&Notice::Connected, "44430500020001");
+        check(&Notice::ConnectFailed { reason: "x".into() }, "444305000200020178");
+        check(&Notice::Switched { generation: 7 }, "4443050002000307");
+        check(&Notice::Running { activation: 1 }, "4443050002000401");
+        check(&Notice::Done { activation: 1, value: vec![] }, "444305000200050100");
+        check(&Notice::Aborted { activation: 1, reason: "x".into() }, "44430500020006010178");
+        check(&Notice::Stopped { activation: 1 }, "4443050002000701");
         let resume = Notice::Resume { version: VERSION, instance: "m".into(), orders: 300 };
-        check(&resume, "4443040002000804016dac02");
+        check(&resume, "4443050002000805016dac02");
         assert!(hello.is_counted() && !resume.is_counted());
         assert!(Order::Exit.is_counted() && !Order::Resumed { notices: 0 }.is_counted());
         assert!(!Order::Configure { parameters: vec![] }.is_counted());
@@ -343,7 +356,7 @@ mod tests {
         order.push(0);
         assert!(refused(&order).starts_with("a message of kind 1 is malformed"));
         order[2] = 9;
-        assert_eq!(refused(&order), "a message of version 9 of kind 1; this program speaks version 4");
+        assert_eq!(refused(&order), "a message of version 9 of kind 1; this program speaks version 5");
         let long = vec![0; Order::SIZE_MAX + 1];
         assert!(matches!(decode::<Order>(&long), Err(CodecError::TooLong { .. })));
         assert!(encode(&Order::Activate { activation: 0, value: long }).is_err());

@@ -17,7 +17,7 @@ use std::time::Duration;
 
 /// Version of this protocol: one more with every order, notice or field that is appended. Node and program must be of the
 /// same one. Of any other they understand no more than [`Notice::Hello`] and [`Notice::Resume`] say at their beginning, so that each can be told.
-pub const VERSION: u16 = 4;
+pub const VERSION: u16 = 5;
 
 /// Where a program's data session can be dialled.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -78,6 +78,21 @@ pub struct Device {
     pub device: String,
     /// The program that owns its keys.
     pub owner: Dial,
+}
+
+/// The way of a call to what another program exports.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CallRoute {
+    /// Number of the wire in the plan; it is opened and closed as those of data.
+    pub wire: u32,
+    /// The call of the caller's interface.
+    pub call: String,
+    /// The program that is called.
+    pub server: Dial,
+    /// The instance path of that.
+    pub path: String,
+    /// The procedure or state there.
+    pub name: String,
 }
 
 /// A session to dial.
@@ -156,6 +171,11 @@ pub enum Order {
     Resumed {
         /// How many counted notices of this program the node has, since the program's start.
         notices: u64,
+    },
+    /// What the program calls of others, all of it anew; comes before [`Order::Connect`].
+    Calls {
+        /// The routes, all closed unless they were open before.
+        calls: Vec<CallRoute>,
     },
 }
 

@@ -8,12 +8,16 @@
 //! dca/n/<host>/revoked               a node has heard of keys that its team has revoked
 //! dca/live/<host>/<boot>             a node is up
 //! dca/d/<deployment>/<epoch>/w/<wire>  samples of one wire
+//! dca/d/<deployment>/<epoch>/w/<wire>/type  what its consumer takes
 //! dca/db/<team>/news/<origin>        what a replica of the database tells everybody
 //! dca/db/<team>/to|ask/<origin>      what one is told, and asked
 //! dca/<robot>/hw/<device>/state|cmd  a device; `<robot>` starts with `_` if it is one of the words above
 //! dca/<robot>/signals/<instance path>  what a program shows to people
 //! dca/<robot>/outputs/<instance path>  which outputs a program has
 //! dca/<robot>/tap/<output>/<instance path>  the values of an output, for people
+//! dca/<robot>/call/<instance path>     calls of what a program exports
+//! dca/<robot>/cancel/<instance path>   whose callers wait no more
+//! dca/<robot>/exports/<instance path>  what a program exports
 //! ```
 //!
 //! Names come from users, and a key expression gives a meaning to `/ * $ # ? @`. So every name is escaped: letters, digits,
@@ -161,6 +165,11 @@ pub fn wire(deployment: &str, epoch: u64, wire: u32) -> String {
     format!("dca/d/{}/{epoch}/w/{wire}", escape(deployment))
 }
 
+/// Returns the key on which the consumer of a wire answers of which type it takes the values.
+pub fn wire_type(wire: &str) -> String {
+    format!("{wire}/type")
+}
+
 /// Returns the key on which a replica of a team's database tells everybody something.
 pub fn db_news(team: &str, origin: u64) -> String {
     format!("dca/db/{}/news/{origin:016x}", escape(team))
@@ -199,6 +208,17 @@ pub fn outputs(robot: &str, instance: &str) -> String {
 /// Returns the key of the values of one output of a program, for people.
 pub fn tap(robot: &str, instance: &str, output: &str) -> String {
     format!("dca/{}/tap/{}/{}", robot_name(robot), escape(output), escape_path(instance))
+}
+
+/// Returns the key of calls to what a program exports, and the key on which it hears that a caller waits no more.
+pub fn object(robot: &str, instance: &str) -> (String, String) {
+    let key = |word| format!("dca/{}/{word}/{}", robot_name(robot), escape_path(instance));
+    (key("call"), key("cancel"))
+}
+
+/// Returns the key on which a program answers what it exports.
+pub fn exports(robot: &str, instance: &str) -> String {
+    format!("dca/{}/exports/{}", robot_name(robot), escape_path(instance))
 }
 
 fn escape_path(instance: &str) -> String {
@@ -274,6 +294,7 @@ mod tests {
         assert_eq!(inbox("c1"), "dca/n/c1/in");
         assert_eq!(live("c1", 255), "dca/live/c1/00000000000000ff");
         assert_eq!(wire("door", 2, 17), "dca/d/door/2/w/17");
+        assert_eq!(wire_type(&wire("door", 2, 17)), "dca/d/door/2/w/17/type");
         assert_eq!(db_news("dca", 255), "dca/db/dca/news/00000000000000ff");
         assert_eq!(db_ask("dca", 255), "dca/db/dca/ask/00000000000000ff");
         assert_eq!(hardware("door", "arm", Channel::State), "dca/door/hw/arm/state");
@@ -281,6 +302,9 @@ mod tests {
         assert_eq!(signals("door", "main/hit/force"), "dca/door/signals/main/hit/force");
         assert_eq!(signals("door", "main/hold[2]"), "dca/door/signals/main/hold%5b2%5d");
         assert_eq!(outputs("n", "main/hold[2]"), "dca/_n/outputs/main/hold%5b2%5d");
+        let called = ("dca/door/call/main/hold%5b2%5d".to_owned(), "dca/door/cancel/main/hold%5b2%5d".to_owned());
+        assert_eq!(object("door", "main/hold[2]"), called);
+        assert_eq!(exports("db", "main/a"), "dca/_db/exports/main/a");
         assert_eq!(tap("door", "main/plant", "arm/state"), "dca/door/tap/arm%2fstate/main/plant");
     }
 

@@ -136,6 +136,11 @@ impl Opened {
         !lock(&self.dialler.links).standing.is_empty()
     }
 
+    /// Returns whether a link to this session stands; with itself one always does.
+    pub(crate) fn is_linked_to(&self, session: &str) -> bool {
+        session == self.id() || lock(&self.dialler.links).standing.contains(session)
+    }
+
     /// Returns who is dialled and not linked: who or where, and why, for a person.
     pub(crate) fn unlinked(&self) -> Vec<(String, String)> {
         let links = lock(&self.dialler.links);

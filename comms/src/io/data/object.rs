@@ -1,0 +1,289 @@
+//! Calls from program to program, over the links of a data session. What they mean: [`crate::logic::object`].
+//!
+//! Nothing here waits for an answer: it comes to a callback on one of zenoh's threads. To send may wait for a link that takes
+//! nothing, so control loops neither call nor answer themselves: answers go out on threads of their own, and who calls has a
+//! thread for it.
+
+use super::{DataError, DataSession, session_error};
+use crate::io::clock::now;
+use crate::logic::codec::{self, CodecError};
+use crate::logic::object::{CallId, ObjectAnswer, ObjectCall, ObjectCancel, ObjectError};
+use crate::logic::time::Time;
+use std::fmt;
+use std::pin::pin;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::task::{Context, Waker};
+use std::time::Duration;
+use zenoh::Wait;
+use zenoh::cancellation::CancellationToken;
+use zenoh::pubsub::Subscriber;
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::query::{ConsolidationMode, Query, Queryable, Reply};
+use zenoh::sample::Sample;
+
+/// Answers that have not been sent yet. One more is lost, which its caller hears.
+const ANSWERS_MAX: usize = 256;
+/// How many answers are sent at the same time: a caller that takes nothing holds up one of them, until its link is given up.
+const ANSWERING: usize = 4;
+/// Zenoh's word for an answer that did not come in time.
+const TIMEOUT: &[u8] = b"Timeout";
+
+/// What serves the calls of one key. Dropping it ends that.
+#[derive(Debug)]
+pub struct ObjectServer {
+    _queryable: Queryable<()>,
+    _cancels: Subscriber<()>,
+}
+
+/// What happens to an [`ObjectServer`]. It is told from zenoh's threads, so it must only be put away.
+#[derive(Debug)]
+pub enum ObjectEvent {
+    /// A call has arrived.
+    Called(Box<IncomingCall>),
+    /// Its caller waits no more.
+    Cancelled(CallId),
+}
+
+/// A call that has arrived. Dropped without an answer, its caller hears that nobody is there any more.
+#[derive(Debug)]
+pub struct IncomingCall {
+    /// The call.
+    pub call: ObjectCall,
+    /// When its caller waits no more, on the clock of this host.
+    pub deadline: Time,
+    /// The way of the answer.
+    pub way: AnswerWay,
+}
+
+/// The way of one answer. Neither to answer nor to drop it ever waits.
+#[derive(Debug)]
+pub struct AnswerWay {
+    /// Taken once it is answered.
+    query: Option<Query>,
+    answers: SyncSender<Outgoing>,
+}
+
+/// An answer on its way, or none: dropped, a query tells its caller that nobody answers.
+type Outgoing = (Query, Option<Vec<u8>>);
+
+/// A call whose answer has not come yet. Dropped, nobody waits for it any more, and the other end is told.
+pub struct PendingCall {
+    id: CallId,
+    session: zenoh::Session,
+    cancel_key: String,
+    token: CancellationToken,
+    sink: Arc<Sink>,
+}
+
+/// Takes the result of one call.
+type Take = Box<dyn FnOnce(Result<Vec<u8>, ObjectError>) + Send>;
+
+/// Where the one result of a call goes.
+struct Sink(Mutex<Option<Take>>);
+
+impl Sink {
+    fn take(&self) -> Option<Take> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
+    fn is_taken(&self) -> bool {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).is_none()
+    }
+
+    fn put(&self, result: Result<Vec<u8>, ObjectError>) {
+        if let Some(take) = self.take() {
+            take(result);
+        }
+    }
+}
+
+/// Zenoh holds this for as long as an answer may come.
+struct Awaiting(Arc<Sink>);
+
+impl Drop for Awaiting {
+    fn drop(&mut self) {
+        self.0.put(Err(ObjectError::Gone));
+    }
+}
+
+impl DataSession {
+    /// Serves the calls of `key`, and hears on `cancel_key` who waits no more.
+    ///
+    /// # Errors
+    /// If the session is closed, or there are no threads to be had.
+    pub fn serve_calls(
+        &self,
+        key: &str,
+        cancel_key: &str,
+        serve: impl Fn(ObjectEvent) + Send + Sync + 'static,
+    ) -> Result<ObjectServer, DataError> {
+        let (answers, to_send) = sync_channel(ANSWERS_MAX);
+        let to_send = Arc::new(Mutex::new(to_send));
+        for _ in 0..ANSWERING {
+            let to_send = Arc::clone(&to_send);
+            let thread = std::thread::Builder::new().name("answers".to_owned()).spawn(move || send_all(&to_send));
+            thread.map_err(|cause| DataError::Session { key: key.to_owned(), cause: cause.to_string() })?;
+        }
+        let serve = Arc::new(serve);
+        let cancelled = Arc::clone(&serve);
+        let on_query = move |query: Query| hear(query, &answers, &*serve);
+        let queryable = self.opened.session.declare_queryable(key).complete(true).callback(on_query).wait();
+        let queryable = queryable.map_err(|cause| session_error(key, &cause))?;
+        let on_cancel = move |sample: Sample| {
+            if let Ok(ObjectCancel { id }) = codec::decode(&sample.payload().to_bytes()) {
+                cancelled(ObjectEvent::Cancelled(id));
+            }
+        };
+        let cancels = self.opened.session.declare_subscriber(cancel_key).callback(on_cancel).wait();
+        let cancels = cancels.map_err(|cause| session_error(cancel_key, &cause))?;
+        Ok(ObjectServer { _queryable: queryable, _cancels: cancels })
+    }
+
+    /// Calls who serves `key`; `take` gets the one result, from one of zenoh's threads, so it must not wait. May itself wait for
+    /// a link that takes nothing.
+    ///
+    /// # Errors
+    /// If the argument is too large, or the session is closed; then it was not sent.
+    pub fn call(
+        &self,
+        (key, cancel_key): (&str, &str),
+        call: &ObjectCall,
+        take: impl FnOnce(Result<Vec<u8>, ObjectError>) + Send + 'static,
+    ) -> Result<PendingCall, ObjectError> {
+        ObjectError::check_size(call.argument.0.len())?;
+        let refused = |reason: String| ObjectError::Refused { reason };
+        let bytes = codec::encode(call).map_err(|error| refused(error.to_string()))?;
+        let sink = Arc::new(Sink(Mutex::new(Some(Box::new(take)))));
+        let (awaiting, within) = (Awaiting(Arc::clone(&sink)), call.within);
+        let token = CancellationToken::default();
+        let asking = self
+            .opened
+            .session
+            .get(key)
+            .payload(bytes)
+            .consolidation(ConsolidationMode::None)
+            .congestion_control(CongestionControl::Block)
+            .priority(Priority::InteractiveLow)
+            .express(true)
+            .timeout(within)
+            .cancellation_token(token.clone())
+            .callback(move |reply| awaiting.0.put(result_of(&reply, within)));
+        if let Err(cause) = asking.wait() {
+            drop(sink.take());
+            return Err(refused(crate::io::session::plain(&cause)));
+        }
+        let (session, cancel_key) = (self.opened.session.clone(), cancel_key.to_owned());
+        Ok(PendingCall { id: call.id.clone(), session, cancel_key, token, sink })
+    }
+
+    /// Calls as [`DataSession::call`] does, and waits for the result.
+    ///
+    /// # Errors
+    /// Why there is none.
+    pub fn call_and_wait(&self, keys: (&str, &str), call: &ObjectCall) -> Result<Vec<u8>, ObjectError> {
+        let (result_tx, result) = sync_channel(1);
+        // Nobody waits any more only where the wait below has ended.
+        let take = move |result| result_tx.try_send(result).unwrap_or_default();
+        let _pending = self.call(keys, call, take)?;
+        // Zenoh keeps the time; ours is for the case that it does not.
+        let late = ObjectError::Deadline { within: call.within };
+        result.recv_timeout(call.within + Duration::from_millis(500)).map_err(|_late| late)?
+    }
+
+    /// Returns whether a link to a session stands.
+    pub fn is_linked(&self, session: &str) -> bool {
+        self.opened.is_linked_to(session)
+    }
+
+    /// Returns the id of this session, as in a `Dial`.
+    pub fn id(&self) -> String {
+        self.opened.id()
+    }
+}
+
+/// Takes what a caller sends. Called from zenoh.
+fn hear(query: Query, answers: &SyncSender<Outgoing>, serve: &(impl Fn(ObjectEvent) + ?Sized)) {
+    let call = query.payload().map(|payload| codec::decode::<ObjectCall>(&payload.to_bytes()));
+    let way = AnswerWay { query: Some(query), answers: answers.clone() };
+    match call.unwrap_or(Err(CodecError::Foreign)) {
+        Ok(call) => {
+            let deadline = now() + call.within;
+            serve(ObjectEvent::Called(Box::new(IncomingCall { call, deadline, way })));
+        }
+        Err(error) => way.answer(Err(ObjectError::Refused { reason: format!("the call cannot be read: {error}") })),
+    }
+}
+
+fn send_all(answers: &Mutex<Receiver<Outgoing>>) {
+    loop {
+        let next = answers.lock().unwrap_or_else(PoisonError::into_inner).recv();
+        let Ok((query, answer)) = next else { return };
+        let Some(bytes) = answer else { continue };
+        if let Err(error) = query.reply(query.key_expr().clone(), bytes).express(true).wait() {
+            tracing::debug!(key = query.key_expr().as_str(), %error, "an answer was not sent");
+        }
+    }
+}
+
+fn result_of(reply: &Reply, within: Duration) -> Result<Vec<u8>, ObjectError> {
+    match reply.result() {
+        Ok(sample) => match codec::decode::<ObjectAnswer>(&sample.payload().to_bytes()) {
+            Ok(answer) => answer.into(),
+            Err(error) => Err(ObjectError::Refused { reason: format!("the answer cannot be read: {error}") }),
+        },
+        Err(error) if *error.payload().to_bytes() == *TIMEOUT => Err(ObjectError::Deadline { within }),
+        Err(_) => Err(ObjectError::Gone),
+    }
+}
+
+impl AnswerWay {
+    /// Sends the answer.
+    pub fn answer(mut self, result: Result<Vec<u8>, ObjectError>) {
+        let Some(query) = self.query.take() else { return };
+        let answer = codec::encode(&ObjectAnswer::from(result));
+        let answer = answer.map_err(|error| tracing::warn!(%error, "an answer cannot be written")).ok();
+        if self.answers.try_send((query, answer)).is_err() {
+            tracing::warn!("an answer is lost: too many have not been taken");
+        }
+    }
+}
+
+impl Drop for AnswerWay {
+    fn drop(&mut self) {
+        if let Some(query) = self.query.take() {
+            // Where there is no room the query is dropped here, which may wait for its link.
+            self.answers.try_send((query, None)).unwrap_or_default();
+        }
+    }
+}
+
+impl PendingCall {
+    /// Returns whether the result has come.
+    pub fn is_over(&self) -> bool {
+        self.sink.is_taken()
+    }
+}
+
+impl Drop for PendingCall {
+    fn drop(&mut self) {
+        if self.sink.is_taken() {
+            return;
+        }
+        drop(self.sink.take());
+        // The first poll does it; what would be waited for is a callback that runs at this moment.
+        let closing = pin!(self.token.cancel().into_future());
+        drop(closing.poll(&mut Context::from_waker(Waker::noop())));
+        let Ok(cancel) = codec::encode(&ObjectCancel { id: self.id.clone() }) else { return };
+        let told = self.session.put(&self.cancel_key, cancel).congestion_control(CongestionControl::Drop).express(true);
+        if let Err(error) = told.wait() {
+            tracing::debug!(%error, "the other end does not hear that nobody waits");
+        }
+    }
+}
+
+impl fmt::Debug for PendingCall {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("PendingCall").field("id", &self.id).finish_non_exhaustive()
+    }
+}

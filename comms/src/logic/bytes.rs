@@ -1,0 +1,84 @@
+//! Bytes that are written and read as one piece. A `Vec<u8>` is encoded byte by byte, at a hundredth of the speed; in postcard
+//! both are the same bytes.
+
+use serde::de::{Deserialize, Deserializer, Error, SeqAccess, Visitor};
+use serde::ser::{Serialize, Serializer};
+use std::fmt;
+
+/// The most bytes that are made room for before any of them has come.
+const ROOM_MAX: usize = 4 << 10;
+
+/// Bytes of any meaning.
+#[derive(Clone, Default, PartialEq, Eq, Hash)]
+pub struct Bytes(pub Vec<u8>);
+
+impl fmt::Debug for Bytes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Bytes({})", self.0.len())
+    }
+}
+
+impl From<Vec<u8>> for Bytes {
+    fn from(bytes: Vec<u8>) -> Self {
+        Self(bytes)
+    }
+}
+
+impl Serialize for Bytes {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_bytes(&self.0)
+    }
+}
+
+impl<'de> Deserialize<'de> for Bytes {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_byte_buf(BytesVisitor).map(Self)
+    }
+}
+
+struct BytesVisitor;
+
+impl<'de> Visitor<'de> for BytesVisitor {
+    type Value = Vec<u8>;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("bytes")
+    }
+
+    fn visit_bytes<E: Error>(self, bytes: &[u8]) -> Result<Vec<u8>, E> {
+        Ok(bytes.to_vec())
+    }
+
+    fn visit_byte_buf<E: Error>(self, bytes: Vec<u8>) -> Result<Vec<u8>, E> {
+        Ok(bytes)
+    }
+
+    /// As text formats have them.
+    fn visit_seq<A: SeqAccess<'de>>(self, mut bytes: A) -> Result<Vec<u8>, A::Error> {
+        let mut all = Vec::with_capacity(bytes.size_hint().unwrap_or(0).min(ROOM_MAX));
+        while let Some(byte) = bytes.next_element()? {
+            all.push(byte);
+        }
+        Ok(all)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn they_are_the_bytes_of_a_list_of_bytes(bytes: Vec<u8>) {
+            let encoded = postcard::to_stdvec(&Bytes(bytes.clone())).unwrap();
+            prop_assert_eq!(&encoded, &postcard::to_stdvec(&bytes).unwrap());
+            prop_assert_eq!(postcard::from_bytes::<Bytes>(&encoded).unwrap().0, bytes);
+        }
+    }
+
+    #[test]
+    fn a_length_without_bytes_is_refused() {
+        assert!(postcard::from_bytes::<Bytes>(&[0xff, 0xff, 0xff, 0xff, 0x0f, 1]).is_err());
+    }
+}
