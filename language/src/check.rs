@@ -68,7 +68,7 @@ fn compile_all(
     resource_args::take(&mut model, &mut diagnostics);
     let root = types::root(&model, &mut diagnostics);
     if types::is_finite(&model, root, &mut diagnostics) {
-        ports::check(&model, &mut diagnostics);
+        ports::check(&mut model, &mut diagnostics);
         flow::check(&mut model, &mut diagnostics);
     }
     if options.deny_lenient_names {

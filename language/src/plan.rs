@@ -216,12 +216,14 @@ pub struct LeafPort {
 }
 
 /// The side that makes data move.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Transfer {
     /// The producer sends each new value.
     Push,
     /// The consumer fetches the latest value before each calculation.
     Pull,
+    /// No data: the process at its beginning calls what the one at its end exports.
+    Call,
 }
 
 /// An event-action expression with slots for names. Meaning: `algebra::step`.

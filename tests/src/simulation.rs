@@ -8,7 +8,7 @@ use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use controllers::sdk::harness::{Disturbance, Ending, Harness, ModuleId, Report, WireId};
 use language::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, StepRecord, Value, step};
-use language::plan::{Argument, Constant, MemberKind, Plan};
+use language::plan::{Argument, Constant, MemberKind, Plan, Transfer};
 use language::{Options, Source, Style, compile, render};
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -46,7 +46,7 @@ pub struct Simulation {
     harness: Harness,
     groups: Vec<Supervisor>,
     leaves: Vec<Leaf>,
-    wires: Vec<WireId>,
+    wires: Vec<Option<WireId>>,
     queue: BTreeMap<(Time, u64), (usize, Event)>,
     numbered: u64,
     finish: Option<Finish>,
@@ -88,7 +88,9 @@ impl Simulation {
         for wire in &plan.wires {
             let from = (modules[wire.from.leaf as usize], wire.from.port.as_str());
             let to = (modules[wire.to.leaf as usize], wire.to.port.as_str());
-            wires.push(harness.connect(from, to).map_err(|error| error.to_string())?);
+            // What is called is not simulated.
+            let is_data = wire.transfer != Transfer::Call;
+            wires.push(is_data.then(|| harness.connect(from, to)).transpose().map_err(|error| error.to_string())?);
         }
         let mut parents = BTreeMap::new();
         let mut leaf_parents = BTreeMap::new();
@@ -267,7 +269,9 @@ impl Simulation {
 
     fn switch(&mut self, group: usize, set: u32, switch: fn(&mut Harness, WireId)) {
         for wire in &self.plan.groups[group].sets[set as usize].wires {
-            switch(&mut self.harness, self.wires[*wire as usize]);
+            if let Some(wire) = self.wires[*wire as usize] {
+                switch(&mut self.harness, wire);
+            }
         }
     }
 

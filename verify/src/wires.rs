@@ -104,6 +104,10 @@ pub(crate) fn lines(model: &Model<'_>) -> Vec<Line> {
         for (set, source) in (0_u32..).zip(&source.sets) {
             for &wire in &source.wires {
                 let ends = &model.plan.wires[wire as usize];
+                // Any number may call one thing, and nothing is sent.
+                if ends.transfer == Transfer::Call {
+                    continue;
+                }
                 let member = |leaf| holder(model, group, leaf);
                 if let (Some(from), Some(to)) = (member(ends.from.leaf), member(ends.to.leaf)) {
                     lines.push(Line { wire, group, set, from, to });

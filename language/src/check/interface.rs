@@ -31,7 +31,7 @@ pub(crate) fn parameters(interfaces: &[Source]) -> BTreeMap<String, Option<Vec<P
 pub(crate) fn messages(interfaces: &[Source]) -> BTreeMap<String, BTreeMap<String, Message>> {
     let spec = read(interfaces);
     let modules = spec.modules.iter().map(|module| {
-        let outputs = module.ports.iter().filter(|port| port.direction == Direction::Out);
+        let outputs = module.ports.iter().filter(|port| port.direction == Direction::Out && port.call.is_none());
         let message = |kind: &Kind| Some(Message { name: kind.name()?.to_owned(), layout: layout(&spec, kind)? });
         let messages = outputs.filter_map(|port| Some((port.name.text.clone(), message(port.kind.as_ref()?)?)));
         (module.name.text.clone(), messages.collect())

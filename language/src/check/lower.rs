@@ -11,7 +11,7 @@ mod wires;
 
 use super::diagnostics::Diagnostics;
 use super::names::listed;
-use super::spec::{Direction, Expr, ExprKind, Process, Spec, Target};
+use super::spec::{Direction, Expr, ExprKind, Port, Process, Spec, Target};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{Plan, PlanError, Wire};
 pub(super) use places::places;
@@ -89,30 +89,63 @@ fn refused(spec: &Spec, process_of: &[usize], root: usize, plan: &Plan, error: P
     Diagnostic::new(if group.is_some() { Code::E0004 } else { Code::E0701 }, span, error.to_string())
 }
 
-/// Reports inputs that nothing is ever sent to, one line for each group type.
+/// Reports inputs that nothing is ever sent to, and calls that go nowhere, one line of each for each group type.
 fn check_inputs(spec: &Spec, tree: &tree::Tree, wires: &[Wire], diagnostics: &mut Diagnostics) {
-    let fed: BTreeSet<(u32, &str)> = wires.iter().map(|wire| (wire.to.leaf, wire.to.port.as_str())).collect();
-    let mut unfed: BTreeMap<usize, BTreeSet<(usize, &str)>> = BTreeMap::new();
+    let [fed, called] = [|wire: &Wire| wire.to.clone(), |wire: &Wire| wire.from.clone()]
+        .map(|end| wires.iter().map(end).map(|end| (end.leaf, end.port)).collect::<BTreeSet<(u32, String)>>());
+    for (process, inputs) in unused(spec, tree, &fed, |port| port.direction == Direction::In) {
+        report_unused(spec, process, &inputs, Code::W0310, diagnostics);
+    }
+    for (process, calls) in unused(spec, tree, &called, |port| port.direction == Direction::Out && port.call.is_some())
+    {
+        report_unused(spec, process, &calls, Code::W0312, diagnostics);
+    }
+}
+
+/// The slots and ports of each group type that are needed and have no wire.
+fn unused<'s>(
+    spec: &'s Spec,
+    tree: &tree::Tree,
+    wired: &BTreeSet<(u32, String)>,
+    is_meant: impl Fn(&Port) -> bool,
+) -> BTreeMap<usize, BTreeSet<(usize, &'s str)>> {
+    let mut unused: BTreeMap<usize, BTreeSet<(usize, &str)>> = BTreeMap::new();
     for (leaf, &(group, slot)) in (0_u32..).zip(&tree.place_of) {
         let process = tree.process_of[group];
         let Target::Module(module) = spec.processes[process].instances[slot].target else { continue };
-        let inputs =
-            spec.modules[module].ports.iter().filter(|port| port.direction == Direction::In && !port.is_optional);
-        for port in inputs.filter(|port| !fed.contains(&(leaf, port.name.text.as_str()))) {
-            unfed.entry(process).or_default().insert((slot, &port.name.text));
+        let ports = spec.modules[module].ports.iter().filter(|port| is_meant(port) && !port.is_optional);
+        for port in ports.filter(|port| !wired.contains(&(leaf, port.name.text.clone()))) {
+            unused.entry(process).or_default().insert((slot, &port.name.text));
         }
     }
-    for (process, inputs) in unfed {
-        let source = &spec.processes[process];
-        let name = |slot: usize| &source.instances[slot].name;
-        let ports: Vec<String> = inputs.iter().map(|&(slot, port)| format!("{}.{port}", name(slot).text)).collect();
-        let word = if ports.len() == 1 { "input" } else { "inputs" };
-        let message = format!("nothing is ever sent to {word} {}", listed(ports.iter().map(String::as_str)));
-        let slots: BTreeSet<usize> = inputs.iter().map(|&(slot, _)| slot).collect();
-        let mut diagnostic = Diagnostic::new(Code::W0310, source.name.span, message);
-        for slot in slots {
-            diagnostic = diagnostic.reason(name(slot).span, "has unconnected inputs");
-        }
-        diagnostics.push(diagnostic);
+    unused
+}
+
+fn report_unused(
+    spec: &Spec,
+    process: usize,
+    ports: &BTreeSet<(usize, &str)>,
+    code: Code,
+    diagnostics: &mut Diagnostics,
+) {
+    let source = &spec.processes[process];
+    let name = |slot: usize| &source.instances[slot].name;
+    let named: Vec<String> = ports.iter().map(|&(slot, port)| format!("{}.{port}", name(slot).text)).collect();
+    let is_input = code == Code::W0310;
+    let message = match (is_input, named.len()) {
+        (true, 1) => "nothing is ever sent to input ",
+        (true, _) => "nothing is ever sent to inputs ",
+        (false, _) => "nothing answers the calls of ",
+    };
+    let message = format!("{message}{}", listed(named.iter().map(String::as_str)));
+    let slots: BTreeSet<usize> = ports.iter().map(|&(slot, _)| slot).collect();
+    let mut diagnostic = Diagnostic::new(code, source.name.span, message);
+    for slot in slots {
+        let reason = if is_input { "has unconnected inputs" } else { "calls what is not connected" };
+        diagnostic = diagnostic.reason(name(slot).span, reason);
     }
+    if !is_input {
+        diagnostic = diagnostic.help("connect it to what answers: `client, Grip -> server, Grip;`");
+    }
+    diagnostics.push(diagnostic);
 }

@@ -1,13 +1,16 @@
 //! Checks the ports of connections and of external io.
 
+mod calls;
+
 use super::diagnostics::Diagnostics;
 use super::names::listed;
 use super::spec::{Connection, Direction, Endpoint, Kind, Module, Port, Process, Set, Spec, Target, TypeMatch};
 use crate::diagnostic::{Code, Diagnostic};
+use crate::plan::Transfer;
 use crate::source::Span;
 use crate::syntax::ast::Name;
-use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// The result of the search for a port.
 enum Found<'a> {
@@ -20,17 +23,29 @@ enum Found<'a> {
 }
 
 /// Checks that ports exist, that data goes from outputs to inputs, and that types agree.
-pub(super) fn check(spec: &Spec, diagnostics: &mut Diagnostics) {
+pub(super) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
+    let calls = check_all(spec, diagnostics);
+    let sets = spec.processes.iter_mut().flat_map(|process| &mut process.sets);
+    for connection in sets.flat_map(|set| &mut set.connections).filter(|one| calls.contains(&one.span)) {
+        connection.transfer = Transfer::Call;
+    }
+}
+
+/// Returns the connections that carry calls.
+fn check_all(spec: &Spec, diagnostics: &mut Diagnostics) -> BTreeSet<Span> {
     let interfaces = Interfaces::new(spec);
+    let mut calls = BTreeSet::new();
     for process in &spec.processes {
-        let mut ports = Ports { spec, interfaces: &interfaces, process, diagnostics };
+        let mut ports = Ports { spec, interfaces: &interfaces, process, diagnostics, calls: Vec::new() };
         for export in &process.exports {
             ports.look_up(&export.endpoint);
         }
         for set in &process.sets {
             ports.check_set(set);
         }
+        calls.extend(ports.calls);
     }
+    calls
 }
 
 /// The ports of all modules and groups, by name.
@@ -57,6 +72,8 @@ struct Ports<'a> {
     interfaces: &'a Interfaces<'a>,
     process: &'a Process,
     diagnostics: &'a mut Diagnostics,
+    /// The connections that carry calls.
+    calls: Vec<Span>,
 }
 
 impl<'a> Ports<'a> {
@@ -84,6 +101,13 @@ impl<'a> Ports<'a> {
 
     fn check_connection(&mut self, connection: &'a Connection) {
         let (from, to) = (self.look_up(&connection.from), self.look_up(&connection.to));
+        if from.or(to).is_some_and(|port| port.call.is_some()) {
+            self.calls.push(connection.span);
+        }
+        if let Some(diagnostic) = calls::mixed(connection, from, to) {
+            self.diagnostics.push(diagnostic);
+            return;
+        }
         let is = |port: Option<&Port>, direction| port.is_some_and(|port| port.direction == direction);
         if is(from, Direction::In) && is(to, Direction::Out) {
             let message = "the connection goes from an input to an output";
@@ -101,6 +125,11 @@ impl<'a> Ports<'a> {
             }
         }
         let (Some(from), Some(to)) = (from, to) else { return };
+        if let (Some(calls), Some(answers)) = (&from.call, &to.call) {
+            let types = calls::check_types(self.spec, connection, (from, calls), (to, answers));
+            self.diagnostics.extend(types);
+            return;
+        }
         if let (Some(sent), Some(taken)) = (&from.kind, &to.kind) {
             let (from, to) = (Typed { port: from, kind: sent }, Typed { port: to, kind: taken });
             self.diagnostics.extend(check_types(self.spec, connection, &from, &to));

@@ -260,9 +260,30 @@ pub(crate) struct Outcome {
 pub(crate) struct Port {
     pub(crate) name: Name,
     pub(crate) direction: Direction,
+    /// The type of its values; of a procedure or state, of what it answers.
     pub(crate) kind: Option<Kind>,
     /// Whether the module works without it being connected.
     pub(crate) is_optional: bool,
+    /// What it is called with, where it is no port of data.
+    pub(crate) call: Option<Call>,
+}
+
+/// A procedure or a state, which comes in, or a call of one, which goes out.
+#[derive(Debug)]
+pub(crate) struct Call {
+    pub(crate) role: CallRole,
+    /// The type of the argument; nothing where there is none.
+    pub(crate) argument: Option<Kind>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum CallRole {
+    /// `proc`
+    Procedure,
+    /// `state`
+    State,
+    /// `calls`
+    Caller,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

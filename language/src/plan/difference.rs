@@ -167,11 +167,10 @@ impl Numbers {
 }
 
 /// The identity of a wire: its ends, and how data moves on it.
-type Key = (u32, String, u32, String, bool, super::Quality);
+type Key = (u32, String, u32, String, Transfer, super::Quality);
 
 fn key(wire: &Wire) -> Key {
-    let is_pull = wire.transfer == Transfer::Pull;
-    (wire.from.leaf, wire.from.port.clone(), wire.to.leaf, wire.to.port.clone(), is_pull, wire.quality)
+    (wire.from.leaf, wire.from.port.clone(), wire.to.leaf, wire.to.port.clone(), wire.transfer, wire.quality)
 }
 
 struct Wires {

@@ -130,6 +130,7 @@ kinds! {
         Claims "claims"
         Claim "a claim"
         Outcome "an outcome"
+        Called "what a procedure is called with"
         // nodes: parts of expressions
         Arm "an arm of `match`"
         Labels "labels"

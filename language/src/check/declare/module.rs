@@ -2,7 +2,7 @@
 
 use crate::algebra::TAG_MAX;
 use crate::check::names::twice;
-use crate::check::spec::{Claim, Direction, Module, Outcome, Port};
+use crate::check::spec::{Call, CallRole, Claim, Direction, Module, Outcome, Port};
 use crate::check::value::Reader;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{self, LeafKind};
@@ -111,8 +111,18 @@ fn add_port(module: &mut Module, item: &Node, reader: &mut Reader<'_>) {
         reader.diagnostics.push(twice("port", &name.text, name.span, first.name.span));
         return;
     }
-    let direction = if word.text == "in" { Direction::In } else { Direction::Out };
-    let is_optional = names.any(|word| word.text == "optional");
+    let role = match word.text.as_str() {
+        "proc" => Some(CallRole::Procedure),
+        "state" => Some(CallRole::State),
+        "calls" => Some(CallRole::Caller),
+        _ => None,
+    };
+    let is_answer = matches!(role, Some(CallRole::Procedure | CallRole::State));
+    let direction = if word.text == "in" || is_answer { Direction::In } else { Direction::Out };
+    // What is exported is there for whoever calls it.
+    let is_optional = is_answer || names.any(|word| word.text == "optional");
+    let argument = item.child(SyntaxKind::Called).and_then(|called| super::kind(&called, reader));
     let kind = super::kind(item, reader);
-    module.ports.push(Port { name, direction, kind, is_optional });
+    let call = role.map(|role| Call { role, argument });
+    module.ports.push(Port { name, direction, kind, is_optional, call });
 }

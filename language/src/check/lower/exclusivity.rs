@@ -190,12 +190,12 @@ impl<'a> Exclusivity<'a> {
         Some(if a.span == b.span { vec![a.span] } else { vec![a.span, b.span] })
     }
 
-    /// All connections into each input.
+    /// All connections into each input. Any number may call one thing.
     fn writers(&'a self) -> BTreeMap<(u32, String), Vec<Writer<'a>>> {
         let mut writers: BTreeMap<(u32, String), Vec<Writer<'_>>> = BTreeMap::new();
         for group in 0..self.tree.groups.len() {
             for (set, source) in self.process(group).sets.iter().enumerate() {
-                for connection in &source.connections {
+                for connection in source.connections.iter().filter(|one| one.transfer != Transfer::Call) {
                     if let Some(to) = leaf_port(self.tree, self.spec, group, &connection.to) {
                         writers.entry((to.leaf, to.port)).or_default().push(Writer { group, set, connection });
                     }

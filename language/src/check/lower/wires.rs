@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 #[derive(Default)]
 pub(super) struct Wires {
     pub(super) all: Vec<Wire>,
-    known: BTreeMap<(u32, String, u32, String, bool, Quality), u32>,
+    known: BTreeMap<(u32, String, u32, String, Transfer, Quality), u32>,
 }
 
 impl Wires {
@@ -34,8 +34,8 @@ impl Wires {
     }
 
     fn add(&mut self, wire: Wire) -> u32 {
-        let is_pull = wire.transfer == Transfer::Pull;
-        let key = (wire.from.leaf, wire.from.port.clone(), wire.to.leaf, wire.to.port.clone(), is_pull, wire.quality);
+        let (from, to) = (wire.from.clone(), wire.to.clone());
+        let key = (from.leaf, from.port, to.leaf, to.port, wire.transfer, wire.quality);
         let next = number(self.all.len());
         *self.known.entry(key).or_insert_with(|| {
             self.all.push(wire);

@@ -1,7 +1,7 @@
 //! Describes an interface: what a type takes, sends and claims, and whether it ends.
 
 use super::code;
-use crate::check::spec::{Direction, Endpoint, Module, Param, Port, Process, Target};
+use crate::check::spec::{CallRole, Direction, Endpoint, Module, Param, Port, Process, Target};
 use crate::ide::Analysis;
 use crate::plan::LeafKind;
 use crate::source::Span;
@@ -114,9 +114,19 @@ impl Analysis {
 /// `in Port: Type`
 pub(in crate::ide) fn shown_port(name: &str, port: Option<&Port>) -> String {
     let Some(port) = port else { return name.to_owned() };
+    let optional = if port.is_optional { " optional" } else { "" };
+    if let Some(call) = &port.call {
+        let text = |kind: &Option<crate::check::spec::Kind>| kind.as_ref().map(ToString::to_string).unwrap_or_default();
+        let (argument, result) = (text(&call.argument), text(&port.kind));
+        let answers = if result.is_empty() { String::new() } else { format!(" -> {result}") };
+        return match call.role {
+            CallRole::Procedure => format!("proc {name}({argument}){answers}"),
+            CallRole::State => format!("state {name}: {result}"),
+            CallRole::Caller => format!("calls {name}({argument}){answers}{optional}"),
+        };
+    }
     let direction = if port.direction == Direction::In { "in" } else { "out" };
     let kind = port.kind.as_ref().map_or(String::new(), |kind| format!(": {kind}"));
-    let optional = if port.is_optional { " optional" } else { "" };
     format!("{direction} {name}{kind}{optional}")
 }
 

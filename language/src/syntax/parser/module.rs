@@ -20,6 +20,8 @@ impl Parser<'_> {
     fn module_item(&mut self) {
         match self.word(0) {
             "in" | "out" => self.port(),
+            "proc" | "calls" => self.procedure(),
+            "state" => self.state(),
             "done" | "service" | "plain" | "remembers" => self.flag(),
             "exec" => self.exec(),
             "stop" => self.stop_within(),
@@ -31,7 +33,8 @@ impl Parser<'_> {
             }
             _ => {
                 self.expected(
-                    "`in`, `out`, `service`, `done`, `remembers`, `claims`, `duration`, `exec`, `plain` or `stop within`",
+                    "`in`, `out`, `proc`, `state`, `calls`, `service`, `done`, `remembers`, `claims`, `duration`, `exec`, `plain` or \
+                     `stop within`",
                 );
                 self.skip_statement();
             }
@@ -49,6 +52,40 @@ impl Parser<'_> {
         if !self.eat_word("optional") && self.at(Ident) && self.kind(1) == Semicolon {
             self.report(Code::W0007, format!("`{}` is not supported yet and has no effect", self.word(0)));
             self.bump();
+        }
+        self.end_statement();
+        self.finish();
+    }
+
+    /// `proc Grip(Force) -> Width;`, `proc Grip(Force) -> Width idle;`, `calls Grip(Force) -> Width optional;`
+    fn procedure(&mut self) {
+        self.start(SyntaxKind::Port);
+        let is_call = self.at_word("calls");
+        self.bump();
+        self.expect_name(if is_call { "the name of what is called" } else { "the name of a procedure" });
+        self.start(SyntaxKind::Called);
+        if self.expect(LeftParen) {
+            if !self.at(SyntaxKind::RightParen) {
+                self.type_name();
+            }
+            self.expect(SyntaxKind::RightParen);
+        }
+        self.finish();
+        if self.eat(SyntaxKind::Arrow) {
+            self.type_name();
+        }
+        self.eat_word(if is_call { "optional" } else { "idle" });
+        self.end_statement();
+        self.finish();
+    }
+
+    /// `state opening: Width;`
+    fn state(&mut self) {
+        self.start(SyntaxKind::Port);
+        self.bump();
+        self.expect_name("the name of a state");
+        if self.expect(Colon) {
+            self.type_name();
         }
         self.end_statement();
         self.finish();
