@@ -76,7 +76,9 @@
 //! ```
 
 mod arguments;
+mod calls;
 mod controller;
+mod export;
 pub mod harness;
 mod interface;
 mod module;
@@ -92,8 +94,13 @@ pub use comms::logic::time::Time;
 pub use controllers_derive::{Inputs, Outputs};
 pub use serde;
 
+pub use comms::logic::bytes::Bytes;
+pub use comms::logic::object::{ExportKind, ObjectError};
+
 pub use arguments::{ArgumentError, Arguments, Kind, Parameter};
+pub use calls::{Answered, AnyCalls, CallOrder, CallPort, Calls};
 pub use controller::{About, Configured, Controller, Outcome, Progress, Schedule, Stopping, TAG_MAX, Tick};
+pub use export::{Activity, CallInterface, ExportInterface, Exports, RawReply, Reply};
 pub use interface::{Binding, Device, Direction, Interface, PortInterface};
 pub use module::{Delivery, DeliveryError, Module};
 pub use port::{AnyIn, AnyOut, In, InputPort, InputSet, Message, Out, OutputPort, OutputSet};

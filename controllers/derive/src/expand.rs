@@ -14,7 +14,8 @@ pub(crate) fn ports(input: &DeriveInput, direction: Direction, read: Option<&[Po
         Direction::Out => ("OutputSet", "OutputPort", "AnyOut", "Out"),
     };
     let [set, one, any, way] = [set, one, any, way].map(|name| format_ident!("{name}"));
-    let declared = ports.iter().map(|port| {
+    let (calls, data): (Vec<&Port<'_>>, Vec<&Port<'_>>) = ports.iter().partition(|port| port.is_call());
+    let declared = data.iter().map(|port| {
         let (ty, name, doc) = (port.ty, &port.name, &port.doc);
         let kind = format_ident!("{}", kind(port.binding));
         // A type that is no port is an error at the field's type.
@@ -25,7 +26,7 @@ pub(crate) fn ports(input: &DeriveInput, direction: Direction, read: Option<&[Po
                 .documented(#doc)
         }
     });
-    let visited = ports.iter().zip(0usize..).map(|(port, index)| {
+    let visited = data.iter().zip(0usize..).map(|(port, index)| {
         let field = port.field;
         quote!(visit(#index, &mut self.#field);)
     });
@@ -34,6 +35,7 @@ pub(crate) fn ports(input: &DeriveInput, direction: Direction, read: Option<&[Po
         quote_spanned!(port.type_span()=> #field: ::core::default::Default::default())
     });
     let made = if read.is_some() { quote!(Self { #(#made,)* }) } else { quote!(::core::unreachable!()) };
+    let calls = made_calls(&calls, &sdk);
     let (name, (generics, arguments, bounds)) = (&input.ident, input.generics.split_for_impl());
     quote! {
         #[automatically_derived]
@@ -48,8 +50,33 @@ pub(crate) fn ports(input: &DeriveInput, direction: Direction, read: Option<&[Po
                 let _ = &visit;
                 #(#visited)*
             }
+            #calls
         }
     }
+}
+
+/// The part of the impl about calls; nothing without any.
+fn made_calls(calls: &[&Port<'_>], sdk: &TokenStream) -> Option<TokenStream> {
+    let declared = calls.iter().map(|port| {
+        let (ty, name, doc, required) = (port.ty, &port.name, &port.doc, port.binding == Binding::Calls);
+        let argument = quote_spanned!(port.type_span()=> <#ty as #sdk::CallPort>::Argument);
+        let result = quote_spanned!(port.type_span()=> <#ty as #sdk::CallPort>::Result);
+        quote!(#sdk::CallInterface::new::<#argument, #result>(#name, #doc, #required))
+    });
+    let visited = calls.iter().zip(0usize..).map(|(port, index)| {
+        let field = port.field;
+        quote!(visit(#index, &mut self.#field);)
+    });
+    (!calls.is_empty()).then(|| {
+        quote! {
+            fn declared_calls() -> ::std::vec::Vec<#sdk::CallInterface> {
+                ::std::vec![#(#declared,)*]
+            }
+            fn visit_calls(&mut self, visit: &mut dyn ::core::ops::FnMut(::core::primitive::usize, &mut dyn #sdk::AnyCalls)) {
+                #(#visited)*
+            }
+        }
+    })
 }
 
 /// The function that makes the interface of such a port.
@@ -59,5 +86,7 @@ fn kind(binding: Binding) -> &'static str {
         Binding::Optional => "optional",
         Binding::Client => "device",
         Binding::Owner => "owner",
+        // Those have a function of their own.
+        Binding::Calls | Binding::OptionalCalls => "wire",
     }
 }

@@ -25,6 +25,10 @@ pub(crate) enum Binding {
     Client,
     /// A device of this program.
     Owner,
+    /// Calls of another process, which a spec has to connect.
+    Calls,
+    /// Calls of another process, which a spec may connect.
+    OptionalCalls,
 }
 
 /// One field.
@@ -99,7 +103,8 @@ pub(crate) fn read(input: &DeriveInput, direction: Direction) -> syn::Result<Vec
 
 fn port(field: &Field, direction: Direction) -> syn::Result<Port<'_>> {
     let name = field.ident.as_ref().ok_or_else(|| Error::new(field.span(), "a port is a named field"))?;
-    let mut own = field.attrs.iter().filter(|attribute| is(attribute, "port") || is(attribute, "device"));
+    let is_own = |attribute: &&Attribute| ["port", "device", "calls"].iter().any(|name| is(attribute, name));
+    let mut own = field.attrs.iter().filter(is_own);
     let example = if direction == Direction::In { "In" } else { "Out" };
     let Some(attribute) = own.next() else {
         let why = format!("say which port `{name}` is: `#[port(\"{example}\")]` or `#[device(\"arm/state\")]`");
@@ -109,8 +114,20 @@ fn port(field: &Field, direction: Direction) -> syn::Result<Port<'_>> {
         return Err(Error::new(second.span(), format!("`{name}` is one port: one attribute says which")));
     }
     let Declared { name: port, option } = attribute.parse_args()?;
-    let binding =
-        if is(attribute, "port") { wire(&port, option.as_ref())? } else { device(&port, option.as_ref(), direction)? };
+    let binding = if is(attribute, "device") {
+        device(&port, option.as_ref(), direction)?
+    } else if is(attribute, "port") {
+        wire(&port, option.as_ref())?
+    } else if direction == Direction::In {
+        return Err(Error::new(
+            attribute.span(),
+            "calls are made by outputs: the field belongs to the struct of outputs",
+        ));
+    } else if wire(&port, option.as_ref())? == Binding::Wire {
+        Binding::Calls
+    } else {
+        Binding::OptionalCalls
+    };
     Ok(Port { field: name, ty: &field.ty, name: port, binding, doc: doc(&field.attrs) })
 }
 
@@ -176,6 +193,11 @@ fn doc(attributes: &[Attribute]) -> String {
 }
 
 impl Port<'_> {
+    /// Whether it makes calls.
+    pub(crate) fn is_call(&self) -> bool {
+        matches!(self.binding, Binding::Calls | Binding::OptionalCalls)
+    }
+
     /// Where an error about its type belongs.
     pub(crate) fn type_span(&self) -> Span {
         self.ty.span()

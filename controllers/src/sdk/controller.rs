@@ -1,6 +1,7 @@
 //! The trait that a controller implements.
 
 use super::arguments::{Arguments, Parameter};
+use super::export::Exports;
 use super::port::{InputSet, OutputSet};
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
@@ -60,6 +61,12 @@ pub trait Controller: Sized + Send + 'static {
     fn stop(&mut self, tick: Tick, inputs: &Self::Inputs, outputs: &mut Self::Outputs) -> Stopping {
         let _ = (tick, inputs, outputs);
         Stopping::Finished
+    }
+
+    /// Declares what others may call and read, between two calculations. The procedures are functions of this type:
+    /// `exports.procedure("Grip", "Closes the fingers.", Self::grip).state("opening", "How far it is open.", Self::opening)`.
+    fn exports(exports: &mut Exports<Self>) {
+        let _ = exports;
     }
 
     /// Returns what a person or a recorder would like to see, in a fixed order.

@@ -2,6 +2,7 @@
 
 use super::arguments::Parameter;
 use super::controller::About;
+use super::export::{CallInterface, ExportInterface};
 pub use super::port_interface::{Binding, Device, Direction, PortInterface};
 use std::fmt::Write as _;
 
@@ -14,6 +15,10 @@ pub struct Interface {
     pub about: About,
     /// Inputs, then outputs, each in order of declaration.
     pub ports: Vec<PortInterface>,
+    /// What others may call and read, in order of declaration.
+    pub exports: Vec<ExportInterface>,
+    /// What it calls of others, in order of declaration.
+    pub calls: Vec<CallInterface>,
 }
 
 impl Interface {
@@ -43,9 +48,14 @@ impl Interface {
     }
 
     /// Returns the messages of its wires that say what is in them, each with its fields.
-    pub fn messages(&self) -> impl Iterator<Item = (&'static str, &'static str)> {
-        let wires = self.ports.iter().filter(|port| port.binding == Binding::Wire && !port.fields.is_empty());
-        wires.map(|port| (port.type_name, port.fields.trim_end_matches([',', ' '])))
+    pub fn messages(&self) -> impl Iterator<Item = (&str, &str)> {
+        let wires = self.ports.iter().filter(|port| port.binding == Binding::Wire);
+        let wires = wires.map(|port| (port.type_name, port.fields.trim_end_matches([',', ' '])));
+        let exports = self.exports.iter().map(|export| &export.signature);
+        let signatures = exports.chain(self.calls.iter().map(|call| &call.signature));
+        let forms = signatures.flat_map(|signature| [&signature.argument, &signature.result]);
+        let forms = forms.map(|form| (form.name.as_str(), form.fields.as_str()));
+        wires.chain(forms).filter(|(_, fields)| !fields.is_empty())
     }
 
     /// Returns the interface as a `module` block of the `.dca` language; device ports are no part of it.
@@ -67,6 +77,11 @@ impl Interface {
             doc_lines("  ", port.doc).for_each(&mut line);
             let optional = if port.required { "" } else { " optional" };
             line(format!("  {direction} {}: {}{optional};", port.name, port.type_name));
+        }
+        let exports = self.exports.iter().map(|export| (export.doc, export.text()));
+        for (doc, text) in exports.chain(self.calls.iter().map(|call| (call.doc, call.text()))) {
+            doc_lines("  ", doc).for_each(&mut line);
+            line(format!("  {text}"));
         }
         line(if self.about.service { "  service;".to_owned() } else { self.done() });
         if self.about.remembers {
@@ -114,7 +129,7 @@ mod tests {
 
     fn interface() -> Interface {
         let about = About::task("Looks for something.").ends_with(OUTCOMES);
-        Interface { type_name: "Search", about, ports: Vec::new() }
+        Interface { type_name: "Search", about, ports: Vec::new(), exports: Vec::new(), calls: Vec::new() }
     }
 
     #[test]
@@ -133,14 +148,19 @@ mod tests {
 
     #[test]
     fn what_remembers_says_so_in_its_text() {
-        let told = |about| Interface { type_name: "Count", about, ports: Vec::new() }.text().contains("  remembers;\n");
+        let told = |about| {
+            Interface { type_name: "Count", about, ports: Vec::new(), exports: Vec::new(), calls: Vec::new() }
+                .text()
+                .contains("  remembers;\n")
+        };
         assert!(told(About::service("Counts.").remembers()) && !told(About::service("Counts.")));
     }
 
     #[test]
     fn what_declares_no_outcomes_ends_as_it_likes() {
         let about = About::task("Ends.");
-        let interface = Interface { type_name: "Step", about, ports: Vec::new() };
+        let interface =
+            Interface { type_name: "Step", about, ports: Vec::new(), exports: Vec::new(), calls: Vec::new() };
         assert!(interface.text().contains("  done;\n") && interface.may_end_with(b"anything"));
     }
 }

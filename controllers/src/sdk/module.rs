@@ -1,9 +1,12 @@
 //! Any controller behind one object-safe face: what both harnesses drive.
 
 use super::arguments::Arguments;
+use super::calls::CallOrder;
 use super::controller::{Configured, Controller, Progress, Stopping, Tick};
+use super::export::{Activity, Exports, RawReply};
 use super::interface::{Direction, Interface};
 use super::port::{InputSet, OutputSet};
+use comms::logic::object::ObjectError;
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use thiserror::Error;
@@ -45,6 +48,22 @@ pub trait Module: Send {
 
     /// Returns what a recorder would like to see.
     fn signals(&self) -> Vec<Signal>;
+
+    /// Carries out a call of something that it exports; the answer may come later.
+    fn serve(&mut self, name: &str, argument: &[u8], activity: Activity, reply: RawReply) {
+        let _ = (argument, activity);
+        reply.answer(Err(ObjectError::NoSuchProcedure { name: name.to_owned(), known: Vec::new() }));
+    }
+
+    /// Takes what the last call wants done about calls to others, as (call, order), in order of declaration.
+    fn drain_calls(&mut self, _: &mut dyn FnMut(&'static str, CallOrder)) {}
+
+    /// Hands over the answer to a call of its own; says whether a calculation is due at once.
+    fn answered(&mut self, call: &str, number: u64, result: Result<Vec<u8>, ObjectError>) -> Delivery {
+        let _ = (call, number);
+        drop(result);
+        Delivery::Stored
+    }
 }
 
 /// The answer of a module to a delivered sample.
@@ -85,6 +104,7 @@ pub(super) struct Instance<C: Controller> {
     interface: Interface,
     inputs: C::Inputs,
     outputs: C::Outputs,
+    exports: Exports<C>,
     input_count: usize,
     last: Option<Time>,
     /// Parameters that wait for the next activation.
@@ -95,7 +115,14 @@ pub(super) struct Instance<C: Controller> {
 pub(super) fn interface<C: Controller>() -> Interface {
     let mut ports = C::Inputs::declared();
     ports.extend(C::Outputs::declared());
-    Interface { type_name: C::TYPE, about: C::about(), ports }
+    let (exports, calls) = (exports::<C>().interfaces(), C::Outputs::declared_calls());
+    Interface { type_name: C::TYPE, about: C::about(), ports, exports, calls }
+}
+
+fn exports<C: Controller>() -> Exports<C> {
+    let mut exports = Exports::default();
+    C::exports(&mut exports);
+    exports
 }
 
 impl<C: Controller> Instance<C> {
@@ -107,6 +134,7 @@ impl<C: Controller> Instance<C> {
             interface,
             inputs: C::Inputs::unconnected(),
             outputs: C::Outputs::unconnected(),
+            exports: exports(),
             input_count,
             last: None,
             next: None,
@@ -199,5 +227,32 @@ impl<C: Controller> Module for Instance<C> {
 
     fn signals(&self) -> Vec<Signal> {
         self.controller.signals()
+    }
+
+    fn serve(&mut self, name: &str, argument: &[u8], activity: Activity, reply: RawReply) {
+        self.exports.serve(&mut self.controller, (name, argument), activity, reply);
+    }
+
+    fn drain_calls(&mut self, order: &mut dyn FnMut(&'static str, CallOrder)) {
+        let declared = &self.interface.calls;
+        self.outputs.visit_calls(&mut |at, calls| {
+            if let Some(call) = declared.get(at) {
+                calls.take().into_iter().for_each(|one| order(call.name, one));
+            }
+        });
+    }
+
+    fn answered(&mut self, call: &str, number: u64, result: Result<Vec<u8>, ObjectError>) -> Delivery {
+        let Some(index) = self.interface.calls.iter().position(|declared| declared.name == call) else {
+            return Delivery::Stored;
+        };
+        let mut result = Some(result);
+        self.outputs.visit_calls(&mut |at, calls| {
+            if at == index {
+                result.take().into_iter().for_each(|result| calls.deliver(number, result));
+            }
+        });
+        let trigger = self.interface.about.schedule.trigger;
+        if trigger == Some(call) { Delivery::Triggers } else { Delivery::Stored }
     }
 }

@@ -1,5 +1,7 @@
 //! Typed ports, and sets of them, which `#[derive(Inputs)]` and `#[derive(Outputs)]` write.
 
+use super::calls::AnyCalls;
+use super::export::CallInterface;
 use super::port_interface::PortInterface;
 use comms::logic::time::Time;
 use serde::Serialize;
@@ -24,6 +26,11 @@ pub trait Message: Serialize + DeserializeOwned + Debug + Send + 'static {
     fn stamp(&self) -> Option<Time> {
         None
     }
+}
+
+/// Nothing: what a procedure is called with that takes no argument, or what one answers that has no result.
+impl Message for () {
+    const TYPE: &'static str = "";
 }
 
 /// Clocks of two hosts are not comparable: a sample that seems to be older than this when it arrives is stamped by another
@@ -67,6 +74,11 @@ impl<T: Message> In<T> {
     /// Returns the newest value if it is at most `age_max` old at `now`; see [`In::age`].
     pub fn fresh_within(&self, now: Time, age_max: Duration) -> Option<&T> {
         self.value.as_ref().filter(|_| self.age(now).is_some_and(|age| age <= age_max))
+    }
+
+    /// Returns whether there is no value that is at most `age_max` old at `now`: nothing came, or what came is out of date.
+    pub fn stale(&self, now: Time, age_max: Duration) -> bool {
+        self.fresh_within(now, age_max).is_none()
     }
 
     /// Returns the newest value if it arrived since the last calculation.
@@ -208,6 +220,12 @@ pub trait OutputSet: Sized + Send + 'static {
     fn declared() -> Vec<PortInterface>;
     /// Visits the ports in the same order.
     fn visit(&mut self, visit: &mut dyn FnMut(usize, &mut dyn AnyOut));
+    /// Returns the calls in order.
+    fn declared_calls() -> Vec<CallInterface> {
+        Vec::new()
+    }
+    /// Visits the calls in the same order.
+    fn visit_calls(&mut self, _: &mut dyn FnMut(usize, &mut dyn AnyCalls)) {}
 }
 
 impl InputSet for () {
@@ -252,6 +270,7 @@ mod tests {
             input.deliver(&postcard::to_stdvec(&Sample { stamp: at(stamp) }).unwrap(), at(arrived)).unwrap();
             let limit = Duration::from_millis(100);
             assert_eq!(input.fresh_within(at(now), limit).is_some(), input.age(at(now)) <= Some(limit));
+            assert_eq!(input.stale(at(now), limit), input.age(at(now)) > Some(limit));
             input.age(at(now)).unwrap().as_millis()
         };
         // It was on its way for 80 ms, and has waited for 30.

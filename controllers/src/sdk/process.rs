@@ -11,12 +11,14 @@
 //! `DCA_DATA_SOCKET`, where its data session listens; `DCA_REMOTE`, present when other hosts must reach it; `NOTIFY_SOCKET`
 //! and `WATCHDOG_USEC`, who watches its loop, and how closely.
 
+mod agreement;
 mod cycle;
 mod flow;
 mod heartbeat;
 mod inbox;
 mod links;
 mod node_line;
+mod objects;
 mod peaks;
 mod taps;
 
@@ -136,7 +138,8 @@ fn reach() -> Result<Reach, ProcessError> {
 }
 
 fn needs_session(interface: &Interface) -> bool {
-    !interface.ports.is_empty() || interface.about.signals_every.is_some()
+    let is_called = !interface.exports.is_empty() || !interface.calls.is_empty();
+    !interface.ports.is_empty() || interface.about.signals_every.is_some() || is_called
 }
 
 fn hello(interface: &Interface, instance: &str, session: Option<&DataSession>) -> Notice {
@@ -243,6 +246,7 @@ impl Program {
                 hand_over(inbox, Command::Configure(arguments))?;
             }
             Order::Shape { wires } => links.shape(wires),
+            Order::Calls { calls } => links.call(calls),
             Order::Rejoin => links.rejoin(),
             Order::Relink { lost, found } => {
                 if let Some(session) = &self.session {

@@ -4,7 +4,7 @@
 //! keys. Programs that share a machine use Unix sockets; others use the addresses that the producer listens on.
 
 use crate::logic::protocol::{Deployment, LeafFacts};
-use comms::logic::control::{Device, Dial, Incoming, Location, Order, Outgoing, Shape};
+use comms::logic::control::{CallRoute, Device, Dial, Incoming, Location, Order, Outgoing, Shape};
 use comms::logic::key;
 use language::plan::{Plan, Quality, Retention, Transfer, Wire};
 use serde::{Deserialize, Serialize};
@@ -30,7 +30,8 @@ pub fn links(
     (leaf, live): (u32, &BTreeSet<u32>),
 ) -> Result<Order, Vec<String>> {
     let (mut incoming, mut outgoing, mut devices, mut problems) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-    for (number, wire) in (0_u32..).zip(&plan.wires).filter(|(number, _)| live.contains(number)) {
+    let is_data = |(number, wire): &(u32, &Wire)| live.contains(number) && wire.transfer != Transfer::Call;
+    for (number, wire) in (0_u32..).zip(&plan.wires).filter(is_data) {
         let pull = wire.transfer == Transfer::Pull;
         let key = || key::wire(&deployment.name, deployment.epoch, number);
         if wire.from.leaf == leaf {
@@ -59,6 +60,33 @@ pub fn links(
     }
 }
 
+/// Returns the order that tells `leaf` what it calls, over the wires that are `live`; none if it calls nothing.
+///
+/// # Errors
+/// Sentences for a person: a program without a data session, or out of reach.
+pub fn calls(
+    plan: &Plan,
+    registrations: &Registrations,
+    (leaf, live): (u32, &BTreeSet<u32>),
+) -> Result<Option<Order>, Vec<String>> {
+    let is_call = |wire: &Wire| wire.transfer == Transfer::Call && wire.from.leaf == leaf;
+    let wires = (0_u32..).zip(&plan.wires).filter(|(number, wire)| live.contains(number) && is_call(wire));
+    let (mut calls, mut problems) = (Vec::new(), Vec::new());
+    for (wire, Wire { from, to, .. }) in wires {
+        match dial(plan, registrations, leaf, to.leaf) {
+            Ok(server) => {
+                let (call, path, name) = (from.port.clone(), path(plan, to.leaf).to_owned(), to.port.clone());
+                calls.push(CallRoute { wire, call, server, path, name });
+            }
+            Err(why) => problems.push(why),
+        }
+    }
+    if !problems.is_empty() {
+        return Err(problems);
+    }
+    Ok(plan.wires.iter().any(is_call).then_some(Order::Calls { calls }))
+}
+
 /// Returns the order that tells `leaf` how data moves on its wires, if the spec says so of any.
 pub fn shapes(plan: &Plan, leaf: u32) -> Option<Order> {
     let wires = (0_u32..).zip(&plan.wires).filter(|(_, wire)| wire.from.leaf == leaf || wire.to.leaf == leaf);
@@ -73,9 +101,14 @@ pub fn shapes(plan: &Plan, leaf: u32) -> Option<Order> {
     (!wires.is_empty()).then_some(Order::Shape { wires })
 }
 
-/// Returns the programs that dial `leaf`: consumers of its outputs, and those that need a device of it.
+/// Returns the programs that dial `leaf`: consumers of its outputs, those that call it, and those that need a device of it.
 pub fn dialers(plan: &Plan, registrations: &Registrations, leaf: u32) -> BTreeSet<u32> {
-    let consumers = plan.wires.iter().filter(|wire| wire.from.leaf == leaf).map(|wire| wire.to.leaf);
+    let dialled = |wire: &&Wire| {
+        let (dialled, dialler) =
+            if wire.transfer == Transfer::Call { (&wire.to, &wire.from) } else { (&wire.from, &wire.to) };
+        (dialled.leaf == leaf).then_some(dialler.leaf)
+    };
+    let consumers = plan.wires.iter().filter_map(|wire| dialled(&wire));
     let owned = registrations.facts.get(&leaf).map_or(&[][..], |facts| &facts.owns);
     let needs = |facts: &&LeafFacts| facts.needs.iter().any(|device| owned.contains(device));
     let users = registrations.facts.values().filter(needs).map(|facts| facts.leaf);
@@ -199,5 +232,45 @@ process main() {
             Some(Order::Relink { lost: "old".into(), found })
         };
         assert_eq!((relink(1), relink(2)), (order("unix"), order("tcp")));
+    }
+
+    /// A call is dialled by who calls, and is no input of who is called; one that calls nothing is told nothing.
+    #[test]
+    fn who_calls_is_told_what_and_where() {
+        let text = r#"
+module Server(host) { proc Grip(Number) -> Number; service; }
+module Client(host) { calls Push(Number) -> Number; done; }
+process main() {
+    host { "c1" }
+    instantiated_processes { a instof Client("c1"); b instof Server("c2"); }
+    internal_connections { a, Push -> b, Grip; }
+    internal_event_actions { b, a }
+}
+"#;
+        let compiled = compile(&Source::new("calls", text), &[], &Options::named("calls"));
+        let plan = compiled.plan.unwrap_or_else(|| panic!("{:#?}", compiled.diagnostics));
+        let leaf = |name: &str| (0_u32..).zip(&plan.leaves).find(|(_, leaf)| leaf.path == name).unwrap().0;
+        let (a, b) = (leaf("main/a"), leaf("main/b"));
+        let registrations = Registrations {
+            facts: [facts(a, "a"), facts(b, "b")].map(|facts| (facts.leaf, facts)).into(),
+            machines: vec!["one".into(), "other".into()],
+        };
+        let server = Dial { session: "b".into(), locators: vec!["tcp".into()] };
+        let route = CallRoute { wire: 0, call: "Push".into(), server, path: "main/b".into(), name: "Grip".into() };
+        let live = BTreeSet::from([0]);
+        assert_eq!(calls(&plan, &registrations, (a, &live)), Ok(Some(Order::Calls { calls: vec![route] })));
+        assert_eq!(calls(&plan, &registrations, (a, &BTreeSet::new())), Ok(Some(Order::Calls { calls: vec![] })));
+        assert_eq!(calls(&plan, &registrations, (b, &live)), Ok(None));
+        assert_eq!(dialers(&plan, &registrations, b), BTreeSet::from([a]));
+        assert_eq!(dialers(&plan, &registrations, a), BTreeSet::new());
+        let deployment = Deployment { name: "d".into(), epoch: 1 };
+        for leaf in [a, b] {
+            let Ok(Order::Connect { incoming, outgoing, .. }) =
+                links(&plan, &deployment, &registrations, (leaf, &live))
+            else {
+                panic!("it has no links")
+            };
+            assert!(incoming.is_empty() && outgoing.is_empty());
+        }
     }
 }

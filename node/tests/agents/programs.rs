@@ -106,7 +106,11 @@ impl World {
                     self.notice(4, host, process, Notice::Stopped { activation });
                 }
             }
-            Order::Configure { .. } | Order::Shape { .. } | Order::Rejoin | Order::Resumed { .. } => {}
+            Order::Configure { .. }
+            | Order::Shape { .. }
+            | Order::Calls { .. }
+            | Order::Rejoin
+            | Order::Resumed { .. } => {}
             Order::Exit if self.lingers => {}
             Order::Exit => self.die(host, process, ShimReport::Exited { code: 0 }),
         }

@@ -1,12 +1,13 @@
 //! The control loop: the one thread that calls the controller, on absolute deadlines or when a trigger sample arrives.
 
 use super::heartbeat::{Heartbeat, Spends};
-use super::inbox::{Arrived, Command, Inbox};
+use super::inbox::{Arrived, Command, Inbox, ToServe};
 use super::links::{Links, fetch_all};
 use super::node_line::NoticeLog;
 use super::peaks::Watch;
 use crate::sdk::arguments::Arguments;
 use crate::sdk::controller::{Progress, Schedule, Stopping};
+use crate::sdk::export::Activity;
 use crate::sdk::module::{Delivery, Module};
 use comms::io::clock::{make_punctual, now};
 use comms::logic::control::Notice;
@@ -18,6 +19,8 @@ use std::time::Duration;
 
 /// The exit code of a program whose loop has panicked, as of any other that panics in Rust.
 const PANICKED: i32 = 101;
+/// How many calls of others are carried out before the loop looks whether a calculation is due.
+const CALLS_AT_ONCE: usize = 16;
 
 /// How the present activation ends once `stop` has finished.
 #[derive(Debug)]
@@ -99,6 +102,7 @@ impl Cycle {
             while let Some(command) = self.inbox.next_command() {
                 self.command(command);
             }
+            self.serve();
             let triggered = self.take_samples();
             if matches!(self.phase, Phase::Idle) {
                 if self.leaving {
@@ -116,6 +120,20 @@ impl Cycle {
             self.arm(time, triggered);
             self.work(time);
         }
+    }
+
+    /// Carries out calls of others; not more of them at once than leave the next calculation its time.
+    fn serve(&mut self) {
+        for _ in 0..CALLS_AT_ONCE {
+            let Some(ToServe { name, argument, reply }) = self.inbox.next_call() else { return };
+            let activity = match self.phase {
+                Phase::Idle => Activity::Idle,
+                Phase::Running => Activity::Running,
+                Phase::Stopping { .. } => Activity::Stopping,
+            };
+            self.call(|module| module.serve(&name, &argument, activity, reply));
+        }
+        self.inbox.wakeup.wake();
     }
 
     fn wait(&self, until: Option<Time>) {
@@ -210,6 +228,13 @@ impl Cycle {
                 self.latched.push(sample);
             }
         }
+        for ((activation, call, number), result) in self.inbox.take_answers() {
+            // One to an earlier activation is nobody's.
+            if !matches!(self.phase, Phase::Idle) && activation == self.activation {
+                let delivery = self.call(|module| module.answered(call, number, result));
+                triggered |= delivery == Some(Delivery::Triggers);
+            }
+        }
         triggered && matches!(self.phase, Phase::Running)
     }
 
@@ -278,6 +303,7 @@ impl Cycle {
 
     fn ended(&mut self) {
         let Phase::Stopping { ending, .. } = std::mem::replace(&mut self.phase, Phase::Idle) else { return };
+        self.links.callers().cancel_all();
         // The last values count, and the peaks since the last sample.
         self.signals_due = Time::ZERO;
         self.show(now());
@@ -295,6 +321,9 @@ impl Cycle {
     fn send(&mut self) {
         let links = Arc::clone(&self.links);
         self.call(|module| module.drain(&mut |port, bytes| links.send(port, bytes)));
+        let (activation, inbox) = (self.activation, Arc::clone(&self.inbox));
+        let order = &mut |call, order| links.callers().order(activation, call, order, &inbox);
+        self.call(|module| module.drain_calls(order));
     }
 
     fn show(&mut self, time: Time) {
@@ -413,7 +442,8 @@ mod tests {
         std::fs::remove_file(&path).unwrap();
         let period = Duration::from_millis(1);
         let about = About::service("Panics once.").every(period).signals_every(period);
-        let interface = Interface { type_name: "Fragile", about, ports: Vec::new() };
+        let interface =
+            Interface { type_name: "Fragile", about, ports: Vec::new(), exports: Vec::new(), calls: Vec::new() };
         let module = Box::new(Fragile { interface, breaks_in: Cell::new(call) });
         let inbox = Arc::new(Inbox::default());
         let cycle = Cycle::new(module, Arc::clone(&inbox), Arc::default(), NoticeLog::new(notices));

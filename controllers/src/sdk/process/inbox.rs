@@ -1,11 +1,16 @@
 //! The inbox of the control loop: commands in order, and samples that have arrived.
 
+use super::objects::Call;
 use crate::sdk::arguments::Arguments;
+use crate::sdk::export::RawReply;
 use comms::io::clock::{Wakeup, now};
+use comms::io::data::{DataSession, IncomingCall};
 use comms::logic::control::Shape;
+use comms::logic::object::{Admission, CallId, CallTable, Next, ObjectError};
 use comms::logic::time::Time;
-use std::collections::VecDeque;
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
 
 /// How many samples wait for one input; its oldest gives way, so that one busy input cannot push out another's.
 const SAMPLES_MAX: usize = 64;
@@ -60,7 +65,24 @@ impl Hold {
 struct Waiting {
     commands: VecDeque<Command>,
     samples: VecDeque<Arrived>,
+    /// Calls that others make.
+    calls: CallTable<(IncomingCall, Weak<DataSession>)>,
+    /// Those that the loop has taken, and may still answer: whether somebody waits.
+    wanted: BTreeMap<CallId, Weak<AtomicBool>>,
+    /// Answers to calls that this program makes.
+    answers: Vec<OwnAnswer>,
     left: bool,
+}
+
+/// An answer to a call of this program.
+pub(super) type OwnAnswer = (Call, Result<Vec<u8>, ObjectError>);
+
+/// A call for the loop.
+#[derive(Debug)]
+pub(super) struct ToServe {
+    pub(super) name: String,
+    pub(super) argument: Vec<u8>,
+    pub(super) reply: RawReply,
 }
 
 /// Filled by the listener and zenoh's threads, emptied by the cycle.
@@ -98,6 +120,60 @@ impl Inbox {
             waiting.samples.push_back(arrived);
         }
         self.wakeup.wake();
+    }
+
+    /// Takes a call of another program.
+    pub(super) fn called(&self, incoming: IncomingCall, session: &Weak<DataSession>) {
+        let (id, deadline) = (incoming.call.id.clone(), incoming.deadline);
+        let admission = self.lock().calls.admit(id, deadline, (incoming, Weak::clone(session)));
+        match admission {
+            Admission::Admitted => self.wakeup.wake(),
+            Admission::TurnedAway((incoming, _), error) => incoming.way.answer(Err(error)),
+        }
+    }
+
+    /// Notes that nobody waits for a call any more.
+    pub(super) fn cancelled(&self, id: &CallId) {
+        let mut waiting = self.lock();
+        drop(waiting.calls.cancel(id));
+        if let Some(wanted) = waiting.wanted.remove(id).and_then(|wanted| wanted.upgrade()) {
+            wanted.store(false, Ordering::Relaxed);
+        }
+    }
+
+    /// Returns the next call that somebody waits for.
+    pub(super) fn next_call(&self) -> Option<ToServe> {
+        loop {
+            let (incoming, session) = match self.lock().calls.next(now())? {
+                Next::Run(call) => call,
+                Next::Expired(_) => continue,
+            };
+            let IncomingCall { call, deadline, way } = incoming;
+            let is_there = move |caller: &str| session.upgrade().is_some_and(|session| session.is_linked(caller));
+            if !is_there(&call.id.session) {
+                continue;
+            }
+            let wanted = Arc::new(AtomicBool::new(true));
+            let mut waiting = self.lock();
+            waiting.wanted.retain(|_, wanted| wanted.strong_count() > 0);
+            waiting.wanted.insert(call.id.clone(), Arc::downgrade(&wanted));
+            drop(waiting);
+            let caller = call.id.session;
+            let is_wanted = move || wanted.load(Ordering::Relaxed) && now() < deadline && is_there(&caller);
+            let reply = RawReply::new(move |result| way.answer(result), is_wanted);
+            return Some(ToServe { name: call.name, argument: call.argument.0, reply });
+        }
+    }
+
+    /// Takes an answer to a call of this program.
+    pub(super) fn answered(&self, call: Call, result: Result<Vec<u8>, ObjectError>) {
+        // As many as the calls that were made, which are few.
+        self.lock().answers.push((call, result));
+        self.wakeup.wake();
+    }
+
+    pub(super) fn take_answers(&self) -> Vec<OwnAnswer> {
+        std::mem::take(&mut self.lock().answers)
     }
 
     pub(super) fn next_command(&self) -> Option<Command> {

@@ -1,13 +1,15 @@
 //! The data links of one program: dials the producers of its inputs, and opens and closes the wires of its outputs.
 
+use super::agreement;
 use super::flow::Flow;
 use super::inbox::{Hold, Inbox};
+use super::objects::{Callers, Serving};
 use super::taps::Taps;
 use crate::sdk::interface::{Binding, Direction, Interface, PortInterface};
 use comms::io::clock::now;
 use comms::io::data::{DataError, DataSession, Payload, Priority, Publisher, Responder, Subscription};
 use comms::logic::codec::{self, Enveloped};
-use comms::logic::control::{Device, Dial, Incoming, Outgoing, Shape};
+use comms::logic::control::{CallRoute, Device, Dial, Incoming, Outgoing, Shape};
 use comms::logic::human::span;
 use comms::logic::key::{self, Channel};
 use comms::logic::time::Time;
@@ -62,7 +64,7 @@ struct Made {
     /// By the number of the wire, as are the fetches and the subscriptions of inputs.
     wires: BTreeMap<u32, Wire>,
     fetches: BTreeMap<u32, Arc<Fetch>>,
-    inputs: BTreeMap<u32, Subscription>,
+    inputs: BTreeMap<u32, (Responder, Subscription)>,
     devices: Devices,
 }
 
@@ -73,6 +75,8 @@ struct Devices {
     inputs: Vec<Subscription>,
     signals: Option<Publisher>,
     taps: Taps,
+    /// Held for as long as calls are to arrive.
+    serving: Serving,
 }
 
 /// Every link of the program. Flags are flipped by the listener while the cycle sends.
@@ -84,6 +88,7 @@ pub(super) struct Links {
     /// Held while links are added to others.
     turn: Mutex<()>,
     told: Mutex<PendingConfig>,
+    callers: Callers,
 }
 
 /// The configuration that arrives before the links are made.
@@ -91,6 +96,8 @@ pub(super) struct Links {
 struct PendingConfig {
     /// How data moves.
     shapes: BTreeMap<u32, Shape>,
+    /// What it calls.
+    calls: Vec<CallRoute>,
     /// Whether the others run already.
     rejoins: bool,
 }
@@ -108,6 +115,16 @@ impl Links {
     /// Notes how data is to move on wires that are made later.
     pub(super) fn shape(&self, wires: Vec<Shape>) {
         self.told().shapes.extend(wires.into_iter().map(|shape| (shape.wire, shape)));
+    }
+
+    /// Notes what the program calls.
+    pub(super) fn call(&self, calls: Vec<CallRoute>) {
+        self.told().calls = calls;
+    }
+
+    /// Returns the calls that the program makes.
+    pub(super) fn callers(&self) -> &Callers {
+        &self.callers
     }
 
     /// Notes that the others run already.
@@ -162,15 +179,22 @@ impl Links {
         }
         for incoming in orders.incoming.iter().filter(|incoming| !self.lock().hears(incoming.wire)) {
             dial(&incoming.producer).map_err(|why| format!("input `{}`: {why}", incoming.port))?;
-            let (number, port) = (incoming.wire, port(interface, &incoming.port, Direction::In)?.name);
+            let (number, input) = (incoming.wire, port(interface, &incoming.port, Direction::In)?);
+            let port = input.name;
             if incoming.pull {
                 let (key, session) = (incoming.key.clone(), Arc::clone(session));
                 made.fetches.insert(number, Arc::new(Fetch { port, key, session }));
             } else {
                 let hold = Hold::of(&self.shape_of(number));
-                made.inputs.insert(number, subscribe(session, &incoming.key, (port, hold), inbox)?);
+                let declared = agreement::declare(session, &incoming.key, input).map_err(|error| error.to_string())?;
+                made.inputs.insert(number, (declared, subscribe(session, &incoming.key, (port, hold), inbox)?));
             }
         }
+        let calls = self.told().calls.clone();
+        for call in &calls {
+            dial(&call.server).map_err(|why| format!("call `{}`: {why}", call.call))?;
+        }
+        self.callers.take(session, (&orders.robot, &orders.instance), interface, (&calls, inbox))?;
         // Consumers have their inputs before anybody sends: a value that is sent once must not find nobody there.
         for wire in made.wires.values() {
             if let Transport::Push(publisher) = &wire.way
@@ -181,6 +205,9 @@ impl Links {
                 return Err(format!("output `{}`: its consumer has not come within {within}", wire.port));
             }
         }
+        for outgoing in orders.outgoing.iter().filter(|outgoing| made.is_heard(outgoing.wire)) {
+            agreement::check(session, &outgoing.key, port(interface, &outgoing.port, Direction::Out)?)?;
+        }
         self.lock().take(made, &orders, is_first);
         self.are_made.store(true, Ordering::Release);
         Ok(())
@@ -188,6 +215,7 @@ impl Links {
 
     /// Opens or closes wires. What was sent before is not delivered late, but for the last value of a latched wire.
     pub(super) fn switch(&self, wires: &[u32], open: bool) {
+        self.callers.switch(wires, open);
         let (mut made, now) = (self.lock(), now());
         for wire in wires {
             let Some(wire) = made.wires.get_mut(wire) else { continue };
@@ -239,6 +267,7 @@ impl Links {
 
     /// Drops every link.
     pub(super) fn clear(&self) {
+        self.callers.clear();
         *self.lock() = Made::default();
     }
 
@@ -282,6 +311,12 @@ pub(super) fn fetch_all(fetches: &[Arc<Fetch>], within: Duration) -> Vec<(&'stat
 }
 
 impl Made {
+    /// Returns whether a new wire has a consumer that listens.
+    fn is_heard(&self, wire: u32) -> bool {
+        let way = self.wires.get(&wire).map(|wire| &wire.way);
+        matches!(way, Some(Transport::Push(publisher)) if publisher.is_heard())
+    }
+
     /// Returns whether an input has this wire.
     fn hears(&self, wire: u32) -> bool {
         self.fetches.contains_key(&wire) || self.inputs.contains_key(&wire)
@@ -307,7 +342,7 @@ impl Made {
 
 impl Devices {
     fn make(
-        session: &DataSession,
+        session: &Arc<DataSession>,
         interface: &Interface,
         orders: &LinkOrders,
         inbox: &Arc<Inbox>,
@@ -322,6 +357,8 @@ impl Devices {
         }
         let taps = Taps::make(session, interface, (&orders.robot, &orders.instance));
         devices.taps = taps.map_err(|error| error.to_string())?;
+        let serving = Serving::make(session, interface, (&orders.robot, &orders.instance), inbox);
+        devices.serving = serving.map_err(|error| error.to_string())?;
         Ok(devices)
     }
 

@@ -12,7 +12,6 @@ use crate::logic::executer::leaf_host;
 use crate::logic::instance::{Instance, Start};
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{ChangeOrder, ChangeReply, LeafFacts, ToCoordinator};
-use crate::logic::wiring::{links, shapes};
 use language::plan::{LeafKind, Plan};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -177,9 +176,8 @@ impl Participant {
             if is_plain {
                 continue;
             }
-            match links(&self.plan, &self.deployment, &self.registrations, (leaf, &self.live)) {
-                Ok(order) => {
-                    let orders = shapes(&self.plan, leaf).into_iter().chain([order]);
+            match self.orders(leaf) {
+                Ok(orders) => {
                     let mut answers = false;
                     self.with_instance(leaf, out, |instance, context| answers = instance.link_again(orders, context));
                     if let Some(change) = &mut self.change

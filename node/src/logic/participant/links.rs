@@ -11,7 +11,7 @@ use crate::logic::effect::Out;
 use crate::logic::executer::leaf_host;
 use crate::logic::instance::Instance;
 use crate::logic::protocol::{LeafFacts, ToParticipant};
-use crate::logic::wiring::{dialers, links, relink, shapes};
+use crate::logic::wiring::{calls, dialers, links, relink, shapes};
 use comms::logic::control::Order;
 use language::plan::LeafKind;
 use serde::{Deserialize, Serialize};
@@ -47,13 +47,12 @@ impl Participant {
             self.registrations.facts.values().filter(own).for_each(|facts| self.tell_where(facts, out));
         }
         for leaf in self.instances.numbers() {
-            match links(&self.plan, &self.deployment, &self.registrations, (leaf, &self.live)) {
-                Ok(order) => {
+            match self.orders(leaf) {
+                Ok(orders) => {
                     let plain = self.plan.leaves.get(leaf as usize).is_some_and(|leaf| leaf.kind == LeafKind::Plain);
                     if !plain {
                         self.waiting.insert(leaf);
                     }
-                    let orders = shapes(&self.plan, leaf).into_iter().chain([order]);
                     self.with_instance(leaf, out, |instance, moment| {
                         if plain { instance.connect_plain() } else { instance.connect(orders, moment) }
                     });
@@ -64,13 +63,22 @@ impl Participant {
         self.report_connected(out);
     }
 
+    /// Returns the orders that tell a program of this host every link it takes part in.
+    ///
+    /// # Errors
+    /// Sentences for a person.
+    pub(super) fn orders(&self, leaf: u32) -> Result<impl Iterator<Item = Order> + use<>, Vec<String>> {
+        let links = links(&self.plan, &self.deployment, &self.registrations, (leaf, &self.live))?;
+        let calls = calls(&self.plan, &self.registrations, (leaf, &self.live))?;
+        Ok(shapes(&self.plan, leaf).into_iter().chain(calls).chain([links]))
+    }
+
     /// Links a program of this host that was started again, and tells the hosts of those who dial it.
     pub(super) fn rejoin(&mut self, facts: LeafFacts, out: &mut Out<'_>) {
         let leaf = facts.leaf;
         self.tell_where(&facts, out);
         self.moved(facts, out);
-        let made = links(&self.plan, &self.deployment, &self.registrations, (leaf, &self.live));
-        let orders = made.map(|order| shapes(&self.plan, leaf).into_iter().chain([order]));
+        let orders = self.orders(leaf);
         self.with_instance(leaf, out, |instance, moment| match orders {
             Ok(orders) => instance.connect(orders, moment),
             Err(reasons) => instance.turn_away(&reasons.join("; "), moment),

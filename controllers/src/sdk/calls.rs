@@ -1,0 +1,199 @@
+//! A call of what another process exports, as a controller makes it: sent after a calculation, answered in a later one.
+
+use super::export::{encode, refused};
+use super::port::Message;
+use comms::logic::object::ObjectError;
+use std::collections::{BTreeSet, VecDeque};
+use std::fmt::Debug;
+use std::marker::PhantomData;
+use std::time::Duration;
+
+/// How many calls of one kind may be on their way at a time.
+const PENDING_MAX: usize = 64;
+
+/// Calls of one procedure of another process, which the spec connects. A field of a struct of outputs, with `#[calls("Grip")]`.
+///
+/// Nothing waits: [`Calls::call`] sends after this calculation, and [`Calls::answer`] returns what has come since.
+#[derive(Debug)]
+pub struct Calls<A, R> {
+    made: u64,
+    pending: BTreeSet<u64>,
+    orders: Vec<CallOrder>,
+    answers: VecDeque<Answered<R>>,
+    of: PhantomData<fn(A)>,
+}
+
+/// The number of a call, and what has come of it.
+pub type Answered<R> = (u64, Result<R, ObjectError>);
+
+/// What is to be done about a call.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum CallOrder {
+    /// Make it.
+    Make {
+        /// Its number.
+        number: u64,
+        /// The encoded argument.
+        argument: Vec<u8>,
+        /// How long it may take.
+        within: Duration,
+    },
+    /// Nobody waits for it any more.
+    Cancel {
+        /// Its number.
+        number: u64,
+    },
+}
+
+impl<A, R> Default for Calls<A, R> {
+    fn default() -> Self {
+        Self { made: 0, pending: BTreeSet::new(), orders: Vec::new(), answers: VecDeque::new(), of: PhantomData }
+    }
+}
+
+impl<A: Message, R: Message> Calls<A, R> {
+    /// Calls after this calculation; returns the number of the call. Whatever happens, there is one answer to it, unless it
+    /// is cancelled or the activation ends before.
+    pub fn call(&mut self, argument: A, within: Duration) -> u64 {
+        self.made += 1;
+        let number = self.made;
+        let waiting = u32::try_from(self.pending.len()).unwrap_or(u32::MAX);
+        let busy = if self.pending.len() >= PENDING_MAX { Err(ObjectError::Busy { waiting }) } else { Ok(()) };
+        match busy
+            .and_then(|()| encode(&argument))
+            .and_then(|bytes| ObjectError::check_size(bytes.len()).map(|()| bytes))
+        {
+            Ok(argument) => {
+                self.pending.insert(number);
+                self.orders.push(CallOrder::Make { number, argument, within });
+            }
+            Err(error) => self.answers.push_back((number, Err(error))),
+        }
+        number
+    }
+
+    /// Returns the next answer, with the number of its call.
+    pub fn answer(&mut self) -> Option<Answered<R>> {
+        self.answers.pop_front()
+    }
+
+    /// Waits no more for a call; its answer does not come. If it has not begun at the other end, it never does.
+    pub fn cancel(&mut self, number: u64) {
+        if self.pending.remove(&number) {
+            self.orders.push(CallOrder::Cancel { number });
+        }
+    }
+
+    /// Returns how many calls have no answer yet.
+    pub fn pending(&self) -> usize {
+        self.pending.len()
+    }
+}
+
+/// Calls of whatever types. Implemented by [`Calls`]; used by [`super::Module`].
+pub trait AnyCalls {
+    /// Takes what is to be done, in order.
+    fn take(&mut self) -> Vec<CallOrder>;
+    /// Takes the answer to a call; one that nobody waits for is dropped.
+    fn deliver(&mut self, number: u64, result: Result<Vec<u8>, ObjectError>);
+}
+
+impl<A: Message, R: Message> AnyCalls for Calls<A, R> {
+    fn take(&mut self) -> Vec<CallOrder> {
+        std::mem::take(&mut self.orders)
+    }
+
+    fn deliver(&mut self, number: u64, result: Result<Vec<u8>, ObjectError>) {
+        if !self.pending.remove(&number) {
+            return;
+        }
+        let decode = |bytes: Vec<u8>| {
+            let read = postcard::from_bytes(&bytes);
+            read.map_err(|cause| refused(format!("the answer is not a `{}`: {cause}", R::TYPE)))
+        };
+        self.answers.push_back((number, result.and_then(decode)));
+    }
+}
+
+/// A field with `#[calls("Grip")]`: [`Calls`] alone.
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` makes no calls",
+    label = "expected `Calls<A, R>`, where `A` and `R` are messages",
+    note = "a field with `#[calls(\"Name\")]` is a `Calls<Argument, Result>`"
+)]
+pub trait CallPort: AnyCalls + Default {
+    /// The argument.
+    type Argument: Message;
+    /// The result.
+    type Result: Message;
+}
+
+impl<A: Message, R: Message> CallPort for Calls<A, R> {
+    type Argument = A;
+    type Result = R;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[derive(Debug, serde::Serialize, serde::Deserialize)]
+    struct Pair(f64, f64);
+    impl Message for Pair {
+        const TYPE: &'static str = "Pair";
+    }
+
+    fn made(calls: &mut Calls<(), ()>) -> Vec<u64> {
+        let number = |order| if let CallOrder::Make { number, .. } = order { Some(number) } else { None };
+        calls.take().into_iter().filter_map(number).collect()
+    }
+
+    proptest! {
+        /// Whatever order answers come in, and however often: each call that was not cancelled has one.
+        #[test]
+        fn each_call_has_one_answer_or_is_cancelled(steps in prop::collection::vec((0_u8..4, 1_u64..80), 0..400)) {
+            let (mut calls, mut open, mut told) = (Calls::<(), ()>::default(), BTreeSet::new(), 0_u64);
+            let (mut all, mut cancelled) = (0, 0);
+            for (step, number) in steps {
+                match step {
+                    0 | 1 => {
+                        let waiting = open.len();
+                        let made_now = calls.call((), Duration::from_secs(1));
+                        all += 1;
+                        prop_assert_eq!(made_now, all);
+                        let sent = made(&mut calls);
+                        prop_assert_eq!(sent.is_empty(), waiting >= PENDING_MAX);
+                        open.extend(sent);
+                    }
+                    2 => {
+                        calls.deliver(number, Ok(Vec::new()));
+                        open.remove(&number);
+                    }
+                    _ => {
+                        let was_open = open.remove(&number);
+                        calls.cancel(number);
+                        cancelled += u64::from(was_open);
+                        let expected = if was_open { vec![CallOrder::Cancel { number }] } else { Vec::new() };
+                        prop_assert_eq!(calls.take(), expected);
+                    }
+                }
+                while let Some((number, _)) = calls.answer() {
+                    prop_assert!(!open.contains(&number));
+                    told += 1;
+                }
+                prop_assert_eq!(calls.pending(), open.len());
+            }
+            prop_assert_eq!(told + cancelled + open.len() as u64, all);
+        }
+    }
+
+    #[test]
+    fn what_is_no_answer_is_told() {
+        let mut calls = Calls::<(), Pair>::default();
+        let number = calls.call((), Duration::from_secs(1));
+        calls.deliver(number, Ok(vec![1]));
+        let (_, result) = calls.answer().unwrap();
+        assert!(matches!(result, Err(ObjectError::Refused { .. })), "{result:?}");
+    }
+}

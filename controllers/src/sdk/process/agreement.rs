@@ -1,0 +1,41 @@
+//! Both ends of a wire say of which type its values are, before any goes over it: two programs that were built from different
+//! definitions are refused, instead of misreading each other.
+//!
+//! The consumer answers what it takes, and then subscribes. So once its producer sees that somebody listens, it can ask. Who does not
+//! answer, as a program of an older DCA, is believed.
+
+use crate::sdk::interface::PortInterface;
+use comms::io::data::{DataError, DataSession, Responder};
+use comms::logic::object::TypeForm;
+use comms::logic::{codec, key};
+use std::time::Duration;
+
+/// How long a consumer has to say what it takes: it has just said that it listens.
+const ANSWER_WITHIN: Duration = Duration::from_secs(4);
+
+/// Answers on a wire's key what an input takes.
+pub(super) fn declare(session: &DataSession, wire: &str, input: &PortInterface) -> Result<Responder, DataError> {
+    let form = codec::encode(&form(input)).ok();
+    session.answer(&key::wire_type(wire), move || form.clone())
+}
+
+/// Asks the consumer of a wire what it takes.
+///
+/// # Errors
+/// If that is not what the output sends; both definitions are shown.
+pub(super) fn check(session: &DataSession, wire: &str, output: &PortInterface) -> Result<(), String> {
+    let answer = session.fetch(&key::wire_type(wire), ANSWER_WITHIN);
+    let theirs = answer.ok().flatten().and_then(|bytes| codec::decode::<TypeForm>(&bytes).ok());
+    let ours = form(output);
+    match theirs.filter(|theirs| !theirs.fits(&ours)) {
+        None => Ok(()),
+        Some(theirs) => Err(format!(
+            "output `{}` sends `{ours}`, but its consumer takes `{theirs}`: one of both programs was built from another definition",
+            output.name
+        )),
+    }
+}
+
+fn form(port: &PortInterface) -> TypeForm {
+    TypeForm::new(port.type_name, port.fields)
+}

@@ -1,0 +1,221 @@
+//! What a program exports, and what it calls of others: between its loop and its data session.
+//!
+//! Calls that arrive wait in the inbox of the loop. Calls of its own go out on a thread for it, since a link that takes nothing
+//! may hold up who sends.
+
+use super::inbox::Inbox;
+use crate::sdk::calls::CallOrder;
+use crate::sdk::export::{ExportInterface, admit};
+use crate::sdk::interface::Interface;
+use comms::io::data::{DataError, DataSession, ObjectEvent, ObjectServer, PendingCall, Responder};
+use comms::logic::bytes::Bytes;
+use comms::logic::control::CallRoute;
+use comms::logic::object::{CallId, Exports, ObjectCall, ObjectError, Signature};
+use comms::logic::{codec, key};
+use std::collections::BTreeMap;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::time::Duration;
+
+/// How many calls wait to be sent.
+const JOBS_MAX: usize = 64;
+
+/// What serves the exports of a program, from its first links on.
+#[derive(Debug, Default)]
+pub(super) struct Serving {
+    _server: Option<ObjectServer>,
+    _describing: Option<Responder>,
+}
+
+/// The calls that a program makes.
+#[derive(Debug, Default)]
+pub(super) struct Callers {
+    shared: Arc<Shared>,
+    jobs: Mutex<Option<SyncSender<Job>>>,
+}
+
+#[derive(Debug, Default)]
+struct Shared {
+    /// By the number of the wire.
+    routes: Mutex<BTreeMap<u32, Route>>,
+    pending: Mutex<BTreeMap<Call, PendingCall>>,
+}
+
+/// Names a call of this program: its activation, which call of the interface, its number.
+pub(super) type Call = (u32, &'static str, u64);
+
+/// The way to what is called.
+#[derive(Clone, Debug)]
+struct Route {
+    call: &'static str,
+    keys: (String, String),
+    /// The procedure or state there.
+    name: String,
+    signature: Signature,
+    is_open: bool,
+}
+
+/// A job of the thread that sends calls.
+#[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "few wait, and most of them are the large one")]
+enum Job {
+    Make { call: Call, route: Route, argument: Vec<u8>, within: Duration },
+    Cancel(Call),
+    CancelAll,
+}
+
+impl Serving {
+    pub(super) fn make(
+        session: &Arc<DataSession>,
+        interface: &Interface,
+        (robot, instance): (&str, &str),
+        inbox: &Arc<Inbox>,
+    ) -> Result<Self, DataError> {
+        if interface.exports.is_empty() {
+            return Ok(Self::default());
+        }
+        let (exports, inbox, of) = (interface.exports.clone(), Arc::clone(inbox), Arc::downgrade(session));
+        let (key, cancel_key) = key::object(robot, instance);
+        let server = session.serve_calls(&key, &cancel_key, move |event| hear(event, &exports, &inbox, &of))?;
+        let exports = interface.exports.iter().map(ExportInterface::exported).collect();
+        let described = codec::encode(&Exports { exports }).ok();
+        let describing = session.answer(&key::exports(robot, instance), move || described.clone())?;
+        Ok(Self { _server: Some(server), _describing: Some(describing) })
+    }
+}
+
+fn hear(event: ObjectEvent, exports: &[ExportInterface], inbox: &Inbox, session: &Weak<DataSession>) {
+    match event {
+        ObjectEvent::Called(incoming) => match admit(exports, &incoming.call) {
+            Ok(()) => inbox.called(*incoming, session),
+            Err(error) => incoming.way.answer(Err(error)),
+        },
+        ObjectEvent::Cancelled(id) => inbox.cancelled(&id),
+    }
+}
+
+impl Callers {
+    /// Takes the routes of all calls, in the place of those before; the new ones are closed.
+    pub(super) fn take(
+        &self,
+        session: &Arc<DataSession>,
+        (robot, instance): (&str, &str),
+        interface: &Interface,
+        (routes, inbox): (&[CallRoute], &Arc<Inbox>),
+    ) -> Result<(), String> {
+        let mut known = self.shared.routes();
+        let mut next = BTreeMap::new();
+        for route in routes {
+            let declared = interface.calls.iter().find(|call| call.name == route.call);
+            let declared = declared.ok_or_else(|| format!("`{}` calls no `{}`", interface.type_name, route.call))?;
+            let is_open = known.get(&route.wire).is_some_and(|before| before.is_open);
+            let (keys, signature) = (key::object(robot, &route.path), declared.signature.clone());
+            let name = route.name.clone();
+            next.insert(route.wire, Route { call: declared.name, keys, name, signature, is_open });
+        }
+        *known = next;
+        drop(known);
+        let mut jobs = self.jobs();
+        if jobs.is_none() && !interface.calls.is_empty() {
+            let (jobs_tx, to_do) = sync_channel(JOBS_MAX);
+            let (session, shared, inbox) = (Arc::downgrade(session), Arc::clone(&self.shared), Arc::clone(inbox));
+            let caller = instance.to_owned();
+            let work = move || work(&to_do, &session, &caller, (&shared, &inbox));
+            std::thread::Builder::new().name("calls".to_owned()).spawn(work).map_err(|error| error.to_string())?;
+            *jobs = Some(jobs_tx);
+        }
+        Ok(())
+    }
+
+    /// Opens or closes routes.
+    pub(super) fn switch(&self, wires: &[u32], open: bool) {
+        let mut routes = self.shared.routes();
+        for wire in wires {
+            routes.entry(*wire).and_modify(|route| route.is_open = open);
+        }
+    }
+
+    /// Does what the loop wants done about a call; never waits.
+    pub(super) fn order(&self, activation: u32, call: &'static str, order: CallOrder, inbox: &Inbox) {
+        let (job, number) = match order {
+            CallOrder::Cancel { number } => (Job::Cancel((activation, call, number)), number),
+            CallOrder::Make { number, argument, within } => {
+                let route = self.shared.routes().values().find(|route| route.call == call && route.is_open).cloned();
+                let Some(route) = route else {
+                    let error = ObjectError::NotConnected { name: call.to_owned() };
+                    return inbox.answered((activation, call, number), Err(error));
+                };
+                (Job::Make { call: (activation, call, number), route, argument, within }, number)
+            }
+        };
+        let is_make = matches!(job, Job::Make { .. });
+        let sent = self.jobs().as_ref().is_some_and(|jobs| jobs.try_send(job).is_ok());
+        if !sent && is_make {
+            let waiting = u32::try_from(JOBS_MAX).unwrap_or(u32::MAX);
+            inbox.answered((activation, call, number), Err(ObjectError::Busy { waiting }));
+        }
+    }
+
+    /// Waits for no answer any more.
+    pub(super) fn cancel_all(&self) {
+        if let Some(jobs) = &*self.jobs() {
+            // Where there is no room, calls end with their time.
+            jobs.try_send(Job::CancelAll).unwrap_or_default();
+        }
+    }
+
+    /// Ends the thread.
+    pub(super) fn clear(&self) {
+        *self.jobs() = None;
+        self.shared.pending().clear();
+    }
+
+    fn jobs(&self) -> MutexGuard<'_, Option<SyncSender<Job>>> {
+        self.jobs.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Shared {
+    fn routes(&self) -> MutexGuard<'_, BTreeMap<u32, Route>> {
+        self.routes.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn pending(&self) -> MutexGuard<'_, BTreeMap<Call, PendingCall>> {
+        self.pending.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn work(jobs: &Receiver<Job>, session: &Weak<DataSession>, caller: &str, (shared, inbox): (&Arc<Shared>, &Arc<Inbox>)) {
+    let mut made = 0;
+    while let Ok(job) = jobs.recv() {
+        let Some(session) = session.upgrade() else { return };
+        match job {
+            Job::Cancel(call) => drop(shared.pending().remove(&call)),
+            Job::CancelAll => {
+                let all = std::mem::take(&mut *shared.pending());
+                drop(all);
+            }
+            Job::Make { call, route, argument, within } => {
+                made += 1;
+                let id = CallId { session: session.id(), number: made };
+                let (name, signature, argument) = (route.name, route.signature, Bytes(argument));
+                let asked = ObjectCall { id, caller: caller.to_owned(), name, signature, within, argument };
+                let (theirs, to) = (Arc::clone(shared), Arc::clone(inbox));
+                let take = move |result| {
+                    theirs.pending().remove(&call);
+                    to.answered(call, result);
+                };
+                match session.call((&route.keys.0, &route.keys.1), &asked, take) {
+                    Ok(pending) => {
+                        let mut all = shared.pending();
+                        // An answer that has come already finds nothing to take out; one that comes now waits for this.
+                        if !pending.is_over() {
+                            all.insert(call, pending);
+                        }
+                    }
+                    Err(error) => inbox.answered(call, Err(error)),
+                }
+            }
+        }
+    }
+}
