@@ -25,6 +25,7 @@ pub mod follow;
 pub mod graph;
 pub mod hz;
 pub mod io;
+pub mod list;
 pub mod logic;
 pub mod logs;
 pub mod lsp;
@@ -32,6 +33,7 @@ pub mod man;
 pub mod names;
 pub mod new;
 pub mod nodes;
+pub mod object;
 pub mod output;
 pub(crate) mod outputs;
 pub mod param;
@@ -117,7 +119,14 @@ enum Verb {
     /// Print the values that leave an output of a process
     Echo(echo::Arguments),
     /// Say how often values leave an output, how regularly, and how many bytes they are
+    #[command(visible_alias = "bw")]
     Hz(hz::Arguments),
+    /// List the ports, procedures and states of running programs, with their types
+    List(list::Arguments),
+    /// Call a procedure that a running program exports
+    Call(object::CallArguments),
+    /// Read a state that a running program exports
+    Get(object::GetArguments),
     /// Stop a deployment everywhere
     Stop(stop::Arguments),
     /// List and change parameters of running programs
@@ -202,6 +211,9 @@ pub fn main() -> ExitCode {
         Verb::Logs(arguments) => logs::run(&arguments),
         Verb::Echo(arguments) => echo::run(&arguments),
         Verb::Hz(arguments) => hz::run(&arguments),
+        Verb::List(arguments) => list::run(&arguments),
+        Verb::Call(arguments) => object::call(&arguments),
+        Verb::Get(arguments) => object::get(&arguments),
         Verb::Stop(arguments) => stop::run(&arguments),
         Verb::Param(arguments) => param::run(arguments),
         Verb::Db(arguments) => db::run(arguments),

@@ -4,6 +4,7 @@ pub mod checkup;
 pub(crate) mod clock;
 pub mod mission;
 pub mod names;
+pub(crate) mod object;
 pub mod page;
 pub mod record;
 pub(crate) mod sentence;

@@ -222,7 +222,11 @@ async fn find<'a>(
 }
 
 /// Asks a host where the programs of a deployment are that have a data session.
-async fn locations(client: &Client, host: &str, deployment: &Deployment) -> Result<Vec<(String, Dial)>, Failure> {
+pub(crate) async fn locations(
+    client: &Client,
+    host: &str,
+    deployment: &Deployment,
+) -> Result<Vec<(String, Dial)>, Failure> {
     let request = Request::Locations { deployment: deployment.clone() };
     let answer = client.ask(host, &request, ANSWER_WITHIN).await?;
     if let Answer::Locations(locations) = answer { Ok(locations) } else { Err(unasked(host, &answer)) }
@@ -288,7 +292,12 @@ async fn hear(
     Err(anyhow!("no process that is meant has an output `{}`; {hint}", arguments.output).into())
 }
 
-async fn outputs_of(taps: &Taps, deployment: &Deployment, path: &str, dial: Dial) -> Result<Outputs, Failure> {
+pub(crate) async fn outputs_of(
+    taps: &Taps,
+    deployment: &Deployment,
+    path: &str,
+    dial: Dial,
+) -> Result<Outputs, Failure> {
     taps.dial(dial).await?;
     let outputs = taps.outputs(&deployment.name, path).await?;
     Ok(outputs

@@ -55,6 +55,25 @@ fn a_pid_loop_brings_a_motor_to_its_speeds() {
     assert_eq!(stands.code, Some(1), "{stands}");
 }
 
+/// What is built on the exports of another takes its place, and nobody else notices but for the speed.
+#[test]
+fn a_guard_takes_the_place_of_the_wheels() {
+    check_done(&run("levels", |text, _| text), "levels");
+    check_done(
+        &run("levels", |text, _| changed(&text, "base instof GuardedBase();", "base instof Wheels(c1);")),
+        "levels",
+    );
+    let refused = run("levels", |text, _| {
+        changed(
+            &changed(&text, "speed = 2 m/s", "speed = 20 m/s"),
+            "base instof GuardedBase();",
+            "base instof Wheels(c1);",
+        )
+    });
+    assert_eq!(refused.code, Some(1), "{refused}");
+    assert!(refused.out.contains("20 m/s is no speed of these wheels"), "{refused}");
+}
+
 #[test]
 fn what_jams_is_cleared_and_tried_again() {
     check_done(&run("machines", |text, _| text), "machines");

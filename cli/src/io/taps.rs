@@ -2,12 +2,15 @@
 
 use crate::io::observer;
 use comms::io::data::{DataError, DataSession, Subscription};
+use comms::logic::bytes::Bytes;
 use comms::logic::control::Dial;
+use comms::logic::object::{CallId, Exported, Exports, ObjectCall, ObjectError};
 use comms::logic::tap::{Outputs, Tapped};
 use comms::logic::{codec, key};
 use node::console::Failure;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 use tokio::sync::mpsc::Sender;
 
@@ -19,6 +22,8 @@ const ANSWER_WITHIN: Duration = Duration::from_secs(4);
 pub(crate) struct Taps {
     session: Arc<DataSession>,
     subscriptions: Vec<Subscription>,
+    /// How many calls it has made.
+    called: AtomicU64,
 }
 
 impl Taps {
@@ -27,7 +32,7 @@ impl Taps {
         // Zenoh's own calls block.
         let session =
             tokio::task::spawn_blocking(move || observer::open(team.as_deref())).await.map_err(anyhow::Error::from)?;
-        Ok(Self { session: Arc::new(session?), subscriptions: Vec::new() })
+        Ok(Self { session: Arc::new(session?), subscriptions: Vec::new(), called: AtomicU64::new(0) })
     }
 
     /// Links to a program, and keeps linked to it.
@@ -67,9 +72,39 @@ impl Taps {
         Ok(())
     }
 
+    /// Asks a program what it exports; none if it does not say.
+    pub(crate) async fn exports(&self, robot: &str, path: &str) -> Result<Option<Exports>, Failure> {
+        let (session, key) = (Arc::clone(&self.session), key::exports(robot, path));
+        let answer = tokio::task::spawn_blocking(move || session.fetch(&key, ANSWER_WITHIN)).await;
+        let answer = answer.map_err(anyhow::Error::from)?.map_err(|error| Failure::Unreachable(error.into()))?;
+        Ok(answer.map(|bytes| codec::decode(&bytes)).transpose().map_err(anyhow::Error::from)?)
+    }
+
+    /// Calls what a program exports, and waits for what comes of it.
+    pub(crate) async fn call(
+        &self,
+        (robot, path): (&str, &str),
+        exported: &Exported,
+        argument: Vec<u8>,
+        within: Duration,
+    ) -> Result<Result<Vec<u8>, ObjectError>, Failure> {
+        let (session, keys) = (Arc::clone(&self.session), key::object(robot, path));
+        let number = self.called.fetch_add(1, Ordering::Relaxed);
+        let call = ObjectCall {
+            id: CallId { session: session.id(), number },
+            caller: "dca".to_owned(),
+            name: exported.name.clone(),
+            signature: exported.signature.clone(),
+            within,
+            argument: Bytes(argument),
+        };
+        let calling = tokio::task::spawn_blocking(move || session.call_and_wait((&keys.0, &keys.1), &call)).await;
+        Ok(calling.map_err(anyhow::Error::from)?)
+    }
+
     /// Closes the session.
     pub(crate) async fn close(self) {
-        let Self { session, subscriptions } = self;
+        let Self { session, subscriptions, .. } = self;
         let closing = tokio::task::spawn_blocking(move || {
             drop(subscriptions);
             Arc::into_inner(session).into_iter().for_each(DataSession::close);

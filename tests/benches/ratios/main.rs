@@ -1,9 +1,10 @@
 //! The cost of DCA beside the cost of the same work without it, measured side by side in one run: `cargo bench -p
 //! dca-tests`.
 //!
-//! Three things: a hop between two controllers, the way from the end of one process to the run of the next, and the start
+//! Four things: a hop between two controllers, a call, the way from the end of one process to the run of the next, and the start
 //! of a whole deployment. The programs that are measured are this executable again, started with other arguments.
 
+mod call;
 mod event;
 mod figures;
 mod hop;
@@ -38,7 +39,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Measures everything, or only what is named: `hop`, `event` or `start`.
+/// Measures everything, or only what is named: `hop`, `call`, `event` or `start`.
 fn bench(only: Option<&str>) -> anyhow::Result<()> {
     let folder = Folder::new()?;
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
@@ -48,6 +49,10 @@ fn bench(only: Option<&str>) -> anyhow::Result<()> {
         if wanted("hop") {
             say("one hop between two controllers …")?;
             hop::measure(&folder.0, &mut table).await?;
+        }
+        if wanted("call") {
+            say("a call to what a program exports …")?;
+            call::measure(&folder.0, &mut table).await?;
         }
         if wanted("event") {
             say("from the end of one process to the run of the next …")?;

@@ -2,7 +2,7 @@
 
 use comms::logic::time::Time;
 use controllers::sdk::{
-    About, Arguments, Controller, In, Inputs, Kind, Message, Out, Outputs, Parameter, Progress, Registry, Tick,
+    About, Arguments, Controller, Exports, In, Inputs, Kind, Message, Out, Outputs, Parameter, Progress, Registry, Tick,
 };
 use serde::de::Visitor;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -67,6 +67,7 @@ pub(crate) fn registry() -> Registry {
     registry.add::<Echo>();
     registry.add::<Turn>();
     registry.add::<Link>();
+    registry.add::<Callee>();
     registry
 }
 
@@ -242,6 +243,31 @@ impl Controller for Link {
     }
 
     fn main_calc(&mut self, _: Tick, _: &Hears, _: &mut Says) -> Progress {
+        Progress::Continue
+    }
+}
+
+/// Answers a call with what it was called with; calculates nothing.
+struct Callee;
+
+impl Controller for Callee {
+    type Inputs = ();
+    type Outputs = ();
+    const TYPE: &'static str = "Callee";
+
+    fn about() -> About {
+        About::service("Answers calls.").every(Duration::from_secs(1))
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self)
+    }
+
+    fn exports(exports: &mut Exports<Self>) {
+        exports.procedure("Echo", "Answers what it is called with.", |_, blob: Blob| Ok(blob));
+    }
+
+    fn main_calc(&mut self, _: Tick, (): &(), (): &mut ()) -> Progress {
         Progress::Continue
     }
 }

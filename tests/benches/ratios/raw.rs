@@ -24,6 +24,8 @@ pub(crate) enum Transport {
     ZenohBytes,
     /// Zenoh, the answer sent from within its callback.
     ZenohCallback,
+    /// A query of zenoh, handed to a thread and answered by it.
+    ZenohQuery,
 }
 
 impl Transport {
@@ -33,11 +35,12 @@ impl Transport {
             Self::Zenoh => "zenoh",
             Self::ZenohBytes => "zenoh-bytes",
             Self::ZenohCallback => "zenoh-callback",
+            Self::ZenohQuery => "zenoh-query",
         }
     }
 
     fn parse(word: &str) -> Option<Self> {
-        [Self::Socket, Self::Zenoh, Self::ZenohBytes, Self::ZenohCallback]
+        [Self::Socket, Self::Zenoh, Self::ZenohBytes, Self::ZenohCallback, Self::ZenohQuery]
             .into_iter()
             .find(|transport| transport.word() == word)
     }
@@ -104,6 +107,8 @@ pub(crate) fn side(arguments: &[String]) -> anyhow::Result<()> {
     let (transport, path) = (Transport::parse(transport).context("no such transport")?, PathBuf::from(path));
     match (side.as_str(), transport) {
         ("echo", Transport::Socket) => echo_socket(&path),
+        ("echo", Transport::ZenohQuery) => echo_query(&path),
+        (_, Transport::ZenohQuery) => ping_query(&path),
         ("echo", _) => echo_zenoh(&path, transport),
         (_, Transport::Socket) => ping_socket(&path),
         (_, _) => ping_zenoh(&path, transport),
@@ -250,6 +255,42 @@ fn ping_zenoh(path: &Path, transport: Transport) -> anyhow::Result<()> {
                 if matches!(transport, Transport::ZenohBytes) {
                     bytes = answer.payload().to_bytes().into_owned();
                 }
+                return Ok(now().since(sent));
+            }
+        }
+    })?;
+    session.close().wait().map_err(failed)
+}
+
+fn echo_query(path: &Path) -> anyhow::Result<()> {
+    let session = open(Some(path), None)?;
+    let failed = |error: zenoh::Error| anyhow::anyhow!("{error}");
+    let asked = session.declare_queryable("raw/query").complete(true).wait().map_err(failed)?;
+    // Ends with the process.
+    std::thread::spawn(move || {
+        while let Ok(query) = asked.recv() {
+            let bytes = query.payload().cloned().unwrap_or_default();
+            query.reply(query.key_expr().clone(), bytes).express(true).wait().unwrap_or_default();
+        }
+    });
+    ready()?;
+    std::io::stdin().read_to_end(&mut Vec::new())?;
+    session.close().wait().map_err(failed)
+}
+
+fn ping_query(path: &Path) -> anyhow::Result<()> {
+    let session = open(None, Some(path))?;
+    let failed = |error: zenoh::Error| anyhow::anyhow!("{error}");
+    obey(|size| {
+        let bytes = vec![1; size];
+        loop {
+            let sent = now();
+            let asking = session.get("raw/query").payload(bytes.clone()).congestion_control(CongestionControl::Block);
+            let answers = asking.priority(Priority::InteractiveLow).express(true).wait().map_err(failed)?;
+            // Before the link stands nobody answers.
+            if let Ok(answer) = answers.recv()
+                && answer.result().is_ok_and(|answer| answer.payload().len() == size)
+            {
                 return Ok(now().since(sent));
             }
         }

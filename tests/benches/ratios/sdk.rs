@@ -1,8 +1,13 @@
 //! Controllers as programs of their own, with this process in the place of their node.
 
 use anyhow::{Context, bail, ensure};
+use comms::io::clock::now;
 use comms::io::control::{ControlReceiver, ControlSender, Listener};
+use comms::io::data::DataSession;
+use comms::logic::bytes::Bytes;
 use comms::logic::control::{Dial, Incoming, Location, Notice, Order, Outgoing};
+use comms::logic::key;
+use comms::logic::object::{CallId, ObjectCall, Signature, TypeForm};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
@@ -80,6 +85,83 @@ impl Program {
     fn dial(&self) -> anyhow::Result<Dial> {
         let location = self.location.clone().context("it has no data session")?;
         Ok(Dial { session: location.session, locators: location.local })
+    }
+}
+
+/// A program that exports what is called, and a session that calls it.
+pub(crate) struct Callee {
+    program: Program,
+    child: Child,
+    session: DataSession,
+    made: u64,
+}
+
+impl Callee {
+    pub(crate) async fn start(dir: &Path) -> anyhow::Result<Self> {
+        let place = Place::new(dir)?;
+        let child = place.start("Callee", "callee")?;
+        let mut program = place.hello().await?;
+        let connect =
+            Order::Connect { robot: "bench".into(), incoming: Vec::new(), outgoing: Vec::new(), devices: Vec::new() };
+        let connected = program.order(&connect).await?;
+        ensure!(connected == Notice::Connected, "not connected: {connected:?}");
+        program.run(1).await?;
+        let dial = program.dial()?;
+        let opening = tokio::task::spawn_blocking(move || {
+            let session = DataSession::open_observer(None)?;
+            session.dial(&dial, WITHIN)?;
+            anyhow::Ok(session)
+        });
+        Ok(Self { program, child, session: opening.await??, made: 0 })
+    }
+
+    /// Measures `count` calls with `size` bytes, one after the other. Blocks.
+    pub(crate) fn measure(&mut self, size: u32, count: u32, warm_up: u32) -> anyhow::Result<Vec<Duration>> {
+        let (key, cancel_key) = key::object("bench", "callee");
+        let mut times = Vec::new();
+        for number in 0..count + warm_up {
+            self.made += 1;
+            // As long as the argument, whose length stands before it.
+            let argument = [postcard_length(size), vec![1; size as usize]].concat();
+            let form = TypeForm { name: "Blob".into(), fields: String::new() };
+            let call = ObjectCall {
+                id: CallId { session: self.session.id(), number: self.made },
+                caller: "bench".into(),
+                name: "Echo".into(),
+                signature: Signature { argument: form.clone(), result: form },
+                within: WITHIN,
+                argument: Bytes(argument),
+            };
+            let sent = now();
+            let answer = self.session.call_and_wait((&key, &cancel_key), &call)?;
+            let took = now().since(sent);
+            ensure!(answer == call.argument.0, "another answer");
+            if number >= warm_up {
+                times.push(took);
+            }
+        }
+        Ok(times)
+    }
+
+    pub(crate) async fn end(self) -> anyhow::Result<()> {
+        let Self { program, mut child, session, .. } = self;
+        tokio::task::spawn_blocking(move || session.close()).await?;
+        program.leave().await?;
+        child.wait()?;
+        Ok(())
+    }
+}
+
+fn postcard_length(size: u32) -> Vec<u8> {
+    let (mut left, mut bytes) = (size, Vec::new());
+    loop {
+        let low = u8::try_from(left & 0x7f).unwrap_or_default();
+        left >>= 7;
+        if left == 0 {
+            bytes.push(low);
+            return bytes;
+        }
+        bytes.push(low | 0x80);
     }
 }
 

@@ -1,0 +1,129 @@
+//! `dca list`: what running programs have: ports, procedures and states, with their types.
+//!
+//! The nodes say where the programs are; each is asked itself.
+
+use crate::ConnectArgs;
+use crate::absent;
+use crate::client::{Client, Clients, words};
+use crate::io::taps::Taps;
+use crate::logic::object::{Listed, ListedKind, is_listed};
+use crate::object::exports_of;
+use crate::tapped::{locations, outputs_of};
+use comms::logic::control::Dial;
+use node::console::{self, Failure, block_on};
+use node::logic::printable::printable;
+use node::logic::protocol::{Answer, Deployment, PortName, Request, leaves};
+use node::logic::table::table;
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use tokio::task::JoinSet;
+
+/// The arguments of `dca list`.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// A process: [DEPLOYMENT:]INSTANCE, of its path the end is enough [default: all]
+    instance: Option<String>,
+    /// Print an array of JSON, one object for each name
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    connect: ConnectArgs,
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let mut rows = block_on(async {
+        let clients = Clients::open(&arguments.connect).await?;
+        let taps = Arc::new(Taps::open(clients.iter().find_map(Client::team)).await?);
+        let listed = listed(&clients, &taps, arguments.instance.as_deref()).await;
+        if let Some(taps) = Arc::into_inner(taps) {
+            taps.close().await;
+        }
+        clients.close().await;
+        listed
+    })?;
+    rows.sort();
+    rows.dedup();
+    if arguments.json {
+        console::say(&serde_json::Value::Array(rows.iter().map(Listed::json).collect()).to_string());
+        return Ok(());
+    }
+    let mut lines = vec![["PROCESS", "NAME", "KIND", "TYPE"].map(str::to_owned).to_vec()];
+    lines.extend(rows.iter().map(|row| row.cells().map(|cell| printable(&cell).to_string()).to_vec()));
+    if rows.is_empty() {
+        console::note("no program that runs has ports, procedures or states");
+    } else {
+        console::say(&table(&lines));
+    }
+    Ok(())
+}
+
+async fn listed(clients: &Clients, taps: &Arc<Taps>, instance: Option<&str>) -> Result<Vec<Listed>, Failure> {
+    let all = clients.statuses().await?;
+    let (mut places, mut is_any, mut rows) = (BTreeSet::new(), false, Vec::new());
+    let mut asking = JoinSet::new();
+    for (client, statuses) in &all {
+        for leaf in leaves(&statuses.nodes) {
+            if is_listed(instance, &leaf.deployment.name, &leaf.process.path) {
+                is_any = true;
+                places.insert((leaf.deployment.clone(), leaf.host.to_owned()));
+            }
+        }
+        for (deployment, host) in std::mem::take(&mut places) {
+            for (path, dial) in locations(client, &host, &deployment).await? {
+                if is_listed(instance, &deployment.name, &path) {
+                    asking.spawn(program(Arc::clone(taps), deployment.clone(), path, dial));
+                }
+            }
+            let names = client.ask(&host, &Request::Names, crate::client::ANSWER_WITHIN).await;
+            if let Ok(Answer::Names(names)) = names {
+                let meant = names.ports.into_iter().filter(|port| !port.is_output && port.deployment == deployment);
+                let meant = meant.filter(|port| is_listed(instance, &deployment.name, &port.path));
+                rows.extend(meant.map(input));
+            }
+        }
+    }
+    if let (false, Some(instance)) = (is_any, instance) {
+        return Err(absent::missing(&format!("process `{instance}`"), &all).await);
+    }
+    let mut exported = BTreeSet::new();
+    while let Some(joined) = asking.join_next().await {
+        let (found, failures) = joined.map_err(anyhow::Error::from)?;
+        failures.iter().for_each(|failure| console::note(failure));
+        exported.extend(found.iter().map(|row| (row.process.clone(), row.name.clone())));
+        rows.extend(found);
+    }
+    // A procedure is the end of a connection, too.
+    let is_input = |row: &Listed| row.kind == ListedKind::Input;
+    rows.retain(|row| !is_input(row) || !exported.contains(&(row.process.clone(), row.name.clone())));
+    Ok(rows)
+}
+
+fn input(port: PortName) -> Listed {
+    let process = format!("{}:{}", port.deployment.name, port.path);
+    Listed {
+        process,
+        name: port.port,
+        kind: ListedKind::Input,
+        types: port.kind.unwrap_or_default(),
+        doc: String::new(),
+    }
+}
+
+/// Asks one program; returns what it has, and what people have to know.
+async fn program(taps: Arc<Taps>, deployment: Deployment, path: String, dial: Dial) -> (Vec<Listed>, Vec<String>) {
+    let (mut rows, mut failures) = (Vec::new(), Vec::new());
+    let process = format!("{}:{path}", deployment.name);
+    match exports_of(&taps, &deployment, &path, dial.clone()).await {
+        Ok(exports) => rows.extend(exports.exports.into_iter().map(|exported| Listed::exported(&process, exported))),
+        Err(failure) => {
+            failures.push(format!("warning: `{process}`: {}", words(&failure)));
+            return (rows, failures);
+        }
+    }
+    match outputs_of(&taps, &deployment, &path, dial).await {
+        Ok(outputs) => rows.extend(outputs.outputs.into_iter().map(|output| Listed::output(&process, output))),
+        Err(failure) => failures.push(format!("warning: `{process}`: {}", words(&failure))),
+    }
+    (rows, failures)
+}

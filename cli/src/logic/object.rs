@@ -1,0 +1,229 @@
+//! What `dca call` and `dca get` make of what a program exports: whose it is, arguments as bytes, results as JSON.
+
+mod listed;
+
+pub(crate) use listed::{Listed, ListedKind, is_listed};
+
+use crate::logic::record::decoded;
+use crate::logic::tap::is_path;
+use comms::logic::object::{Exports, Signature, TypeForm};
+use language::plan::Constant;
+use language::{Layout, Message, Options, Severity, Source, compile};
+use serde_json::{Value, json};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// What a person calls or reads: `Grip` of `hand`, `door:main/hand.Grip`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct ObjectName {
+    /// In this deployment; in any if absent.
+    pub(crate) deployment: Option<String>,
+    /// The end of a path.
+    pub(crate) process: String,
+    /// The procedure or state.
+    pub(crate) name: String,
+}
+
+impl ObjectName {
+    /// Reads a name; says what is wrong with it.
+    pub(crate) fn parse(text: &str) -> Result<Self, String> {
+        let (deployment, rest) = match text.split_once(':') {
+            Some((deployment, rest)) => (Some(deployment.to_owned()), rest),
+            None => (None, text),
+        };
+        let named = rest.rsplit_once('.').filter(|(process, name)| !process.is_empty() && !name.is_empty());
+        let (process, name) = named.ok_or_else(|| {
+            format!("`{text}` names nothing to call: expected [DEPLOYMENT:]INSTANCE.NAME, such as `hand.Grip`")
+        })?;
+        Ok(Self { deployment, process: process.to_owned(), name: name.to_owned() })
+    }
+
+    /// Returns whether the process with this path, of this deployment, is meant.
+    pub(crate) fn is_process(&self, deployment: &str, path: &str) -> bool {
+        self.deployment.as_ref().is_none_or(|named| named == deployment) && is_path(path, &self.process)
+    }
+}
+
+/// The types that a program says, as items of a spec; each name once.
+fn types(exports: &Exports) -> String {
+    let signatures = exports.exports.iter().map(|export| &export.signature);
+    let forms = signatures.flat_map(|signature| [&signature.argument, &signature.result]);
+    let forms: BTreeMap<&str, &str> =
+        forms.filter(|form| !form.fields.is_empty()).map(|form| (form.name.as_str(), form.fields.as_str())).collect();
+    forms.iter().map(|(name, fields)| format!("type {name} = {{ {fields} }};\n")).collect()
+}
+
+/// Returns what is in the values of a type, as far as the program says it.
+fn message(exports: &Exports, form: &TypeForm) -> Option<Message> {
+    let text = format!("{}module Program(host: Host) {{ out Out: {}; done; }}\n", types(exports), form.name);
+    language::messages(&[Source::new("exports", text)]).remove("Program")?.remove("Out")
+}
+
+/// Returns the bytes of an argument that is written as in a spec: `'{ force = 20 N }'`, or `force='20 N'` for each field.
+///
+/// # Errors
+/// Says in one sentence what is wrong.
+pub(crate) fn argument(exports: &Exports, signature: &Signature, given: &[String]) -> Result<Vec<u8>, String> {
+    let form = &signature.argument;
+    if form.name.is_empty() {
+        return if given.is_empty() { Ok(Vec::new()) } else { Err("it is called with nothing".to_owned()) };
+    }
+    let expected = |why: &str| format!("{why}; expected {form}");
+    if given.is_empty() {
+        return Err(expected("its argument is missing"));
+    }
+    let message = message(exports, form);
+    let message = message.ok_or_else(|| format!("its program does not say what is in a `{}`", form.name))?;
+    let is_record = matches!(message.layout, Layout::Record(_));
+    let value = match given {
+        [whole] if !is_record || whole.trim_start().starts_with('{') => whole.clone(),
+        fields if is_record => format!("{{ {} }}", fields.join(", ")),
+        _ => return Err(expected("there is one argument")),
+    };
+    let constants = constants(&types(exports), &form.name, &value).map_err(|why| expected(&why))?;
+    let mut bytes = Vec::new();
+    write(&message.layout, "value", &constants, &mut bytes).ok_or_else(|| expected("that is not its argument"))?;
+    Ok(bytes)
+}
+
+/// Has the compiler read a value; returns its parts by name: `value.force`, `value.corner.0`.
+fn constants(types: &str, kind: &str, value: &str) -> Result<BTreeMap<String, Constant>, String> {
+    let text = format!(
+        "{types}module Called(host: Host, value: {kind}) {{ done; }}\nprocess main() {{ host {{ c1 }}\n\
+         instantiated_processes {{ call instof Called(c1, value = {value}); }}\ninternal_event_actions {{ call }} }}\n"
+    );
+    let compiled = compile(&Source::new("call", text), &[], &Options::named("call"));
+    let error = compiled.diagnostics.iter().find(|found| found.severity == Severity::Error);
+    let plan = compiled.plan.filter(|plan| plan.leaves.len() == 1);
+    let Some(leaf) = plan.and_then(|mut plan| plan.leaves.pop()) else {
+        return Err(error.map_or_else(|| format!("`{value}` is no value"), |error| error.message.clone()));
+    };
+    let named = leaf.arguments.into_iter().filter_map(|argument| Some((argument.name?, argument.value)));
+    Ok(named.collect())
+}
+
+/// Writes a value as postcard lays it out; nothing if a part of it is missing, or of another kind.
+fn write(layout: &Layout, name: &str, constants: &BTreeMap<String, Constant>, bytes: &mut Vec<u8>) -> Option<()> {
+    match (layout, constants.get(name)) {
+        (Layout::Number { .. }, Some(Constant::Number(number))) => bytes.extend(number.to_le_bytes()),
+        (Layout::Truth, Some(Constant::Truth(truth))) => bytes.push(u8::from(*truth)),
+        (Layout::Text, Some(Constant::Text(text))) => {
+            length(text.len(), bytes);
+            bytes.extend(text.as_bytes());
+        }
+        (Layout::Record(fields), _) => {
+            for (field, layout) in fields {
+                write(layout, &format!("{name}.{field}"), constants, bytes)?;
+            }
+        }
+        (Layout::List { of, count }, _) => {
+            let part = |rest: &str| rest.split('.').next().and_then(|index| index.parse::<usize>().ok());
+            let own = format!("{name}.");
+            let given: BTreeSet<usize> = constants.keys().filter_map(|key| part(key.strip_prefix(&own)?)).collect();
+            if count.is_none() {
+                length(given.len(), bytes);
+            }
+            for index in 0..count.unwrap_or(given.len()) {
+                write(of, &format!("{name}.{index}"), constants, bytes)?;
+            }
+        }
+        (Layout::Number { .. } | Layout::Truth | Layout::Text, _) => return None,
+    }
+    Some(())
+}
+
+/// Writes a number of variable length: seven bits a byte, the lowest first.
+fn length(mut length: usize, bytes: &mut Vec<u8>) {
+    while length >= 0x80 {
+        bytes.push(u8::try_from(length & 0x7f).unwrap_or(0) | 0x80);
+        length >>= 7;
+    }
+    bytes.push(u8::try_from(length).unwrap_or(0));
+}
+
+/// Returns a result as JSON: nothing where there is none, and how long it is where its program does not say what is in it.
+pub(crate) fn result(exports: &Exports, signature: &Signature, bytes: &[u8]) -> Value {
+    if signature.result.name.is_empty() {
+        return Value::Null;
+    }
+    let message = message(exports, &signature.result);
+    message.and_then(|message| decoded(&message, bytes)).unwrap_or_else(|| json!({ "size": bytes.len() }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use comms::logic::object::{ExportKind, Exported};
+
+    fn exports(arguments: &[(&str, &str)]) -> Exports {
+        let exported = |(name, fields): &(&str, &str)| Exported {
+            name: (*name).to_owned(),
+            kind: ExportKind::Procedure,
+            signature: Signature { argument: TypeForm::new(name, fields), result: TypeForm::default() },
+            doc: String::new(),
+            is_answered_idle: false,
+        };
+        Exports { exports: arguments.iter().map(exported).collect() }
+    }
+
+    #[test]
+    fn names() {
+        let name = |deployment: Option<&str>, process: &str, name: &str| {
+            Ok(ObjectName { deployment: deployment.map(str::to_owned), process: process.into(), name: name.into() })
+        };
+        assert_eq!(ObjectName::parse("hand.Grip"), name(None, "hand", "Grip"));
+        assert_eq!(ObjectName::parse("door:main/arm/hand.Grip"), name(Some("door"), "main/arm/hand", "Grip"));
+        for wrong in ["Grip", ".Grip", "hand.", "door:Grip", ""] {
+            assert!(ObjectName::parse(wrong).is_err(), "{wrong}");
+        }
+        let hand = ObjectName::parse("door:hand.Grip").unwrap();
+        assert!(hand.is_process("door", "main/hand") && !hand.is_process("other", "main/hand"));
+        assert!(!hand.is_process("door", "main/shand"));
+    }
+
+    #[test]
+    fn arguments_are_written_as_in_a_spec() {
+        let exports = exports(&[
+            ("Push", "force: Force, soft: Truth"),
+            ("Way", "at: Point[2], name: Text, near: Length[]"),
+            ("Point", "x: Length"),
+            ("Odd", ""),
+            ("Length", ""),
+        ]);
+        let read = |index: usize, given: &[&str]| {
+            let given: Vec<String> = given.iter().map(|&text| text.to_owned()).collect();
+            argument(&exports, &exports.exports[index].signature, &given)
+        };
+        let push: Vec<u8> = 20_f64.to_le_bytes().into_iter().chain([1]).collect();
+        assert_eq!(read(0, &["{ force = 20 N, soft = true }"]), Ok(push.clone()));
+        assert_eq!(read(0, &["force=0.02 kN", "soft=true"]), Ok(push));
+        let numbers = |all: &[f64]| all.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<u8>>();
+        let way = [numbers(&[1.0, 2.0]), vec![2], b"ab".to_vec(), vec![1], numbers(&[0.5])].concat();
+        let given = "{ at = [{ x = 1 m }, { x = 2 m }], name = \"ab\", near = [50 cm] }";
+        assert_eq!(read(1, &[given]), Ok(way));
+        assert_eq!(read(4, &["20 cm"]), Ok(numbers(&[0.2])));
+        for (index, given, why) in [
+            (0, &["{ force = 20 m, soft = true }"][..], "Force"),
+            (0, &["force=20 N"], "soft"),
+            (0, &[], "its argument is missing; expected Push { force: Force, soft: Truth }"),
+            (0, &["force=1 N); } process"], ""),
+            (3, &["1"], "its program does not say what is in a `Odd`"),
+            (4, &["1", "2"], "there is one argument"),
+        ] {
+            let refused = read(index, given).unwrap_err();
+            assert!(refused.contains(why), "{given:?}: {refused}");
+        }
+    }
+
+    #[test]
+    fn a_program_without_argument_takes_none() {
+        let (exports, nothing) = (Exports::default(), Signature::default());
+        assert_eq!(argument(&exports, &nothing, &[]), Ok(Vec::new()));
+        assert_eq!(argument(&exports, &nothing, &["1".to_owned()]), Err("it is called with nothing".to_owned()));
+        assert_eq!(result(&exports, &nothing, &[]), Value::Null);
+        let result =
+            |bytes| result(&exports, &Signature { result: TypeForm::new("Length", ""), ..nothing.clone() }, bytes);
+        let two = 2_f64.to_le_bytes();
+        assert_eq!(result(&two), json!({ "value": 2.0 }));
+        assert_eq!(result(b"abc"), json!({ "size": 3 }));
+    }
+}

@@ -1,0 +1,40 @@
+//! A call to what a program exports, there and back, beside a query of zenoh alone and beside a Unix socket.
+
+use crate::figures::{Round, Subject, Table, cell};
+use crate::raw::{self, Transport};
+use crate::sdk;
+use anyhow::Context;
+use std::path::Path;
+
+/// How often everything is measured, in turn.
+const ROUNDS: u32 = 9;
+/// The messages: bytes, calls that are timed, and calls before those.
+const SIZES: [(&str, u32, u32, u32); 2] = [("64 B", 64, 1000, 150), ("64 KiB", 64 << 10, 200, 30)];
+/// The most that a call may cost of what zenoh alone costs.
+const TARGET: f64 = 1.5;
+
+/// Measures, and adds its lines.
+pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()> {
+    let mut callee = sdk::Callee::start(dir).await?;
+    let mut socket = raw::Pair::start(Transport::Socket, dir)?;
+    let mut query = raw::Pair::start(Transport::ZenohQuery, dir)?;
+    for (name, size, count, warm_up) in SIZES {
+        let mut subjects: [Subject; 3] = Default::default();
+        for _ in 0..ROUNDS {
+            let [ours, plain, raw] = &mut subjects;
+            raw.push(socket.measure(size, count, warm_up)?);
+            plain.push(query.measure(size, count, warm_up)?);
+            let times = tokio::task::block_in_place(|| callee.measure(size, count, warm_up))?;
+            ours.push(Round::of(times).context("no samples")?);
+        }
+        let [ours, plain, raw] = &subjects;
+        table.heading(&format!("a call there and back, {name}, two processes"), "of zenoh", "of socket");
+        let of_socket = |subject: &Subject| cell(subject.ratio(raw), None);
+        table.line("call between two calculations", ours, [cell(ours.ratio(plain), Some(TARGET)), of_socket(ours)]);
+        table.line("query of zenoh, thread to thread", plain, ["1".into(), of_socket(plain)]);
+        table.line("Unix socket", raw, [String::new(), "1".into()]);
+    }
+    socket.end()?;
+    query.end()?;
+    callee.end().await
+}

@@ -1,0 +1,126 @@
+//! What running programs export: `dca call` and `dca get`, from program to program and from the command line.
+
+use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, Stream, executable};
+use rustix::process::Signal;
+use serde_json::Value;
+
+/// Wheels, a guard on top of them, and a trip without end. The guard waits for the wheels, so a call of it lasts as long as they
+/// are suspended.
+const LEVELS: &str = "
+process main() {
+    host { c1 }
+    instantiated_processes {
+        wheels instof Wheels(c1);
+        guard instof SpeedGuard(c1, limit = 0.5 m/s);
+        trip instof Trip(c1, distance = 10000 m, speed = 2 m/s);
+        idle instof Wheels(c1);
+    }
+    internal_connections { guard, Below -> wheels, Drive; trip, Drive -> guard, Drive; trip, Place -> wheels, place; }
+    internal_event_actions { wheels, guard, (trip ; idle) }
+}
+";
+
+fn deployed(cluster: &Cluster) -> (Host, [Program; 2]) {
+    let here = cluster.here();
+    let program = executable("dca-examples").display().to_string();
+    let node = here.node("c1", &["--controllers", &program]);
+    let file = cluster.file("levels.dca", LEVELS);
+    let deploy = here.dca(&["deploy", "--no-record", "--controllers", &program, &file]);
+    deploy.wait_for(Stream::Err, "▸", SOON);
+    (here, [node, deploy])
+}
+
+/// Procedures are called with values as in a spec, and states are read; a program drives another one through a third.
+#[test]
+fn what_is_exported_is_called_and_read() {
+    let cluster = Cluster::new();
+    let (here, _running) = deployed(&cluster);
+    let driven = here.ask(&["call", "wheels.Drive", "speed=0.25 m/s", "--json", "--within", "60"]);
+    assert_eq!(driven.code, Some(0), "{driven}");
+    let value: Value = serde_json::from_str(driven.out.trim()).unwrap_or_else(|why| panic!("{why}: {driven}"));
+    assert_eq!(value["name"], "levels:main/wheels.Drive", "{driven}");
+    assert_eq!((&value["type"], &value["value"]["speed"]), (&"Place".into(), &0.25.into()), "{driven}");
+    let listed = here.ask(&["list", "levels:"]);
+    let cells: Vec<Vec<&str>> = listed.out.lines().map(|line| line.split_whitespace().take(3).collect()).collect();
+    for row in [["levels:main/wheels", "Drive", "proc"], ["levels:main/wheels", "place", "state"]] {
+        assert!(cells.contains(&row.to_vec()), "{listed}");
+    }
+    assert!(listed.out.contains("Go { speed: Speed } -> Place { travelled: Length, speed: Speed }"), "{listed}");
+    // The trip wants 2 m/s, and the guard lets half a metre a second pass.
+    let moves = |_: &Value| true;
+    let read = || {
+        let got = here.ask(&["get", "levels:main/wheels.place", "--within", "60"]);
+        assert_eq!(got.code, Some(0), "{got}");
+        serde_json::from_str::<Value>(got.out.trim()).unwrap_or_else(|why| panic!("{why}: {got}"))
+    };
+    let first = read()["travelled"].as_f64().unwrap();
+    let later = (0..200).map(|_| read()).find(|place| moves(place) && place["travelled"].as_f64().unwrap() > first);
+    assert!(later.is_some_and(|place| place["speed"].as_f64().unwrap() <= 0.5), "it does not move");
+}
+
+/// Whatever cannot be called says why in one sentence, with the exit code of what it is.
+#[test]
+fn what_cannot_be_called_says_why() {
+    let cluster = Cluster::new();
+    let (here, _running) = deployed(&cluster);
+    for (arguments, code, why) in [
+        (&["call", "nobody.Drive"][..], 1, "no process `nobody` is running"),
+        (&["call", "other:wheels.Drive"], 1, "no process `wheels` is running"),
+        (&["call", "wheels.Fly"], 1, "it exports no `Fly`; there are `Drive`, `place`"),
+        (&["call", "trip.Drive"], 1, "it exports no `Drive`; it exports nothing"),
+        (&["call", "wheels.Drive"], 1, "its argument is missing; expected Go { speed: Speed }"),
+        (&["call", "wheels.Drive", "speed=1 N"], 1, "expected Go { speed: Speed }"),
+        (&["call", "wheels.Drive", "speed=20 m/s"], 1, "20 m/s is no speed of these wheels"),
+        (&["call", "idle.Drive", "speed=1 m/s"], 1, "`Drive` is not answered now: its process does not run"),
+        (&["get", "wheels.Drive"], 1, "`Drive` is a procedure: `dca call wheels.Drive`"),
+        (&["call", "wheels.place"], 1, "`place` is a state, which is read: `dca get wheels.place`"),
+        (&["call", "Drive"], 1, "names nothing to call"),
+        (&["call", "wheels.Drive", "speed=1 m/s", "--within", "no"], 2, "this is no number of seconds"),
+    ] {
+        let asked = here.ask(arguments);
+        assert!(asked.code == Some(code) && asked.err.contains(why), "{arguments:?}: {asked}");
+    }
+    // What does not run can be read all the same.
+    let idle = here.ask(&["get", "idle.place", "--within", "60"]);
+    assert!(idle.code == Some(0) && idle.out.contains("\"speed\":0.0"), "{idle}");
+}
+
+/// Nobody knows what became of a call whose program is suspended, or dies in it: that is told, and not that nothing happened.
+#[test]
+fn a_program_that_is_suspended_or_killed_in_a_call() {
+    let cluster = Cluster::new();
+    let (here, _running) = deployed(&cluster);
+    let wheels = cluster.leaf("main/wheels").expect("it runs");
+    wheels.signal(Signal::STOP);
+    let late = here.ask(&["call", "wheels.Drive", "speed=0.1 m/s", "--within", "1"]);
+    let told = "no answer within 1 s; it may have been carried out all the same";
+    // A suspended program may also take no new link.
+    assert!(late.code == Some(3) && (late.err.contains(told) || late.err.contains("cannot reach")), "{late}");
+    wheels.signal(Signal::CONT);
+    let again = here.ask(&["call", "wheels.Drive", "speed=0.1 m/s", "--within", "60"]);
+    assert_eq!(again.code, Some(0), "{again}");
+}
+
+/// A program behind a link that is cut cannot be reached, and nobody says that nothing happened there.
+#[test]
+fn a_program_behind_a_cut_link() {
+    let cluster = Cluster::new();
+    let Some(network) = Network::new(2) else { return };
+    let program = executable("dca-examples").display().to_string();
+    let hosts = [1, 2].map(|number| cluster.host(&network, number));
+    let open = ["--lan", "--controllers", program.as_str()];
+    let _nodes = [hosts[0].node("c1", &open), hosts[1].node("c2", &open)];
+    let text = "process main() { host { c1 } instantiated_processes { wheels instof Wheels(c2); }
+        internal_event_actions { wheels } }";
+    let file = cluster.file("far.dca", text);
+    let deploy = hosts[0].dca(&["deploy", "--no-record", "--controllers", &program, &file]);
+    deploy.wait_for(Stream::Err, "▸", SOON);
+    let driven = hosts[0].ask(&["call", "wheels.Drive", "speed=1 m/s", "--within", "60"]);
+    assert_eq!(driven.code, Some(0), "{driven}");
+    let watch = hosts[0].dca(&["get", "wheels.place", "--watch", "--within", "60"]);
+    watch.wait_for(Stream::Out, "travelled", SOON);
+    network.cut(2);
+    let ended = watch.ended(SOON);
+    let told = "it may have been carried out all the same";
+    assert!(ended.code == Some(3) && ended.err.contains(told), "{ended}");
+}
