@@ -81,6 +81,7 @@ mod controller;
 mod export;
 pub mod harness;
 mod interface;
+pub mod messaging;
 mod module;
 mod port;
 mod port_interface;

@@ -201,6 +201,16 @@ impl MessageQueue {
         Some(message)
     }
 
+    /// Drops the messages that are not to be taken any more.
+    pub fn retain(&mut self, mut keep: impl FnMut(&Message) -> bool) {
+        let before = self.waiting.len();
+        self.waiting.retain(|_, message| keep(message));
+        let waiting = &self.waiting;
+        self.arrivals.retain(|arrival, priority| waiting.contains_key(&(Reverse(*priority), *arrival)));
+        self.counters.dropped += count(before - self.waiting.len());
+        self.counters.depth = count(self.waiting.len());
+    }
+
     /// Drops everything that waits; what was taken stays known.
     pub fn clear(&mut self) {
         self.counters.dropped += count(self.waiting.len());

@@ -1,0 +1,45 @@
+//! Queues and locks of a controller: the second paper's messaging level and synchronisation layer, over exports and calls.
+//!
+//! A queue is exported as a procedure that takes a `QueueMessage` and answers a `Receipt`, a lock as one that takes a `LockRequest`
+//! and answers a `LockAnswer`. So a spec connects, checks and switches them as it does any call.
+
+mod lock;
+mod queue;
+
+pub use comms::logic::messaging::gate::Refusal;
+pub use comms::logic::messaging::header::{Header, Message as QueueMessage, MessageId};
+pub use comms::logic::messaging::lock::LockSettings;
+pub use comms::logic::messaging::queue::{Full, QueueCounters, Receipt, Rejected};
+pub use comms::logic::messaging::wire::{Denied, LockAnswer, LockRequest, LockStatus, QueueStatus};
+
+pub use lock::{Lock, LockUser};
+pub use queue::{Queue, QueueClient, SendEnd, Taken};
+
+use super::port::Message;
+
+impl Message for QueueMessage {
+    const TYPE: &'static str = "QueueMessage";
+}
+
+impl Message for Receipt {
+    const TYPE: &'static str = "Receipt";
+}
+
+impl Message for QueueStatus {
+    const TYPE: &'static str = "QueueStatus";
+}
+
+impl Message for LockRequest {
+    const TYPE: &'static str = "LockRequest";
+}
+
+impl Message for LockAnswer {
+    const TYPE: &'static str = "LockAnswer";
+}
+
+impl Message for LockStatus {
+    const TYPE: &'static str = "LockStatus";
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,182 @@
+//! The lock of a resource, in the controller that has the resource, and the user of one.
+
+use super::{Denied, LockAnswer, LockRequest, LockSettings, LockStatus, Refusal};
+use crate::sdk::calls::Calls;
+use crate::sdk::export::Reply;
+use comms::io::entropy;
+use comms::logic::messaging::lock::{LockEffect, LockInput, ResourceLock};
+use comms::logic::messaging::lock_client::{ClientEffect, ClientInput, LockClient};
+use comms::logic::time::Time;
+use std::collections::BTreeMap;
+use std::io;
+
+/// How many requests wait for the next calculation.
+const ASKED_MAX: usize = 256;
+
+/// The lock in front of a resource of this controller. A field, for which the controller exports a procedure that answers later:
+/// `exports.procedure_later("arm", "...", |robot: &mut Robot, request, reply| robot.arm.ask(request, reply)).idle()`.
+///
+/// Its numbers go on from the time since the host was started, so that those of a program that was started again are greater.
+/// They mean something at this resource only.
+#[derive(Debug)]
+pub struct Lock {
+    settings: LockSettings,
+    /// From the first calculation on.
+    lock: Option<ResourceLock>,
+    asked: Vec<(LockRequest, Reply<LockAnswer>)>,
+    now: Time,
+}
+
+impl Lock {
+    /// Returns a lock that nobody holds.
+    pub const fn new(settings: LockSettings) -> Self {
+        Self { settings, lock: None, asked: Vec::new(), now: Time::ZERO }
+    }
+
+    /// Takes a request; it is answered by the next [`Lock::work`].
+    pub fn ask(&mut self, request: LockRequest, reply: Reply<LockAnswer>) {
+        if self.asked.len() < ASKED_MAX {
+            self.asked.push((request, reply));
+        } else {
+            reply.refuse("too many ask for the lock".to_owned());
+        }
+    }
+
+    /// Answers requests, and ends leases. Called at the beginning of each calculation.
+    pub fn work(&mut self, now: Time) {
+        self.now = now;
+        for (request, reply) in std::mem::take(&mut self.asked) {
+            match self.handle(request) {
+                Some(answer) => reply.send(answer),
+                None => reply.refuse("the lock has no answer".to_owned()),
+            }
+        }
+        let mut effects = Vec::new();
+        self.lock_now().handle(now, LockInput::Tick, &mut effects);
+        self.write(effects);
+    }
+
+    /// Lets a command through to the resource, or refuses it.
+    ///
+    /// # Errors
+    /// Says what is wrong with its fencing number.
+    pub fn admit(&mut self, fence: Option<u64>) -> Result<(), Refusal> {
+        let now = self.now;
+        self.lock_now().admit(now, fence)
+    }
+
+    /// Returns the fencing number of who holds it; none if nobody does. A resource that nobody holds is to be still.
+    pub fn held(&mut self, now: Time) -> Option<u64> {
+        self.lock_now().held(now)
+    }
+
+    /// Returns what people see of it.
+    pub fn status(&self) -> LockStatus {
+        let first = ResourceLock::new(self.settings, 1, self.now);
+        self.lock.as_ref().unwrap_or(&first).status(self.now)
+    }
+
+    /// Returns the answer to a request.
+    pub(super) fn handle(&mut self, request: LockRequest) -> Option<LockAnswer> {
+        let asker = match &request {
+            LockRequest::Acquire { client, .. }
+            | LockRequest::Renew { client, .. }
+            | LockRequest::Release { client, .. } => *client,
+            LockRequest::Look => comms::logic::messaging::lock::NOBODY,
+        };
+        let (now, mut effects) = (self.now, Vec::new());
+        self.lock_now().handle(now, LockInput::Request(request), &mut effects);
+        let answers = self.write(effects);
+        answers.into_iter().rev().find(|(client, _)| *client == asker).map(|(_, answer)| answer)
+    }
+
+    fn lock_now(&mut self) -> &mut ResourceLock {
+        let (settings, now) = (self.settings, self.now);
+        self.lock.get_or_insert_with(|| ResourceLock::new(settings, now.nanos(), now))
+    }
+
+    /// Numbers that come from the clock need no disk. Who does not ask at this moment hears of its grant when it asks again.
+    fn write(&mut self, mut effects: Vec<LockEffect>) -> Vec<(u64, LockAnswer)> {
+        let (now, mut answers, mut at) = (self.now, Vec::new(), 0);
+        while let Some(effect) = effects.get(at).cloned() {
+            match effect {
+                LockEffect::Persist(number) => {
+                    self.lock_now().handle(now, LockInput::Persisted(number), &mut effects);
+                }
+                LockEffect::Answer { client, answer } => answers.push((client, answer)),
+            }
+            at += 1;
+        }
+        answers
+    }
+}
+
+/// Uses a lock that the spec connects: beside a field `#[calls("arm")] arm: Calls<LockRequest, LockAnswer>`.
+#[derive(Debug)]
+pub struct LockUser {
+    client: LockClient,
+    /// The calls of the machine by those of the port.
+    open: BTreeMap<u64, u64>,
+    inputs: Vec<ClientInput>,
+    lost: Option<Denied>,
+}
+
+impl LockUser {
+    /// Returns a user that wants nothing; `name` is for people.
+    ///
+    /// # Errors
+    /// If the system gives no random number for it.
+    pub fn new(name: &str) -> io::Result<Self> {
+        // 0 is nobody.
+        let client = LockClient::new(entropy::number()?.max(1), name.to_owned());
+        Ok(Self { client, open: BTreeMap::new(), inputs: Vec::new(), lost: None })
+    }
+
+    /// Wants the lock, from the next [`LockUser::work`] on.
+    pub fn want(&mut self, priority: u8) {
+        self.inputs.push(ClientInput::Want(priority));
+    }
+
+    /// Lets go of it, or waits no more, with the next [`LockUser::work`].
+    pub fn let_go(&mut self) {
+        self.inputs.push(ClientInput::Drop);
+    }
+
+    /// Asks, renews and hears. Called once in each calculation, at least four times a lease.
+    pub fn work(&mut self, now: Time, calls: &mut Calls<LockRequest, LockAnswer>) {
+        let mut effects = Vec::new();
+        while let Some((number, answer)) = calls.answer() {
+            if let Some(call) = self.open.remove(&number) {
+                self.client.handle(now, ClientInput::Answer { call, answer: answer.ok() }, &mut effects);
+            }
+        }
+        for input in std::mem::take(&mut self.inputs) {
+            self.client.handle(now, input, &mut effects);
+        }
+        self.client.handle(now, ClientInput::Tick, &mut effects);
+        for effect in effects {
+            match effect {
+                ClientEffect::Call { call, request, within } => {
+                    self.open.insert(calls.call(request, within), call);
+                }
+                ClientEffect::Held { .. } => self.lost = None,
+                ClientEffect::Lost(why) => self.lost = Some(why),
+            }
+        }
+    }
+
+    /// Returns the fencing number that goes with each command, as long as the lock may be believed to be held.
+    pub fn held(&self, now: Time) -> Option<u64> {
+        self.client.held(now)
+    }
+
+    /// Returns whether somebody with a greater priority waits for this user to let go.
+    pub const fn is_wanted(&self) -> bool {
+        self.client.is_wanted()
+    }
+
+    /// Returns why the lock was lost, or was not to be had, since it was wanted last.
+    pub const fn lost(&self) -> Option<Denied> {
+        self.lost
+    }
+}

@@ -1,0 +1,226 @@
+//! A queue of a controller, and the client that sends to one.
+
+use super::lock::Lock;
+use super::{Full, Header, QueueMessage, QueueStatus, Receipt, Rejected};
+use crate::sdk::calls::Calls;
+use crate::sdk::port::Message;
+use comms::io::entropy;
+use comms::logic::messaging::header::DATA_SIZE_MAX;
+use comms::logic::messaging::queue::{MessageQueue, QueueSettings};
+use comms::logic::messaging::request::Numbering;
+use comms::logic::object::ObjectError;
+use comms::logic::time::Time;
+use std::collections::BTreeMap;
+use std::io;
+use std::marker::PhantomData;
+use std::num::NonZeroUsize;
+use std::time::Duration;
+
+/// How long an answer of a queue is waited for before the message is sent again.
+const TRY_WITHIN: Duration = Duration::from_millis(250);
+/// How many messages of a client are on their way.
+const SENDING_MAX: usize = 32;
+
+/// Receives messages, and gives them out by priority. A field of a controller, which exports a procedure for it:
+/// `exports.procedure("Commands", "...", |robot: &mut Robot, message| Ok(robot.commands.receive(message)))`.
+#[derive(Debug)]
+pub struct Queue<T> {
+    queue: MessageQueue,
+    /// When the controller looked last.
+    now: Time,
+    of: PhantomData<fn() -> T>,
+}
+
+/// A message that was taken out of a queue.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Taken<T> {
+    /// Its header.
+    pub header: Header,
+    /// The fencing number under which it was sent.
+    pub fence: Option<u64>,
+    /// Its data.
+    pub data: T,
+}
+
+impl<T: Message> Queue<T> {
+    /// Returns an empty queue; a capacity of zero counts as one.
+    pub fn new(capacity: usize, full: Full) -> Self {
+        let capacity = NonZeroUsize::new(capacity).unwrap_or(NonZeroUsize::MIN);
+        let settings = QueueSettings { type_name: T::TYPE.to_owned(), capacity, full, data_size_max: DATA_SIZE_MAX };
+        Self { queue: MessageQueue::new(settings), now: Time::ZERO, of: PhantomData }
+    }
+
+    /// Receives a message: the one method of a queue.
+    pub fn receive(&mut self, message: QueueMessage) -> Receipt {
+        if message.type_name == T::TYPE && postcard::from_bytes::<T>(&message.data).is_err() {
+            let (expected, found) = (T::TYPE.to_owned(), format!("{} of other fields", T::TYPE));
+            return self.queue.turn_away(Rejected::WrongType { expected, found });
+        }
+        self.queue.receive(self.now, message)
+    }
+
+    /// Receives a message for a resource: only who holds its lock is listened to.
+    pub fn receive_under(&mut self, lock: &mut Lock, message: QueueMessage) -> Receipt {
+        match lock.admit(message.fence) {
+            Ok(()) => self.receive(message),
+            Err(refusal) => self.queue.turn_away(Rejected::Fenced(refusal)),
+        }
+    }
+
+    /// Takes the message with the highest priority, and of those the one that came first.
+    pub fn take(&mut self, now: Time) -> Option<Taken<T>> {
+        self.now = now;
+        while let Some(QueueMessage { header, fence, data, .. }) = self.queue.take() {
+            // It was read once when it was received.
+            if let Ok(data) = postcard::from_bytes(&data) {
+                return Some(Taken { header, fence, data });
+            }
+        }
+        None
+    }
+
+    /// Takes a message for a resource. What was sent under a grant that has ended since is dropped, and counted.
+    pub fn take_under(&mut self, lock: &mut Lock, now: Time) -> Option<Taken<T>> {
+        lock.work(now);
+        self.queue.retain(|message| lock.admit(message.fence).is_ok());
+        self.take(now)
+    }
+
+    /// Returns what people see of it.
+    pub fn status(&self) -> QueueStatus {
+        let settings = self.queue.settings();
+        QueueStatus {
+            type_name: settings.type_name.clone(),
+            fields: T::FIELDS.to_owned(),
+            capacity: u64::try_from(settings.capacity.get()).unwrap_or(u64::MAX),
+            full: settings.full,
+            lock: String::new(),
+            counters: self.queue.counters(),
+        }
+    }
+}
+
+/// How sending a message ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum SendEnd {
+    /// It is in the queue, or was.
+    Accepted,
+    /// The queue has turned it away.
+    Rejected(Rejected),
+    /// There is no queue to be had: nothing is connected, the program has none of this name, or its process does not run.
+    Unknown(ObjectError),
+    /// Nobody has answered in time: whether it is in the queue is not known.
+    Deadline,
+}
+
+/// Sends to the queue that the spec connects: beside a field `#[calls("Orders")] orders: Calls<QueueMessage, Receipt>`.
+///
+/// A message whose receipt does not come is sent again until its deadline, with the same identifier, so that the queue takes it once.
+#[derive(Debug)]
+pub struct QueueClient<T> {
+    sender: String,
+    numbering: Numbering,
+    /// By their numbers.
+    sending: BTreeMap<u64, Sending>,
+    /// The numbers of messages by those of their calls.
+    calls: BTreeMap<u64, u64>,
+    ends: Vec<(u64, SendEnd)>,
+    of: PhantomData<fn(T)>,
+}
+
+#[derive(Debug)]
+struct Sending {
+    message: QueueMessage,
+    until: Time,
+    /// When it is sent again, unless a call is open.
+    due: Time,
+    is_open: bool,
+}
+
+impl<T: Message> QueueClient<T> {
+    /// Returns a client that has sent nothing. `sender` is where replies go.
+    ///
+    /// # Errors
+    /// If the system gives no random number for its life.
+    pub fn new(sender: &str) -> io::Result<Self> {
+        let numbering = Numbering::new(entropy::number()?);
+        let (sending, calls, ends) = (BTreeMap::new(), BTreeMap::new(), Vec::new());
+        Ok(Self { sender: sender.to_owned(), numbering, sending, calls, ends, of: PhantomData })
+    }
+
+    /// Sends a message with the next [`QueueClient::work`]; returns its number. `fence` is that of the lock, for a queue in front of
+    /// a resource.
+    ///
+    /// # Errors
+    /// If too many are on their way, or the data is too long.
+    pub fn send(
+        &mut self,
+        now: Time,
+        (category, priority, marker): (&str, u8, u64),
+        (data, fence): (&T, Option<u64>),
+        within: Duration,
+    ) -> Result<u64, String> {
+        if self.sending.len() >= SENDING_MAX {
+            return Err(format!("{SENDING_MAX} messages are on their way already"));
+        }
+        let data = postcard::to_stdvec(data).map_err(|cause| format!("a `{}` cannot be written: {cause}", T::TYPE))?;
+        let id = self.numbering.next();
+        let (category, sender, recipient) = (category.to_owned(), self.sender.clone(), String::new());
+        let header = Header { category, id, sender, recipient, priority, marker };
+        let message = QueueMessage { header, type_name: T::TYPE.to_owned(), fence, data };
+        message.check().map_err(|malformed| malformed.to_string())?;
+        self.sending.insert(id.number, Sending { message, until: now + within, due: now, is_open: false });
+        Ok(id.number)
+    }
+
+    /// Sends what is due, and takes receipts. Called once in each calculation.
+    pub fn work(&mut self, now: Time, calls: &mut Calls<QueueMessage, Receipt>) {
+        while let Some((call, answer)) = calls.answer() {
+            if let Some(number) = self.calls.remove(&call) {
+                self.answered(now, number, answer);
+            }
+        }
+        let late: Vec<u64> =
+            self.sending.iter().filter(|(_, one)| one.until <= now).map(|(&number, _)| number).collect();
+        late.into_iter().for_each(|number| self.end(number, SendEnd::Deadline));
+        for (&number, one) in self.sending.iter_mut().filter(|(_, one)| !one.is_open && one.due <= now) {
+            let within = TRY_WITHIN.min(one.until.since(now));
+            self.calls.insert(calls.call(one.message.clone(), within), number);
+            one.is_open = true;
+        }
+    }
+
+    /// Returns how the sending of a message ended, with its number; called until there is none.
+    pub fn end_of(&mut self) -> Option<(u64, SendEnd)> {
+        if self.ends.is_empty() { None } else { Some(self.ends.remove(0)) }
+    }
+
+    fn answered(&mut self, now: Time, number: u64, answer: Result<Receipt, ObjectError>) {
+        let end = match answer {
+            Ok(Receipt::Accepted) => SendEnd::Accepted,
+            Ok(Receipt::Rejected(rejected)) => SendEnd::Rejected(rejected),
+            Err(ObjectError::Deadline { .. } | ObjectError::Gone | ObjectError::Busy { .. }) => {
+                if let Some(one) = self.sending.get_mut(&number) {
+                    (one.is_open, one.due) = (false, now + TRY_WITHIN / 8);
+                }
+                return;
+            }
+            Err(
+                error @ (ObjectError::NoSuchName { .. }
+                | ObjectError::NoSuchProcedure { .. }
+                | ObjectError::WrongType { .. }
+                | ObjectError::Refused { .. }
+                | ObjectError::TooLarge { .. }
+                | ObjectError::NotConnected { .. }),
+            ) => SendEnd::Unknown(error),
+        };
+        self.end(number, end);
+    }
+
+    fn end(&mut self, number: u64, end: SendEnd) {
+        if self.sending.remove(&number).is_some() {
+            self.calls.retain(|_, other| *other != number);
+            self.ends.push((number, end));
+        }
+    }
+}
