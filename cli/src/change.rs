@@ -164,7 +164,7 @@ async fn change(
     let (name, epoch, revision) = (plan.name.clone(), running.epoch, running.revision);
     let (probation, by) = (probation.span(), user::name_and_host());
     let request = ChangeRequest { name: name.clone(), epoch, revision, plan, again, probation, by };
-    let mut answers = client.ask_on(home, &Request::Change(Box::new(request)))?;
+    let mut answers = client.order_on(home, Request::Change(Box::new(request)), epoch).await?;
     let answer = match answers.next().await {
         Some(Ok(answer)) => answer,
         Some(Err(Failure::Unreachable(why))) => return Err(Failure::Unreachable(unknown(&name, why))),

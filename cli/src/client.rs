@@ -1,6 +1,7 @@
 //! A command line's connection to the nodes: through a node of this machine when there is one, else over the network.
 
 pub(crate) mod feed;
+pub(crate) mod signer;
 
 use crate::ConnectArgs;
 use anyhow::{Context, anyhow};
@@ -12,6 +13,7 @@ use comms::logic::{codec, key};
 use node::console::{self, Failure};
 use node::io::run_dir;
 use node::logic::protocol::{Answer, NodeStatus, Request, SILENCE_MAX};
+use signer::{KeyPlace, Signing};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -39,6 +41,8 @@ pub(crate) struct Client {
     local: Option<String>,
     /// Folder with the sockets of this machine's nodes.
     base: Option<PathBuf>,
+    /// Signs what nodes in a team do for a user alone.
+    signing: Signing,
 }
 
 /// The answers of a node to one request, as they come.
@@ -70,9 +74,10 @@ impl Clients {
     /// Connects through nodes of this machine, or by scouting when `--lan` is given and no node stays on this machine.
     pub(crate) async fn open(connect: &ConnectArgs) -> Result<Self, Failure> {
         let standing = Client::open(connect).await;
+        let keys = connect.key_place();
         let (mut clients, mut hanging) = (Vec::new(), None);
         for folder in run_dir::groups(&connect.base()).iter().filter(|folder| **folder != connect.base()) {
-            match Client::through(folder).await {
+            match Client::through(folder, &keys).await {
                 Ok(client) => clients.extend(client),
                 // A command that has just begun or ended is left out, and so is one that hangs beside others.
                 Err(failure) => hanging = Some(failure),
@@ -142,7 +147,7 @@ impl Clients {
 impl Client {
     /// Connects through a node that stays on this machine, or by scouting when `--lan` is given.
     pub(crate) async fn open(connect: &ConnectArgs) -> Result<Self, Failure> {
-        let problem = match Self::through(&connect.base()).await {
+        let problem = match Self::through(&connect.base(), &connect.key_place()).await {
             Ok(Some(client)) => return Ok(client),
             Ok(None) => None,
             Err(Failure::Unreachable(problem)) => Some(problem),
@@ -154,6 +159,7 @@ impl Client {
                 session: session.map_err(Failure::Unreachable)?,
                 local: None,
                 base: Some(connect.base()),
+                signing: Signing::of(connect.key_place()),
             });
         }
         let none = || {
@@ -164,7 +170,7 @@ impl Client {
 
     /// Connects through a node that stays on this machine.
     pub(crate) async fn here(run_dir: Option<&Path>) -> Result<Self, Failure> {
-        Self::open(&ConnectArgs { lan: false, run_dir: run_dir.map(Path::to_owned) }).await
+        Self::open(&ConnectArgs { run_dir: run_dir.map(Path::to_owned), ..ConnectArgs::default() }).await
     }
 
     /// Connects as [`Client::open`] does; where no node stays, to the only `dca run` that there is.
@@ -175,7 +181,7 @@ impl Client {
         match (standing, &commands[..]) {
             (Ok(client), _) => Ok(client),
             (Err(failure), []) => Err(failure),
-            (Err(failure), [folder]) => Self::through(folder).await?.ok_or(failure),
+            (Err(failure), [folder]) => Self::through(folder, &connect.key_place()).await?.ok_or(failure),
             (Err(_), several) => {
                 let several: Vec<String> = several.iter().map(|folder| folder.display().to_string()).collect();
                 let several = several.join("` or `");
@@ -185,11 +191,14 @@ impl Client {
     }
 
     /// Connects through a node that has its sockets in this folder; nothing if none runs.
-    async fn through(folder: &Path) -> Result<Option<Self>, Failure> {
+    async fn through(folder: &Path, keys: &KeyPlace) -> Result<Option<Self>, Failure> {
         let mut problem = None;
         for (name, socket) in run_dir::running(folder)? {
             match Session::open_client(&socket).await {
-                Ok(session) => return Ok(Some(Self { session, local: Some(name), base: Some(folder.to_owned()) })),
+                Ok(session) => {
+                    let signing = Signing::of(keys.clone());
+                    return Ok(Some(Self { session, local: Some(name), base: Some(folder.to_owned()), signing }));
+                }
                 Err(error @ OpenError::NoNode { .. }) => {
                     problem = Some(anyhow!(error).context(format!("connecting to the node `{name}`")));
                 }
@@ -208,7 +217,12 @@ impl Client {
     pub(crate) async fn to_socket(socket: PathBuf) -> Result<Self, Failure> {
         let session =
             Session::open_client(&socket).await.with_context(|| format!("connecting to {}", socket.display()));
-        Ok(Self { session: session.map_err(Failure::Unreachable)?, local: None, base: None })
+        Ok(Self {
+            session: session.map_err(Failure::Unreachable)?,
+            local: None,
+            base: None,
+            signing: Signing::default(),
+        })
     }
 
     /// Returns the node of this machine that it goes through, if it does.

@@ -105,9 +105,10 @@ pub(crate) async fn follow(client: &Client, spec: Spec, following: &FollowArgs) 
     let home = spec.plan.home().context("the plan names no host for `main`")?.to_owned();
     let messages = if following.ports.is_empty() { Messages::new() } else { language::messages(&spec.modules) };
     let ports = ports(&spec.plan, &following.ports, &messages).map_err(|why| anyhow!(why))?;
+    let request = Request::Deploy { request: entropy::number()?, plan: spec.plan.clone(), by: user::name_and_host() };
+    let request = client.signed(&home, request, 0).await?; // Who cannot sign leaves no record.
     let recorder = if following.no_record { None } else { Some(start_record(&spec, &following.runs)?) };
     let (mut watch, arriving) = Watch::new(&spec.plan, home.clone(), recorder, ports, client.team());
-    let request = Request::Deploy { request: entropy::number()?, plan: spec.plan, by: user::name_and_host() };
     let answers = client.ask_on(&home, &request)?;
     let watched = watch.watch(client, &home, answers, arriving).await;
     watch.finish(watched).await
@@ -184,7 +185,7 @@ impl Watch {
                             None => return Ok(()),
                         }
                         if interrupts > 0 {
-                            self.stop(client, home, &mut stopping)?;
+                            self.stop(client, home, &mut stopping).await?;
                         }
                     }
                 },
@@ -196,8 +197,8 @@ impl Watch {
                     self.mission.tick(self.go_at.map_or_else(Default::default, |go| clock::now() - go));
                     self.display.update(&self.mission, &mut self.output);
                 }
-                _ = interrupt.recv() => self.stop(client, home, &mut stopping)?,
-                _ = terminate.recv() => self.stop(client, home, &mut stopping)?,
+                _ = interrupt.recv() => self.stop(client, home, &mut stopping).await?,
+                _ = terminate.recv() => self.stop(client, home, &mut stopping).await?,
             }
         }
     }
@@ -251,12 +252,12 @@ impl Watch {
     }
 
     /// Asks for the end once; the mission's own reports say when it has come. The second time nobody waits.
-    fn stop(&mut self, client: &Client, home: &str, asked: &mut Option<Answers>) -> Result<(), Failure> {
+    async fn stop(&mut self, client: &Client, home: &str, asked: &mut Option<Answers>) -> Result<(), Failure> {
         if asked.is_some() {
             return Err(anyhow!("`{}` was left while it was stopping", self.name).into());
         }
         self.output.note("stopping everything; once more to leave without waiting");
-        *asked = Some(client.ask_on(home, &Request::Stop { name: self.name.clone() })?);
+        *asked = Some(client.stop_on(home, &self.name, self.deployment.as_ref()).await?);
         Ok(())
     }
 

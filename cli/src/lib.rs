@@ -48,6 +48,7 @@ pub mod team;
 pub mod verify;
 
 use clap::{Args, Parser, Subcommand};
+use client::signer::KeyPlace;
 use comms::io::session::{self, Role};
 use node::console::{finish, parsed};
 use node::io::{logging, run_dir};
@@ -142,7 +143,7 @@ enum Verb {
 }
 
 /// Where to find nodes.
-#[derive(Clone, Debug, Args)]
+#[derive(Clone, Debug, Default, Args)]
 pub struct ConnectArgs {
     /// Look for nodes on the local network too (unauthenticated)
     #[arg(long)]
@@ -150,9 +151,20 @@ pub struct ConnectArgs {
     /// Folder with the sockets of this machine's nodes
     #[arg(long, value_name = "DIR")]
     pub run_dir: Option<PathBuf>,
+    /// The folder with your key, for nodes in a team [default: $XDG_CONFIG_HOME/dca or ~/.config/dca]
+    #[arg(long = "keys", value_name = "DIR")]
+    pub key_folder: Option<PathBuf>,
+    /// A file of mode 0600 whose first line is the passphrase of your key [default: asked for at the terminal]
+    #[arg(long = "passphrase", value_name = "FILE")]
+    pub key_passphrase: Option<PathBuf>,
 }
 
 impl ConnectArgs {
+    /// Returns where the user's key is.
+    fn key_place(&self) -> KeyPlace {
+        KeyPlace { folder: self.key_folder.clone(), passphrase: self.key_passphrase.clone() }
+    }
+
     /// Returns the folder with the sockets of this machine's nodes, as a whole path.
     fn base(&self) -> PathBuf {
         let base = self.run_dir.clone().unwrap_or_else(run_dir::default_base);

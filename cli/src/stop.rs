@@ -82,6 +82,7 @@ async fn forget(clients: &Clients, name: &str) -> Result<(), Failure> {
         let told = away.told.get(&node.host).map_or(&[][..], |absent| &absent.ends);
         for end in told.iter().filter(|end| end.deployment.name == name) {
             let request = Request::Forget { deployment: end.deployment.clone() };
+            let request = client.signed(&node.host, request, end.deployment.epoch).await?;
             let answer = client.ask(&node.host, &request, ANSWER_WITHIN).await?;
             let Answer::Stop(_) = answer else { return Err(unasked(&node.host, &answer)) };
             ends.push(end);
@@ -181,7 +182,8 @@ async fn runs(client: &Client, deployment: &Deployment) -> bool {
 async fn stop_once(client: &Client, home: &str, deployment: &Deployment) -> Result<Vec<String>, Failure> {
     // Watched first, so that the last report is not missed.
     let reports = client.ask_on(home, &watch(deployment))?;
-    let mut stopping = client.ask_on(home, &Request::Stop { name: deployment.name.clone() })?;
+    let stop = Request::Stop { name: deployment.name.clone() };
+    let mut stopping = client.order_on(home, stop, deployment.epoch).await?;
     let refused = async {
         match stopping.next().await {
             Some(Ok(Answer::Refused(why))) => Failure::Refused(anyhow!("host `{home}`: {why}")),

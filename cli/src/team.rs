@@ -1,5 +1,6 @@
 //! `dca team`: the team's key, its robots and its users, on the operator's machine.
 
+mod import;
 mod init;
 mod invite;
 mod revoke;
@@ -41,6 +42,8 @@ enum Verb {
     Revoke(revoke::RevokeArgs),
     /// Print what everybody may know of the team: its certificates and revocations
     Export,
+    /// Take in what `dca team export` has printed elsewhere: so your own certificate comes to this machine
+    Import(import::ImportArgs),
 }
 
 /// Where the keys are.
@@ -87,6 +90,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(Verb::Invite(invite)) => invite.run(keys),
         Some(Verb::Join(join)) => join.run(),
         Some(Verb::Revoke(revoke)) => revoke.run(keys),
+        Some(Verb::Import(import)) => import.run(keys),
         Some(Verb::Export) => {
             console::say(&keys.bundle()?.1.to_text());
             Ok(())

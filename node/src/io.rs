@@ -8,6 +8,7 @@ pub mod database;
 pub mod driver;
 pub(crate) mod event;
 pub mod folder;
+pub(crate) mod guard;
 pub mod input_log;
 pub mod journal;
 pub mod logging;

@@ -8,6 +8,7 @@ pub mod coordinator;
 pub mod database;
 pub mod effect;
 pub mod executer;
+pub mod gate;
 pub mod history;
 pub mod instance;
 pub mod link;

@@ -20,7 +20,8 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
 use trust::audit::Decision;
-use trust::identity::{SECRET_LEN, SecretKeys};
+use trust::identity::{KeyId, SECRET_LEN, SecretKeys};
+use trust::name::Name;
 use trust::revocation::{Received, Revocations, RevokedSet, SET_MAX};
 use trust::role::Kind;
 use trust::team::{CREDENTIAL_MAX, Credential, Judge, OFFLINE_GRACE, TEAM_MAX, Team};
@@ -121,6 +122,29 @@ impl Member {
         &self.team
     }
 
+    /// Returns the name in its certificate.
+    #[must_use]
+    pub const fn name(&self) -> &Name {
+        &self.credential.certificate().claims().name
+    }
+
+    /// Returns the id of its keys.
+    pub fn id(&self) -> KeyId {
+        self.keys.public().id()
+    }
+
+    /// Returns the folder with its keys.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Has somebody judged by the team, whom it has revoked, and the time.
+    pub fn with_judge<T>(&self, judge: impl FnOnce(&Judge<'_>) -> T) -> T {
+        let revoked = self.revoked().clone();
+        judge(&self.by(&revoked))
+    }
+
     /// Checks that this node itself is trusted now.
     ///
     /// # Errors
@@ -146,7 +170,8 @@ impl Member {
         last.replace(told.clone()) != Some(told)
     }
 
-    fn record(&self, entry: AuditEntry) {
+    /// Has something written to the audit log.
+    pub fn record(&self, entry: AuditEntry) {
         self.audit.iter().for_each(|audit| audit.record(entry.clone()));
     }
 

@@ -2,7 +2,9 @@
 
 use comms::io::clock::now;
 use comms::logic::time::Time;
-use dca_tests::cluster::{Cluster, Host, NAMES, Network, Program, SOON, Sample, Stream, Trace, pass, spec, wait_until};
+use dca_tests::cluster::{
+    Cluster, Ended, Host, NAMES, Network, Program, SOON, Sample, Stream, Trace, pass, spec, wait_until,
+};
 use std::fs::{self, Permissions};
 use std::io::Write as _;
 use std::net::TcpStream;
@@ -121,7 +123,12 @@ fn port(place: &str) -> u16 {
 fn a_team_opens_the_door_and_a_stranger_sees_nothing() {
     let Some(team) = Team::of_three(4) else { return };
     let stranger = team.host(4);
-    let mission = team.host(1).dca(&["deploy", &spec("door_opening")]);
+    // Who has no key on this machine is told what is missing, and nothing is started.
+    let empty = team.cluster.folder().join("no.keys").display().to_string();
+    let nobody = team.host(1).ask(&["deploy", &spec("door_opening"), "--keys", &empty]);
+    assert_eq!(nobody.code, Some(1), "{nobody}");
+    assert!(nobody.err.contains("you have no key: `dca team key` makes one"), "{nobody}");
+    let mission = team.host(1).dca(&with(&["deploy", &spec("door_opening")], &team.keys));
     mission.wait_for_times(Stream::Err, "▸ (visualserv # distdetect)", 2, SOON);
     let status = team.host(2).ask(&["status"]);
     assert!(status.out.matches("team acme").count() == 3, "{status}");
@@ -215,7 +222,8 @@ fn attacks_start_nothing_and_slow_nothing_down() {
     let Some(team) = Team::of_three(4) else { return };
     let other = desk(&team.cluster, &team.host(4), "other");
     join(&team.host(4), &other, &team.host(4), "c4");
-    let deployed = team.host(1).dca(&["deploy", &team.cluster.file("rates.dca", RATES)]);
+    let rates = team.cluster.file("rates.dca", RATES);
+    let deployed = team.host(1).dca(&with(&["deploy", &rates], &team.keys));
     deployed.wait_for(Stream::Err, "▸", SOON);
     pass(Duration::from_secs(1));
     let quiet = window(|| pass(Duration::from_secs(3)));
@@ -249,7 +257,7 @@ fn attacks_start_nothing_and_slow_nothing_down() {
     });
     let nodes = team.host(4).ask(&["nodes"]);
     assert!(!nodes.out.lines().any(|line| NAMES.iter().any(|name| line.starts_with(name))), "another team: {nodes}");
-    let stop = team.host(1).ask(&["stop", "rates"]);
+    let stop = team.host(1).ask(&with(&["stop", "rates"], &team.keys));
     assert_eq!(stop.code, Some(0), "{stop}");
     drop(deployed.ended(SOON));
     let trace = Trace::read(&team.cluster.folder().join("runs/rates-1"));
@@ -300,6 +308,62 @@ fn a_revoked_robot_is_cut_off() {
     pass(Duration::from_secs(2));
     assert!(!sees(2, "c3") && !sees(3, "c2"), "who comes back is refused");
     drop(back);
+}
+
+const IDLE: &str = "
+module Idle(host) { exec \"sleep 3600\"; plain; }
+process main() { host { c1 } instantiated_processes { a instof Idle(c2); } internal_event_actions { a } }
+";
+
+/// A user makes a key on another machine, gets a certificate, and may do what its role says.
+#[test]
+fn a_user_does_what_the_role_says() {
+    let Some(team) = Team::of_three(3) else { return };
+    let (operator, desk) = (team.host(1), team.host(2));
+    let own = team.cluster.folder().join("dan.keys").display().to_string();
+    let own = ["--keys".to_owned(), own, team.keys[2].clone(), team.keys[3].clone()];
+    let idle = team.cluster.file("idle.dca", IDLE);
+    let deploy = || desk.ask(&with(&["deploy", &idle, "--no-record"], &own));
+    let refused = |ended: Ended, part: &str| {
+        assert_eq!(ended.code, Some(1), "{ended}");
+        assert!(ended.err.contains(part), "{ended}");
+    };
+    let key = desk.ask(&with(&["team", "key"], &own));
+    refused(deploy(), "have the operator run `dca team export`");
+    let give = |role: &str| {
+        let add = ["team", "user", "add", "dan", "--role", role, "--key", key.out.trim()];
+        assert_eq!(operator.ask(&with(&add, &team.keys)).code, Some(0));
+        let exported = operator.ask(&with(&["team", "export"], &team.keys));
+        let file = team.cluster.file("exported", &exported.out);
+        let imported = desk.ask(&with(&["team", "import", &file], &own));
+        assert!(imported.err.contains(&format!("you are `dan`, {role}")), "{imported}");
+    };
+    give("viewer");
+    refused(deploy(), "`dan` is viewer, who may not deploy");
+    assert!(team.cluster.leaf("main/a").is_none());
+    give("deployer");
+    let mission = desk.dca(&with(&["deploy", &idle, "--no-record"], &own));
+    assert!(wait_until(SOON, || team.cluster.leaf("main/a").is_some()).is_some(), "{}", mission.text(Stream::Err));
+    give("viewer");
+    refused(desk.ask(&with(&["stop", "idle"], &own)), "`dan` is viewer, who may not stop");
+    give("operator");
+    let stopped = desk.ask(&with(&["stop", "idle"], &own));
+    assert_eq!(stopped.code, Some(0), "{stopped}");
+    drop(mission.ended(SOON));
+    refused(desk.ask(&with(&["db", "put", "team/gain", "1.5"], &own)), "`dan` is operator, who may not write");
+    let removed = operator.ask(&with(
+        &["team", "user", "remove", "dan", "--run-dir", &operator.run_dir().display().to_string()],
+        &team.keys,
+    ));
+    assert_eq!(removed.code, Some(0), "{removed}");
+    refused(deploy(), "the key of `dan` is revoked");
+    let log = |number: usize, name: &str| {
+        fs::read_to_string(team.host(number).state().join(name).join("team/audit")).expect("there is an audit log")
+    };
+    let of_home = log(1, "c1");
+    let [accepted, denied] = ["\tdone\tdan\tdeploy `idle`", "\trefused\tdan\tdeploy `idle`"];
+    assert_eq!((of_home.matches(accepted).count(), of_home.matches(denied).count()), (1, 2), "{of_home}");
+    assert_eq!(log(2, "c2").matches("\tdone\tdan\tstart `idle@1` for `c1`").count(), 1, "each host has judged it");
 }
 
 /// Without a team nothing listens off loopback; a node of a team is not opened to everybody.

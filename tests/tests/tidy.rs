@@ -28,7 +28,7 @@ const FLOORS: [(&str, &[&str]); 12] = [
     ("node/shim", &["comms"]),
     ("cli", &["comms", "dbmanager", "language", "node", "shim", "team", "trust", "verify"]),
     ("examples", &["controllers"]),
-    ("tests", &["cli", "comms", "controllers", "dbmanager", "language", "node", "verify"]),
+    ("tests", &["cli", "comms", "controllers", "dbmanager", "language", "node", "team", "trust", "verify"]),
 ];
 /// Every room, by the name under which it is imported.
 const ROOMS: [&str; 11] =

@@ -151,6 +151,15 @@ impl Request {
         Ok((head.request, credential.certificate().claims().name.clone()))
     }
 
+    /// Reads who says to have signed a request, and which number it has. Nothing of it is checked.
+    ///
+    /// # Errors
+    /// The bytes are no request.
+    pub fn mark(bytes: &[u8]) -> Result<(KeyId, u64), FormError> {
+        let head = Head::read(bytes)?;
+        Ok((head.signer, head.request.sequence))
+    }
+
     fn form(&self, body: &[u8; 32], signer: &KeyId) -> Vec<u8> {
         let mut writer = Writer::new(REQUEST);
         writer.fixed(&self.team.0);
@@ -225,6 +234,27 @@ struct Head<'a> {
 }
 
 impl<'a> Head<'a> {
+    fn of(bytes: &'a [u8], body: &[u8]) -> Result<Self, Refusal> {
+        if body.len() > BODY_MAX {
+            return Err(Refusal::BodyTooLong);
+        }
+        Self::read(bytes).map_err(Refusal::Form)
+    }
+
+    /// Checks who has signed what, and that the signer may ask for it.
+    fn verify(&self, body: &[u8], context: &Context<'_>) -> Result<Credential, Refusal> {
+        let credential = Credential::from_bytes(self.credential).map_err(Refusal::Form)?;
+        let keys = credential.certificate().claims().keys;
+        if keys.id() != self.signer || !keys.has_signed(self.signed, &self.signature) {
+            return Err(Refusal::Signature);
+        }
+        credential.require(self.request.action, &context.judge).map_err(Refusal::Trust)?;
+        if hash(body) != self.body {
+            return Err(Refusal::Body);
+        }
+        Ok(credential)
+    }
+
     fn read(bytes: &'a [u8]) -> Result<Self, FormError> {
         let mut reader = Reader::new(bytes, REQUEST, REQUEST_MAX)?;
         let team = KeyId(reader.fixed()?);
@@ -252,22 +282,23 @@ impl<'a> Head<'a> {
 /// # Errors
 /// It is refused, with the reason. Then nothing has changed.
 pub fn check(bytes: &[u8], body: &[u8], context: &Context<'_>, replays: &mut Replays) -> Result<Accepted, Refusal> {
-    if body.len() > BODY_MAX {
-        return Err(Refusal::BodyTooLong);
-    }
-    let head = Head::read(bytes).map_err(Refusal::Form)?;
+    let head = Head::of(bytes, body)?;
     head.request.check_address(context)?;
     head.request.check_time(context)?;
     replays.check(&head.signer, head.request.sequence).map_err(Refusal::Replay)?;
-    let credential = Credential::from_bytes(head.credential).map_err(Refusal::Form)?;
-    let keys = credential.certificate().claims().keys;
-    if keys.id() != head.signer || !keys.has_signed(head.signed, &head.signature) {
-        return Err(Refusal::Signature);
-    }
-    credential.require(head.request.action, &context.judge).map_err(Refusal::Trust)?;
-    if hash(body) != head.body {
-        return Err(Refusal::Body);
-    }
+    let credential = head.verify(body, context)?;
     let write = replays.spend(head.signer, head.request.sequence).map_err(Refusal::Replay)?;
     Ok(Accepted { request: head.request, credential, write })
+}
+
+/// Checks a request that this node has accepted before, where it is to go on with what was asked for. Its number is spent, and it may
+/// have ended: `context` has the time at which it was accepted. Who was revoked since may not go on.
+///
+/// # Errors
+/// As of [`check`].
+pub fn check_again(bytes: &[u8], body: &[u8], context: &Context<'_>) -> Result<(Request, Credential), Refusal> {
+    let head = Head::of(bytes, body)?;
+    head.request.check_address(context)?;
+    let credential = head.verify(body, context)?;
+    Ok((head.request, credential))
 }

@@ -57,6 +57,8 @@ pub enum Action {
     Revoke,
     /// Renew a certificate.
     Renew,
+    /// Begin a database, and decide which robots have a copy of it.
+    Found,
 }
 
 const KINDS: [(Kind, u8, &str); 3] = [(Kind::Node, 1, "node"), (Kind::User, 2, "user"), (Kind::Program, 3, "program")];
@@ -70,7 +72,7 @@ const ROLES: [(Role, u8, &str); 8] = [
     (Role::Renewer, 7, "renewer"),
     (Role::Program, 8, "program"),
 ];
-const ACTIONS: [(Action, u8, &str); 9] = [
+const ACTIONS: [(Action, u8, &str); 10] = [
     (Action::Estop, 1, "stop everything"),
     (Action::Watch, 2, "look"),
     (Action::Stop, 3, "stop"),
@@ -80,6 +82,7 @@ const ACTIONS: [(Action, u8, &str); 9] = [
     (Action::Invite, 7, "invite"),
     (Action::Revoke, 8, "revoke"),
     (Action::Renew, 9, "renew"),
+    (Action::Found, 10, "decide who has the database"),
 ];
 
 impl Kind {
@@ -122,12 +125,12 @@ impl Role {
     /// Returns whether somebody with this role may do that.
     #[must_use]
     pub fn may(self, action: Action) -> bool {
-        use Action::{Deploy, Estop, Invite, Renew, Revoke, Start, Stop, Watch, Write};
+        use Action::{Deploy, Estop, Found, Invite, Renew, Revoke, Start, Stop, Watch, Write};
         let also: &[Action] = match self {
             Self::Viewer | Self::Member => &[Watch],
             Self::Operator => &[Watch, Stop, Start],
             Self::Deployer => &[Watch, Stop, Start, Deploy, Write],
-            Self::Admin => &[Watch, Stop, Start, Deploy, Write, Invite, Revoke, Renew],
+            Self::Admin => &[Watch, Stop, Start, Deploy, Write, Invite, Revoke, Renew, Found],
             Self::Ci => &[Watch, Stop, Start, Deploy],
             Self::Renewer => &[Watch, Renew],
             Self::Program => &[],
@@ -188,7 +191,7 @@ mod tests {
 viewer    stop everything, look
 operator  stop everything, look, stop, start
 deployer  stop everything, look, stop, start, deploy, write the database
-admin     stop everything, look, stop, start, deploy, write the database, invite, revoke, renew
+admin     stop everything, look, stop, start, deploy, write the database, invite, revoke, renew, decide who has the database
 ci        stop everything, look, stop, start, deploy
 member    stop everything, look
 renewer   stop everything, look, renew
@@ -215,6 +218,6 @@ program   stop everything
         }
         assert!(KINDS.iter().all(|row| Kind::from_number(row.1) == Ok(row.0)));
         assert!(ACTIONS.iter().all(|row| Action::from_number(row.1) == Ok(row.0)));
-        assert!(Role::from_number(0).is_err() && Kind::from_number(4).is_err() && Action::from_number(10).is_err());
+        assert!(Role::from_number(0).is_err() && Kind::from_number(4).is_err() && Action::from_number(11).is_err());
     }
 }

@@ -3,6 +3,7 @@
 //! A node tells what it knows, then that this was all up to now, and then what happens. A stream that breaks off is asked for
 //! again as soon as its node is found; what was told before is left out, by its number.
 
+use super::signer::KeyPlace;
 use super::{ANSWER_WITHIN, Answers, Client, Clients, unasked, words};
 use crate::ConnectArgs;
 use crate::absent::{self, ago};
@@ -321,7 +322,7 @@ async fn look_for_commands(base: PathBuf, known: Vec<PathBuf>, sink: Sender<Sour
         known.retain(|folder| groups.contains(folder));
         for folder in groups {
             if !known.contains(&folder)
-                && let Ok(Some(client)) = Client::through(&folder).await
+                && let Ok(Some(client)) = Client::through(&folder, &KeyPlace::default()).await
             {
                 known.insert(folder);
                 if sink.send(SourceMessage::Client(Arc::new(client))).await.is_err() {

@@ -115,7 +115,7 @@ impl<'a> Databases<'a> {
     /// Returns what the database of a robot says below `params/` and `below`, with whole keys.
     pub(crate) async fn parameters_of(&self, robot: &str, below: &str) -> Result<Vec<(String, Datum)>, Failure> {
         let prefix = format!("robot/{robot}/params/{below}");
-        let mut replies = self.ask(robot, Question::List { prefix, at: AsOf::Now })?;
+        let mut replies = self.ask(robot, Question::List { prefix, at: AsOf::Now }).await?;
         let mut keys = Vec::new();
         while let Some(reply) = replies.next(clock::now() + ANSWER_WITHIN).await? {
             let Reply::Entries(entries) = reply else { return Err(refusal(&reply)) };
@@ -133,18 +133,18 @@ impl<'a> Databases<'a> {
     }
 
     /// Asks one robot's database.
-    pub(crate) fn ask(&self, robot: &str, question: Question) -> Result<Replies, Failure> {
+    pub(crate) async fn ask(&self, robot: &str, question: Question) -> Result<Replies, Failure> {
         let request = match self.client.proof(robot) {
             Some(proof) => Request::Here { proof, question },
             None => Request::Database(question),
         };
-        let answers = self.client.ask_on(robot, &request)?;
+        let answers = self.client.order_on(robot, request, 0).await?;
         Ok(Replies { answers, noted: Arc::clone(&self.noted), robot: robot.to_owned() })
     }
 
     /// Asks one robot's database what has one answer.
     pub(crate) async fn ask_one(&self, robot: &str, question: Question) -> Result<Reply, Failure> {
-        let mut replies = self.ask(robot, question)?;
+        let mut replies = self.ask(robot, question).await?;
         replies.next(clock::now() + ANSWER_WITHIN).await?.ok_or_else(|| replies.ended())
     }
 
@@ -154,7 +154,7 @@ impl<'a> Databases<'a> {
         question: Question,
         mut take: impl FnMut(Reply) -> Result<(), Failure>,
     ) -> Result<(), Failure> {
-        let mut replies = self.ask(self.robot(), question)?;
+        let mut replies = self.ask(self.robot(), question).await?;
         while let Some(reply) = replies.next(clock::now() + ANSWER_WITHIN).await? {
             take(reply)?;
         }

@@ -56,7 +56,7 @@ impl Watch {
     ) -> Result<(), Failure> {
         loop {
             let question = Question::Watch { keys: keys.clone(), from: told.clone() };
-            let mut replies = databases.ask(databases.robot(), question)?;
+            let mut replies = databases.ask(databases.robot(), question).await?;
             match replies.next(clock::now() + ANSWER_WITHIN).await {
                 Ok(Some(Reply::Version(version))) => {
                     if told.is_none() && !self.database.json {

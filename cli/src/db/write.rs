@@ -174,7 +174,7 @@ impl CommitArgs {
         robot: &str,
         question: Question,
     ) -> Result<Result<CommitProgress, String>, Failure> {
-        let mut replies = databases.ask(robot, question)?;
+        let mut replies = databases.ask(robot, question).await?;
         let first = replies.next(clock::now() + ANSWER_WITHIN).await?.ok_or_else(|| replies.ended())?;
         if let Reply::NotOwner { owner } = first {
             return Ok(Err(owner));

@@ -3,6 +3,7 @@
 //! ```text
 //! KEYS/                 $XDG_CONFIG_HOME/dca or ~/.config/dca, or `--keys`
 //!   own.key             a user's own keys, behind a passphrase
+//!   number              the number of the last request that was signed with them
 //!   acme/               one team
 //!     root.key          its key, behind a passphrase; only on this machine
 //!     team              its certificates and revocations
@@ -21,12 +22,14 @@ use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _};
 use std::path::{Path, PathBuf};
 use trust::bundle::{BUNDLE_MAX, Bundle};
 use trust::locked::{LOCKED_MAX, LockedKeys, PASSPHRASE_MAX};
-use trust::name::Name;
+use trust::name::{Name, UnixTime};
+use trust::revocation::RevokedSet;
 use zeroize::Zeroizing;
 
 const TEAM: &str = "team";
 const ROOT: &str = "root.key";
 const OWN: &str = "own.key";
+const NUMBER: &str = "number";
 
 /// The folder with the keys of teams.
 #[derive(Debug)]
@@ -135,6 +138,47 @@ impl Keyring {
         ensure!(!path.exists(), "`{}` is there already; `dca team key` shows it", path.display());
         write_private(&path, &own.to_bytes())?;
         Ok(path)
+    }
+
+    /// Returns the number of the next request, which no request of this machine has had, and writes it down. It is the time in
+    /// seconds unless that is used: so a folder that was restored from a copy goes on above what it has forgotten.
+    pub(crate) fn next_number(&self, now: UnixTime) -> anyhow::Result<u64> {
+        let path = self.0.join(NUMBER);
+        let reading = || format!("reading `{}`", path.display());
+        let turn = fs::File::open(&self.0).with_context(reading)?;
+        flock(&turn, FlockOperation::LockExclusive).map_err(io::Error::from).with_context(reading)?;
+        let last =
+            if path.exists() { String::from_utf8_lossy(&read_private(&path, 32)?).trim().parse().ok() } else { None };
+        let next = last.map_or(0, |last: u64| last.saturating_add(1)).max(now.0);
+        write_private(&path, format!("{next}\n").as_bytes())?;
+        Ok(next)
+    }
+
+    /// Takes in what everybody may know of a team, in place of what was known. Returns whether the team was not known.
+    pub(crate) fn import(&self, bundle: &Bundle) -> anyhow::Result<bool> {
+        let name = bundle.team().name();
+        let folder = self.0.join(name.as_str());
+        private_folder(&self.0, true)?;
+        if !folder.join(TEAM).exists() {
+            private_folder(&folder, true)?;
+            self.keep(bundle)?;
+            return Ok(true);
+        }
+        self.change(name, |known| {
+            ensure!(
+                known.team().id() == bundle.team().id(),
+                "`{}` has another team of the name `{name}`; choose another folder with `--keys`",
+                self.0.display()
+            );
+            let number = |bundle: &Bundle| bundle.revoked().map_or(0, RevokedSet::number);
+            ensure!(
+                number(bundle) >= number(known),
+                "it is older than what is known here: it knows of fewer revocations"
+            );
+            *known = bundle.clone();
+            Ok(())
+        })?;
+        Ok(false)
     }
 
     /// Returns a user's own keys, behind their passphrase; nothing if there are none.

@@ -1,7 +1,12 @@
 //! The user who runs this command, for the records.
 
-/// Returns the name of the user and of the host, such as `ann@c1`; the number of a user whom `/etc/passwd` does not have.
+/// Returns the name of the user and of the host, such as `ann@c1`.
 pub(crate) fn name_and_host() -> String {
+    format!("{}@{}", name(), rustix::system::uname().nodename().to_string_lossy())
+}
+
+/// Returns the name of the user; the number of one whom `/etc/passwd` does not have.
+pub(crate) fn name() -> String {
     let uid = rustix::process::getuid().as_raw().to_string();
     let users = std::fs::read_to_string("/etc/passwd").unwrap_or_default();
     let named = |line: &str| {
@@ -9,6 +14,5 @@ pub(crate) fn name_and_host() -> String {
         let (name, id) = (fields.next()?, fields.nth(1)?);
         (id == uid).then(|| name.to_owned())
     };
-    let user = users.lines().find_map(named).unwrap_or(uid.clone());
-    format!("{user}@{}", rustix::system::uname().nodename().to_string_lossy())
+    users.lines().find_map(named).unwrap_or(uid.clone())
 }

@@ -1,12 +1,13 @@
 //! `dca team init`, `key`: new keys.
 
-use super::{KeysArgs, now, random};
+use super::{KeysArgs, now, random, user};
 use crate::io::keyring::Asked;
 use node::console::{self, Failure};
 use trust::bundle::Bundle;
 use trust::identity::SecretKeys;
 use trust::locked::{Cost, LockedKeys};
 use trust::name::Name;
+use trust::role::Role;
 use trust::team::Team;
 
 /// The arguments of `dca team init`.
@@ -21,11 +22,22 @@ pub(super) struct Init {
 pub(super) struct Key {}
 
 impl Init {
-    /// Runs the verb.
+    /// Runs the verb. Who begins a team is its first admin, with the key that this machine has, or a new one.
     pub(super) fn run(&self, keys: &KeysArgs) -> Result<(), Failure> {
         let keyring = keys.keyring()?;
-        let (root, locked) = new_keys(keys)?;
-        let bundle = Bundle::new(Team::found(self.name.clone(), &root));
+        let own = keyring.own()?;
+        let passphrase = keys.passphrase(Asked::New)?;
+        let (root, locked) = new_keys(&passphrase)?;
+        let admin = match &own {
+            Some(own) => *own.public(),
+            None => {
+                let (made, locked) = new_keys(&passphrase)?;
+                keyring.keep_own(&locked)?;
+                *made.public()
+            }
+        };
+        let mut bundle = Bundle::new(Team::found(self.name.clone(), &root));
+        bundle.add(user::certificate(&bundle, (admin_name(), Role::Admin), admin, &root, now())?)?;
         keyring.begin(&locked, &bundle)?;
         console::say(&super::listed(&bundle, now()));
         console::note(
@@ -35,6 +47,12 @@ impl Init {
     }
 }
 
+/// Returns the name of the user of this command as certificates have it; `admin` if it is none.
+fn admin_name() -> Name {
+    let user = crate::io::user::name();
+    user.parse().unwrap_or_else(|_no_name| "admin".parse().expect("it is a name"))
+}
+
 impl Key {
     /// Runs the verb.
     pub(super) fn run(&self, keys: &KeysArgs) -> Result<(), Failure> {
@@ -42,7 +60,7 @@ impl Key {
         let own = match keyring.own()? {
             Some(own) => own,
             None => {
-                let (_, locked) = new_keys(keys)?;
+                let (_, locked) = new_keys(&keys.passphrase(Asked::New)?)?;
                 let path = keyring.keep_own(&locked)?;
                 console::note(&format!("made `{}`", path.display()));
                 locked
@@ -54,10 +72,10 @@ impl Key {
     }
 }
 
-/// Makes keys, open and behind a new passphrase.
-fn new_keys(keys: &KeysArgs) -> anyhow::Result<(SecretKeys, LockedKeys)> {
+/// Makes keys, open and behind a passphrase.
+fn new_keys(passphrase: &str) -> anyhow::Result<(SecretKeys, LockedKeys)> {
     let mut entropy = random()?;
     let made = SecretKeys::generate(&mut entropy);
-    let locked = LockedKeys::lock(&made, &keys.passphrase(Asked::New)?, Cost::STANDARD, &mut entropy)?;
+    let locked = LockedKeys::lock(&made, passphrase, Cost::STANDARD, &mut entropy)?;
     Ok((made, locked))
 }

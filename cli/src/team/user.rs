@@ -64,6 +64,10 @@ impl UserArgs {
         // Nobody is asked for a passphrase before the request is known to be possible.
         check(&bundle)?;
         let root = root.unlock(&keys.passphrase(Asked::Known)?)?;
+        let before = match &self.verb {
+            UserVerb::Add(add) => add.other_role(&bundle, now()),
+            UserVerb::Remove(_) => None,
+        };
         let (said, bundle) = keyring.change(bundle.team().name(), |bundle| {
             check(bundle)?;
             match &self.verb {
@@ -72,8 +76,12 @@ impl UserArgs {
             }
         })?;
         console::say(&said);
+        before.into_iter().for_each(|note| console::note(&note));
         match self.verb {
-            UserVerb::Add(_) => Ok(()),
+            UserVerb::Add(_) => {
+                console::note("Give the user what `dca team export` prints: `dca team import` takes it there.");
+                Ok(())
+            }
             UserVerb::Remove(_) => revoke::tell(keys, &bundle),
         }
     }
@@ -91,22 +99,58 @@ impl Add {
         Ok(())
     }
 
+    /// Says that another role, which the user has now, is not taken away by this.
+    fn other_role(&self, bundle: &Bundle, now: UnixTime) -> Option<String> {
+        let before = bundle.credential_of(&self.key.id())?;
+        let claims = before.certificate().claims();
+        let until = date::text(claims.not_after.0.saturating_mul(1000));
+        (claims.role != self.role && claims.not_after > now).then(|| {
+            format!(
+                "The certificate as {} stays valid until {until}, where somebody has kept it: `dca team user remove {}` ends \
+                 it at once, with the key.",
+                claims.role, claims.name
+            )
+        })
+    }
+
     fn carry_out(&self, bundle: &mut Bundle, root: &SecretKeys, now: UnixTime) -> anyhow::Result<String> {
         let renewable_until = now.plus(self.days * DAY);
-        let claims = Claims {
-            team: bundle.team().id(),
-            name: self.name.clone(),
-            role: self.role,
-            keys: *self.key,
-            not_before: now,
-            not_after: now.plus(LIFE_MAX).min(renewable_until),
-            renewable_until,
-            serial: random()?.bytes(),
-        };
-        let (role, until) = (self.role, date::text(claims.not_after.0.saturating_mul(1000)));
-        bundle.add(Certificate::issue(claims, root)?)?;
+        let certificate = issue(bundle, (self.name.clone(), self.role), *self.key, root, (now, renewable_until))?;
+        let (role, until) = (self.role, date::text(certificate.claims().not_after.0.saturating_mul(1000)));
+        bundle.add(certificate)?;
         Ok(format!("{} is {role} until {until}; key: {}", self.name, self.key.id().fingerprint()))
     }
+}
+
+/// Returns the certificate of a user, for as long as usual.
+pub(super) fn certificate(
+    bundle: &Bundle,
+    who: (Name, Role),
+    keys: PublicKeys,
+    root: &SecretKeys,
+    now: UnixTime,
+) -> anyhow::Result<Certificate> {
+    issue(bundle, who, keys, root, (now, now.plus(DAYS * DAY)))
+}
+
+fn issue(
+    bundle: &Bundle,
+    (name, role): (Name, Role),
+    keys: PublicKeys,
+    root: &SecretKeys,
+    (now, renewable_until): (UnixTime, UnixTime),
+) -> anyhow::Result<Certificate> {
+    let claims = Claims {
+        team: bundle.team().id(),
+        name,
+        role,
+        keys,
+        not_before: now,
+        not_after: now.plus(LIFE_MAX).min(renewable_until),
+        renewable_until,
+        serial: random()?.bytes(),
+    };
+    Ok(Certificate::issue(claims, root)?)
 }
 
 impl Remove {

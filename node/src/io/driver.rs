@@ -1,6 +1,7 @@
 //! A running node: one `select!` that turns every event into an input of the agent and carries its effects out, in order.
 
 mod adoption;
+mod gate;
 mod launching;
 mod settings;
 mod start;
@@ -9,6 +10,7 @@ use crate::io::caller::Caller;
 use crate::io::cgroup;
 use crate::io::database;
 use crate::io::event::{Connection, Event};
+use crate::io::guard::Guard;
 use crate::io::input_log::InputLog;
 use crate::io::journal::{self, Journal};
 use crate::io::logging::{self, Log};
@@ -87,6 +89,8 @@ struct Driver {
     state: NodeState,
     peers: Peers,
     database: database::DatabaseThread,
+    /// Decides who may start, stop and change something, if it is in a team.
+    guard: Option<Guard>,
     journal: Arc<Mutex<Journal>>,
     /// The jobs beside the loop.
     jobs: Sender<Job>,
@@ -179,16 +183,15 @@ impl Driver {
         let boot = entropy::number().context("reading a random number from the system")?;
         let inputs = InputLog::new(dir.path(), &machine, config.adopts);
         let is_adopting = before.is_some();
-        let state = start::state(before, offered, || {
+        let guard = gate::guard(&config)?;
+        let state = start::state(before, offered, guard.is_some(), || {
             let (host, epoch, open) = (config.name.clone(), journal.epoch(), journal.open_ends());
-            Identity { host, boot, pid, machine, epoch, open }
+            Identity { host, boot, pid, machine, epoch, open, is_guarded: guard.is_some() }
         });
         let mut tasks = JoinSet::new();
         let (sink, mut arrivals) = mpsc::channel(EVENTS_MAX);
         start::show_team(&config, &dir)?;
-        let siblings = crate::io::run_dir::running(&config.base)?.into_iter().filter(|(name, _)| *name != config.name);
-        let siblings = siblings.filter(|(_, socket)| start::is_of_team(&config, socket));
-        let siblings = siblings.map(|(_, socket)| format!("unixsock-stream/{}", socket.display()));
+        let siblings = start::siblings(&config)?.into_iter();
         let options = NodeOptions {
             name: HostName::parse(&config.name)?,
             socket: dir.socket(),
@@ -219,6 +222,7 @@ impl Driver {
             dir,
             peers,
             database,
+            guard,
             jobs,
             journal: Arc::new(Mutex::new(journal)),
             shims: BTreeMap::new(),
@@ -260,11 +264,9 @@ impl Driver {
         while self.tasks.try_join_next().or_else(|| self.settling.try_join_next()).is_some() {}
         match event {
             Event::Arrival(Arrival::Input(input)) => Some(input),
-            Event::Arrival(Arrival::Call(call, request, caller)) => {
-                let (request, caller) = self.database.handle().take(call, request, caller)?;
-                self.peers.expect(call, caller);
-                Some(Input::Call { call, request: Box::new(request) })
-            }
+            Event::Arrival(Arrival::Call(call, request, caller)) => self.called(call, request, caller),
+            Event::Admitted(call, request, caller) => self.admit(call, request, caller),
+            Event::Judged(number, verdict) => Some(Input::Judged { number, verdict }),
             Event::Shim(process, report, output) => {
                 if report == ShimReport::Gone {
                     self.shims.remove(&process);
@@ -323,6 +325,7 @@ impl Driver {
             Effect::KillShim { process } => self.later(Job::Kill(self.dir.process(&process))),
             Effect::CloseDeployment { deployment } => self.bury(&deployment),
             Effect::PersistEpoch { deployment, hosts } => self.commit(deployment, hosts),
+            Effect::Judge { number, deployment, from, order } => self.judge(number, &deployment, &from, &order),
             Effect::FindPrograms { deployment, number, programs } => {
                 self.find_programs((deployment, number), programs);
             }

@@ -1,8 +1,9 @@
 //! The events of the driver, and the task that hears the programs of a deployment.
 
+use crate::io::caller::Caller;
 use crate::io::peers::Arrival;
 use crate::logic::effect::ProcessId;
-use crate::logic::protocol::Deployment;
+use crate::logic::protocol::{Deployment, Request};
 use comms::io::control::{ControlReceiver, ControlSender, Listener};
 use comms::logic::control::Notice;
 use shim::protocol::ShimReport;
@@ -33,6 +34,10 @@ pub(crate) enum Event {
     Control(Connection, Notice),
     /// The epoch of a deployment is in the journal, or why it is not.
     Committed(Deployment, Result<(), String>),
+    /// A call that a user has signed, and that is written down.
+    Admitted(u64, Request, Caller),
+    /// Whether an order of another node may be carried out, by its number.
+    Judged(u64, Result<(), String>),
     /// The programs of a change that cannot be started here.
     Found(Deployment, u32, Vec<String>),
 }

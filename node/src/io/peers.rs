@@ -4,7 +4,7 @@ use crate::io::calendar;
 use crate::io::caller::{Answers, Caller, answers};
 use crate::logic::agent::Input;
 use crate::logic::link::Frame;
-use crate::logic::protocol::{Answer, Ping, Pong, Request, SILENCE_MAX};
+use crate::logic::protocol::{Answer, Ping, Pong, Request, SILENCE_MAX, TeamOfNode};
 use anyhow::Context;
 use comms::io::clock;
 use comms::io::session::{self, Identity as _, NodeOptions, Presence, Server, Session, Subscription, Token, Watch};
@@ -291,6 +291,11 @@ fn revoke(member: Option<&Member>, set: &[u8]) -> Answer {
     }
 }
 
+fn team(member: &Member) -> TeamOfNode {
+    let (id, name) = (member.team().id().0, member.team().name().to_string());
+    TeamOfNode { id, name, node: member.name().to_string() }
+}
+
 async fn hear_calls(mut calls: Server, session: Arc<Session>, member: Option<Arc<Member>>, sink: Sender<Arrival>) {
     // No number of before: a node that was killed may have left calls that wait.
     let (mut number, mut answering) = (clock::now().nanos(), JoinSet::new());
@@ -299,6 +304,7 @@ async fn hear_calls(mut calls: Server, session: Arc<Session>, member: Option<Arc
         number += 1;
         match codec::decode::<Request>(request.payload()) {
             Ok(Request::Clock) => at_once(request, &Answer::Clock(calendar::read())).await,
+            Ok(Request::Team) => at_once(request, &Answer::Team(member.as_deref().map(team))).await,
             Ok(Request::Unlinked) => at_once(request, &Answer::Unlinked(session.unlinked())).await,
             Ok(Request::Revoke { set }) => at_once(request, &revoke(member.as_deref(), &set)).await,
             Ok(asked) => {

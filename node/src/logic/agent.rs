@@ -4,11 +4,13 @@ mod calls;
 mod crash_loop;
 mod delivery;
 mod input;
+mod orders;
 mod over;
 mod peers;
 mod relay;
 
 pub use input::Input;
+use orders::Orders;
 
 use crate::logic::absence::Absence;
 use crate::logic::claims::Claims;
@@ -19,13 +21,14 @@ use crate::logic::link::Link;
 use crate::logic::nameserver::NameServer;
 use crate::logic::participant::Participant;
 use crate::logic::programs::Programs;
-use crate::logic::protocol::{Absent, Containment, Deployment, Network, NodeStatus};
+use crate::logic::protocol::{Absent, Containment, Deployment, Network, NodeStatus, Signed};
 use comms::logic::control::Notice;
 use comms::logic::time::Time;
 use language::plan::Plan;
 use serde::{Deserialize, Serialize};
 use shim::protocol::ShimReport;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::Arc;
 use std::time::Duration;
 
 /// How many deployments a node takes part in at once.
@@ -55,6 +58,8 @@ pub struct Identity {
     pub epoch: u64,
     /// The deployments with their home here that were not over when an earlier run ended, with their hosts.
     pub open: Vec<(Deployment, Vec<String>)>,
+    /// Whether it is in a team: then what others order is judged before it starts anything.
+    pub is_guarded: bool,
 }
 
 /// The agent of a host.
@@ -88,6 +93,7 @@ pub struct Agent {
     adoptions: VecDeque<Time>,
     /// Until when a node of which nothing is left waits for others to acknowledge its last messages.
     lingers_until: Option<Time>,
+    orders: Orders,
 }
 
 /// Programs that could not be ended when their deployment was.
@@ -109,6 +115,8 @@ struct AwaitingHosts {
     plan: Plan,
     /// The user who wants it, such as `ann@c1`.
     by: String,
+    /// The request, if a user has signed it.
+    signed: Option<Arc<Signed>>,
 }
 
 impl Agent {
@@ -135,6 +143,7 @@ impl Agent {
             unended: BTreeMap::new(),
             adoptions: VecDeque::new(),
             lingers_until: None,
+            orders: Orders::default(),
         }
     }
 
@@ -149,7 +158,7 @@ impl Agent {
         while let Some((to, message)) = messages.pop_front() {
             let mut out = Out { now, effects, messages: &mut more };
             if to == self.identity.host {
-                self.deliver(message, &to, &mut out);
+                self.deliver_own(message, &mut out);
             } else {
                 self.transmit(&to, message, &mut out);
             }
@@ -183,9 +192,14 @@ impl Agent {
         &self.holders
     }
 
-    /// Goes on in another process, with the programs that this one offers.
-    pub fn move_to(&mut self, pid: u32, programs: Programs) {
-        (self.identity.pid, self.programs) = (pid, programs);
+    /// Goes on in another process, with the programs that this one offers, in a team or not.
+    pub fn move_to(&mut self, pid: u32, programs: Programs, is_guarded: bool) {
+        (self.identity.pid, self.programs, self.identity.is_guarded) = (pid, programs, is_guarded);
+    }
+
+    /// Returns which epoch of a deployment has its home here; 0 if none has.
+    pub fn epoch(&self, name: &str) -> u64 {
+        self.coordinators.keys().find(|deployment| deployment.name == name).map_or(0, |deployment| deployment.epoch)
     }
 
     /// Returns how many programs and groups were looked at, all in all.
@@ -214,7 +228,8 @@ impl Agent {
             Input::Ping { host, boot } => self.names.heard_of(out.now, &host, boot),
             Input::Pong(pong) => self.names.answered(out.now, &pong),
             Input::Frame(frame) => self.frame(*frame, out),
-            Input::Call { call, request } => self.call(call, *request, out),
+            Input::Call { call, request } => self.take_call(call, *request, out),
+            Input::Judged { number, verdict } => self.judged(number, verdict, out),
             Input::CallGone { call } => {
                 self.listeners.retain(|listener| *listener != call);
                 self.coordinators.values_mut().for_each(|coordinator| coordinator.forget(call));
@@ -247,7 +262,10 @@ impl Agent {
                     coordinator.committed(written, out);
                 }
             }
-            Input::Adopted { away } => self.adopted(out.now, away),
+            Input::Adopted { away } => {
+                self.adopted(out.now, away);
+                self.judge_again(out);
+            }
             Input::Leave => {
                 self.leaving = true;
                 self.stop_gathering(|_| true, out);

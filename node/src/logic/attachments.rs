@@ -83,6 +83,7 @@ impl Attachments {
             | Input::Found { .. }
             | Input::Adopted { .. }
             | Input::Leave
+            | Input::Judged { .. }
             | Input::Tick => {}
         }
     }
@@ -124,6 +125,7 @@ impl Attachments {
             | Effect::KillShim { .. }
             | Effect::FindPrograms { .. }
             | Effect::Answer { .. }
+            | Effect::Judge { .. }
             | Effect::WriteDatabase(_) => {}
         }
     }

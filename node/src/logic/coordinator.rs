@@ -17,7 +17,7 @@ mod start;
 use crate::logic::effect::{Effect, Out, earliest};
 use crate::logic::history::History;
 use crate::logic::protocol::{
-    Answer, Change, Deployment, Ending, Report, StopReply, Target, ToCoordinator, ToParticipant, Why,
+    Answer, Change, Deployment, Ending, Report, Signed, StopReply, Target, ToCoordinator, ToParticipant, Why,
 };
 use crate::logic::wiring::Registrations;
 use change::Changing;
@@ -53,6 +53,8 @@ enum Phase {
 pub struct Coordinator {
     deployment: Deployment,
     plan: Arc<Plan>,
+    /// The request by which the plan runs, if a user has signed it.
+    signed: Option<Arc<Signed>>,
     hosts: Vec<String>,
     phase: Phase,
     /// Whether its epoch is on the disk.
@@ -92,7 +94,7 @@ impl Coordinator {
     /// hear of all deployments.
     pub fn begin(
         deployment: Deployment,
-        plan: Arc<Plan>,
+        (plan, signed): (Arc<Plan>, Option<Arc<Signed>>),
         watcher: u64,
         listeners: Vec<u64>,
         out: &mut Out<'_>,
@@ -106,6 +108,7 @@ impl Coordinator {
             hosts,
             deployment,
             plan,
+            signed,
             phase: Phase::Preparing,
             committed: false,
             begun: out.now,
@@ -132,8 +135,8 @@ impl Coordinator {
         });
         coordinator.report(Report::Accepted { deployment: coordinator.deployment.clone() }, out);
         for host in coordinator.hosts.clone() {
-            let plan = (*coordinator.plan).clone();
-            out.send(&host, coordinator.deployment.to_participant(ToParticipant::Prepare { plan }));
+            let order = ToParticipant::Prepare { plan: (*coordinator.plan).clone() };
+            out.send(&host, coordinator.deployment.to_participant(order.signed(coordinator.signed.as_deref())));
         }
         coordinator
     }

@@ -3,7 +3,7 @@
 use crate::logic::database::question::Commit;
 use crate::logic::link::Frame;
 use crate::logic::nameserver::Change;
-use crate::logic::protocol::{Answer, Deployment, Message};
+use crate::logic::protocol::{Answer, Deployment, Message, ToParticipant};
 use comms::logic::control::Order;
 use comms::logic::time::Time;
 use language::plan::{LeafKind, Policy};
@@ -95,6 +95,20 @@ pub enum Effect {
         deployment: Deployment,
         /// The hosts that take part.
         hosts: Vec<String>,
+    },
+    /// See whether a user has signed what another node orders, and give [`Input::Judged`]. That it was accepted is on the disk
+    /// then.
+    ///
+    /// [`Input::Judged`]: crate::logic::agent::Input::Judged
+    Judge {
+        /// Echoed.
+        number: u64,
+        /// The deployment that it is about.
+        deployment: Deployment,
+        /// The node that orders it.
+        from: String,
+        /// The order.
+        order: Box<ToParticipant>,
     },
     /// See whether these programs could be started on this host, and give [`Input::Found`].
     ///

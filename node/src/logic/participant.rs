@@ -177,7 +177,7 @@ impl Participant {
                 }
             }
             // What a change starts is known to the agent: `take_change`.
-            ToParticipant::Change(_) => {}
+            ToParticipant::Change(_) | ToParticipant::Ordered(_) => {}
             ToParticipant::Moved { facts } => {
                 if leaf_host(&self.plan, facts.leaf) == Some(from) {
                     self.moved(facts, out);

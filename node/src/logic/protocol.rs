@@ -15,6 +15,7 @@ mod parameters;
 mod presence;
 mod relay;
 mod report;
+mod signed;
 mod status;
 
 use crate::logic::database::question::{Question, Reply};
@@ -35,6 +36,7 @@ pub use presence::{Ping, Pong};
 pub use relay::{Relay, Relayed};
 pub use report::{Change, Report};
 use serde::{Deserialize, Serialize};
+pub use signed::{Order, Ordered, Signed, TeamOfNode};
 pub use status::{Containment, DeploymentStatus, LeafStatus, Network, NodeStatus, ProcessStatus, leaves};
 use std::fmt;
 use std::time::Duration;
@@ -238,6 +240,8 @@ pub enum ToParticipant {
         /// The host.
         host: String,
     },
+    /// An order that starts something, by the request of a user: what nodes in a team take.
+    Ordered(Box<Ordered>),
 }
 
 impl Deployment {
@@ -358,6 +362,10 @@ pub enum Request {
     },
     /// Answered by [`Answer::Clock`], at once.
     Clock,
+    /// Answered by [`Answer::Team`], at once.
+    Team,
+    /// As the request that was signed is answered, if the node is in a team and its signer may ask for it.
+    Signed(Box<Signed>),
 }
 
 /// An element of the answer to a [`Request`].
@@ -405,6 +413,8 @@ pub enum Answer {
     },
     /// To `Clock`.
     Clock(ClockReading),
+    /// To `Team`: nothing if the node is in none.
+    Team(Option<TeamOfNode>),
 }
 
 impl Enveloped for Request {
@@ -452,6 +462,11 @@ mod tests {
         // Records of before have times in two parts.
         let failure = r#"{"origin":"main","cause":"Busy","at":{"secs":12,"nanos":5}}"#;
         assert_eq!(serde_json::from_str::<Failure>(failure).unwrap().at, Duration::new(12, 5));
+    }
+
+    fn empty() -> Plan {
+        let (hosts, groups, leaves, wires, claims) = Default::default();
+        Plan { name: String::new(), hosts, groups, leaves, wires, claims }
     }
 
     #[test]
@@ -503,6 +518,11 @@ mod tests {
         assert_eq!(postcard::to_stdvec(&Request::Clock).unwrap(), [19]);
         let clock = ClockReading { shown: Duration::new(3, 4), keeping: ClockKeeping::Unset };
         assert_eq!(postcard::to_stdvec(&Answer::Clock(clock)).unwrap(), [16, 3, 4, 2]);
+        assert_eq!(postcard::to_stdvec(&Request::Team).unwrap(), [20]);
+        let signed = Signed { head: vec![1], body: vec![2, 3] };
+        assert_eq!(postcard::to_stdvec(&Request::Signed(Box::new(signed.clone()))).unwrap(), [21, 1, 1, 2, 2, 3]);
+        let ordered = ToParticipant::Prepare { plan: empty() }.signed(Some(&signed));
+        assert_eq!(postcard::to_stdvec(&ordered).unwrap(), [17, 1, 1, 2, 2, 3, 0]);
         let report = Report::Connected { host: "c2".into() };
         let event = Event { deployment, number: 300, host: "c2".into(), ago: heard, report };
         let bytes = *b"\x0c\x01\x01d\x02\xac\x02\x02c2\x03\x04\x02\x02c2";

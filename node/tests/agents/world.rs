@@ -104,16 +104,29 @@ pub(super) struct World {
     pub(super) disk_ms: u64,
     /// Why the disk takes nothing.
     pub(super) disk_refuses: Option<String>,
+    /// What was judged, and where.
+    pub(super) judged: Vec<(String, Deployment)>,
+    /// Why what others order is refused.
+    pub(super) verdict: Option<String>,
     /// The version of the control protocol that programs speak, if it is another.
     pub(super) version: Option<u16>,
 }
 
 impl World {
     pub(super) fn new(hosts: &[&str]) -> Self {
+        Self::with(hosts, false)
+    }
+
+    /// Hosts in a team: what others order is judged.
+    pub(super) fn guarded(hosts: &[&str]) -> Self {
+        Self::with(hosts, true)
+    }
+
+    fn with(hosts: &[&str], is_guarded: bool) -> Self {
         let mut world = Self::default();
         for (boot, host) in (1..).zip(hosts) {
-            let identity =
-                Identity { host: (*host).into(), boot, pid: 1, machine: (*host).into(), epoch: 0, open: vec![] };
+            let (own, machine, open) = ((*host).to_owned(), (*host).to_owned(), Vec::new());
+            let identity = Identity { host: own, boot, pid: 1, machine, epoch: 0, open, is_guarded };
             let mut programs = Programs::default();
             programs.offer(
                 "controllers",
@@ -282,6 +295,11 @@ impl World {
                 self.tailed.push(programs.into_iter().map(process).collect());
             }
             Effect::WriteDatabase(_) | Effect::Yield { .. } => {}
+            Effect::Judge { number, deployment, .. } => {
+                self.judged.push((host.into(), deployment));
+                let verdict = self.verdict.clone().map_or(Ok(()), Err);
+                self.at(self.disk_ms, host, Coming::Input(Input::Judged { number, verdict }));
+            }
             Effect::Leave => self.leave(host),
         }
     }

@@ -120,6 +120,11 @@ impl Replays {
         Ok(())
     }
 
+    /// Returns what has to be written of every signer.
+    pub fn writes(&self) -> impl Iterator<Item = ReplayWrite> + '_ {
+        self.0.iter().map(|(signer, window)| ReplayWrite { signer: *signer, bytes: window.to_bytes() })
+    }
+
     /// Forgets a signer, which nothing can be accepted of any more: it is revoked, or its certificate has ended for good.
     pub fn forget(&mut self, signer: &KeyId) {
         self.0.remove(signer);

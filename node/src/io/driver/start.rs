@@ -7,7 +7,7 @@ use crate::io::child::leftovers;
 use crate::io::database;
 use crate::io::input_log::InputLog;
 use crate::io::programs;
-use crate::io::run_dir::{PROGRAMS, RunDir};
+use crate::io::run_dir::{self, PROGRAMS, RunDir};
 use crate::logic::agent::{Agent, Identity};
 use crate::logic::node_state::NodeState;
 use crate::logic::programs::Programs;
@@ -51,9 +51,16 @@ pub(super) fn programs_identity(dir: &RunDir) -> PathBuf {
     dir.path().join(PROGRAMS)
 }
 
+/// Returns the locators of the other nodes of this machine that are of the same team, or of none as this one.
+pub(super) fn siblings(config: &Config) -> anyhow::Result<Vec<String>> {
+    let others = run_dir::running(&config.base)?.into_iter().filter(|(name, _)| *name != config.name);
+    let others = others.filter(|(_, socket)| is_of_team(config, socket));
+    Ok(others.map(|(_, socket)| format!("unixsock-stream/{}", socket.display())).collect())
+}
+
 /// Returns whether the node that listens on a socket of this machine is of the same team, or of none as this one. A node writes that
 /// down before it looks for others, so of two that start at once one sees the other.
-pub(super) fn is_of_team(config: &Config, socket: &Path) -> bool {
+fn is_of_team(config: &Config, socket: &Path) -> bool {
     std::fs::read_to_string(socket.with_file_name(TEAM)).is_ok_and(|other| other == team(config))
 }
 
@@ -82,9 +89,14 @@ pub(super) async fn offered(config: &Config) -> anyhow::Result<Programs> {
 }
 
 /// Returns the state that a node begins with: that of the one before, if it is taken over.
-pub(super) fn state(before: Option<NodeState>, offered: Programs, identity: impl FnOnce() -> Identity) -> NodeState {
+pub(super) fn state(
+    before: Option<NodeState>,
+    offered: Programs,
+    is_guarded: bool,
+    identity: impl FnOnce() -> Identity,
+) -> NodeState {
     if let Some(mut state) = before {
-        state.agent.move_to(std::process::id(), offered);
+        state.agent.move_to(std::process::id(), offered, is_guarded);
         return state;
     }
     let now = clock::now();

@@ -5,7 +5,7 @@ use crate::logic::coordinator::Coordinator;
 use crate::logic::database::chronicle;
 use crate::logic::effect::{Effect, Out, ProcessId};
 use crate::logic::participant::Participant;
-use crate::logic::protocol::{Answer, ChangeRequest, Deployment, Names, Report, Request, SEVERAL, StopReply};
+use crate::logic::protocol::{Answer, ChangeRequest, Deployment, Names, Report, Request, SEVERAL, Signed, StopReply};
 use language::plan::Plan;
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,9 +16,9 @@ const REQUESTS_MAX: usize = 10_000;
 const GATHER_WITHIN: Duration = Duration::from_secs(2);
 
 impl Agent {
-    pub(super) fn call(&mut self, call: u64, request: Request, out: &mut Out<'_>) {
+    pub(super) fn call(&mut self, call: u64, request: Request, signed: Option<Arc<Signed>>, out: &mut Out<'_>) {
         match request {
-            Request::Deploy { request, plan, by } => return self.deploy((call, request), plan, by, out),
+            Request::Deploy { request, plan, by } => return self.deploy((call, request), plan, (by, signed), out),
             Request::Status => answer(call, Answer::Status(self.status(out.now)), out),
             Request::Absent => answer(call, Answer::Absent(self.absent(out.now)), out),
             Request::Plan { deployment } => {
@@ -56,7 +56,7 @@ impl Agent {
                 let revision = home.map(|(_, home)| Answer::Revision(Box::new(home.revision())));
                 answer(call, revision.unwrap_or_else(|| Answer::Refused(format!("`{name}` does not run here"))), out);
             }
-            Request::Change(request) => return self.change(call, *request, out),
+            Request::Change(request) => return self.change(call, *request, signed, out),
             Request::Names => answer(call, Answer::Names(self.given_names()), out),
             Request::Events { follow } => {
                 self.over.iter().rev().for_each(|history| history.tell(call, out));
@@ -83,10 +83,8 @@ impl Agent {
             },
             // Others answer these; an agent alone has no database and no team.
             Request::Unlinked => answer(call, Answer::Unlinked(Vec::new()), out),
-            Request::Clock => answer(call, Answer::Refused("this is read outside of the agent".to_owned()), out),
-            Request::Database(_) | Request::Here { .. } | Request::Revoke { .. } => {
-                answer(call, Answer::Refused("this node has no database, and is in no team".to_owned()), out);
-            }
+            Request::Clock | Request::Team | Request::Revoke { .. } | Request::Signed(_) => elsewhere(call, out),
+            Request::Database(_) | Request::Here { .. } => elsewhere(call, out),
         }
         out.effects.push(Effect::EndAnswers { call });
     }
@@ -107,7 +105,13 @@ impl Agent {
         }
     }
 
-    fn deploy(&mut self, (call, request): (u64, u64), plan: Plan, by: String, out: &mut Out<'_>) {
+    fn deploy(
+        &mut self,
+        (call, request): (u64, u64),
+        plan: Plan,
+        (by, signed): (String, Option<Arc<Signed>>),
+        out: &mut Out<'_>,
+    ) {
         let home_is_here = plan.home() == Some(&self.identity.host);
         let refusal = if self.leaving {
             Some("this node is leaving".to_owned())
@@ -133,15 +137,15 @@ impl Agent {
         if self.requests.len() > REQUESTS_MAX {
             self.requests.pop_first();
         }
-        self.awaiting_hosts.push(AwaitingHosts { until: out.now + GATHER_WITHIN, call, plan, by });
+        self.awaiting_hosts.push(AwaitingHosts { until: out.now + GATHER_WITHIN, call, plan, by, signed });
         self.begin_gathered(out);
     }
 
-    fn change(&mut self, call: u64, request: ChangeRequest, out: &mut Out<'_>) {
+    fn change(&mut self, call: u64, request: ChangeRequest, signed: Option<Arc<Signed>>, out: &mut Out<'_>) {
         let deployment = Deployment { name: request.name.clone(), epoch: request.epoch };
         let obstacle = if self.leaving { Some("this node is leaving".to_owned()) } else { self.crash_loop(out.now) };
         match (obstacle, self.coordinators.get_mut(&deployment)) {
-            (None, Some(home)) => home.change(call, request, out),
+            (None, Some(home)) => home.change(call, request, signed, out),
             (obstacle, _) => {
                 let reasons = vec![obstacle.unwrap_or_else(|| format!("`{deployment}` does not run here"))];
                 answer(call, Answer::Report(Report::Unchanged { by: request.by, reasons }), out);
@@ -171,19 +175,19 @@ impl Agent {
         let (here, names) = (&self.identity.host, &self.names);
         let there = |host: &String| host == here || names.reaches(host);
         let ready = |one: &mut AwaitingHosts| one.until <= out.now || one.plan.hosts.iter().all(there);
-        for AwaitingHosts { call, plan, by, .. } in self.awaiting_hosts.extract_if(.., ready).collect::<Vec<_>>() {
-            self.begin(call, plan, &by, out);
+        for one in self.awaiting_hosts.extract_if(.., ready).collect::<Vec<_>>() {
+            self.begin(one, out);
         }
     }
 
-    fn begin(&mut self, call: u64, plan: Plan, by: &str, out: &mut Out<'_>) {
+    fn begin(&mut self, AwaitingHosts { call, plan, by, signed, .. }: AwaitingHosts, out: &mut Out<'_>) {
         self.identity.epoch += 1;
         let deployment = Deployment { name: plan.name.clone(), epoch: self.identity.epoch };
-        let record = chronicle::begun(&self.identity.host, &deployment, &plan, by);
+        let record = chronicle::begun(&self.identity.host, &deployment, &plan, &by);
         out.effects.push(Effect::WriteDatabase(Box::new(record)));
         let listeners = self.listeners.clone();
-        self.coordinators
-            .insert(deployment.clone(), Coordinator::begin(deployment, Arc::new(plan), call, listeners, out));
+        let plan = (Arc::new(plan), signed);
+        self.coordinators.insert(deployment.clone(), Coordinator::begin(deployment, plan, call, listeners, out));
     }
 
     /// Returns the programs that a deployment has here, or had.
@@ -217,6 +221,10 @@ fn unknown(deployment: &Deployment) -> Answer {
     Answer::Refused(format!("`{deployment}` is not known here"))
 }
 
-fn answer(call: u64, answer: Answer, out: &mut Out<'_>) {
+fn elsewhere(call: u64, out: &mut Out<'_>) {
+    answer(call, Answer::Refused("an agent alone does not know that".to_owned()), out);
+}
+
+pub(super) fn answer(call: u64, answer: Answer, out: &mut Out<'_>) {
     out.effects.push(Effect::Answer { call, answer: Box::new(answer) });
 }

@@ -24,7 +24,20 @@ impl Agent {
                 }
                 self.confirm(&deployment, &message, from);
             }
-            Body::Participant(message) => self.deliver_to_participant(&deployment, message, from, out),
+            Body::Participant(message) => self.take_order(deployment, message, from, out),
+        }
+    }
+
+    /// Delivers a message of this node to itself: it has judged what it acts on.
+    pub(super) fn deliver_own(&mut self, message: Message, out: &mut Out<'_>) {
+        let host = self.identity.host.clone();
+        match message {
+            Message { deployment, body: Body::Participant(message) } => {
+                if let Some(message) = message.plain() {
+                    self.deliver_to_participant(&deployment, message, &host, out);
+                }
+            }
+            message => self.deliver(message, &host, out),
         }
     }
 
@@ -168,6 +181,7 @@ impl Agent {
         message: ToParticipant,
         out: &mut Out<'_>,
     ) {
+        let Some(message) = message.plain() else { return };
         if matches!(message, ToParticipant::Prepare { .. } | ToParticipant::Rejoin { .. }) {
             let reason = format!(
                 "host `{lost}` cannot be reached; start `dca-node --name {lost}` on it, in the same team or with `--insecure-lan`"
@@ -240,6 +254,7 @@ fn answer_of_absent(message: ToParticipant, cause: FailureCause) -> Option<ToPar
         | ToParticipant::Renew { .. }
         | ToParticipant::Rejoin { .. }
         | ToParticipant::Reopen { .. }
+        | ToParticipant::Ordered(_)
         | ToParticipant::Change(_) => None,
     }
 }

@@ -74,6 +74,15 @@ pub enum Input {
         /// Why it is not on the disk, for a person.
         written: Result<(), String>,
     },
+    /// What [`Effect::Judge`] has asked: done only if a user has signed it, who may ask for that.
+    ///
+    /// [`Effect::Judge`]: crate::logic::effect::Effect::Judge
+    Judged {
+        /// As asked.
+        number: u64,
+        /// Why not, for a person.
+        verdict: Result<(), String>,
+    },
     /// A controller was told of parameters that have changed.
     Configured {
         /// The program.

@@ -53,6 +53,7 @@ impl Agent {
 
     pub(super) fn host_lost(&mut self, host: &str, out: &mut Out<'_>) {
         self.absence.lost(host, self.names.heard(host).unwrap_or(out.now));
+        self.forget_orders(host);
         self.links.get_mut(host).into_iter().flatten().for_each(Link::abandon);
         self.coordinators.values_mut().for_each(|coordinator| coordinator.host_lost(host, out));
         self.participants.values_mut().for_each(|participant| participant.host_lost(host, out));

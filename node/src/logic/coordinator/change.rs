@@ -14,7 +14,9 @@
 use super::{Coordinator, Phase};
 use crate::logic::effect::{Effect, Out};
 use crate::logic::instance::watchdog::{probation, ready_within};
-use crate::logic::protocol::{Answer, ChangeOrder, ChangeReply, ChangeRequest, Report, Revision, ToParticipant};
+use crate::logic::protocol::{
+    Answer, ChangeOrder, ChangeReply, ChangeRequest, Report, Revision, Signed, ToParticipant,
+};
 use comms::logic::time::Time;
 use language::plan::{Leaf, Plan, PlanChange, difference};
 use serde::{Deserialize, Serialize};
@@ -44,6 +46,8 @@ pub(super) struct Changing {
     again: Vec<u32>,
     probation: Duration,
     by: String,
+    /// The request, if a user has signed it; that of the plan before when it is taken back.
+    signed: Option<Arc<Signed>>,
     call: u64,
     deadline: Time,
     waiting: BTreeSet<String>,
@@ -91,15 +95,21 @@ impl Coordinator {
     }
 
     /// Begins a change; `call` gets its outcome.
-    pub fn change(&mut self, call: u64, request: ChangeRequest, out: &mut Out<'_>) {
+    pub fn change(&mut self, call: u64, request: ChangeRequest, signed: Option<Arc<Signed>>, out: &mut Out<'_>) {
         let by = request.by.clone();
-        match self.examine(call, request, out) {
+        match self.examine(call, request, signed, out) {
             Ok(change) => self.change = change,
             Err(reasons) => answer(call, Report::Unchanged { by, reasons }, out),
         }
     }
 
-    fn examine(&self, call: u64, request: ChangeRequest, out: &mut Out<'_>) -> Result<Option<Changing>, Vec<String>> {
+    fn examine(
+        &self,
+        call: u64,
+        request: ChangeRequest,
+        signed: Option<Arc<Signed>>,
+        out: &mut Out<'_>,
+    ) -> Result<Option<Changing>, Vec<String>> {
         let ChangeRequest { name: _, epoch, revision, plan, again, probation, by } = request;
         let name = &self.deployment.name;
         if self.phase != Phase::Running || self.deployment.epoch != epoch {
@@ -141,8 +151,8 @@ impl Coordinator {
         }
         let number = self.changes + 1;
         for host in &self.hosts {
-            let order = ChangeOrder::Examine { number, plan: found.plan.clone() };
-            out.send(host, self.deployment.to_participant(ToParticipant::Change(order)));
+            let order = ToParticipant::Change(ChangeOrder::Examine { number, plan: found.plan.clone() });
+            out.send(host, self.deployment.to_participant(order.signed(signed.as_deref())));
         }
         Ok(Some(Changing {
             number,
@@ -152,6 +162,7 @@ impl Coordinator {
             again,
             probation: probation.min(PROBATION_MAX),
             by,
+            signed,
             call,
             deadline: out.now + EXAMINE_WITHIN,
             waiting: self.hosts.iter().cloned().collect(),
@@ -231,7 +242,8 @@ impl Coordinator {
         (change.step, change.deadline) = (step, until);
         change.waiting = self.hosts.iter().filter(|host| !self.lost.contains(*host)).cloned().collect();
         for host in &change.waiting {
-            out.send(host, self.deployment.to_participant(ToParticipant::Change(order.clone())));
+            let order = ToParticipant::Change(order.clone()).signed(change.signed.as_deref());
+            out.send(host, self.deployment.to_participant(order));
         }
     }
 
@@ -245,6 +257,7 @@ impl Coordinator {
             Report::Unchanged { by: change.by, reasons: change.reasons }
         } else {
             self.revision = (self.revision.0 + 1, change.by.clone());
+            self.signed = change.signed;
             Report::Changed { revision: self.revision.0, by: change.by, changes: change.lines }
         };
         self.report(report.clone(), out);
@@ -268,6 +281,7 @@ impl Coordinator {
                 let Ok(back) = difference(&change.plan, &change.before) else { return };
                 change.number += 1;
                 (change.plan, change.again) = (Arc::new(back.plan), Vec::new());
+                change.signed.clone_from(&self.signed);
                 self.apply(out);
             }
         }

@@ -125,7 +125,8 @@ impl Coordinator {
         self.back.insert(host.to_owned());
         let since_go = self.go_at.map_or(Duration::ZERO, |go| out.now - go);
         let (plan, number) = ((*self.plan).clone(), self.rejoins.number);
-        out.send(host, self.deployment.to_participant(ToParticipant::Rejoin { plan, number, since_go }));
+        let order = ToParticipant::Rejoin { plan, number, since_go }.signed(self.signed.as_deref());
+        out.send(host, self.deployment.to_participant(order));
     }
 
     pub(super) fn rejoin_prepared(&mut self, from: &str, facts: Vec<LeafFacts>, machine: &str, out: &mut Out<'_>) {

@@ -1,0 +1,173 @@
+//! Signs what a user asks of nodes in a team, with the user's key. A passphrase is asked for once a command.
+
+use super::{ANSWER_WITHIN, Answers, Client, unasked};
+use crate::io::keyring::{Asked, Keyring, passphrase};
+use anyhow::{Context as _, anyhow};
+use comms::logic::codec;
+use node::console::Failure;
+use node::logic::gate;
+use node::logic::protocol::{Answer, Deployment, Request, Signed, TeamOfNode};
+use std::io::IsTerminal as _;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
+use trust::bundle::Bundle;
+use trust::identity::{KeyId, SecretKeys};
+use trust::name::Name;
+use trust::request::{self, INTERACTIVE_MAX};
+use trust::team::Credential;
+
+/// Where the key of the user is.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct KeyPlace {
+    pub(crate) folder: Option<PathBuf>,
+    pub(crate) passphrase: Option<PathBuf>,
+}
+
+/// What a command knows of who asks, and of the teams of nodes.
+#[derive(Debug, Default)]
+pub(crate) struct Signing {
+    place: KeyPlace,
+    state: Mutex<State>,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    teams: Vec<(String, Option<TeamOfNode>)>,
+    signer: Option<Arc<Signer>>,
+}
+
+/// A user whose key is open.
+#[derive(Debug)]
+struct Signer {
+    team: KeyId,
+    keyring: Keyring,
+    keys: SecretKeys,
+    credential: Credential,
+}
+
+impl Signing {
+    pub(crate) fn of(place: KeyPlace) -> Self {
+        Self { place, state: Mutex::default() }
+    }
+
+    fn team(&self, host: &str) -> Option<Option<TeamOfNode>> {
+        let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        state.teams.iter().find(|(known, _)| known == host).map(|(_, team)| team.clone())
+    }
+
+    fn note(&self, host: &str, team: Option<TeamOfNode>) {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner).teams.push((host.to_owned(), team));
+    }
+
+    /// Returns the user, whose key is opened the first time.
+    fn signer(&self, team: &TeamOfNode) -> anyhow::Result<Arc<Signer>> {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(signer) = state.signer.as_ref().filter(|signer| signer.team == KeyId(team.id)) {
+            return Ok(Arc::clone(signer));
+        }
+        let signer = Arc::new(Signer::open(&self.place, team)?);
+        state.signer = Some(Arc::clone(&signer));
+        Ok(signer)
+    }
+}
+
+impl Signer {
+    fn open(place: &KeyPlace, team: &TeamOfNode) -> anyhow::Result<Self> {
+        let name = &team.name;
+        let keyring = Keyring::at(place.folder.as_deref())?;
+        let locked = keyring.own()?.with_context(|| {
+            format!(
+                "the team `{name}` does what its users have signed, and you have no key: `dca team key` makes one, and prints \
+                 the line for `dca team user add` on the operator's machine"
+            )
+        })?;
+        let (own, bundle) = (locked.public().id(), bundle(&keyring, KeyId(team.id))?);
+        let bundle = bundle.with_context(|| {
+            format!(
+                "this machine does not know who is in the team `{name}`: have the operator run `dca team export`, and give what it \
+                 prints to `dca team import`"
+            )
+        })?;
+        let credential = bundle.credential_of(&own).with_context(|| {
+            format!(
+                "your key has no certificate in the team `{name}`: on the operator's machine `dca team user add NAME --role \
+                 deployer --key {}`, then `dca team export` for `dca team import` here",
+                locked.public().to_text()
+            )
+        })?;
+        if place.passphrase.is_none() && !std::io::stdin().is_terminal() {
+            return Err(anyhow!(
+                "the team `{name}` does what its users have signed, and your key is behind a passphrase: give it with \
+                 `--passphrase FILE`, or at a terminal"
+            ));
+        }
+        let keys = locked.unlock(&passphrase(place.passphrase.as_deref(), Asked::Known)?)?;
+        Ok(Self { team: KeyId(team.id), keyring, keys, credential })
+    }
+
+    /// Signs a request for a host.
+    fn sign(&self, (host, team): (&str, &TeamOfNode), asked: &Request, epoch: u64) -> anyhow::Result<Request> {
+        let action = gate::action(asked).context("this request needs no signature")?;
+        let node: &Name = &team.node.parse().with_context(|| format!("the node `{host}` has no name"))?;
+        let audience = gate::audience(asked, node.as_str())?;
+        let now = ::team::now();
+        let request = request::Request {
+            team: self.team,
+            audience,
+            action,
+            id: ::team::random()?.bytes(),
+            sequence: self.keyring.next_number(now)?,
+            epoch,
+            not_before: now,
+            not_after: now.plus(INTERACTIVE_MAX),
+        };
+        let body = codec::encode(asked)?;
+        let head = request.sign(&body, &self.keys, &self.credential);
+        Ok(Request::Signed(Box::new(Signed { head, body })))
+    }
+}
+
+/// Returns the team with this key, if this machine knows it.
+fn bundle(keyring: &Keyring, team: KeyId) -> anyhow::Result<Option<Bundle>> {
+    for name in keyring.teams()? {
+        let bundle = keyring.team(&name)?;
+        if bundle.team().id() == team {
+            return Ok(Some(bundle));
+        }
+    }
+    Ok(None)
+}
+
+impl Client {
+    /// Asks a node to start, stop or change something, signed by the user if the node is in a team. `epoch` is that of the
+    /// deployment that is meant, 0 for whichever runs.
+    pub(crate) async fn order_on(&self, host: &str, request: Request, epoch: u64) -> Result<Answers, Failure> {
+        let request = self.signed(host, request, epoch).await?;
+        self.ask_on(host, &request)
+    }
+
+    /// Asks the home of a deployment to stop it; which one it is, if that is known.
+    pub(crate) async fn stop_on(&self, host: &str, name: &str, which: Option<&Deployment>) -> Result<Answers, Failure> {
+        let epoch = which.map_or(0, |deployment| deployment.epoch);
+        self.order_on(host, Request::Stop { name: name.to_owned() }, epoch).await
+    }
+
+    /// Returns the request, signed if it has to be.
+    pub(crate) async fn signed(&self, host: &str, request: Request, epoch: u64) -> Result<Request, Failure> {
+        if gate::action(&request).is_none() {
+            return Ok(request);
+        }
+        let team = match self.signing.team(host) {
+            Some(team) => team,
+            None => {
+                let answer = self.ask(host, &Request::Team, ANSWER_WITHIN).await?;
+                let Answer::Team(team) = answer else { return Err(unasked(host, &answer)) };
+                self.signing.note(host, team.clone());
+                team
+            }
+        };
+        let Some(team) = team else { return Ok(request) };
+        let signer = self.signing.signer(&team)?;
+        Ok(signer.sign((host, &team), &request, epoch)?)
+    }
+}

@@ -1,0 +1,87 @@
+//! The calls and orders that a node in a team judges before its agent has them.
+
+use super::Driver;
+use crate::io::caller::Caller;
+use crate::io::event::Event;
+use crate::io::guard::Guard;
+use crate::logic::agent::Input;
+use crate::logic::gate::Passed;
+use crate::logic::protocol::{Answer, Deployment, Request, ToParticipant};
+
+impl Driver {
+    /// Takes a call: at once if it needs no signature, or this node is in no team; else when it is written down that it was accepted.
+    pub(super) fn called(&mut self, call: u64, request: Request, caller: Caller) -> Option<Input> {
+        let Some(guard) = self.guard.clone() else {
+            if matches!(request, Request::Signed(_)) {
+                refuse(&caller, "this node is in no team: it takes no signatures".to_owned());
+                caller.end();
+                return None;
+            }
+            return self.admit(call, request, caller);
+        };
+        match guard.call(request, |name| self.state.agent.epoch(name)) {
+            Ok(Passed::Open(request)) => self.admit(call, request, caller),
+            Ok(Passed::Signed(attempt, signed)) => {
+                let events = self.events.clone();
+                self.tasks.spawn(async move {
+                    let written = keep(move || guard.keep(&attempt)).await;
+                    let event = match written {
+                        Ok(()) => Event::Admitted(call, Request::Signed(signed), caller),
+                        Err(why) => {
+                            refuse(&caller, why);
+                            return caller.end();
+                        }
+                    };
+                    events.send(event).await.unwrap_or_default();
+                });
+                None
+            }
+            Err(why) => {
+                refuse(&caller, why);
+                caller.end();
+                None
+            }
+        }
+    }
+
+    /// Hands a call to whom it is for.
+    pub(super) fn admit(&mut self, call: u64, request: Request, caller: Caller) -> Option<Input> {
+        // The agent passes the signature of what it does on to others; the database has nobody to pass it to.
+        let is_for_database = |asked: &Request| matches!(asked, Request::Database(_) | Request::Here { .. });
+        let asked = if let Request::Signed(signed) = &request { signed.request().ok() } else { None };
+        let request = asked.filter(is_for_database).unwrap_or(request);
+        let (request, caller) = self.database.handle().take(call, request, caller)?;
+        self.peers.expect(call, caller);
+        Some(Input::Call { call, request: Box::new(request) })
+    }
+
+    /// Judges what another node orders, and gives the verdict when it is written down.
+    pub(super) fn judge(&mut self, number: u64, deployment: &Deployment, from: &str, order: &ToParticipant) {
+        let none = || Err("this node is in no team".to_owned());
+        let judged = self.guard.as_ref().map_or_else(none, |guard| guard.order(deployment, (from, order)));
+        match (judged, self.guard.clone()) {
+            (Ok(attempt), Some(guard)) => {
+                let events = self.events.clone();
+                self.tasks.spawn(async move {
+                    let verdict = keep(move || guard.keep(&attempt)).await;
+                    events.send(Event::Judged(number, verdict)).await.unwrap_or_default();
+                });
+            }
+            (verdict, _) => self.pending.push_back(Input::Judged { number, verdict: verdict.map(drop) }),
+        }
+    }
+}
+
+async fn keep(write: impl FnOnce() -> Result<(), String> + Send + 'static) -> Result<(), String> {
+    tokio::task::spawn_blocking(write).await.map_err(|error| error.to_string()).flatten()
+}
+
+fn refuse(caller: &Caller, why: String) {
+    // Who is gone needs no answer.
+    caller.offer(Answer::Refused(why));
+}
+
+/// Returns the gate of a node, if it is in a team.
+pub(super) fn guard(config: &super::Config) -> anyhow::Result<Option<Guard>> {
+    config.member.as_ref().map(Guard::open).transpose()
+}

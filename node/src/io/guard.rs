@@ -1,0 +1,104 @@
+//! The gate of a node in a team, with its clock, its ledger on the disk and its audit log.
+//!
+//! `STATE/r1/team/accepted` is the ledger. It is on the disk before what it says was accepted is done.
+
+use crate::logic::gate::{Attempt, Gate, LEDGER_MAX, Ledger, Passed, Refused};
+use crate::logic::protocol::{Deployment, Request, ToParticipant};
+use anyhow::Context as _;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use team::audit::AuditEntry;
+use team::folder;
+use team::member::Member;
+use trust::audit::Decision;
+
+/// The name of the file.
+const FILE: &str = "accepted";
+
+/// The gate of a node, and what it needs to decide.
+#[derive(Clone, Debug)]
+pub(crate) struct Guard(Arc<Inner>);
+
+#[derive(Debug)]
+struct Inner {
+    member: Arc<Member>,
+    gate: Mutex<Gate>,
+    path: PathBuf,
+    /// Held while the ledger is written: a later state never gives way to an earlier one.
+    disk: Mutex<()>,
+}
+
+impl Guard {
+    /// Opens the gate of a member with what it has accepted before.
+    ///
+    /// # Errors
+    /// The ledger cannot be read: it is not known which requests were here before.
+    pub(crate) fn open(member: &Arc<Member>) -> anyhow::Result<Self> {
+        let path = member.folder().join(FILE);
+        let ledger = match folder::read(&path, LEDGER_MAX)? {
+            None => Ledger::default(),
+            Some(bytes) => member.with_judge(|judge| Ledger::from_bytes(&bytes, judge.revoked)).with_context(|| {
+                format!(
+                    "`{}` is broken, so it is not known which requests were here before: take this node into its team again",
+                    path.display()
+                )
+            })?,
+        };
+        let gate = Mutex::new(Gate::new(member.id(), member.name().clone(), ledger));
+        Ok(Self(Arc::new(Inner { member: Arc::clone(member), gate, path, disk: Mutex::new(()) })))
+    }
+
+    /// Decides about a call; `epoch_of` says which epoch of a deployment runs here.
+    ///
+    /// # Errors
+    /// It is refused: why, for a person. That is in the audit log.
+    pub(crate) fn call(&self, request: Request, epoch_of: impl Fn(&str) -> u64) -> Result<Passed, String> {
+        let passed = self.0.member.with_judge(|judge| self.gate().call(request, judge, epoch_of));
+        passed.map_err(|refused| self.refused(refused))
+    }
+
+    /// Decides about an order of another node.
+    ///
+    /// # Errors
+    /// As of [`Guard::call`].
+    pub(crate) fn order(
+        &self,
+        deployment: &Deployment,
+        (from, order): (&str, &ToParticipant),
+    ) -> Result<Attempt, String> {
+        let passed = self.0.member.with_judge(|judge| self.gate().order(deployment, (from, order), judge));
+        passed.map_err(|refused| self.refused(refused))
+    }
+
+    /// Writes down what was accepted. Blocks.
+    ///
+    /// # Errors
+    /// The disk refuses: why it is not done, for a person. That is in the audit log.
+    pub(crate) fn keep(&self, attempt: &Attempt) -> Result<(), String> {
+        let turn = self.0.disk.lock().unwrap_or_else(PoisonError::into_inner);
+        let ledger = self.gate().ledger().to_bytes();
+        let written = folder::write(&self.0.path, &ledger);
+        drop(turn);
+        let why = written.err().map(|error| format!("that it was accepted cannot be written down: {error:#}"));
+        self.record(attempt, why.as_deref());
+        why.map_or(Ok(()), Err)
+    }
+
+    fn gate(&self) -> MutexGuard<'_, Gate> {
+        // A gate changes only once everything was checked.
+        self.0.gate.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn refused(&self, Refused { attempt, why }: Refused) -> String {
+        let why = why.to_string();
+        tracing::warn!(who = attempt.who, what = attempt.what, why, "a request was refused");
+        self.record(&attempt, Some(&why));
+        why
+    }
+
+    fn record(&self, Attempt { who, what }: &Attempt, why: Option<&str>) {
+        let decision = if why.is_some() { Decision::Refused } else { Decision::Done };
+        let (who, what, reason) = (who.clone(), what.clone(), why.unwrap_or_default().to_owned());
+        self.0.member.record(AuditEntry { decision, who, what, reason });
+    }
+}

@@ -1,0 +1,296 @@
+//! The gate of a node in a team: what starts, stops or changes something passes only if a user has signed it who may do that.
+//!
+//! ```text
+//! dca ──Signed(Deploy)──▶ gate of the home ──▶ Coordinator ──Ordered(Prepare)──▶ gate of each host ──▶ Participant
+//! ```
+//! The home passes on what the user has signed, and each host compares what it is ordered with that. So a home or a relay that
+//! lies starts nothing. A request counts once on each node. Its number is in the [`Ledger`], which is on the disk before anything is
+//! done.
+//!
+//! The ends of activations, and the order to end everything, need no signature: they follow from the plan that was signed.
+
+mod action;
+mod ledger;
+
+use action::plan_of;
+pub use action::{action, audience, subject};
+pub use ledger::{LEDGER_MAX, Ledger, LedgerError};
+
+use crate::logic::protocol::{ChangeOrder, ChangeRequest, Deployment, Order, Ordered, Request, Signed, ToParticipant};
+use language::plan::{Plan, difference};
+use ledger::Place;
+use thiserror::Error;
+use trust::identity::KeyId;
+use trust::name::Name;
+use trust::request::{self, Context};
+use trust::role::Action;
+use trust::team::{Judge, TrustError};
+
+/// The gate of a node.
+#[derive(Debug)]
+pub struct Gate {
+    node: KeyId,
+    name: Name,
+    ledger: Ledger,
+}
+
+/// Who wants what, for the audit log.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Attempt {
+    /// The user, as far as that is known.
+    pub who: String,
+    /// What is wanted.
+    pub what: String,
+}
+
+/// A call that may pass.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Passed {
+    /// It needs no signature.
+    Open(Request),
+    /// It is signed by somebody who may ask for it. The ledger has to be on the disk before it is done.
+    Signed(Attempt, Box<Signed>),
+}
+
+/// Something was refused: nothing is done, and nothing has changed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Refused {
+    /// Who wanted what.
+    pub attempt: Attempt,
+    /// The reason.
+    pub why: Refusal,
+}
+
+/// Why something was refused.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum Refusal {
+    /// Nobody has signed it.
+    #[error("nobody has signed it: in a team, to {0} needs the key of a user (`dca team key`)")]
+    Unsigned(Action),
+    /// What was signed is no request, or one that is not signed.
+    #[error("what was signed is no request that is signed")]
+    Unreadable,
+    /// It is signed for something else.
+    #[error("it is signed to {signed}, and asks to {asked}")]
+    Action {
+        /// What was signed.
+        signed: Action,
+        /// What is asked for.
+        asked: Action,
+    },
+    /// What is ordered is not what was signed.
+    #[error("what `{0}` orders is not what was signed")]
+    Altered(String),
+    /// The epoch is outdated.
+    #[error("it is of epoch {found}, but epoch {known} is known")]
+    Epoch {
+        /// That of the order.
+        found: u64,
+        /// The highest one that was accepted.
+        known: u64,
+    },
+    /// The signature, its time, its number, or the role of the signer.
+    #[error("{0}{hint}", hint = hint(.0))]
+    Request(request::Refusal),
+}
+
+impl From<request::Refusal> for Refusal {
+    fn from(why: request::Refusal) -> Self {
+        if let request::Refusal::Epoch { found, known } = why {
+            return Self::Epoch { found, known };
+        }
+        Self::Request(why)
+    }
+}
+
+/// Returns which command mends it, if one does.
+fn hint(why: &request::Refusal) -> &'static str {
+    match why {
+        request::Refusal::Trust(TrustError::Role { .. }) => "; an admin gives roles with `dca team user add`",
+        request::Refusal::Trust(TrustError::Expired(_)) => " with `dca team user add`, then `dca team import`",
+        request::Refusal::Trust(TrustError::Revoked(_)) => "; its owner makes another one, and an admin adds that",
+        request::Refusal::Late(_) | request::Refusal::NotYet => "; compare the clocks with `dca clock`",
+        request::Refusal::Form(_)
+        | request::Refusal::BodyTooLong
+        | request::Refusal::OtherTeam
+        | request::Refusal::Audience
+        | request::Refusal::Window(_)
+        | request::Refusal::Epoch { .. }
+        | request::Refusal::Replay(_)
+        | request::Refusal::Signature
+        | request::Refusal::Trust(
+            TrustError::OtherTeam(_)
+            | TrustError::Issuer(_)
+            | TrustError::Signature(_)
+            | TrustError::NotYet(_)
+            | TrustError::Renewal(_),
+        )
+        | request::Refusal::Body => "",
+    }
+}
+
+impl Gate {
+    /// Returns the gate of a node that has this key and this name in its certificate.
+    pub const fn new(node: KeyId, name: Name, ledger: Ledger) -> Self {
+        Self { node, name, ledger }
+    }
+
+    /// Returns what was accepted, to be written down.
+    pub const fn ledger(&self) -> &Ledger {
+        &self.ledger
+    }
+
+    /// Decides about the call of a command line. `epoch_of` says which epoch of a deployment runs here, 0 if none does.
+    ///
+    /// # Errors
+    /// It is refused.
+    pub fn call(
+        &mut self,
+        request: Request,
+        judge: &Judge<'_>,
+        epoch_of: impl Fn(&str) -> u64,
+    ) -> Result<Passed, Refused> {
+        let Request::Signed(signed) = request else {
+            let Some(action) = action(&request) else { return Ok(Passed::Open(request)) };
+            let attempt = Attempt { who: "somebody".to_owned(), what: subject(&request) };
+            return Err(Refused { attempt, why: Refusal::Unsigned(action) });
+        };
+        let asked = signed.request().ok().and_then(|request| Some((action(&request)?, request)));
+        let who = signer(&signed);
+        let Some((action, request)) = asked else {
+            let attempt = Attempt { who, what: "something".to_owned() };
+            return Err(Refused { attempt, why: Refusal::Unreadable });
+        };
+        let attempt = Attempt { who, what: subject(&request) };
+        match self.check_call(&signed, (action, &request), judge, epoch_of) {
+            Ok(()) => Ok(Passed::Signed(attempt, signed)),
+            Err(why) => Err(Refused { attempt, why }),
+        }
+    }
+
+    fn check_call(
+        &mut self,
+        signed: &Signed,
+        (asked, request): (Action, &Request),
+        judge: &Judge<'_>,
+        epoch_of: impl Fn(&str) -> u64,
+    ) -> Result<(), Refusal> {
+        let epoch = check_action(signed, asked)?;
+        let about = if let Request::Stop { name } = request { Some(name).filter(|_| epoch > 0) } else { None };
+        let about = if let Request::Change(change) = request { Some(&change.name) } else { about };
+        let epoch_min = about.map_or(0, |name| epoch_of(name));
+        let plan = plan_of(request);
+        let deployment = plan.filter(|plan| self.takes_part(plan)).and_then(|plan| plan.name.parse().ok());
+        let Self { node, name, ledger } = self;
+        let context = Context { judge: *judge, node: *node, name, deployment: deployment.as_ref(), epoch_min };
+        request::check(&signed.head, &signed.body, &context, ledger.replays())?;
+        Ok(())
+    }
+
+    /// Decides about an order of another node that starts something.
+    ///
+    /// # Errors
+    /// It is refused.
+    pub fn order(
+        &mut self,
+        deployment: &Deployment,
+        (from, order): (&str, &ToParticipant),
+        judge: &Judge<'_>,
+    ) -> Result<Attempt, Refused> {
+        let what = format!("start `{deployment}` for `{from}`");
+        let ToParticipant::Ordered(ordered) = order else {
+            let attempt = Attempt { who: format!("node {from}"), what };
+            return Err(Refused { attempt, why: Refusal::Unsigned(Action::Deploy) });
+        };
+        let attempt = Attempt { who: signer(&ordered.by), what };
+        match self.check_order(deployment, (from, ordered), judge) {
+            Ok(()) => Ok(attempt),
+            Err(why) => Err(Refused { attempt, why }),
+        }
+    }
+
+    fn check_order(
+        &mut self,
+        deployment: &Deployment,
+        (from, ordered): (&str, &Ordered),
+        judge: &Judge<'_>,
+    ) -> Result<(), Refusal> {
+        let Ordered { by, order } = ordered;
+        let request = by.request().map_err(|_unreadable| Refusal::Unreadable)?;
+        check_action(by, Action::Deploy)?;
+        let plan = plan_of(&request).ok_or(Refusal::Unreadable)?;
+        let is_meant = plan.name == deployment.name && plan.home() == Some(from) && self.takes_part(plan);
+        if !is_meant || !follows(order, &request, plan, deployment.epoch) {
+            return Err(Refusal::Altered(from.to_owned()));
+        }
+        let mark = request::Request::mark(&by.head).map_err(request::Refusal::Form)?;
+        let (place, deployed) = (Place::new(from, &deployment.name), plan.name.parse().ok());
+        let (is_first, epoch) = (*order == Order::Prepare, deployment.epoch);
+        let known = self.ledger.epoch(&place);
+        if epoch < known || (is_first && epoch == known) {
+            return Err(Refusal::Epoch { found: epoch, known });
+        }
+        let Self { node, name, ledger } = self;
+        // What was accepted for this very deployment goes on: its number is spent, and its time may be over.
+        let before = ledger.accepted(&place, epoch, mark).filter(|_| !is_first);
+        let judge = Judge { now: before.unwrap_or(judge.now), ..*judge };
+        let context = Context { judge, node: *node, name, deployment: deployed.as_ref(), epoch_min: 0 };
+        if before.is_some() {
+            request::check_again(&by.head, &by.body, &context)?;
+            return Ok(());
+        }
+        request::check(&by.head, &by.body, &context, ledger.replays())?;
+        ledger.accept(place, epoch, mark, judge.now);
+        Ok(())
+    }
+
+    fn takes_part(&self, plan: &Plan) -> bool {
+        plan.hosts.iter().any(|host| host == self.name.as_str())
+    }
+}
+
+/// Returns who says to have signed, for people.
+fn signer(signed: &Signed) -> String {
+    request::Request::peek(&signed.head).map_or_else(|_unreadable| "somebody".to_owned(), |(_, name)| name.to_string())
+}
+
+/// Checks that the signature is for this action; returns its epoch.
+fn check_action(signed: &Signed, asked: Action) -> Result<u64, Refusal> {
+    let (head, _) = request::Request::peek(&signed.head).map_err(request::Refusal::Form)?;
+    if head.action == asked { Ok(head.epoch) } else { Err(Refusal::Action { signed: head.action, asked }) }
+}
+
+/// Returns whether an order is what a request asks for.
+fn follows(order: &Order, request: &Request, signed: &Plan, epoch: u64) -> bool {
+    let change = if let Request::Change(change) = request { Some(&**change) } else { None };
+    if change.is_some_and(|change| change.epoch != epoch || change.name != signed.name) {
+        return false;
+    }
+    match order {
+        Order::Prepare => change.is_none(),
+        Order::Rejoin { plan, .. } => is_same(plan, signed),
+        Order::Change(ChangeOrder::Examine { plan, .. }) => change.is_some() && is_same(plan, signed),
+        Order::Change(ChangeOrder::Apply { plan, again, .. }) => {
+            is_same(plan, signed) && may_begin(again, plan, change)
+        }
+        Order::Change(ChangeOrder::Link { .. } | ChangeOrder::Adopt { .. } | ChangeOrder::Settle { .. }) => false,
+    }
+}
+
+/// Returns whether the change says of each of these leaves that its program is to be started anew.
+fn may_begin(again: &[u32], plan: &Plan, change: Option<&ChangeRequest>) -> bool {
+    let is_named = |leaf: &u32| {
+        let leaf = plan.leaves.get(*leaf as usize);
+        leaf.is_some_and(|leaf| change.is_some_and(|change| change.again.contains(&leaf.path)))
+    };
+    again.iter().all(is_named)
+}
+
+/// Returns whether a plan is the one that was signed, but for its numbers: those of a plan that has changed while it ran are of the
+/// plan before.
+fn is_same(plan: &Plan, signed: &Plan) -> bool {
+    // One that has a path twice could hide something behind the other.
+    let has_no_more = plan.leaves.len() == signed.leaves.len() && plan.groups.len() == signed.groups.len();
+    let found = has_no_more.then(|| difference(plan, signed));
+    matches!(found, Some(Ok(found)) if found.changes.is_empty() && found.plan == *plan)
+}

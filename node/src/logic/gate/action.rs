@@ -1,0 +1,113 @@
+//! Which requests need the signature of a user, for which action, and to whom they are addressed.
+
+use crate::logic::database::question::{Commit, Question};
+use crate::logic::protocol::Request;
+use language::plan::Plan;
+use trust::name::{Name, NoName};
+use trust::request::Audience;
+use trust::role::Action;
+
+/// The most keys of a transaction that the audit log names.
+const KEYS_MAX: usize = 4;
+
+/// Returns what the signer of a request has to be allowed; nothing for a request that changes nothing, or proves itself.
+pub fn action(request: &Request) -> Option<Action> {
+    match request {
+        Request::Deploy { .. } | Request::Change(_) => Some(Action::Deploy),
+        Request::Stop { .. } | Request::Forget { .. } => Some(Action::Stop),
+        Request::Database(question) | Request::Here { question, .. } => of_question(question),
+        // The set of the revoked is signed itself.
+        Request::Revoke { .. }
+        | Request::Status
+        | Request::Logs { .. }
+        | Request::Watch { .. }
+        | Request::Parameters
+        | Request::Output { .. }
+        | Request::Unlinked
+        | Request::Absent
+        | Request::Plan { .. }
+        | Request::Revision { .. }
+        | Request::Events { .. }
+        | Request::Names
+        | Request::Locations { .. }
+        | Request::Clock
+        | Request::Team
+        // A signature around a signature is nothing that anybody asks for.
+        | Request::Signed(_) => None,
+    }
+}
+
+fn of_question(question: &Question) -> Option<Action> {
+    match question {
+        Question::Commit(_) | Question::Resolve(_) | Question::Own(_) => Some(Action::Write),
+        Question::Found
+        | Question::Join { .. }
+        | Question::Retire { .. }
+        | Question::RetireOlder { .. }
+        | Question::HealClock => Some(Action::Found),
+        Question::Get { .. }
+        | Question::List { .. }
+        | Question::Status
+        | Question::History(_)
+        | Question::Conflicts { .. }
+        | Question::Diff { .. }
+        | Question::Version(_)
+        | Question::Watch { .. }
+        | Question::Export { .. }
+        | Question::Import { .. }
+        | Question::Owners => None,
+    }
+}
+
+/// Returns the plan that a request asks for, if it asks for one.
+pub(super) fn plan_of(request: &Request) -> Option<&Plan> {
+    if let Request::Deploy { plan, .. } = request {
+        return Some(plan);
+    }
+    if let Request::Change(change) = request { Some(&change.plan) } else { None }
+}
+
+/// Returns what a request is about, for the audit log.
+#[expect(clippy::wildcard_enum_match_arm, reason = "`action` says of each request whether it is ever asked for")]
+pub fn subject(request: &Request) -> String {
+    match request {
+        Request::Deploy { plan, .. } => format!("deploy `{}`", plan.name),
+        Request::Change(change) => format!("change `{}@{}`", change.name, change.epoch),
+        Request::Stop { name } => format!("stop `{name}`"),
+        Request::Forget { deployment } => format!("forget `{deployment}`"),
+        Request::Database(question) | Request::Here { question, .. } => subject_of(question),
+        _ => "look".to_owned(),
+    }
+}
+
+#[expect(clippy::wildcard_enum_match_arm, reason = "`of_question` says of each question whether it is ever asked for")]
+fn subject_of(question: &Question) -> String {
+    match question {
+        Question::Commit(Commit { writes, .. }) => {
+            let keys: Vec<String> = writes.iter().take(KEYS_MAX).map(|write| write.key.to_string()).collect();
+            let more = writes.len().saturating_sub(KEYS_MAX);
+            let more = if more == 0 { String::new() } else { format!(" and {more} more") };
+            format!("write {}{more}", keys.join(", "))
+        }
+        Question::Resolve(resolve) => format!("settle {}", resolve.key),
+        Question::Own(own) => format!("give {}", own.prefix),
+        Question::Found => "begin the database".to_owned(),
+        Question::Join { robot } => format!("join the database of `{robot}`"),
+        Question::Retire { member } => format!("retire `{member}`"),
+        Question::RetireOlder { robot } => format!("retire older names of `{robot}`"),
+        Question::HealClock => "begin a new epoch of dates".to_owned(),
+        _ => "read the database".to_owned(),
+    }
+}
+
+/// Returns to whom a request is addressed that is sent to a host: what starts on several hosts is for those of the deployment.
+///
+/// # Errors
+/// The host has a name that no certificate can have.
+pub fn audience(request: &Request, host: &str) -> Result<Audience, NoName> {
+    match plan_of(request).map(|plan| &plan.name) {
+        None => host.parse().map(Audience::Host),
+        // The plan, which is signed, has the names of the hosts.
+        Some(name) => Ok(name.parse::<Name>().map_or(Audience::Team, Audience::Deployment)),
+    }
+}

@@ -1,0 +1,113 @@
+//! A request that a user has signed, and what the home of a deployment orders by it. The request travels with the order, so that
+//! each node that acts sees for itself what the user has asked for.
+
+use super::{ChangeOrder, Request, ToParticipant};
+use comms::logic::codec::{self, CodecError};
+use language::plan::Plan;
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// A request with the signature of a user.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Signed {
+    /// What was signed and by whom: the form of `trust::request`.
+    pub head: Vec<u8>,
+    /// What is asked for: a [`Request`] in its envelope.
+    pub body: Vec<u8>,
+}
+
+impl Signed {
+    /// Returns what is asked for. Whether it is signed is not checked.
+    ///
+    /// # Errors
+    /// The body is no request.
+    pub fn request(&self) -> Result<Request, CodecError> {
+        codec::decode(&self.body)
+    }
+
+    /// Returns the plan that it asks for, if it asks for one.
+    pub fn plan(&self) -> Option<Plan> {
+        match self.request() {
+            Ok(Request::Deploy { plan, .. }) => Some(plan),
+            Ok(Request::Change(change)) => Some(change.plan),
+            _ => None,
+        }
+    }
+}
+
+/// An order that starts something, with the request by which it is given.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Ordered {
+    /// The request, as the user has signed it.
+    pub by: Signed,
+    /// The order.
+    pub order: Order,
+}
+
+/// An order that starts something.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Order {
+    /// [`ToParticipant::Prepare`], with the plan that was signed.
+    Prepare,
+    /// [`ToParticipant::Rejoin`].
+    Rejoin {
+        /// As there.
+        plan: Plan,
+        /// As there.
+        number: u32,
+        /// As there.
+        since_go: Duration,
+    },
+    /// [`ToParticipant::Change`].
+    Change(ChangeOrder),
+}
+
+/// The team of a node, for those who sign.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TeamOfNode {
+    /// The id of the team's key.
+    pub id: [u8; 32],
+    /// The name of the team.
+    pub name: String,
+    /// The name in the node's certificate.
+    pub node: String,
+}
+
+impl ToParticipant {
+    /// Returns whether a node of a team does it only for a user who has signed it.
+    pub const fn starts(&self) -> bool {
+        matches!(
+            self,
+            Self::Prepare { .. }
+                | Self::Rejoin { .. }
+                | Self::Change(ChangeOrder::Examine { .. } | ChangeOrder::Apply { .. })
+                | Self::Ordered(_)
+        )
+    }
+
+    /// Adds the request by which it is given, if it starts something and there is one.
+    #[must_use]
+    pub fn signed(self, by: Option<&Signed>) -> Self {
+        let Some(by) = by.filter(|_| self.starts()) else { return self };
+        let order = if let Self::Rejoin { plan, number, since_go } = self {
+            Order::Rejoin { plan, number, since_go }
+        } else if let Self::Change(order) = self {
+            Order::Change(order)
+        } else if matches!(self, Self::Prepare { .. }) {
+            Order::Prepare
+        } else {
+            return self;
+        };
+        Self::Ordered(Box::new(Ordered { by: by.clone(), order }))
+    }
+
+    /// Returns it without the request; nothing if that has no plan where one is needed.
+    pub fn plain(self) -> Option<Self> {
+        let Self::Ordered(ordered) = self else { return Some(self) };
+        match ordered.order {
+            Order::Prepare => ordered.by.plan().map(|plan| Self::Prepare { plan }),
+            Order::Rejoin { plan, number, since_go } => Some(Self::Rejoin { plan, number, since_go }),
+            Order::Change(order) => Some(Self::Change(order)),
+        }
+    }
+}
