@@ -38,6 +38,8 @@ mod scale;
 mod starting;
 #[path = "agents/supervision.rs"]
 mod supervision;
+#[path = "agents/unended.rs"]
+mod unended;
 #[path = "agents/world.rs"]
 mod world;
 

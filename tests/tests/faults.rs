@@ -7,6 +7,7 @@ use node::logic::nameserver::LOST_AFTER;
 use rustix::process::Signal;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use std::time::Duration;
 
 /// How many open files the node of case 23 may have: few programs fit.
@@ -19,6 +20,9 @@ const FLAP: Duration = Duration::from_millis(200);
 const GROWTH_MAX: u64 = 20 << 20;
 /// How long a node may take to have its links again.
 const SETTLE: Duration = Duration::from_secs(20);
+
+/// Numbers the freezers of this process.
+static FREEZERS: AtomicU32 = AtomicU32::new(0);
 
 /// Returns a spec of programs that wait.
 fn crowd(host: &str, count: usize) -> String {
@@ -98,13 +102,54 @@ fn what_cannot_be_killed_is_told_and_not_started_again() {
     cluster.expect_nothing_left(SOON);
 }
 
+/// The same while its mission goes on: who wants what it holds waits, people are told why and what to do, and goes on once it has
+/// ended.
+#[test]
+fn what_cannot_be_killed_keeps_what_it_has_taken() {
+    let freezer = match Freezer::new() {
+        Ok(freezer) => freezer,
+        Err(why) => {
+            println!("skipped: needs the freezer of control groups, version 1: {why}");
+            return;
+        }
+    };
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let node = here.node("c1", &[]);
+    let text = "module Idle(host) { exec \"sleep 3600\"; plain; done; }
+process main() {
+    host { \"c1\" }
+    resource zone;
+    instantiated_processes { a instof Idle(\"c1\"); c instof Idle(\"c1\"); }
+    internal_event_actions { (using(zone) (a within 3 s))? , (wait(1 s) ; using(zone) c) }
+}";
+    let mission = here.dca(&["deploy", "--no-record", &cluster.file("zone.dca", text)]);
+    mission.wait_for(Stream::Err, "2 programs on 1 host", SOON);
+    wait_until(SOON, || here.pids().contains_key("main/a")).expect("it runs");
+    let frozen = here.pids()["main/a"];
+    freezer.freeze(frozen);
+    let waits = "nobody could confirm that `main/a` on `c1` has stopped, and it may still use it";
+    let is_told = || here.ask(&["status"]).out.contains(waits);
+    wait_until(2 * SOON, is_told).unwrap_or_else(|| panic!("{}", here.ask(&["status"])));
+    let status = here.ask(&["status"]);
+    assert!(status.out.contains(&format!("end process {frozen} there, then what it held is free")), "{status}");
+    let events = here.ask(&["events"]);
+    assert!(events.out.contains(waits) && !here.pids().contains_key("main/c"), "{events}");
+    drop(freezer);
+    wait_until(SOON, || here.pids().contains_key("main/c")).expect("the zone is free");
+    assert_eq!(here.ask(&["stop", "zone"]).code, Some(0));
+    drop(mission.ended(SOON));
+    node.signal(Signal::TERM);
+    cluster.expect_nothing_left(SOON);
+}
+
 /// A group of Linux's freezer, version 1, which keeps even SIGKILL away from what is in it. Dropped, it lets go.
 struct Freezer(PathBuf);
 
 impl Freezer {
     /// Makes a group; says why not, where a test cannot have one.
     fn new() -> Result<Self, String> {
-        let folder = Path::new("/sys/fs/cgroup/freezer").join(format!("dca-test-{}", std::process::id()));
+        let folder = Path::new("/sys/fs/cgroup/freezer").join(format!("dca-test-{}-{}", std::process::id(), FREEZERS.fetch_add(1, Relaxed)));
         std::fs::create_dir(&folder).map_err(|error| error.to_string())?;
         if folder.join("freezer.state").is_file() {
             return Ok(Self(folder));

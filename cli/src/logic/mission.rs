@@ -17,7 +17,9 @@ pub use signals::{TRACKS_MAX, Track};
 pub use start::Start;
 pub use summary::{Files, failure_chain, failure_output, summary};
 
-use crate::logic::sentence::{configured_text, held_text, renewing_text, report_text, restarting_text, reverting_text};
+use crate::logic::sentence::{
+    ENDED_LATE, configured_text, renewing_text, report_text, restarting_text, reverting_text,
+};
 use comms::logic::signals::Signals;
 use language::plan::Plan;
 use late::Late;
@@ -253,7 +255,8 @@ impl Mission {
             Change::Ended(Ending::Unconfirmed) => ("nobody could confirm that it stopped".to_owned(), &[][..]),
             Change::Died(cause) => (format!("died: {cause}"), cause.output()),
             Change::Restarting { cause, count } => (restarting_text(cause, *count), cause.output()),
-            Change::Held { resource, host } => (held_text(resource, host), &[][..]),
+            Change::Held { .. } | Change::HeldBy { .. } => (change.held_text().unwrap_or_default(), &[][..]),
+            Change::EndedLate => (ENDED_LATE.to_owned(), &[][..]),
             Change::Configured { parameter, value } => (configured_text(parameter, value.as_deref()), &[][..]),
             Change::Reverting { cause } => (reverting_text(cause), cause.output()),
             Change::Replacing => ("is replaced".to_owned(), &[][..]),

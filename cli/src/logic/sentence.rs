@@ -6,6 +6,9 @@ use node::logic::protocol::{Change, Ending, FailureCause, Report};
 use node::logic::table::counted;
 use std::time::Duration;
 
+/// The words for a process whose program has ended although nobody could confirm its stop.
+pub(crate) const ENDED_LATE: &str = "has ended after all: what it held is free";
+
 /// Returns a time since 1970 as UTC, to the second: `2026-11-23T00:00:00`.
 pub(crate) fn date_and_time(since_1970: Duration) -> String {
     date::text(u64::try_from(since_1970.as_millis()).unwrap_or(u64::MAX)).replace(' ', "T")
@@ -40,7 +43,8 @@ pub(crate) fn change_text(change: &Change) -> String {
         Change::Started { pid } => format!("started as process {pid}"),
         Change::Restarting { cause, count } => restarting_text(cause, *count),
         Change::Resumed => "activated again".to_owned(),
-        Change::Held { resource, host } => held_text(resource, host),
+        Change::Held { .. } | Change::HeldBy { .. } => change.held_text().unwrap_or_default(),
+        Change::EndedLate => ENDED_LATE.to_owned(),
         Change::Configured { parameter, value } => configured_text(parameter, value.as_deref()),
         Change::Replacing => "is replaced".to_owned(),
         Change::Reverting { cause } => reverting_text(cause),
@@ -56,11 +60,6 @@ pub(crate) fn reverting_text(cause: &FailureCause) -> String {
 /// Returns the words for a process that is started anew with another one.
 pub(crate) fn renewing_text(with: &str) -> String {
     format!("is started again with `{with}`, which has died")
-}
-
-/// Returns the words for a process that waits for a resource which a lost host may still use.
-pub(crate) fn held_text(resource: &str, host: &str) -> String {
-    format!("waits for `{resource}`: the host `{host}` is lost and may still use it")
 }
 
 /// Returns the words for a parameter that was set while the program runs; without a value it is what the spec says.

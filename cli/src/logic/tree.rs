@@ -53,14 +53,19 @@ pub fn tree(statuses: &[NodeStatus], unknown: &[Unknown<'_>]) -> String {
     for (deployment, Parts { phases, processes }) in deployments {
         let phases = phases.into_iter().collect::<Vec<_>>().join("/");
         let mut rows = vec![vec![format!("{deployment}"), phases, String::new(), String::new()]];
+        let mut sentences = Vec::new();
         for (path, process) in processes {
             let depth = path.matches('/').count();
             let name = path.rsplit('/').next().unwrap_or(path);
             let pid = process.pid.map(|pid| format!("pid {pid}")).unwrap_or_default();
             let name = format!("{}{name}: {}", "  ".repeat(depth + 1), process.kind);
-            rows.push(vec![name, process.state.to_owned(), process.host.to_owned(), pid]);
+            // What needs a sentence has one behind its word.
+            let (state, said) = process.state.split_once("; ").unwrap_or((process.state, ""));
+            sentences.extend(Some(format!("{path}: {said}")).filter(|_| !said.is_empty()));
+            rows.push(vec![name, state.to_owned(), process.host.to_owned(), pid]);
         }
         blocks.push(table(&rows));
+        blocks.extend(Some(sentences.join("\n")).filter(|said| !said.is_empty()));
     }
     blocks.join("\n\n")
 }
@@ -109,6 +114,15 @@ door@1        running
   main: Any   running        c1
     hit: Any  dead: SIGSEGV  c2  pid 12";
         assert_eq!(tree(&statuses, &[]), expected);
+        // What needs a sentence has it below.
+        let held = [door_node("c1", &[("main", "running; `main/b` waits", None), ("main/b", "idle", None)])];
+        let expected = "\
+door@1       running
+  main: Any  running  c1
+    b: Any   idle     c1
+
+main: `main/b` waits";
+        assert_eq!(tree(&held, &[]), expected);
         // What a host that is lost runs is not left out.
         let absent = |path: &str| AbsentProcess {
             deployment: Deployment { name: "door".into(), epoch: 1 },

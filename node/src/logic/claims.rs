@@ -34,6 +34,16 @@ impl Claims {
         claims
     }
 
+    /// Returns what the spec claims for a leaf.
+    pub fn of_leaf(plan: &Plan, leaf: u32) -> Self {
+        let mut claims = Self::default();
+        let path = plan.leaves.get(leaf as usize).map_or("", |leaf| leaf.path.as_str());
+        plan.claims.iter().filter(|claim| claim.leaf == leaf).for_each(|claim| {
+            claims.hold(&claim.device, path, claim.is_write);
+        });
+        claims
+    }
+
     /// Returns what a controller at `path` holds whose devices these are.
     pub fn of_owner(path: &str, devices: &[String]) -> Self {
         let mut claims = Self::default();
@@ -68,6 +78,11 @@ impl Claims {
         let unended = unended(holder);
         let conflict = |(device, path)| format!("`{device}` is held by `{path}` of `{holder}`, which {unended}");
         self.both(theirs).map(conflict).collect()
+    }
+
+    /// Returns the first device that only one of the two can hold, and its path in the other.
+    pub fn first_conflict<'a>(&'a self, theirs: &'a Self) -> Option<(&'a str, &'a str)> {
+        self.both(theirs).next()
     }
 
     /// Returns each device that only one of the two can hold, and its path in the other.

@@ -329,8 +329,10 @@ impl Executer {
                 let not_before = self.activated.get(&member).map_or(out.now, |last| *last + PACE);
                 self.waiting.insert(member, Waiting { activation, value, wires, until, not_before });
                 self.activate_ready(context, out);
-                if let Some((resource, host)) = self.fences.tell(member, activation) {
-                    let message = ToCoordinator::Happened { target, change: Change::Held { resource, host } };
+                if let Some(change) = self.held(member, context.plan)
+                    && self.fences.is_news(member, activation)
+                {
+                    let message = ToCoordinator::Happened { target, change };
                     out.send(context.home, context.deployment.to_coordinator(message));
                 }
             }

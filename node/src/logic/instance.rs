@@ -103,6 +103,8 @@ pub enum Note {
     Switched(u64),
     /// An activation ended.
     Ended(u32, Ending),
+    /// The program of an activation has ended, which nobody could confirm when that was stopped.
+    EndedLate(u32),
     /// For those who watch.
     Changed(Change),
     /// The program was started again and is somewhere else now.
@@ -139,6 +141,8 @@ pub struct Instance {
     /// Whether its program has died by itself, and whether an activation has failed of that.
     death: Option<DeathTold>,
     cause: Option<FailureCause>,
+    /// The activation whose end nobody could confirm.
+    unconfirmed: Option<u32>,
     /// Why the last activation failed, if it did.
     failed: Option<FailureCause>,
     /// The last lines that its program has written, once it has ended.
@@ -188,6 +192,7 @@ impl Instance {
             death: None,
             shim_was_killed: false,
             cause: None,
+            unconfirmed: None,
             failed: None,
             output: Vec::new(),
             next: None,
@@ -217,6 +222,12 @@ impl Instance {
             Stage::Running => "running",
             Stage::Stopping { .. } => "stopping",
             Stage::Leaving { .. } => "leaving",
+            Stage::Dead if self.is_unconfirmed() => {
+                let end = self.pid.map_or_else(|| "end it there".to_owned(), |pid| format!("end process {pid} there"));
+                return format!(
+                    "unconfirmed; nobody could confirm that it has stopped: {end}, then what it held is free"
+                );
+            }
             Stage::Dead => {
                 return self.cause.as_ref().map_or_else(|| "ended".to_owned(), |cause| format!("dead: {cause}"));
             }
@@ -226,7 +237,7 @@ impl Instance {
 
     /// Returns the program's process id, once it has one.
     pub fn pid(&self) -> Option<u32> {
-        self.pid.filter(|_| self.stage != Stage::Dead)
+        self.pid.filter(|_| self.stage != Stage::Dead || self.is_unconfirmed())
     }
 
     /// Returns what it does when hosts are lost.

@@ -10,6 +10,7 @@ mod links;
 mod loss;
 mod report;
 mod status;
+mod unended;
 
 use crate::logic::claims::Claims;
 use crate::logic::effect::{Out, ProcessId, SpawnOrder, earliest};
@@ -111,11 +112,6 @@ impl Participant {
         participant.start_programs(host, programs, out);
         participant.report_prepared(out);
         participant
-    }
-
-    /// Returns the programs that may still be there although everything was done to end them.
-    pub fn unconfirmed(&self) -> BTreeSet<u32> {
-        self.instances.iter().filter(|(_, instance)| instance.is_unconfirmed()).map(|(leaf, _)| leaf).collect()
     }
 
     /// Returns the host of `main`.
@@ -285,6 +281,7 @@ impl Participant {
 
     fn activate(&mut self, target: Target, activation: u32, value: Vec<u8>, out: &mut Out<'_>) {
         match target {
+            Target::Leaf(leaf) if self.refuse_held(leaf, activation, out) => {}
             Target::Leaf(leaf) => {
                 self.with_instance(leaf, out, |instance, context| instance.activate(activation, value, context));
             }
@@ -358,6 +355,11 @@ impl Participant {
                 self.happened(target, Change::Ended(ending.clone()), out);
                 self.tell_supervisor(target, activation, ending, out);
                 self.forget_switches(leaf, out);
+            }
+            Note::EndedLate(activation) => {
+                self.happened(target, Change::EndedLate, out);
+                // What is not current any more decides nothing: it only frees what was taken.
+                self.tell_supervisor(target, activation, Ending::Stopped, out);
             }
             Note::Changed(change) => {
                 if matches!(change, Change::Died(_) | Change::Restarting { .. } | Change::Renewing { .. }) {

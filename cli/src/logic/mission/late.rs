@@ -48,6 +48,8 @@ impl Late {
             | Change::Restarting { .. }
             | Change::Resumed
             | Change::Held { .. }
+            | Change::HeldBy { .. }
+            | Change::EndedLate
             | Change::Configured { .. }
             | Change::Replacing
             | Change::Renewing { .. }

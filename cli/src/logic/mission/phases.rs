@@ -101,6 +101,8 @@ impl Phase {
             | Change::Restarting { .. }
             | Change::Resumed
             | Change::Held { .. }
+            | Change::HeldBy { .. }
+            | Change::EndedLate
             | Change::Configured { .. }
             | Change::Replacing
             | Change::Renewing { .. }
@@ -163,6 +165,8 @@ impl Phases {
             | Change::Restarting { .. }
             | Change::Resumed
             | Change::Held { .. }
+            | Change::HeldBy { .. }
+            | Change::EndedLate
             | Change::Configured { .. }
             | Change::Replacing
             | Change::Renewing { .. }

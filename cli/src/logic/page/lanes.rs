@@ -134,7 +134,11 @@ fn after(state: State, change: &Change, leaf: bool) -> State {
         Change::Ended(_) if leaf => State::Idle,
         Change::Ended(_) | Change::Died(_) => State::Absent,
         Change::Started { .. } if state == State::Absent => State::Idle,
-        Change::Started { .. } | Change::Held { .. } | Change::Configured { .. } => state,
+        Change::Started { .. }
+        | Change::Held { .. }
+        | Change::HeldBy { .. }
+        | Change::EndedLate
+        | Change::Configured { .. } => state,
     }
 }
 
@@ -166,12 +170,13 @@ fn mark(lane: &Lane<'_>, at: Duration, change: &Change, top: f64, axis: &TimeAxi
         Change::Ended(Ending::Aborted(_) | Ending::Unconfirmed) | Change::Died(_) => ("bad", "✕"),
         Change::Restarting { .. } | Change::Renewing { .. } | Change::Reverting { .. } => ("bad", "↻"),
         Change::Replacing => ("good", "↻"),
-        Change::Held { .. } => ("bad", "…"),
+        Change::Held { .. } | Change::HeldBy { .. } => ("bad", "…"),
         Change::Configured { .. } => ("good", "◆"),
         Change::Ended(Ending::Stopped)
         | Change::Activated
         | Change::Stopping
         | Change::Started { .. }
+        | Change::EndedLate
         | Change::Resumed => return String::new(),
     };
     format!(

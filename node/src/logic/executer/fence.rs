@@ -1,15 +1,17 @@
-//! Fences: what a lost host may still use of what `using` takes.
+//! Fences: what may still be in use of what `using` takes, although the algebra has given it back.
 //!
 //! A member on a lost host has failed for its supervisor, which goes on. But nobody knows that it has stopped: it may go on
-//! for as long as its spec lets it. So what was taken for it stays shut for all others until it is known: the host has said
-//! how the activation ended, or its home has heard that nothing of the deployment is left there. Fail closed: a host that
-//! never comes back gives nothing back.
+//! for as long as its spec lets it. The same holds of a program that could not be ended: its stop is unconfirmed. So what was
+//! taken for it stays shut for all others until it is known: the host has said how the activation ended, that the program has
+//! ended after all, or its home has heard that nothing of the deployment is left there. Fail closed: a host that never comes
+//! back gives nothing back, and neither does a program that never ends.
 //!
 //! Whether a member on another host has ended is known to its own supervisor alone. So a group that ends tells the one above
 //! which hosts may still do something for it, before it says how it ended (`ToParticipant::Loose`); it does so if something is taken
 //! for it, on any level above.
 //!
-//! The same member may be activated again: one process never runs twice on its host.
+//! The same member may be activated again: one process never runs twice on its host. Inside a group for which something is
+//! taken above, nothing else begins beside a program that could not be ended.
 
 use language::plan::{Expression, Group, MemberKind, Plan};
 use serde::{Deserialize, Serialize};
@@ -21,6 +23,19 @@ const ABOVE: &str = "";
 /// The resources that are taken for each member, by slot.
 type Taken = BTreeMap<u32, BTreeSet<String>>;
 
+/// Something that a member has to wait for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Against<'a> {
+    /// The resource; empty if it is taken for the whole group, somewhere above.
+    pub(super) resource: &'a str,
+    /// The host that may still use it.
+    pub(super) host: &'a str,
+    /// The member for which it does.
+    pub(super) user: u32,
+    /// Whether the host is lost; else something could not be ended there.
+    pub(super) is_lost: bool,
+}
+
 /// The fences of one group.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Fences {
@@ -31,6 +46,8 @@ pub(super) struct Fences {
     unbegun: BTreeSet<u32>,
     /// Activations that may go on: slot, number, host.
     up: BTreeSet<(u32, u32, String)>,
+    /// Activations whose program could not be ended: slot, number, host.
+    stuck: BTreeSet<(u32, u32, String)>,
     /// Hosts that may still do something for a member that is a group and has ended.
     loose: BTreeMap<u32, BTreeSet<String>>,
     /// Activations that wait, of which people know.
@@ -83,6 +100,17 @@ impl Fences {
     /// Takes note that an activation has ended, for sure.
     pub(super) fn ended(&mut self, slot: u32, number: u32) {
         self.up.retain(|(other, theirs, _)| (*other, *theirs) != (slot, number));
+        self.stuck.retain(|(other, theirs, _)| (*other, *theirs) != (slot, number));
+    }
+
+    /// Takes note that nobody could confirm the end of an activation on a host. One that is not current counts if it might
+    /// have gone on anyway.
+    pub(super) fn unconfirmed(&mut self, slot: u32, number: u32, host: &str, is_current: bool) {
+        let before = self.up.len();
+        self.up.retain(|(other, theirs, _)| (*other, *theirs) != (slot, number));
+        if self.taken.contains_key(&slot) && (is_current || self.up.len() < before) {
+            self.stuck.insert((slot, number, host.to_owned()));
+        }
     }
 
     /// Takes note of the hosts that may still do something for a member that has ended.
@@ -97,6 +125,7 @@ impl Fences {
     /// Takes note that nothing of the deployment is left on a host.
     pub(super) fn clear(&mut self, host: &str) {
         self.up.retain(|(_, _, other)| other != host);
+        self.stuck.retain(|(_, _, other)| other != host);
         for hosts in self.loose.values_mut() {
             hosts.remove(host);
         }
@@ -120,25 +149,33 @@ impl Fences {
         })
     }
 
-    /// Returns what a member has to wait for, and the host that may still use it.
-    pub(super) fn against(&self, slot: u32) -> Option<(&str, &str)> {
+    /// Returns what a member has to wait for, if anything.
+    pub(super) fn against(&self, slot: u32) -> Option<Against<'_>> {
         let wanted = self.taken.get(&slot)?;
-        self.all().filter(|(other, _)| *other != slot).find_map(|(other, host)| {
-            let shared = self.taken.get(&other)?.intersection(wanted).find(|name| *name != ABOVE)?;
-            Some((shared.as_str(), host))
+        let shared = |other: u32, counts: &dyn Fn(&str) -> bool| {
+            self.taken.get(&other)?.intersection(wanted).map(String::as_str).find(|name| counts(name))
+        };
+        let stuck = self.stuck.iter().filter(|(other, ..)| *other != slot).find_map(|(other, _, host)| {
+            let resource = shared(*other, &|_| true)?;
+            Some(Against { resource, host, user: *other, is_lost: false })
+        });
+        stuck.or_else(|| {
+            self.all().filter(|(other, _)| *other != slot).find_map(|(user, host)| {
+                let resource = shared(user, &|name| name != ABOVE)?;
+                Some(Against { resource, host, user, is_lost: self.lost.contains(host) })
+            })
         })
     }
 
-    /// Returns what is to be told of an activation that waits; once.
-    pub(super) fn tell(&mut self, slot: u32, number: u32) -> Option<(String, String)> {
-        let (resource, host) = self.against(slot).map(|(resource, host)| (resource.to_owned(), host.to_owned()))?;
-        self.told.insert((slot, number)).then_some((resource, host))
+    /// Returns whether what a member has to wait for is to be told of this activation: once.
+    pub(super) fn is_news(&mut self, slot: u32, number: u32) -> bool {
+        self.against(slot).is_some() && self.told.insert((slot, number))
     }
 
     /// Returns every host that may still do something, with the member for which it does.
     fn all(&self) -> impl Iterator<Item = (u32, &str)> {
         let loose = self.loose.iter().flat_map(|(slot, hosts)| hosts.iter().map(|host| (*slot, host.as_str())));
-        self.up.iter().map(|(slot, _, host)| (*slot, host.as_str())).chain(loose)
+        self.up.iter().chain(&self.stuck).map(|(slot, _, host)| (*slot, host.as_str())).chain(loose)
     }
 }
 

@@ -1,10 +1,11 @@
 //! A supervisor whose members are on hosts that are lost.
 
-use super::{ExecContext, Executer, fence, leaf_host, member_host, member_target};
+use super::fence::{self, Against};
+use super::{ExecContext, Executer, leaf_host, member_host, member_path, member_target};
 use crate::logic::effect::Out;
-use crate::logic::protocol::{Ending, Failure, FailureCause, Target, ToParticipant};
+use crate::logic::protocol::{Change, Ending, Failure, FailureCause, Target, ToParticipant};
 use language::algebra::{Activation, Activity, State};
-use language::plan::{Group, MemberKind};
+use language::plan::{Group, MemberKind, Plan};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
@@ -58,10 +59,14 @@ impl Executer {
         None
     }
 
-    /// Sees what an ending says of lost hosts: that it has ended there, or that it may go on there.
+    /// Sees what an ending says of what a fence is about: that it has ended, or that it may go on.
     pub(super) fn look_at_end(&mut self, (slot, activation): (u32, u32), ending: &Ending, context: ExecContext<'_>) {
         let group = context.plan.groups.get(self.group as usize);
         let Some((target, host)) = group.and_then(|group| member_target(context.plan, group, slot)) else { return };
+        if *ending == Ending::Unconfirmed {
+            let is_current = self.active.get(&slot) == Some(&activation);
+            return self.fences.unconfirmed(slot, activation, host, is_current);
+        }
         let cause = if let Ending::Aborted(failure) = ending { Some(&failure.cause) } else { None };
         let is_known = match (target, cause) {
             // Somebody has said so who cannot know: the host itself was not asked.
@@ -99,6 +104,27 @@ impl Executer {
         let above =
             context.plan.groups.iter().find(is_here).and_then(|group| context.plan.hosts.get(group.host as usize));
         above.into_iter().for_each(|host| out.send(host, context.deployment.to_participant(message.clone())));
+    }
+
+    /// Returns what a member waits for that is taken, but that the algebra has given it, and who may still use it.
+    pub(super) fn held(&self, slot: u32, plan: &Plan) -> Option<Change> {
+        let Against { resource, host, user, is_lost } = self.fences.against(slot)?;
+        let (resource, host) = (resource.to_owned(), host.to_owned());
+        if is_lost {
+            return Some(Change::Held { resource, host });
+        }
+        let group = plan.groups.get(self.group as usize)?;
+        Some(Change::HeldBy { resource, host, by: member_path(plan, group, user)? })
+    }
+
+    /// Returns what a person has to know of members that wait for what others may still use, one sentence each.
+    pub fn waits(&self, plan: &Plan) -> Vec<String> {
+        let Some(group) = plan.groups.get(self.group as usize) else { return Vec::new() };
+        let sentence = |slot: &u32| {
+            let (path, held) = (member_path(plan, group, *slot)?, self.held(*slot, plan)?);
+            Some(format!("`{path}` {}", held.held_text()?))
+        };
+        self.waiting.keys().filter_map(sentence).collect()
     }
 
     /// Takes note that nothing of the deployment is left on a host that was lost.

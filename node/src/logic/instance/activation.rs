@@ -143,6 +143,9 @@ impl Instance {
             (Ending::Stopped, Some(host)) => Ending::Aborted(self.failure(FailureCause::HostLost(host), context)),
             (ending, _) => ending,
         };
+        if ending == Ending::Unconfirmed {
+            self.unconfirmed = Some(number);
+        }
         self.failed = match &ending {
             Ending::Aborted(failure) => Some(failure.cause.clone()),
             Ending::Done(_) | Ending::Stopped | Ending::Unconfirmed => None,

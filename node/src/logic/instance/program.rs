@@ -204,6 +204,7 @@ impl Instance {
             // It has ended after all.
             Stage::Dead if self.is_unconfirmed() => {
                 self.cause = Some(FailureCause::NotAvailable("it was not ended in time".into()));
+                context.notes.extend(self.unconfirmed.take().map(Note::EndedLate));
             }
             Stage::Refused | Stage::Dead => {}
         }
@@ -305,8 +306,12 @@ impl Instance {
     }
 
     pub(super) fn left(&mut self, context: &mut InstanceContext<'_>) {
-        let failure = self.failure(FailureCause::NotAvailable("its node left".into()), context);
-        self.finish(Ending::Aborted(failure), context);
+        let ending = if self.is_unconfirmed() {
+            Ending::Unconfirmed
+        } else {
+            Ending::Aborted(self.failure(FailureCause::NotAvailable("its node left".into()), context))
+        };
+        self.finish(ending, context);
         context.notes.push(Note::Gone);
     }
 }

@@ -22,7 +22,8 @@ impl Participant {
         let group = |(number, executer): (u32, &Executer)| {
             let group = self.plan.groups.get(number as usize)?;
             let (path, kind) = (group.path.clone(), group.process.clone());
-            Some(ProcessStatus { path, kind, state: executer.state().to_owned(), pid: None })
+            let words = std::iter::once(executer.state().to_owned()).chain(executer.waits(&self.plan));
+            Some(ProcessStatus { path, kind, state: words.collect::<Vec<_>>().join("; "), pid: None })
         };
         let leaf = |(number, instance): (u32, &Instance)| {
             let leaf = self.plan.leaves.get(number as usize)?;

@@ -101,6 +101,13 @@ pub enum FailureCause {
         /// The last lines that it wrote.
         output: Vec<String>,
     },
+    /// It was not begun, since another program of its deployment holds a device of it and could not be ended.
+    DeviceHeld {
+        /// The device.
+        device: String,
+        /// Absolute path of the other one.
+        by: String,
+    },
 }
 
 /// How a program ended.
@@ -206,6 +213,10 @@ impl fmt::Display for FailureCause {
                 let (last, bears) = (printable(last), counted(*restarts, "restart"));
                 write!(f, "{last}, and its group bears {bears} within {}", spelt(*within))
             }
+            Self::DeviceHeld { device, by } => write!(
+                f,
+                "was not begun: `{device}` is held by `{by}`, whose stop nobody could confirm; end its program first"
+            ),
             Self::HostLost(host) => write!(f, "host `{host}` could not be reached any more"),
         }
     }

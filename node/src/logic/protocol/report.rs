@@ -145,4 +145,31 @@ pub enum Change {
         /// Absolute path of the other one.
         with: String,
     },
+    /// The process was to be activated, and waits: nobody has confirmed that another one has ended, which may still use what
+    /// it takes.
+    HeldBy {
+        /// The resource; empty if it is taken for the group of both.
+        resource: String,
+        /// Absolute path of the other one.
+        by: String,
+        /// The host of the other one.
+        host: String,
+    },
+    /// Its program has ended after all, which nobody could confirm when it was stopped: what it held is free.
+    EndedLate,
+}
+
+impl Change {
+    /// Returns why a process waits that was to be activated, in words that follow its name.
+    pub fn held_text(&self) -> Option<String> {
+        if let Self::Held { resource, host } = self {
+            return Some(format!("waits for `{resource}`: the host `{host}` is lost and may still use it"));
+        }
+        let Self::HeldBy { resource, by, host } = self else { return None };
+        let what = if resource.is_empty() { "what is taken for its group".to_owned() } else { format!("`{resource}`") };
+        Some(format!(
+            "waits for {what}: nobody could confirm that `{by}` on `{host}` has stopped, and it may still use it; end its \
+             program there, then this goes on"
+        ))
+    }
 }
