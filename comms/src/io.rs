@@ -6,6 +6,7 @@ pub mod control;
 pub mod data;
 pub mod descriptors;
 pub mod entropy;
+pub mod file;
 pub mod queue;
 #[cfg(feature = "zenoh")]
 pub mod session;

@@ -13,6 +13,7 @@ use arguments::Arguments;
 use clap::{CommandFactory as _, Parser, Subcommand};
 use comms::io::session::{self, Reach, Role};
 use install::Install;
+use rustix::process::{Resource, getrlimit};
 use std::process::ExitCode;
 use std::sync::Arc;
 use team::member::Member;
@@ -75,7 +76,33 @@ fn reach(arguments: &Arguments, member: Option<&Arc<Member>>) -> anyhow::Result<
     Ok(Reach::Team(Arc::clone(member) as _))
 }
 
+/// How many files a node needs to have open at once: 20 of its own, and for 8 other nodes, 8 commands, 2 programs with 6 each, and
+/// what is open for a moment.
+const FILES_MIN: u64 = 64;
+/// How much address space it needs, in bytes. Its threads and allocators reserve far more than they use.
+const ADDRESSES_MIN: u64 = 1 << 30;
+
+/// Checks that the limits of this process let a node run: libraries below it end the process, or go deaf, where they do not.
+fn check_limits() -> anyhow::Result<()> {
+    let files = getrlimit(Resource::Nofile).current.unwrap_or(u64::MAX);
+    ensure!(
+        files >= FILES_MIN,
+        "a node needs {FILES_MIN} open files at once, and this one may have {files}: raise the limit, with `ulimit -n` or \
+         `LimitNOFILE=` of its service"
+    );
+    let addresses = getrlimit(Resource::As).current.unwrap_or(u64::MAX);
+    ensure!(
+        addresses >= ADDRESSES_MIN,
+        "a node reserves {} MB of addresses, and this one may have {} MB: raise the limit, with `ulimit -v` or `LimitAS=` of its \
+         service; `memory` in a spec limits programs",
+        ADDRESSES_MIN >> 20,
+        addresses >> 20
+    );
+    Ok(())
+}
+
 fn run(arguments: Arguments, log: Log) -> Result<(), Failure> {
+    check_limits()?;
     let service =
         ServiceManager::of_environment().context("reaching the service manager that `NOTIFY_SOCKET` names")?;
     let state = state_dir::take(arguments.state.as_deref(), arguments.name.as_str())?;

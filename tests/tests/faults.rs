@@ -4,6 +4,7 @@ use dca_tests::cluster::{
     Cluster, Hosts, Network, Program, SOON, Stream, descriptors, executable, memory, rounds, wait_until,
 };
 use node::logic::nameserver::LOST_AFTER;
+use rustix::fs::{CWD, FileType, mknodat};
 use rustix::process::Signal;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -149,7 +150,11 @@ struct Freezer(PathBuf);
 impl Freezer {
     /// Makes a group; says why not, where a test cannot have one.
     fn new() -> Result<Self, String> {
-        let folder = Path::new("/sys/fs/cgroup/freezer").join(format!("dca-test-{}-{}", std::process::id(), FREEZERS.fetch_add(1, Relaxed)));
+        let folder = Path::new("/sys/fs/cgroup/freezer").join(format!(
+            "dca-test-{}-{}",
+            std::process::id(),
+            FREEZERS.fetch_add(1, Relaxed)
+        ));
         std::fs::create_dir(&folder).map_err(|error| error.to_string())?;
         if folder.join("freezer.state").is_file() {
             return Ok(Self(folder));
@@ -171,6 +176,83 @@ impl Drop for Freezer {
         drop(std::fs::write(self.0.join("freezer.state"), "THAWED"));
         wait_until(SOON, || std::fs::remove_dir(&self.0).is_ok());
     }
+}
+
+/// Whatever lies in the folders of a node, it starts at once, and says what is wrong.
+#[test]
+fn pipes_and_damage_in_its_folders_do_not_keep_a_node_from_starting() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let first = here.node("c1", &[]);
+    let text = crowd("c1", 1);
+    let mission = here.dca(&["deploy", "--no-record", &cluster.file("few.dca", &text)]);
+    mission.wait_for(Stream::Err, "1 program on 1 host", SOON);
+    assert_eq!(here.ask(&["stop", "few"]).code, Some(0));
+    drop(mission.ended(SOON));
+    first.signal(Signal::TERM);
+    drop(first.ended(SOON));
+    let (run, state) = (here.run_dir().join("c1"), here.state().join("c1"));
+    std::fs::create_dir_all(run.join("few.1/0")).expect("it is the test's own");
+    let pipes =
+        ["inputs", "inputs.new", "lock", "proof", "team", "few.1/0/processes", "few.1/0/exit", "few.1/0/out.log"];
+    let paths = pipes.iter().map(|pipe| run.join(pipe)).chain([state.join("journal"), state.join("journal.new")]);
+    for path in paths {
+        drop(std::fs::remove_file(&path));
+        mknodat(CWD, &path, FileType::Fifo, 0o600.into(), 0).unwrap_or_else(|error| panic!("{path:?}: {error}"));
+    }
+    std::fs::remove_file(run.join("lock")).expect("a lock that is a pipe is refused, with words: see below");
+    let second = here.node("c1", &[]);
+    second.wait_for(Stream::Err, "the journal is damaged and was put aside", SOON);
+    let again = here.dca(&["deploy", "--no-record", &cluster.file("few.dca", &text)]);
+    again.wait_for(Stream::Err, "1 program on 1 host", SOON);
+    let status = here.ask(&["status"]);
+    assert!(!status.out.contains("few@1 ") && !status.out.contains("few@2 "), "no epoch is given twice: {status}");
+    // A record that somebody has written over ends nothing either: its shim is there.
+    wait_until(SOON, || here.pids().len() == 1).expect("it runs");
+    let before = here.pids();
+    second.kill();
+    drop(second.ended(SOON));
+    let folder = std::fs::read_dir(&run).expect("it is the test's own").flatten().map(|entry| entry.path());
+    let folder = folder.filter(|path| path.join("0/processes").is_file()).last().expect("the program has a record");
+    std::fs::write(folder.join("0/processes"), [0xff, 0, b'x']).expect("it is the test's own");
+    let third = here.node("c1", &[]);
+    wait_until(SOON, || here.pids() == before).unwrap_or_else(|| panic!("{before:?}, then {:?}", here.pids()));
+    assert!(again.is_running());
+    assert_eq!(here.ask(&["stop", "few"]).code, Some(0));
+    drop(again.ended(SOON));
+    third.signal(Signal::TERM);
+    cluster.expect_nothing_left(SOON);
+}
+
+/// A node that could not live within its limits says so, and does not begin.
+#[test]
+fn a_node_refuses_limits_that_it_could_not_live_with() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let start = |limit: &str| {
+        let limited = format!("ulimit {limit}; exec \"$@\"");
+        let mut command = Command::new("sh");
+        command.args(["-c", &limited, "sh"]).arg(executable("dca-node")).args(["--name", "c1", "--run-dir"]);
+        command.arg(here.run_dir()).arg("--state").arg(here.state()).current_dir(cluster.folder());
+        command.stdout(Stdio::null()).stderr(Stdio::piped());
+        command
+    };
+    for (limit, said) in [
+        ("-n 24", "a node needs 64 open files at once, and this one may have 24: raise the limit"),
+        ("-v 400000", "a node reserves 1024 MB of addresses, and this one may have 390 MB: raise the limit"),
+    ] {
+        let output = start(limit).output().expect("there is a shell");
+        let err = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(1) && err.contains(said), "{limit}: {:?} {err}", output.status);
+    }
+    // Files that may not grow are a disk that is full.
+    drop(here.node("c1", &[]));
+    let mut node = start("-f 8").spawn().expect("there is a shell");
+    wait_until(SOON, || here.ask(&["nodes"]).code == Some(0)).expect("it starts");
+    let mission = here.dca(&["deploy", "--no-record", &cluster.file("few.dca", &crowd("c1", 100))]).ended(SOON);
+    assert!(node.try_wait().expect("it is a child").is_none(), "no signal ends it: {mission}");
+    node.kill().expect("it has not been waited for");
+    node.wait().expect("it was started here");
 }
 
 /// Case 33: a way between two hosts is cut, in one direction or in both, while a third one reaches both. Nobody is lost, programs go

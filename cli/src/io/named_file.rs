@@ -3,27 +3,13 @@
 //! A name in a folder may belong to anything. A named pipe holds whoever opens it until somebody writes, a device may have
 //! no end, and a regular file may be larger than the memory.
 
-use rustix::fs::{FileType, Mode, OFlags, fstat, open, stat};
-use rustix::io::Errno;
-use std::fs::File;
-use std::io::{self, ErrorKind, Read};
+use comms::io::file::bounded;
+pub use comms::io::file::bytes;
+use std::io::{self, ErrorKind};
 use std::path::Path;
 
 /// The longest spec, script or import, in bytes: as much as the compiler takes of one text.
 pub const TEXT_MAX: usize = language::SOURCE_MAX;
-
-/// Returns the bytes of a regular file that has at most `bytes_max` of them.
-///
-/// # Errors
-/// The file cannot be opened or read, is no regular file, or is longer.
-pub fn bytes(path: &Path, bytes_max: usize) -> io::Result<Vec<u8>> {
-    // To open a device may already do something to it.
-    require_regular(FileType::from_raw_mode(stat(path)?.st_mode))?;
-    // Without blocking: the name may belong to something else by now.
-    let file = open(path, OFlags::RDONLY | OFlags::NONBLOCK | OFlags::NOCTTY | OFlags::CLOEXEC, Mode::empty())?;
-    require_regular(FileType::from_raw_mode(fstat(&file)?.st_mode))?;
-    bounded(File::from(file), bytes_max)
-}
 
 /// Returns the text of a regular file that has at most `bytes_max` bytes.
 ///
@@ -41,27 +27,6 @@ pub fn standard_input(bytes_max: usize) -> io::Result<String> {
     utf8(bounded(io::stdin().lock(), bytes_max)?)
 }
 
-fn require_regular(kind: FileType) -> io::Result<()> {
-    let what = match kind {
-        FileType::RegularFile => return Ok(()),
-        FileType::Directory => return Err(Errno::ISDIR.into()),
-        FileType::Fifo => "a pipe",
-        FileType::Socket => "a socket",
-        FileType::CharacterDevice | FileType::BlockDevice => "a device",
-        FileType::Symlink | FileType::Unknown => "something else",
-    };
-    Err(io::Error::new(ErrorKind::InvalidInput, format!("it is {what}; only regular files are read")))
-}
-
-fn bounded(from: impl Read, bytes_max: usize) -> io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    from.take(bytes_max as u64 + 1).read_to_end(&mut bytes)?;
-    if bytes.len() > bytes_max {
-        return Err(io::Error::new(ErrorKind::FileTooLarge, format!("it is longer than {} MiB", bytes_max >> 20)));
-    }
-    Ok(bytes)
-}
-
 fn utf8(bytes: Vec<u8>) -> io::Result<String> {
     String::from_utf8(bytes).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
@@ -72,8 +37,8 @@ fn utf8(bytes: Vec<u8>) -> io::Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rustix::fs::{CWD, mknodat};
-    use std::fs;
+    use rustix::fs::{CWD, FileType, Mode, mknodat};
+    use std::fs::{self, File};
     use std::os::unix::net::UnixListener;
     use std::path::PathBuf;
 

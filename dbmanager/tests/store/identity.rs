@@ -58,6 +58,26 @@ fn witness_missing_db_present() {
     });
 }
 
+/// It is no witness, so nobody vouches for the store; the next one takes its place.
+#[test]
+fn a_witness_that_is_none() {
+    on_each_engine(|| {
+        for is_pipe in [false, true] {
+            let folder = Folder::quick();
+            live(&folder.store());
+            if is_pipe {
+                fs::remove_file(witness(&folder)).unwrap();
+                rustix::fs::mknodat(rustix::fs::CWD, witness(&folder), rustix::fs::FileType::Fifo, 0o600.into(), 0)
+                    .unwrap();
+            } else {
+                fs::write(witness(&folder), [b'a', 0xff, 0, b'\n']).unwrap();
+            }
+            assert_eq!(live(&folder.store()), Trust::Doubtful(Doubt::Damaged));
+            assert_eq!(live(&folder.store()), Trust::Kept);
+        }
+    });
+}
+
 #[test]
 fn a_backup_that_was_restored() {
     on_each_engine(|| {

@@ -3,6 +3,7 @@
 //! So the program never runs without them, not even for an instant, and the shim itself has none. What the kernel refuses is
 //! left in the instance directory as one sentence, which the shim reports.
 
+use comms::io::file;
 use comms::logic::human::cause;
 use rustix::process::{Resource, Rlimit, setpriority_process, setrlimit};
 use shim::protocol::{LAUNCH, Limits, REFUSED_FILE, ShimStart};
@@ -28,10 +29,13 @@ pub(crate) fn command(start: &ShimStart) -> io::Result<(OsString, Vec<OsString>)
     Ok((std::env::current_exe()?.into_os_string(), arguments))
 }
 
+/// The longest reason, in bytes.
+const REASON_MAX: usize = 64 << 10;
+
 /// Becomes the program; returns only if that is refused.
 pub(crate) fn launch(start: &ShimStart) -> ExitCode {
     let reason = limit(start).map_or_else(|reason| reason, |command| execute(&command));
-    if let Err(error) = std::fs::write(start.dir.join(REFUSED_FILE), reason) {
+    if let Err(error) = file::write(&start.dir.join(REFUSED_FILE), reason.as_bytes()) {
         super::complain(&format!("dca-shim: cannot write why the program was refused: {error}"));
     }
     ExitCode::from(REFUSED)
@@ -39,7 +43,10 @@ pub(crate) fn launch(start: &ShimStart) -> ExitCode {
 
 /// Why a program that ended with this exit code was not even started, if so.
 pub(crate) fn refusal(dir: &Path, code: i32) -> Option<String> {
-    if code != i32::from(REFUSED) { None } else { std::fs::read_to_string(dir.join(REFUSED_FILE)).ok() }
+    if code != i32::from(REFUSED) {
+        return None;
+    }
+    String::from_utf8(file::bytes(&dir.join(REFUSED_FILE), REASON_MAX).ok()?).ok()
 }
 
 /// Tries, before a program waits at its gate, whether the kernel lets it have its limits, with one that does nothing in its place.

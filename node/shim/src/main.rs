@@ -38,12 +38,14 @@ use rustix::process::{Pid, PidfdFlags, Signal, WaitOptions, WaitStatus, pidfd_op
 use shim::process_record::RECORD_FILE;
 use shim::processes;
 use shim::protocol::{
-    EXIT_FILE, EndReason, Gate, LAUNCH, LimitKind, Limits, ProgramEnd, SOCKET_FILE, ShimOrder, ShimReport, ShimStart,
+    EXIT_FILE, EndReason, Gate, LAUNCH, LimitKind, Limits, OUTPUT_FILE, ProgramEnd, SOCKET_FILE, ShimOrder, ShimReport,
+    ShimStart,
 };
 use std::io::{self, Write};
 use std::os::fd::OwnedFd;
 use std::os::unix::process::CommandExt;
 use std::process::{Command, ExitCode, Stdio};
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::Duration;
 
@@ -126,6 +128,8 @@ fn main() -> ExitCode {
 
 /// Runs the program from the gate to the last report.
 fn supervise(start: &ShimStart) -> io::Result<()> {
+    // A file that is too long is an error of whoever writes it, not the end of the shim. The program has its own say again.
+    signal_hook::flag::register(SIGXFSZ, Arc::default())?;
     rustix::process::set_child_subreaper(Some(rustix::process::getpid()))?;
     let agent = Agent::new(&start.dir);
     // Here the files of the instance may be another shim's already.
@@ -134,7 +138,7 @@ fn supervise(start: &ShimStart) -> io::Result<()> {
         return Ok(());
     }
     let (events_tx, events) = sync_channel(64);
-    let (record, group) = match prepare(start, &agent, events_tx.clone()) {
+    let (record, group, output) = match prepare(start, &agent, events_tx.clone()) {
         Ok(prepared) => prepared,
         Err(reason) => {
             conclude(&start.dir, &agent, &ShimReport::ExecFailed { reason });
@@ -150,7 +154,6 @@ fn supervise(start: &ShimStart) -> io::Result<()> {
         agent.leave();
         return Ok(());
     }
-    let output = Output::open(&start.dir)?;
     let beats = Beats::open(start)?;
     if start.descriptors.is_some() {
         descriptors::set(start.descriptors);
@@ -178,7 +181,7 @@ fn supervise(start: &ShimStart) -> io::Result<()> {
 }
 
 /// Makes the instance directory this shim's, makes the program's control group, and lets agents attach; says why not.
-fn prepare(start: &ShimStart, agent: &Agent, events: SyncSender<Event>) -> Result<(Record, Group), String> {
+fn prepare(start: &ShimStart, agent: &Agent, events: SyncSender<Event>) -> Result<(Record, Group, Output), String> {
     let failed = |action: &str, name: &str, error: &io::Error| {
         format!("cannot {action} `{}`: {}", start.dir.join(name).display(), cause(error))
     };
@@ -192,12 +195,13 @@ fn prepare(start: &ShimStart, agent: &Agent, events: SyncSender<Event>) -> Resul
     if start.gate == Gate::Exec {
         launch::try_limits(&group.start(start))?;
     }
+    let output = Output::open(&start.dir).map_err(|error| failed("open", OUTPUT_FILE, &error))?;
     let record = Record::begin(start).map_err(|error| failed("write", RECORD_FILE, &error))?;
     agent.listen(events).map_err(|error| {
         record.remove();
         failed("open", SOCKET_FILE, &error)
     })?;
-    Ok((record, group))
+    Ok((record, group, output))
 }
 
 /// Waits at the gate, if there is one; says whether it was opened.

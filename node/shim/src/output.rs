@@ -3,11 +3,12 @@
 //! The program must never wait for a disk: one thread empties the pipe as fast as the program fills it, another writes.
 //! What finds the queue full is dropped, counted, and the count is written where the output is missing.
 
+use comms::io::file;
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::pipe::{PipeFlags, pipe_with};
 use shim::protocol::{OUTPUT_FILE, OUTPUT_FILE_OLD, OUTPUT_SIZE_MAX};
 use std::collections::VecDeque;
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::{self, Read, Write};
 use std::os::fd::{AsFd, OwnedFd};
 use std::path::{Path, PathBuf};
@@ -154,7 +155,7 @@ struct LogFile {
 
 impl LogFile {
     fn open(dir: &Path) -> io::Result<Self> {
-        let file = OpenOptions::new().create(true).append(true).open(dir.join(OUTPUT_FILE))?;
+        let file = file::appended(&dir.join(OUTPUT_FILE))?;
         let size = file.metadata()?.len();
         Ok(Self { dir: dir.to_owned(), file, size })
     }
@@ -172,7 +173,7 @@ impl LogFile {
     fn rotate(&mut self) -> io::Result<()> {
         let path = self.dir.join(OUTPUT_FILE);
         std::fs::rename(&path, self.dir.join(OUTPUT_FILE_OLD))?;
-        self.file = OpenOptions::new().create(true).append(true).open(path)?;
+        self.file = file::appended(&path)?;
         self.size = 0;
         Ok(())
     }

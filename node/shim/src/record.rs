@@ -2,11 +2,12 @@
 
 use super::complain;
 use crate::agent::Agent;
+use comms::io::file::{self, Privacy};
 use rustix::process::Pid;
 use shim::process_record::{ProcessRecord, RECORD_FILE};
 use shim::processes;
 use shim::protocol::{AGENT_LOSS_GRACE, EXIT_FILE, ShimReport, ShimStart};
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -25,14 +26,14 @@ impl Record {
             shim: processes::this(),
             program: None,
         };
-        std::fs::write(&path, record.head())?;
+        file::write(&path, record.head().as_bytes())?;
         Ok(Self { path })
     }
 
     pub(super) fn add(&self, program: Pid) {
         let Some(stat) = processes::stat(program.as_raw_nonzero().get()) else { return };
         let line = ProcessRecord::program_line(stat.process);
-        let file = OpenOptions::new().append(true).open(&self.path);
+        let file = file::appended(&self.path);
         // Without it the marks in its environment are left.
         if let Err(error) = file.and_then(|mut file| file.write_all(line.as_bytes())) {
             complain(&format!("dca-shim: cannot write `{}`: {error}", self.path.display()));
@@ -54,7 +55,7 @@ pub(super) fn conclude(dir: &Path, agent: &Agent, end: &ShimReport) {
 
 fn write_end(dir: &Path, end: &ShimReport) -> io::Result<()> {
     let unfinished = dir.join("exit.new");
-    let mut file = File::create(&unfinished)?;
+    let mut file = file::created(&unfinished, Privacy::Usual)?;
     writeln!(file, "{end}")?;
     file.sync_all()?;
     std::fs::rename(&unfinished, dir.join(EXIT_FILE))?;

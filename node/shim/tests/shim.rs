@@ -146,6 +146,34 @@ fn is_running(pid: &str) -> bool {
     Path::new("/proc").join(pid.trim()).exists()
 }
 
+/// A pipe where the output goes would hold the shim until somebody reads: it refuses, before anything runs.
+#[test]
+fn a_pipe_in_place_of_the_output_is_refused() {
+    for gate in [Gate::None, Gate::Exec] {
+        let shim = Shim::start_with(|start| {
+            let (pipe, fifo) = (start.dir.join(OUTPUT_FILE), rustix::fs::FileType::Fifo);
+            rustix::fs::mknodat(rustix::fs::CWD, &pipe, fifo, 0o600.into(), 0).unwrap();
+            (start.gate, start.command) = (gate, vec!["true".into()]);
+        });
+        let reason = format!(
+            "cannot open `{}`: it is a pipe; only regular files are written",
+            shim.dir.join(OUTPUT_FILE).display()
+        );
+        shim.expect(&[ShimReport::ExecFailed { reason }, ShimReport::Gone]);
+    }
+}
+
+/// The shim and what it writes have the limit of its node; the program is told of its own by a signal, as ever.
+#[test]
+fn a_limit_of_file_sizes_ends_no_shim() {
+    let text = "yes | head -c 400000; echo 1; exec head -c 400000 /dev/zero > big";
+    let limited = ["sh", "-c", "ulimit -f 100; exec \"$@\"", "sh"];
+    let shim = Shim::start_below(&limited, |start| start.command = ["sh", "-c", text].map(str::to_owned).to_vec());
+    let (started, end) = (ShimReport::Started { pid: 0 }, ShimReport::Signalled { signal: 25 });
+    let over = shim.expect(&[started, end, ShimReport::Gone]);
+    assert!(std::fs::metadata(over.dir.join(OUTPUT_FILE)).unwrap().len() <= 100 << 10);
+}
+
 #[test]
 fn exit_code_is_reported_and_recorded() {
     let over = Shim::shell("echo out; echo err >&2; pwd; exit 7").expect(&[STARTED, exited(7), ShimReport::Gone]);

@@ -6,6 +6,7 @@
 //! control groups is used (`cgroup.kill`: Linux 5.14). Source: Documentation/admin-guide/cgroup-v2.rst.
 
 use crate::logic::protocol::Containment;
+use comms::io::file;
 use shim::process_record::Process;
 use shim::processes;
 use std::io;
@@ -17,6 +18,9 @@ const GROUP_FILE: &str = "cgroup";
 /// How the name of a group begins; the number and the start time of its process follow.
 const PREFIX: &str = "dca-";
 
+/// The longest name of a group, in bytes.
+const NAME_MAX: usize = 4096;
+
 /// The group of this process, once it has one.
 static OWN: Mutex<Option<PathBuf>> = Mutex::new(None);
 
@@ -27,7 +31,7 @@ pub fn enter(folder: &Path) {
     if own.is_none() {
         *own = make();
     }
-    let written = own.as_ref().map(|group| std::fs::write(folder.join(GROUP_FILE), group.to_string_lossy().as_bytes()));
+    let written = own.as_ref().map(|group| file::write(&folder.join(GROUP_FILE), group.to_string_lossy().as_bytes()));
     if let Some(Err(error)) = written {
         tracing::warn!(%error, "the name of the control group is not kept");
     }
@@ -73,7 +77,8 @@ pub fn leave() {
 
 /// Returns the group that the earlier run in `folder` was in; none if there is none, or if that process is alive.
 pub fn recorded(folder: &Path) -> Option<PathBuf> {
-    let group = PathBuf::from(std::fs::read_to_string(folder.join(GROUP_FILE)).ok()?);
+    let name = file::bytes(&folder.join(GROUP_FILE), NAME_MAX).ok()?;
+    let group = PathBuf::from(String::from_utf8(name).ok()?);
     let process = process_of(&group)?;
     // One that holds this process, too, cannot be killed as a whole: a program of the earlier run has started it.
     let holds_this = place().is_none_or(|place| place.starts_with(&group));

@@ -10,7 +10,7 @@ pub mod leftovers;
 pub mod reach;
 
 use crate::logic::output_lines::last_lines;
-use comms::io::clock;
+use comms::io::{clock, file};
 use language::plan::Usage;
 use rustix::net::sockopt::{Timeout, set_socket_timeout};
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, connect, socket_with};
@@ -32,6 +32,8 @@ use tokio::sync::mpsc::{Receiver, Sender};
 const LAST_OUTPUT_MAX: u64 = 32 << 10;
 /// How long a shim may take for each step of an attachment: one that is suspended takes none.
 const ATTACH_WITHIN: Duration = Duration::from_secs(3);
+/// The longest record of an instance, in bytes.
+const RECORD_MAX: usize = 1 << 20;
 /// The longest reply to an attachment, its end included, in bytes.
 const REPLY_MAX: usize = 64;
 /// How long [`OUTPUT_FILE`] was when the program started, in bytes: a number in the instance directory, for a later node.
@@ -89,7 +91,7 @@ pub fn start(shim: &Path, start: &ShimStart) -> io::Result<(ShimOrders, ShimRepo
         remove_stale(&start.dir.join(stale))?;
     }
     // Without it old lines stand before those of this program, and only after such a death.
-    if let Err(error) = std::fs::write(start.dir.join(OUTPUT_BEGIN_FILE), written_before.to_string()) {
+    if let Err(error) = file::write(&start.dir.join(OUTPUT_BEGIN_FILE), written_before.to_string().as_bytes()) {
         tracing::debug!(%error, "where the output of a program begins is not kept");
     }
     let mut child = Command::new(shim)
@@ -159,7 +161,7 @@ fn read_reply(stream: &mut UnixStream) -> io::Result<AttachReply> {
 /// Returns how the program in `dir` ended, as its shim has recorded it; none if it did not end, was never started, or its
 /// shim was killed. The record is of the program that was started last.
 pub fn ended(dir: &Path) -> Option<ShimReport> {
-    let record = std::fs::read_to_string(dir.join(EXIT_FILE)).ok()?;
+    let record = text(&dir.join(EXIT_FILE))?;
     ShimReport::parse(record.strip_suffix('\n')?)
 }
 
@@ -193,8 +195,13 @@ pub fn ended_output(dir: &Path) -> Vec<String> {
 
 /// Returns how long the file of output was when the program started; 0 where that is not known.
 fn output_begin(dir: &Path) -> u64 {
-    let begin = std::fs::read_to_string(dir.join(OUTPUT_BEGIN_FILE)).ok();
+    let begin = text(&dir.join(OUTPUT_BEGIN_FILE));
     begin.and_then(|length| length.parse().ok()).unwrap_or(0)
+}
+
+/// Returns the text of a small file in an instance directory; none if there is no such file.
+fn text(path: &Path) -> Option<String> {
+    String::from_utf8(file::bytes(path, RECORD_MAX).ok()?).ok()
 }
 
 fn remove_stale(path: &Path) -> io::Result<()> {
@@ -319,7 +326,7 @@ fn last_output(dir: &Path, before: u64) -> Vec<String> {
 /// Returns the end of a file, from `before` on, and whether something in between was left out.
 fn end_of(path: &Path, before: u64) -> io::Result<(Vec<u8>, bool)> {
     use std::io::{Seek, SeekFrom};
-    let mut file = std::fs::File::open(path)?;
+    let mut file = file::opened(path)?;
     let begin = file.metadata()?.len().saturating_sub(LAST_OUTPUT_MAX).max(before);
     file.seek(SeekFrom::Start(begin))?;
     let mut end = Vec::new();

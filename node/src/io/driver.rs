@@ -38,6 +38,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use team::member::Member;
+use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::mpsc::{self, Receiver, Sender};
 use tokio::sync::watch;
 use tokio::task::JoinSet;
@@ -46,6 +47,9 @@ use tokio::task::JoinSet;
 const EVENTS_MAX: usize = 4096;
 /// How long the disk has to take the ends of deployments when the node leaves.
 const SETTLE_WITHIN: Duration = Duration::from_secs(1);
+/// Source: signal(7), Linux on x86 and ARM.
+const SIGXFSZ: i32 = 25;
+
 /// How a node is started.
 #[derive(Clone, Debug)]
 pub struct Config {
@@ -117,6 +121,8 @@ struct Driver {
 /// # Errors
 /// The folder, the session or a controllers' program cannot be used.
 pub async fn run(config: Config, mut leave: watch::Receiver<bool>, ready: watch::Sender<bool>) -> anyhow::Result<()> {
+    // A file that is too long for the limits of this process is an error of whoever writes it, as a full disk is, not its end.
+    let _too_long = signal(SignalKind::from_raw(SIGXFSZ)).context("asking for a signal")?;
     let (events, mut arriving) = mpsc::channel(EVENTS_MAX);
     let mut driver = Driver::open(config, events).await?;
     ready::announce(&driver.peers, &driver.config.reach, ready, &mut driver.tasks);

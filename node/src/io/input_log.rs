@@ -16,12 +16,12 @@
 use crate::logic::agent::Input;
 use crate::logic::node_state::NodeState;
 use anyhow::{Context, bail};
+use comms::io::file::{self, Privacy};
 use comms::logic::time::Time;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File};
 use std::io::{self, Write};
-use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -29,6 +29,8 @@ use std::time::Duration;
 const FORM: u32 = 10;
 /// From which size on a checkpoint takes the place of the log, in bytes; or when it is twice as long as with its last checkpoint.
 const SIZE_MAX: u64 = 8 << 20;
+/// The longest log that is read, in bytes.
+const READ_MAX: usize = 1 << 30;
 /// How long after the disk has refused it is tried again, at the first input then.
 const TRY_AGAIN_AFTER: Duration = Duration::from_secs(10);
 /// The name of the file, in the folder of the node.
@@ -72,7 +74,7 @@ impl InputLog {
     /// # Errors
     /// The log cannot be read, or is of another form: for a person.
     pub fn replay(&self) -> anyhow::Result<Option<NodeState>> {
-        let bytes = match fs::read(&self.path) {
+        let bytes = match file::bytes(&self.path, READ_MAX) {
             Ok(bytes) => bytes,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             Err(error) => return Err(error).with_context(|| format!("reading `{}`", self.path.display())),
@@ -143,7 +145,7 @@ impl InputLog {
 
     fn try_begin(&self, state: &NodeState) -> io::Result<(File, u64)> {
         let unfinished = self.unfinished();
-        let mut file = OpenOptions::new().create(true).write(true).truncate(true).mode(0o600).open(&unfinished)?;
+        let mut file = file::created(&unfinished, Privacy::Own)?;
         let head = record(&self.head)?;
         let state = record(state)?;
         file.write_all(&head)?;
@@ -213,6 +215,7 @@ mod tests {
     use crate::logic::programs::Programs;
     use crate::logic::protocol::Request;
     use language::{Options, Source, compile};
+    use std::fs::OpenOptions;
 
     fn state() -> NodeState {
         let (host, machine) = ("c1".to_owned(), "here".to_owned());

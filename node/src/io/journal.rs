@@ -1,8 +1,10 @@
 //! The journal: the epochs that this node has given out. Each is durable before the first process of its deployment runs.
 //!
 //! One line each: `EPOCH NAME`, then `hosts EPOCH HOST …`, and `over EPOCH` once every host has confirmed its end: what is not
-//! over when a node starts is asked for. A torn last line (power cut) is ignored; the epoch after it is still higher than every
-//! one that ran, because a deployment runs only after its line is on the disk. Writing blocks for as long as the disk takes,
+//! over when a node starts is asked for. Behind a tab each has its checksum. A torn last line (power cut) is ignored, but its number
+//! is not given again: who knows whether it was torn, or damaged later. A file with any other damage is put aside
+//! (`journal.aside-1`), and a new one begins with an epoch that no journal has reached: the seconds since 1970, if they are more
+//! than what can be read. Writing blocks for as long as the disk takes,
 //! so the driver does it beside its loop, while programs start.
 //!
 //! After a failure nobody knows what of the file is on the disk: a sync that has failed once may succeed the next time
@@ -11,13 +13,17 @@
 
 use crate::logic::absence::ENDS_MAX;
 use crate::logic::protocol::Deployment;
+use comms::io::clock::unix_time;
+use comms::io::file::{self, Privacy};
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::{File, Metadata, OpenOptions};
+use std::fs::{File, Metadata};
 use std::io::{self, Write};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
+/// The longest journal that is read, in bytes.
+const SIZE_MAX: usize = 256 << 20;
 /// How many deployments that are not over it carries on.
 const OPEN_MAX: usize = 4 * ENDS_MAX;
 
@@ -35,19 +41,46 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// Reads a journal, which need not be there.
+    /// Reads a journal, which need not be there. One that is damaged is put aside, and said so.
     ///
     /// # Errors
     /// The file is there and cannot be read.
     pub fn open(path: &Path) -> io::Result<Self> {
-        let text = match std::fs::read(path) {
-            Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => String::new(),
+        let found = match file::bytes(path, SIZE_MAX) {
+            Ok(bytes) => Found::in_bytes(&bytes),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Found::default(),
+            Err(error) if matches!(error.kind(), io::ErrorKind::InvalidInput | io::ErrorKind::FileTooLarge) => {
+                Found { damage: Some(error.to_string()), ..Found::default() }
+            }
             Err(error) => return Err(error),
         };
-        let epochs = text.lines().filter_map(|line| line.split_once(' ')?.0.parse::<u64>().ok());
-        let epoch = epochs.max().unwrap_or(0);
-        Ok(Self { path: path.to_owned(), file: None, epoch, open: open(&text), early: BTreeSet::new() })
+        let Found { epoch, open, damage } = found;
+        let mut journal = Self { path: path.to_owned(), file: None, epoch, open, early: BTreeSet::new() };
+        if let Some(damage) = damage {
+            journal.epoch = epoch.max(unix_time().as_secs());
+            journal.put_aside(&damage);
+        }
+        Ok(journal)
+    }
+
+    /// Puts a damaged file aside, and begins a new one at once: a node that is started anew must not find none.
+    fn put_aside(&mut self, damage: &str) {
+        let mut asides = (1..).map(|number| self.path.with_extension(format!("aside-{number}")));
+        let aside = asides.find(|aside| std::fs::symlink_metadata(aside).is_err()).unwrap_or_default();
+        match std::fs::rename(&self.path, &aside).and_then(|()| self.renew()) {
+            Ok(file) => {
+                self.file = Some(file);
+                tracing::error!(
+                    journal = %self.path.display(), aside = %aside.display(), %damage, epoch = self.epoch,
+                    "the journal is damaged and was put aside: epochs go on above this one; hosts that have not confirmed the end of an \
+                     earlier deployment are asked no more, `dca status` on them says what they still run"
+                );
+            }
+            Err(error) => tracing::error!(
+                journal = %self.path.display(), %damage, %error,
+                "the journal is damaged and cannot be put aside: nothing is deployed from here before it is"
+            ),
+        }
     }
 
     /// Returns the deployments that are not over, with their hosts: of many the latest.
@@ -87,7 +120,7 @@ impl Journal {
             self.early.insert(epoch);
             return Ok(());
         }
-        self.open.remove(&epoch).map_or(Ok(()), |_open| self.append(&format!("over {epoch}\n")))
+        self.open.remove(&epoch).map_or(Ok(()), |_open| self.append(&line(&format!("over {epoch}"))))
     }
 
     fn append(&mut self, line: &str) -> io::Result<()> {
@@ -111,10 +144,8 @@ impl Journal {
     /// Makes a new file with the highest epoch in it, durable and in the place of the old one.
     fn renew(&self) -> io::Result<File> {
         let unfinished = self.path.with_extension("new");
-        let mut file = OpenOptions::new().create(true).write(true).truncate(true).open(&unfinished)?;
-        if self.epoch > 0 {
-            writeln!(file, "{} before", self.epoch)?;
-        }
+        let mut file = file::created(&unfinished, Privacy::Own)?;
+        file.write_all(line(&format!("{} before", self.epoch)).as_bytes())?;
         for (deployment, hosts) in self.open.values() {
             file.write_all(begun(deployment, hosts).as_bytes())?;
         }
@@ -146,17 +177,59 @@ fn begun(deployment: &Deployment, hosts: &[String]) -> String {
     let name = name.replace(char::is_control, "_");
     let hosts: Vec<&str> =
         hosts.iter().map(String::as_str).filter(|host| !host.contains(char::is_whitespace)).collect();
-    if hosts.is_empty() {
-        format!("{epoch} {name}\n")
-    } else {
-        format!("{epoch} {name}\nhosts {epoch} {}\n", hosts.join(" "))
+    let begin = line(&format!("{epoch} {name}"));
+    if hosts.is_empty() { begin } else { begin + &line(&format!("hosts {epoch} {}", hosts.join(" "))) }
+}
+
+/// Returns a line with its checksum.
+fn line(body: &str) -> String {
+    format!("{body}\t{:08x}\n", crc32fast::hash(body.as_bytes()))
+}
+
+/// Returns a line without its checksum; nothing if it is not as it was written. In a file of before no line has one.
+fn body(line: &str, is_old: bool) -> Option<&str> {
+    let body = match line.split_once('\t') {
+        Some((body, sum)) => {
+            Some(body).filter(|_| u32::from_str_radix(sum, 16) == Ok(crc32fast::hash(body.as_bytes())))?
+        }
+        None => Some(line).filter(|_| is_old)?,
+    };
+    let (word, rest) = body.split_once(' ')?;
+    let number = match word {
+        "hosts" | "over" => rest.split(' ').next()?,
+        _ => word,
+    };
+    number.parse::<u64>().is_ok().then_some(body)
+}
+
+/// What can be read of a journal.
+#[derive(Debug, Default)]
+struct Found {
+    /// The highest epoch in it.
+    epoch: u64,
+    open: BTreeMap<u64, (Deployment, Vec<String>)>,
+    damage: Option<String>,
+}
+
+impl Found {
+    fn in_bytes(bytes: &[u8]) -> Self {
+        let text = String::from_utf8_lossy(bytes);
+        let (whole, torn) = text.rsplit_once('\n').map_or(("", &*text), |(whole, torn)| (whole, torn));
+        let is_old = !whole.contains('\t');
+        let lines: Vec<Option<&str>> = whole.lines().map(|line| body(line, is_old)).collect();
+        let damage = lines.iter().position(Option::is_none).map(|line| format!("its line {} cannot be read", line + 1));
+        let is_empty = whole.is_empty().then(|| "nothing is in it".to_owned());
+        let bodies: Vec<&str> = lines.into_iter().flatten().collect();
+        let epochs = bodies.iter().filter_map(|line| line.split_once(' ')?.0.parse::<u64>().ok());
+        let epoch = epochs.max().unwrap_or(0).saturating_add(u64::from(!torn.is_empty()));
+        Self { epoch, open: open(&bodies), damage: damage.or(is_empty) }
     }
 }
 
 /// Returns the deployments of a journal that are not over. Those of before have no hosts, and are not asked for.
-fn open(text: &str) -> BTreeMap<u64, (Deployment, Vec<String>)> {
+fn open(lines: &[&str]) -> BTreeMap<u64, (Deployment, Vec<String>)> {
     let (mut names, mut open) = (BTreeMap::new(), BTreeMap::new());
-    for (word, rest) in text.lines().filter_map(|line| line.split_once(' ')) {
+    for (word, rest) in lines.iter().filter_map(|line| line.split_once(' ')) {
         let (number, more) = rest.split_once(' ').unwrap_or((rest, ""));
         match (word, word.parse::<u64>(), number.parse::<u64>()) {
             ("hosts", _, Ok(epoch)) => {
@@ -180,6 +253,52 @@ mod tests {
         Deployment { name: "ok".to_owned(), epoch }
     }
 
+    /// Returns the lines of a journal, without their checksums.
+    fn lines(path: &Path) -> Vec<String> {
+        let text = std::fs::read_to_string(path).unwrap();
+        text.lines().map(|line| body(line, false).unwrap().to_owned()).collect()
+    }
+
+    #[test]
+    fn a_damaged_journal_is_put_aside_and_no_epoch_is_given_twice() {
+        let folder = std::env::temp_dir().join(format!("dca-journal-damage-{}", std::process::id()));
+        let path = folder.join("journal");
+        std::fs::create_dir_all(&folder).unwrap();
+        let mut journal = Journal::open(&path).unwrap();
+        (1..=9).for_each(|epoch| journal.commit(&deployment(epoch), &["c1".to_owned()]).unwrap());
+        let whole = std::fs::read(&path).unwrap();
+        let aside = |number: u32| folder.join(format!("journal.aside-{number}"));
+        let mut asides = 0;
+        // Each byte in turn is another one; cut off, the file is empty at last.
+        for at in 0..=whole.len() {
+            let mut bytes = whole.clone();
+            match bytes.get_mut(at) {
+                Some(byte) => *byte ^= 0x15,
+                None => bytes.clear(),
+            }
+            std::fs::write(&path, &bytes).unwrap();
+            let journal = Journal::open(&path).unwrap();
+            assert!(journal.epoch() >= 9, "byte {at}: {}", journal.epoch());
+            if aside(asides + 1).exists() {
+                asides += 1;
+                assert_eq!(std::fs::read(aside(asides)).unwrap(), bytes);
+                let again = Journal::open(&path).unwrap();
+                assert!(
+                    again.epoch() == journal.epoch() && again.epoch() > 1_000_000_000,
+                    "it is written down at once"
+                );
+                assert!(!aside(asides + 1).exists(), "the new one is whole");
+            }
+        }
+        // The last line end alone may be a power cut's.
+        assert_eq!(asides as usize, whole.len());
+        rustix::fs::mknodat(rustix::fs::CWD, &path, rustix::fs::FileType::Fifo, 0o600.into(), 0).unwrap_err();
+        std::fs::remove_file(&path).unwrap();
+        rustix::fs::mknodat(rustix::fs::CWD, &path, rustix::fs::FileType::Fifo, 0o600.into(), 0).unwrap();
+        assert!(Journal::open(&path).unwrap().epoch() > 1_000_000_000, "a pipe is not waited for");
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
     #[test]
     fn a_journal_that_was_removed_is_written_again() {
         let folder = std::env::temp_dir().join(format!("dca-journal-removed-{}", std::process::id()));
@@ -189,11 +308,11 @@ mod tests {
         journal.commit(&deployment(1), &[]).unwrap();
         std::fs::remove_file(&path).unwrap();
         journal.commit(&deployment(2), &[]).unwrap();
-        assert_eq!(std::fs::read_to_string(&path).unwrap(), "1 before\n2 ok\n");
-        std::fs::write(folder.join("other"), "").unwrap();
+        assert_eq!(lines(&path), ["1 before", "2 ok"]);
+        std::fs::write(folder.join("other"), "2 ok\n").unwrap();
         std::fs::rename(folder.join("other"), &path).unwrap();
         journal.commit(&deployment(3), &[]).unwrap();
-        assert_eq!(std::fs::read_to_string(&path).unwrap(), "2 before\n3 ok\n");
+        assert_eq!(lines(&path), ["2 before", "3 ok"]);
         std::fs::remove_dir_all(&folder).unwrap();
         assert!(journal.commit(&deployment(4), &[]).is_err(), "its folder is gone: nothing can be written down");
     }
@@ -206,16 +325,16 @@ mod tests {
         std::fs::create_dir_all(&folder).unwrap();
         std::fs::write(&path, "3 door\n4 ok\n5").unwrap();
         let mut journal = Journal::open(&path).unwrap();
-        assert_eq!(journal.epoch(), 4, "a torn line does not count");
+        assert_eq!(journal.epoch(), 5, "the number of a torn line is not given again");
         std::fs::create_dir_all(folder.join("journal.new/x")).unwrap();
-        assert!(journal.commit(&deployment(5), &[]).is_err());
-        assert_eq!((journal.epoch(), Journal::open(&path).unwrap().epoch()), (4, 4));
+        assert!(journal.commit(&deployment(6), &[]).is_err());
+        assert_eq!((journal.epoch(), Journal::open(&path).unwrap().epoch()), (5, 5));
         std::fs::remove_dir_all(folder.join("journal.new")).unwrap();
-        for epoch in [6, 7] {
+        for epoch in [7, 8] {
             journal.commit(&deployment(epoch), &[]).unwrap();
             assert_eq!(Journal::open(&path).unwrap().epoch(), epoch);
         }
-        assert_eq!(std::fs::read_to_string(&path).unwrap(), "4 before\n6 ok\n7 ok\n");
+        assert_eq!(lines(&path), ["5 before", "7 ok", "8 ok"]);
         std::fs::remove_dir_all(&folder).unwrap();
     }
 
@@ -241,7 +360,7 @@ mod tests {
         journal.settle(9).unwrap();
         let mut journal = Journal::open(&path).unwrap();
         journal.commit(&deployment(4), &[]).unwrap();
-        assert_eq!(std::fs::read_to_string(&path).unwrap(), "3 before\n3 a b\nhosts 3 c1 c3\n4 ok\n");
+        assert_eq!(lines(&path), ["3 before", "3 a b", "hosts 3 c1 c3", "4 ok"]);
         assert_eq!(Journal::open(&path).unwrap().open_ends(), expected[..1]);
         std::fs::remove_dir_all(&folder).unwrap();
     }

@@ -22,10 +22,11 @@ use crate::logic::effect::ProcessId;
 use crate::logic::protocol::Deployment;
 use comms::io::clock::{Wakeup, now};
 use comms::io::entropy;
+use comms::io::file::{self, Privacy};
 use rustix::fs::{FlockOperation, flock};
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File};
 use std::io::{self, Write};
-use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -49,6 +50,8 @@ const SERVICE: &str = "/run/dca";
 
 /// The file that says that somebody is on this machine.
 const PROOF: &str = "proof";
+/// The longest proof, in bytes.
+const PROOF_MAX: usize = 64;
 
 /// The file with what programs show to those of other hosts.
 pub(crate) const PROGRAMS: &str = "programs";
@@ -147,7 +150,8 @@ pub fn running(base: &Path) -> Result<Vec<(String, PathBuf)>, RunDirError> {
 pub fn proof(base: &Path, name: &str) -> Option<String> {
     // A name comes from the network or from a person: it must not lead elsewhere.
     let plain = Path::new(name).components().eq([std::path::Component::Normal(name.as_ref())]);
-    fs::read_to_string(base.join(name).join(PROOF)).ok().filter(|_| plain)
+    let proof = file::bytes(&base.join(name).join(PROOF), PROOF_MAX).ok().filter(|_| plain)?;
+    String::from_utf8(proof).ok()
 }
 
 /// Returns the file with what a node in a team gives its programs to show to those of other hosts; nothing if it is in none.
@@ -203,7 +207,7 @@ fn lock_soon(lock: &File) -> bool {
 }
 
 fn is_locked(lock: &Path) -> bool {
-    File::open(lock).is_ok_and(|file| flock(&file, FlockOperation::NonBlockingLockShared).is_err())
+    file::opened(lock).is_ok_and(|file| flock(&file, FlockOperation::NonBlockingLockShared).is_err())
 }
 
 /// The folder of a running node. Its lock is held for as long as this lives.
@@ -224,8 +228,7 @@ impl RunDir {
         private_folder(base)?;
         private_folder(&path)?;
         let unusable = |cause| RunDirError::Unusable { path: path.clone(), cause };
-        let lock = OpenOptions::new().create(true).truncate(false).write(true).mode(0o600).open(path.join("lock"));
-        let lock = lock.map_err(unusable)?;
+        let lock = file::appended(&path.join("lock")).map_err(unusable)?;
         if !lock_soon(&lock) {
             return Err(RunDirError::Taken { name: name.to_owned() });
         }
@@ -317,9 +320,8 @@ pub fn make_process(path: &Path) -> io::Result<()> {
 
 /// Writes a number that nobody can guess where nobody else can read it.
 fn write_proof(path: &Path) -> io::Result<String> {
-    remove_leftover(path)?;
     let proof = format!("{:032x}", u128::from_le_bytes(entropy::bytes()?));
-    let mut file = OpenOptions::new().create_new(true).write(true).mode(0o600).open(path)?;
+    let mut file = file::created(path, Privacy::Own)?;
     file.write_all(proof.as_bytes())?;
     Ok(proof)
 }

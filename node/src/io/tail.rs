@@ -6,6 +6,7 @@
 use crate::io::caller::Caller;
 use crate::logic::output_lines::GAP;
 use crate::logic::protocol::Answer;
+use comms::io::file;
 use shim::protocol::{OUTPUT_FILE, OUTPUT_FILE_OLD};
 use std::fs::File;
 use std::io::{self, Read};
@@ -105,7 +106,7 @@ impl Reader {
     }
 
     fn open(&self, name: &str) -> io::Result<Option<File>> {
-        match File::open(self.dir.join(name)) {
+        match file::opened(&self.dir.join(name)) {
             Ok(file) => Ok(Some(file)),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
             Err(error) => Err(error),

@@ -10,18 +10,19 @@
 //! after a crash between the two. A card that was copied bit by bit for an equal machine passes; that is noticed when the two meet.
 
 use comms::io::entropy;
+use comms::io::file::{self, Privacy};
 use rustix::fs::{AtFlags, CWD, StatxFlags, statx};
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::fmt;
 use std::fs::{self, File};
-use std::io::{self, Read, Write};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 /// Files that differ between machines and that anybody may read.
 const MACHINE: [&str; 2] = ["/etc/machine-id", "/proc/device-tree/serial-number"];
 /// The longest witness that is read.
-const SIZE_MAX: u64 = 4096;
+const SIZE_MAX: usize = 4096;
 
 /// Whether a store may go on under the origin that it has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,6 +40,8 @@ pub enum Trust {
 pub enum Doubt {
     /// There is no witness.
     Missing,
+    /// The witness is not what a store writes.
+    Damaged,
     /// Another store was here.
     Another,
     /// The store was written to in more lives, or in fewer, than the witness knows of.
@@ -53,6 +56,7 @@ impl fmt::Display for Doubt {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Missing => "its witness is missing",
+            Self::Damaged => "its witness is damaged",
             Self::Another => "another store was here before",
             Self::Restored => "it is not as it was when it was last open here, as if restored from a backup",
             Self::Copied => "its file is a copy",
@@ -89,15 +93,21 @@ pub(super) fn ask(dir: &Path, life: Life, data: &Path) -> io::Result<Trust> {
     if life.boots == 0 {
         return Ok(Trust::New);
     }
-    let mut said = String::new();
-    match File::open(path(dir)) {
-        Ok(file) => file.take(SIZE_MAX).read_to_string(&mut said)?,
+    let said = match file::bytes(&path(dir), SIZE_MAX) {
+        Ok(said) => String::from_utf8_lossy(&said).into_owned(),
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Trust::Doubtful(Doubt::Missing)),
+        // A pipe, or a file that no store has written: nobody vouches for the store.
+        Err(error) if matches!(error.kind(), io::ErrorKind::InvalidInput | io::ErrorKind::FileTooLarge) => {
+            return Ok(Trust::Doubtful(Doubt::Damaged));
+        }
         Err(error) => return Err(error),
     };
     let said: BTreeMap<&str, &str> = said.lines().filter_map(|line| line.split_once(' ')).collect();
     let now = testimony(life, data)?;
     let differs = |word| said.get(word).copied() != now.get(word).map(String::as_str);
+    if now.keys().any(|word| !said.contains_key(word)) {
+        return Ok(Trust::Doubtful(Doubt::Damaged));
+    }
     let boots = said.get("boots").and_then(|boots| boots.parse::<u64>().ok());
     let in_step = boots.is_some_and(|boots| boots == life.boots || boots.checked_add(1) == Some(life.boots));
     let doubts = [
@@ -119,7 +129,7 @@ pub(super) fn exists(dir: &Path) -> bool {
 pub(super) fn attest(dir: &Path, life: Life, data: &Path) -> io::Result<()> {
     let text: String = testimony(life, data)?.iter().map(|(word, what)| format!("{word} {what}\n")).collect();
     let (path, new) = (path(dir), file_next_to(dir, ".witness.new"));
-    let mut file = File::create(&new)?;
+    let mut file = file::created(&new, Privacy::Usual)?;
     file.write_all(text.as_bytes())?;
     file.sync_all()?;
     fs::rename(&new, &path)?;

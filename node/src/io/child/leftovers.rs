@@ -6,6 +6,7 @@
 
 use crate::io::cgroup;
 use comms::io::clock::{Wakeup, now};
+use comms::io::file;
 use comms::logic::time::Time;
 use rustix::process::{Pid, Signal, WaitOptions, getpid, waitpid};
 use shim::process_record::{Process, ProcessRecord, RECORD_FILE};
@@ -22,6 +23,8 @@ const KILL_WITHIN: Duration = Duration::from_secs(5);
 const SHIM_MARGIN: Duration = Duration::from_secs(1);
 /// Until what could not be ended is ended again: the kernel has not removed it.
 pub const END_AGAIN: Duration = Duration::from_secs(1);
+/// The longest record of a program, in bytes.
+const RECORD_MAX: usize = 1 << 20;
 /// How often the processes are looked at.
 const LOOK_EVERY: Duration = Duration::from_millis(10);
 /// The name of a shim, as the kernel has it.
@@ -78,14 +81,20 @@ pub fn end_all(folder: &Path) -> Vec<i32> {
 /// are alive. Blocks.
 pub fn end_others(folder: &Path, known: &BTreeSet<PathBuf>) {
     let boot = processes::kernel_boot();
-    let mut shims = Vec::new();
+    let mut kept = Vec::new();
     for dir in folders(folder)
         .filter(|folder| folder.to_string_lossy().contains('.'))
         .flat_map(|one| folders(&one).collect::<Vec<_>>())
     {
-        let Some(record) = read_record(&dir).filter(|record| record.boot == boot) else { continue };
-        match record.shim.filter(|shim| known.contains(&dir) && processes::is_running(*shim)) {
-            Some(shim) => shims.push(shim.pid),
+        let record = read_record(&dir);
+        // What was written over says nothing; the shim itself does, by the command that it was started with.
+        let shim = record.as_ref().and_then(|record| record.shim).filter(|shim| processes::is_running(*shim));
+        let shim = shim.or_else(|| shims(&dir).next());
+        if shim.is_none() && record.is_none_or(|record| record.boot != boot) {
+            continue;
+        }
+        match shim.filter(|_| known.contains(&dir)) {
+            Some(shim) => kept.push(shim.pid),
             None => {
                 tracing::warn!(?dir, "ending a program without its shim, or without a deployment");
                 end_round(&dir, 0);
@@ -94,7 +103,7 @@ pub fn end_others(folder: &Path, known: &BTreeSet<PathBuf>) {
         }
     }
     if let Some(group) = cgroup::recorded(folder) {
-        end_strays(&group, &shims);
+        end_strays(&group, &kept);
     }
 }
 
@@ -278,7 +287,8 @@ fn is_shim(pid: i32) -> bool {
 }
 
 fn read_record(dir: &Path) -> Option<ProcessRecord> {
-    std::fs::read_to_string(dir.join(RECORD_FILE)).ok().map(|text| ProcessRecord::parse(&text))
+    let bytes = file::bytes(&dir.join(RECORD_FILE), RECORD_MAX).ok()?;
+    Some(ProcessRecord::parse(&String::from_utf8_lossy(&bytes)))
 }
 
 fn folders(folder: &Path) -> impl Iterator<Item = PathBuf> {

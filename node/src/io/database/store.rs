@@ -155,8 +155,9 @@ fn copy_files(from: &Path, to: &Path) -> io::Result<()> {
 
 /// Returns whether a store does not open because its disk takes no writes.
 fn is_unwritable(error: &anyhow::Error) -> bool {
-    use io::ErrorKind::{QuotaExceeded, ReadOnlyFilesystem, StorageFull};
-    let unwritable = |cause: &io::Error| matches!(cause.kind(), ReadOnlyFilesystem | StorageFull | QuotaExceeded);
+    use io::ErrorKind::{FileTooLarge, QuotaExceeded, ReadOnlyFilesystem, StorageFull};
+    let unwritable =
+        |cause: &io::Error| matches!(cause.kind(), FileTooLarge | ReadOnlyFilesystem | StorageFull | QuotaExceeded);
     matches!(error.downcast_ref(), Some(StoreError::File { cause, .. }) if unwritable(cause))
 }
 

@@ -13,8 +13,8 @@ use crate::logic::node_state::NodeState;
 use crate::logic::programs::Programs;
 use crate::logic::protocol::Network;
 use anyhow::Context;
-use comms::io::clock;
 use comms::io::session::Reach;
+use comms::io::{clock, file};
 use std::path::{Path, PathBuf};
 
 pub(super) fn database_options(config: &Config, dir: &RunDir) -> database::Options {
@@ -31,11 +31,13 @@ pub(super) fn database_options(config: &Config, dir: &RunDir) -> database::Optio
 
 /// The file in a node's folder that says of which team it is.
 const TEAM: &str = "team";
+/// The longest such file that is read, in bytes.
+const TEAM_MAX: usize = 4096;
 
 /// Writes down of which team this node is, which others on this machine look at before they dial it, and what its programs show.
 pub(super) fn show_team(config: &Config, dir: &RunDir) -> anyhow::Result<()> {
     let folder = dir.path();
-    std::fs::write(folder.join(TEAM), team(config)).context("writing down of which team this node is")?;
+    file::write(&folder.join(TEAM), team(config).as_bytes()).context("writing down of which team this node is")?;
     match &config.member {
         Some(member) => member.vouch(&programs_identity(dir)),
         None => {
@@ -61,7 +63,7 @@ pub(super) fn siblings(config: &Config) -> anyhow::Result<Vec<String>> {
 /// Returns whether the node that listens on a socket of this machine is of the same team, or of none as this one. A node writes that
 /// down before it looks for others, so of two that start at once one sees the other.
 fn is_of_team(config: &Config, socket: &Path) -> bool {
-    std::fs::read_to_string(socket.with_file_name(TEAM)).is_ok_and(|other| other == team(config))
+    file::bytes(&socket.with_file_name(TEAM), TEAM_MAX).is_ok_and(|other| other == team(config).as_bytes())
 }
 
 fn team(config: &Config) -> String {
