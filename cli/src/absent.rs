@@ -5,7 +5,9 @@ use anyhow::anyhow;
 use comms::io::clock;
 use comms::logic::human::span;
 use node::console::Failure;
-use node::logic::protocol::{Absent, AbsentHost, AbsentProcess, Answer, Deployment, OpenEnd, OpenHost, Request, Why};
+use node::logic::protocol::{
+    Absent, AbsentHost, AbsentProcess, Answer, Deployment, Duplicate, OpenEnd, OpenHost, Request, Why,
+};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
@@ -17,6 +19,8 @@ pub(crate) struct Absences {
     pub(crate) processes: Vec<AbsentProcess>,
     /// The report of each node.
     pub(crate) told: BTreeMap<String, Absent>,
+    /// Names that two nodes have.
+    pub(crate) duplicates: Vec<Duplicate>,
     /// Hosts that were asked and did not answer, and that no node misses yet.
     pub(crate) silent: BTreeSet<String>,
 }
@@ -26,18 +30,33 @@ pub(crate) async fn ask(found: &[(&Client, Statuses)]) -> Absences {
     let mut asked = Vec::new();
     for (client, statuses) in found {
         // All at once: each may be far away.
-        asked
-            .extend(statuses.nodes.iter().map(|node| (node.host.clone(), client.ask_on(&node.host, &Request::Absent))));
+        asked.extend(statuses.nodes.iter().map(|node| {
+            let ask = |request| client.ask_on(&node.host, &request);
+            (node.host.clone(), ask(Request::Absent), ask(Request::Duplicates))
+        }));
     }
+    let mut duplicates: BTreeMap<String, (bool, Duplicate)> = BTreeMap::new();
     let (mut told, deadline) = (BTreeMap::new(), clock::now() + ANSWER_WITHIN);
-    for (host, answers) in asked {
-        let Ok(mut answers) = answers else { continue };
+    for (host, absent, twice) in asked {
+        if let Ok(mut answers) = twice
+            && let Some(Ok(Answer::Duplicates(all))) = answers.next_by(deadline).await
+        {
+            for one in all {
+                // Another node knows where both are.
+                let is_own = one.host == host;
+                if duplicates.get(&one.host).is_none_or(|(was_own, _)| *was_own && !is_own) {
+                    duplicates.insert(one.host.clone(), (is_own, one));
+                }
+            }
+        }
+        let Ok(mut answers) = absent else { continue };
         if let Some(Ok(Answer::Absent(absent))) = answers.next_by(deadline).await {
             told.insert(host, absent);
         }
     }
     let there = found.iter().flat_map(|(_, statuses)| &statuses.nodes).map(|node| node.host.clone()).collect();
     let mut away = Absences::new(told, &there);
+    away.duplicates = duplicates.into_values().map(|(_, one)| one).collect();
     let silent = found.iter().flat_map(|(_, statuses)| &statuses.silent);
     away.silent = silent.filter(|host| away.hosts.iter().all(|one| one.host != **host)).cloned().collect();
     away
@@ -93,7 +112,7 @@ impl Absences {
         let hosts = hosts.into_values().cloned().collect();
         let ends = ends.into_values().map(|(_, end)| end.clone()).collect();
         let processes = processes.into_values().cloned().collect();
-        Self { hosts, ends, processes, told, silent: BTreeSet::new() }
+        Self { hosts, ends, processes, told, duplicates: Vec::new(), silent: BTreeSet::new() }
     }
 
     /// Returns how it is with a host: `c2 is lost`.
@@ -131,8 +150,17 @@ impl Absences {
                 end.deployment
             )
         };
-        self.hosts.iter().map(host).chain(self.ends.iter().map(end)).collect()
+        let twice = self.duplicates.iter().map(duplicate);
+        twice.chain(self.hosts.iter().map(host)).chain(self.ends.iter().map(end)).collect()
     }
+}
+
+/// Says that two nodes have one name.
+pub(crate) fn duplicate(Duplicate { host, first, second }: &Duplicate) -> String {
+    format!(
+        "warning: two nodes are called `{host}`: {first}; and {second}. Nothing begins under this name, and what is said of it here \
+         is of one of them, before one has another name (`dca-node --name`)"
+    )
 }
 
 /// Returns who has not confirmed an end: `` `c2` (lost, heard 40 s ago) and `c3` (not in time) have ``.

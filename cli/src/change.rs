@@ -92,6 +92,9 @@ async fn replace_by(clients: &Clients, arguments: &ReplaceArguments) -> Result<(
     change(client, &home, (revision, plan, again), arguments.probation).await
 }
 
+/// How many programs are named where one is not known.
+const PROGRAMS_TOLD: usize = 20;
+
 /// Returns the path of the one program that is meant.
 fn meant(plan: &Plan, process: &str) -> Result<String, String> {
     let end = format!("/{process}");
@@ -99,7 +102,14 @@ fn meant(plan: &Plan, process: &str) -> Result<String, String> {
     let found: Vec<&String> = paths.filter(|path| *path == process || path.ends_with(&end)).collect();
     match found[..] {
         [one] => Ok(one.clone()),
-        [] => Err(format!("`{}` has no program `{process}`", plan.name)),
+        [] => {
+            let mut all: Vec<&str> = plan.leaves.iter().map(|leaf| leaf.path.as_str()).collect();
+            all.sort_unstable();
+            let more = if all.len() > PROGRAMS_TOLD { ", …" } else { "" };
+            all.truncate(PROGRAMS_TOLD);
+            let all = all.join("`, `");
+            Err(format!("`{}` has no program `{process}`; it has `{all}`{more}", plan.name))
+        }
         _ => Err(format!(
             "{} of `{}` end in `{process}`; give more of the path",
             counted(found.len(), "program"),

@@ -1,11 +1,11 @@
 //! `dca nodes`: lists the nodes that can be reached, and those that no longer can.
 
 use crate::ConnectArgs;
-use crate::absent::{self, Absences, ago};
+use crate::absent::{self, Absences, ago, duplicate};
 use crate::client::{ANSWER_WITHIN, Client, Clients};
 use comms::io::clock;
 use node::console::{self, Failure, block_on};
-use node::logic::protocol::{AbsentHost, Answer, NodeStatus, Request};
+use node::logic::protocol::{AbsentHost, Answer, Duplicate, NodeStatus, Request};
 use node::logic::table::table;
 use std::collections::BTreeSet;
 
@@ -28,9 +28,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         asked
     })?;
     if arguments.json {
-        let json = serde_json::json!({ "nodes": statuses, "missing": missing(&away)? });
+        let json = serde_json::json!({ "nodes": statuses, "missing": missing(&away)?, "duplicates": away.duplicates });
         console::say(&serde_json::to_string_pretty(&json)?);
-        unlinked.iter().for_each(|sentence| console::note(sentence));
+        away.duplicates.iter().map(duplicate).chain(unlinked).for_each(|sentence| console::note(&sentence));
         return Ok(());
     }
     let mut rows = vec![["HOST", "PID", "UP", "VERSION", "DEPLOYMENTS", "SEES"].map(str::to_owned).to_vec()];
@@ -41,6 +41,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let there: BTreeSet<String> = rows[1..].iter().map(|row| row[0].clone()).collect();
     rows.extend(away_rows(&away, &there));
+    let dashes = || ["-", "-", "-"].map(str::to_owned);
+    let twice = |one: &Duplicate| {
+        let second = format!("second of its name: {}", one.second);
+        [one.host.clone(), "-".to_owned(), second].into_iter().chain(dashes()).collect()
+    };
+    rows.extend(away.duplicates.iter().map(twice));
+    away.duplicates.iter().for_each(|one| console::note(&duplicate(one)));
     console::say(&table(&rows));
     unlinked.iter().for_each(|sentence| console::note(sentence));
     Ok(())

@@ -22,6 +22,8 @@ mod listening;
 mod losses;
 #[path = "agents/names.rs"]
 mod names;
+#[path = "agents/namesakes.rs"]
+mod namesakes;
 #[path = "agents/orders.rs"]
 mod orders;
 #[path = "agents/programs.rs"]

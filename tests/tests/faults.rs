@@ -245,14 +245,6 @@ fn a_node_refuses_limits_that_it_could_not_live_with() {
         let err = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.code() == Some(1) && err.contains(said), "{limit}: {:?} {err}", output.status);
     }
-    // Files that may not grow are a disk that is full.
-    drop(here.node("c1", &[]));
-    let mut node = start("-f 8").spawn().expect("there is a shell");
-    wait_until(SOON, || here.ask(&["nodes"]).code == Some(0)).expect("it starts");
-    let mission = here.dca(&["deploy", "--no-record", &cluster.file("few.dca", &crowd("c1", 100))]).ended(SOON);
-    assert!(node.try_wait().expect("it is a child").is_none(), "no signal ends it: {mission}");
-    node.kill().expect("it has not been waited for");
-    node.wait().expect("it was started here");
 }
 
 /// Case 33: a way between two hosts is cut, in one direction or in both, while a third one reaches both. Nobody is lost, programs go
@@ -325,6 +317,53 @@ fn a_flapping_link_restarts_nothing() {
     assert!(wait_until(SETTLE, is_small).is_some(), "{first:?}, then {:?}", sizes());
     assert_eq!(c1.ask(&["stop", "pair"]).code, Some(0));
     nodes.iter().for_each(|node| node.signal(Signal::TERM));
+}
+
+/// Case 34: two nodes of one name on two sides of a cut, with one deployment each. When the two meet it goes on on one of them, all
+/// are told, and nothing begins under the name while both are there.
+#[test]
+fn two_nodes_of_one_name_that_meet_after_a_cut() {
+    let Some(network) = Network::new(3) else { return };
+    let cluster = Cluster::new();
+    let [first, other, second] = [1, 2, 3].map(|number| cluster.host(&network, number));
+    network.keep_apart(&[1, 3]);
+    let [node, namesake] = [&first, &second].map(|host| host.node("c1", &["--lan"]));
+    let few = cluster.file("few.dca", &crowd("c1", 2));
+    let [more, third] = ["more.dca", "third.dca"].map(|name| cluster.file(name, &crowd("c1", 1)));
+    let missions = [&first, &second].map(|host| host.dca(&["deploy", "--no-record", &few]));
+    missions.iter().for_each(|mission| mission.wait_for(Stream::Err, "2 programs on 1 host", SOON));
+    let kept = second.dca(&["deploy", "--no-record", &more]);
+    kept.wait_for(Stream::Err, "1 program on 1 host", SOON);
+    [1, 3].iter().for_each(|host| network.let_meet(*host));
+    let [goes_on, ended] = missions;
+    let ended = ended.ended(SOON);
+    assert!(
+        ended.code == Some(1) && ended.out.contains("another node of this name goes on with the deployment"),
+        "{ended}"
+    );
+    assert!(goes_on.is_running() && kept.is_running(), "what runs on one of them goes on");
+    node.wait_for(Stream::Err, "`few@1` also runs on another node of this one's name", SOON);
+    namesake.wait_for(Stream::Err, "it is ended here", SOON);
+    // A third one deals with one of them, and knows of both.
+    let third_node = other.node("c2", &["--lan"]);
+    let shown = || other.ask(&["nodes"]);
+    wait_until(SOON, || shown().out.contains("second of its name: on `")).unwrap_or_else(|| panic!("{}", shown()));
+    let status = other.ask(&["status"]);
+    assert!(status.err.contains("warning: two nodes are called `c1`"), "{status}");
+    for host in [&first, &second] {
+        let refused = host.ask(&["deploy", "--no-record", &third]);
+        let said = format!("{}{}", refused.out, refused.err);
+        assert!(refused.code == Some(1) && said.contains("node") && said.contains("called `c1`"), "{refused}");
+    }
+    // Once it has left the name has one node again.
+    namesake.signal(Signal::TERM);
+    drop((kept.ended(SOON), namesake.ended(SOON)));
+    let is_free = || !other.ask(&["status"]).err.contains("two nodes are called");
+    wait_until(SOON, is_free).expect("the name has one node again");
+    assert!(goes_on.is_running(), "{}", goes_on.ended(SOON));
+    assert_eq!(first.ask(&["stop", "few"]).code, Some(0));
+    drop(goes_on.ended(SOON));
+    [node, third_node].iter().for_each(|node| node.signal(Signal::TERM));
 }
 
 /// Case 40: two users deploy the same name at the same time; 100 times with `DCA_TEST_ROUNDS=100`. One of them has it, the other

@@ -83,6 +83,8 @@ pub enum Kind {
     Pong = 104,
     /// The question whether a node is there.
     Ping = 105,
+    /// What a node says to another one of its own name.
+    Namesake = 106,
 }
 
 impl Kind {

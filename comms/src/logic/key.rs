@@ -5,6 +5,7 @@
 //! dca/n/<host>/in                    messages from node to node
 //! dca/n/<host>/ping                  a node asks who is there
 //! dca/n/<host>/pong                  answers to it
+//! dca/n/<host>/namesake              what nodes of one name say to each other
 //! dca/n/<host>/revoked               a node has heard of keys that its team has revoked
 //! dca/live/<host>/<boot>             a node is up
 //! dca/d/<deployment>/<epoch>/w/<wire>  samples of one wire
@@ -139,6 +140,11 @@ pub fn ping_any() -> String {
 /// Returns the key of answers to a node that has asked who is there.
 pub fn pong(host: &str) -> String {
     format!("dca/n/{}/pong", escape(host))
+}
+
+/// Returns the key on which nodes of one name speak to each other.
+pub fn namesake(host: &str) -> String {
+    format!("dca/n/{}/namesake", escape(host))
 }
 
 /// Returns the key that says that a node is up.

@@ -138,7 +138,7 @@ fn supervise(start: &ShimStart) -> io::Result<()> {
         return Ok(());
     }
     let (events_tx, events) = sync_channel(64);
-    let (record, group, output) = match prepare(start, &agent, events_tx.clone()) {
+    let (record, group) = match prepare(start, &agent, events_tx.clone()) {
         Ok(prepared) => prepared,
         Err(reason) => {
             conclude(&start.dir, &agent, &ShimReport::ExecFailed { reason });
@@ -154,6 +154,18 @@ fn supervise(start: &ShimStart) -> io::Result<()> {
         agent.leave();
         return Ok(());
     }
+    let output = match Output::open(&start.dir) {
+        Ok(output) => output,
+        Err(error) => {
+            // It was as it should be before the gate.
+            let reason = format!("cannot open `{}`: {}", start.dir.join(OUTPUT_FILE).display(), cause(&error));
+            conclude(&start.dir, &agent, &ShimReport::ExecFailed { reason });
+            record.remove();
+            drop(group);
+            agent.leave();
+            return Ok(());
+        }
+    };
     let beats = Beats::open(start)?;
     if start.descriptors.is_some() {
         descriptors::set(start.descriptors);
@@ -181,7 +193,7 @@ fn supervise(start: &ShimStart) -> io::Result<()> {
 }
 
 /// Makes the instance directory this shim's, makes the program's control group, and lets agents attach; says why not.
-fn prepare(start: &ShimStart, agent: &Agent, events: SyncSender<Event>) -> Result<(Record, Group, Output), String> {
+fn prepare(start: &ShimStart, agent: &Agent, events: SyncSender<Event>) -> Result<(Record, Group), String> {
     let failed = |action: &str, name: &str, error: &io::Error| {
         format!("cannot {action} `{}`: {}", start.dir.join(name).display(), cause(error))
     };
@@ -195,13 +207,13 @@ fn prepare(start: &ShimStart, agent: &Agent, events: SyncSender<Event>) -> Resul
     if start.gate == Gate::Exec {
         launch::try_limits(&group.start(start))?;
     }
-    let output = Output::open(&start.dir).map_err(|error| failed("open", OUTPUT_FILE, &error))?;
+    Output::check(&start.dir).map_err(|error| failed("open", OUTPUT_FILE, &error))?;
     let record = Record::begin(start).map_err(|error| failed("write", RECORD_FILE, &error))?;
     agent.listen(events).map_err(|error| {
         record.remove();
         failed("open", SOCKET_FILE, &error)
     })?;
-    Ok((record, group, output))
+    Ok((record, group))
 }
 
 /// Waits at the gate, if there is one; says whether it was opened.

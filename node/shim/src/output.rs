@@ -45,6 +45,14 @@ struct State {
 }
 
 impl Output {
+    /// Checks that nothing but a file is where the output goes, and makes none.
+    pub(crate) fn check(dir: &Path) -> io::Result<()> {
+        match file::opened(&dir.join(OUTPUT_FILE)) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+            _ => Ok(()),
+        }
+    }
+
     /// Opens the output file of the instance in `dir`, and starts the threads that fill it.
     pub(crate) fn open(dir: &Path) -> io::Result<Self> {
         let (reader, writer) = pipe_with(PipeFlags::CLOEXEC)?;

@@ -308,6 +308,7 @@ impl Driver {
         match effect {
             Effect::Transmit { to, frame } => self.peers.send(&to, &frame),
             Effect::Ping { round } => self.peers.ping(round),
+            Effect::Greet(namesake) => self.peers.greet(&namesake),
             Effect::Holders(holders) => self.peers.hold(holders),
             Effect::Peer(change) => self.peer(&change),
             Effect::Spawn(order) => self.spawn(*order),

@@ -4,7 +4,7 @@ use crate::io::calendar;
 use crate::io::caller::{Answers, Caller, answers};
 use crate::logic::agent::Input;
 use crate::logic::link::Frame;
-use crate::logic::protocol::{Answer, Ping, Pong, Request, SILENCE_MAX, TeamOfNode};
+use crate::logic::protocol::{Answer, Namesake, Ping, Pong, Request, SILENCE_MAX, TeamOfNode};
 use anyhow::Context;
 use comms::io::clock;
 use comms::io::session::{self, Identity as _, NodeOptions, Presence, Server, Session, Subscription, Token, Watch};
@@ -25,6 +25,8 @@ const FRAMES_MAX: usize = 4096;
 const ANSWERED_WITHIN: Duration = Duration::from_secs(1);
 /// How many words about revocations wait; nodes say them again when they meet.
 const REVOKED_MAX: usize = 64;
+/// How many words of other nodes of this name wait; they say it again every second.
+const NAMESAKES_MAX: usize = 64;
 /// How many rounds of questions are remembered, to see how long answers take.
 const ROUNDS_MAX: usize = 64;
 
@@ -81,6 +83,8 @@ impl Peers {
         let pings = session.subscribe(&pings, Policy::reject(FRAMES_MAX))?;
         let pongs = session.subscribe(&pongs, Policy::reject(FRAMES_MAX))?;
         let presence = session.watch(&key::live_any())?;
+        let namesakes = session.subscribe(&key::namesake(host.as_str()), Policy::reject(NAMESAKES_MAX))?;
+        tasks.spawn(hear_namesakes(namesakes, sink.clone()));
         let token = session.announce(&key::live(host.as_str(), boot))?;
         tasks.spawn(hear_frames(inbox, sink.clone()));
         tasks.spawn(hear_presence(presence, sink.clone()));
@@ -110,6 +114,15 @@ impl Peers {
         let sent = sent.and_then(|bytes| Ok(self.session.put(&key::ping(&ping.from), bytes)?));
         if let Err(error) = sent {
             tracing::warn!(error = format!("{error:#}"), "cannot ask who is there");
+        }
+    }
+
+    /// Tells another node of this one's name what runs here.
+    pub fn greet(&self, namesake: &Namesake) {
+        let sent = codec::encode(namesake).map_err(anyhow::Error::from);
+        let sent = sent.and_then(|bytes| Ok(self.session.put(&key::namesake(&self.own.host), bytes)?));
+        if let Err(error) = sent {
+            tracing::warn!(error = format!("{error:#}"), "another node of this name is not told what runs here");
         }
     }
 
@@ -227,6 +240,19 @@ async fn hear_pongs(mut pongs: Subscription, session: Arc<Session>, own: Arc<Own
                 }
             }
             Err(error) => tracing::debug!(%error, "an answer of a node cannot be read"),
+        }
+    }
+}
+
+async fn hear_namesakes(mut namesakes: Subscription, sink: Sender<Arrival>) {
+    while let Some((_, bytes)) = namesakes.next().await {
+        match codec::decode::<Namesake>(&bytes) {
+            Ok(namesake) => {
+                if sink.send(Arrival::Input(Input::Namesake(Box::new(namesake)))).await.is_err() {
+                    return;
+                }
+            }
+            Err(error) => tracing::debug!(%error, "a word of another node of this name cannot be read"),
         }
     }
 }

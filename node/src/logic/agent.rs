@@ -4,6 +4,7 @@ mod calls;
 mod crash_loop;
 mod delivery;
 mod input;
+mod namesakes;
 mod orders;
 mod over;
 mod peers;
@@ -227,6 +228,7 @@ impl Agent {
             Input::Vanished { host, boot } => self.names.no_token(out.now, &host, boot),
             Input::Ping { host, boot } => self.names.heard_of(out.now, &host, boot),
             Input::Pong(pong) => self.names.answered(out.now, &pong),
+            Input::Namesake(namesake) => self.greeted(&namesake, out),
             Input::Frame(frame) => self.frame(*frame, out),
             Input::Call { call, request } => self.take_call(call, *request, out),
             Input::Judged { number, verdict } => self.judged(number, verdict, out),

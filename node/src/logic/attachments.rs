@@ -77,6 +77,7 @@ impl Attachments {
             | Input::Vanished { .. }
             | Input::Ping { .. }
             | Input::Pong(_)
+            | Input::Namesake(_)
             | Input::Frame(_)
             | Input::Configured { .. }
             | Input::Undelivered { .. }
@@ -119,6 +120,7 @@ impl Attachments {
             Effect::Leave | Effect::Yield { .. } => self.has_left = true,
             Effect::Transmit { .. }
             | Effect::Ping { .. }
+            | Effect::Greet(_)
             | Effect::Holders(_)
             | Effect::Peer(_)
             | Effect::Settled { .. }

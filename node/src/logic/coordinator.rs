@@ -17,7 +17,8 @@ mod start;
 use crate::logic::effect::{Effect, Out, earliest};
 use crate::logic::history::History;
 use crate::logic::protocol::{
-    Answer, Change, Deployment, Ending, Report, Signed, StopReply, Target, ToCoordinator, ToParticipant, Why,
+    Answer, Change, Deployment, Ending, Failure, FailureCause, Report, Signed, StopReply, Target, ToCoordinator,
+    ToParticipant, Why,
 };
 use crate::logic::wiring::Registrations;
 use change::Changing;
@@ -80,6 +81,8 @@ pub struct Coordinator {
     /// The calls that listen to all deployments.
     listeners: Vec<u64>,
     stoppers: Vec<u64>,
+    /// Whether somebody has asked for its end while it ran.
+    is_asked: bool,
     /// How often its plan was changed while it ran, and who did that last.
     revision: (u32, String),
     change: Option<Changing>,
@@ -124,6 +127,7 @@ impl Coordinator {
             watchers: vec![watcher],
             listeners,
             stoppers: Vec::new(),
+            is_asked: false,
             revision: (0, String::new()),
             change: None,
             changes: 0,
@@ -196,7 +200,12 @@ impl Coordinator {
                     self.finish(out);
                 }
             }
-            ToCoordinator::MainEnded { ending } => self.end(Some(ending), out),
+            ToCoordinator::MainEnded { ending } => {
+                // Who has asked for a stop is not told that something has failed, nor that it has stopped.
+                let is_unconfirmed =
+                    matches!(&ending, Ending::Aborted(failure) if self.is_asked && failure.cause.is_unconfirmed_stop());
+                self.end(Some(if is_unconfirmed { Ending::Unconfirmed } else { ending }), out);
+            }
             ToCoordinator::Happened { target, change } => self.happened(target, change, out),
             ToCoordinator::Change(reply) => self.change_reply(reply, from, out),
             ToCoordinator::Stepped { group, number, steps } => self.stepped(group, (number, steps), out),
@@ -223,12 +232,30 @@ impl Coordinator {
                 self.end(None, out);
             }
             Phase::Running => {
+                self.is_asked = true;
                 let Some(home) = self.plan.home().map(str::to_owned) else { return };
                 let order = ToParticipant::Stop { target: Target::Group(0), activation: 1 };
                 out.send(&home, self.deployment.to_participant(order));
             }
             Phase::Ending | Phase::Over => {}
         }
+    }
+
+    /// Ends the deployment because another node of this one's name goes on with it: where that runs.
+    pub fn preempt(&mut self, place: String, out: &mut Out<'_>) {
+        let cause = FailureCause::Preempted(place);
+        if self.phase == Phase::Running {
+            let origin = self.plan.groups.first().map(|main| main.path.clone()).unwrap_or_default();
+            let at = self.go_at.map_or(Duration::ZERO, |go| out.now - go);
+            return self.end(Some(Ending::Aborted(Failure { origin, cause, at })), out);
+        }
+        self.reasons.push(format!("it {cause}"));
+        self.end(None, out);
+    }
+
+    /// Returns whether it is over, or comes to its end.
+    pub fn is_ending(&self) -> bool {
+        matches!(self.phase, Phase::Ending | Phase::Over)
     }
 
     /// Goes on reporting to somebody who has the first `seen` reports.

@@ -3,7 +3,7 @@
 use crate::logic::database::question::Commit;
 use crate::logic::link::Frame;
 use crate::logic::nameserver::Change;
-use crate::logic::protocol::{Answer, Deployment, Message, ToParticipant};
+use crate::logic::protocol::{Answer, Deployment, Message, Namesake, ToParticipant};
 use comms::logic::control::Order;
 use comms::logic::time::Time;
 use language::plan::{LeafKind, Policy};
@@ -50,6 +50,8 @@ pub enum Effect {
         /// Numbers the question.
         round: u64,
     },
+    /// Tell another node of this one's name what runs here.
+    Greet(Box<Namesake>),
     /// Tell those who ask from now on which boot has their name.
     Holders(BTreeMap<String, u64>),
     /// Tell people, and whoever else wants to know, what has become of another node.

@@ -12,6 +12,7 @@
 
 mod change;
 mod detour;
+mod duplicates;
 
 use super::protocol::Pong;
 pub use change::Change;

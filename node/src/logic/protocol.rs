@@ -32,7 +32,7 @@ use language::plan::{MemberKind, Plan};
 pub use message::{Body, Message};
 pub use names::{DeviceName, Names, PortName};
 pub use parameters::{InstanceParameters, ParameterStatus};
-pub use presence::{Ping, Pong};
+pub use presence::{Duplicate, Namesake, Ping, Pong};
 pub use relay::{Relay, Relayed};
 pub use report::{Change, Report};
 use serde::{Deserialize, Serialize};
@@ -366,6 +366,8 @@ pub enum Request {
     Team,
     /// As the request that was signed is answered, if the node is in a team and its signer may ask for it.
     Signed(Box<Signed>),
+    /// Answered by [`Answer::Duplicates`].
+    Duplicates,
 }
 
 /// An element of the answer to a [`Request`].
@@ -415,6 +417,8 @@ pub enum Answer {
     Clock(ClockReading),
     /// To `Team`: nothing if the node is in none.
     Team(Option<TeamOfNode>),
+    /// To `Duplicates`: names that two nodes have which the node can reach, its own among them.
+    Duplicates(Vec<Duplicate>),
 }
 
 impl Enveloped for Request {
@@ -523,6 +527,11 @@ mod tests {
         assert_eq!(postcard::to_stdvec(&Request::Signed(Box::new(signed.clone()))).unwrap(), [21, 1, 1, 2, 2, 3]);
         let ordered = ToParticipant::Prepare { plan: empty() }.signed(Some(&signed));
         assert_eq!(postcard::to_stdvec(&ordered).unwrap(), [17, 1, 1, 2, 2, 3, 0]);
+        assert_eq!(postcard::to_stdvec(&Request::Duplicates).unwrap(), [22]);
+        let twice = Duplicate { host: "c1".into(), first: "a".into(), second: "b".into() };
+        assert_eq!(postcard::to_stdvec(&Answer::Duplicates(vec![twice])).unwrap(), *b"\x12\x01\x02c1\x01a\x01b");
+        let namesake = Namesake { boot: 5, to_boot: 6, deployments: vec![(deployment.clone(), true)] };
+        assert_eq!(codec::encode(&namesake).unwrap(), *b"DC\x01\x00\x6a\x00\x05\x06\x01\x01d\x02\x01");
         let report = Report::Connected { host: "c2".into() };
         let event = Event { deployment, number: 300, host: "c2".into(), ago: heard, report };
         let bytes = *b"\x0c\x01\x01d\x02\xac\x02\x02c2\x03\x04\x02\x02c2";

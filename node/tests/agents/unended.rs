@@ -150,6 +150,20 @@ process main() {
     assert!(looked.contains(&Change::Ended(Ending::Done(vec![]))), "{looked:?}");
 }
 
+/// Who stops a mission while a host is cut off hears neither that something has failed nor that it has stopped.
+#[test]
+fn a_stop_during_a_cut_is_told_as_unconfirmed() {
+    let mut world = World::new(&["c1", "c2"]);
+    let call = world.deploy("c1", &zone("rock , near", "rock instof Long(\"c2\") { on_link_loss keep; }"));
+    world.run_for(Duration::from_secs(1));
+    cut(&mut world, "c2");
+    world.run_for(Duration::from_secs(1));
+    world.stop("c1");
+    world.run_for(Duration::from_secs(60));
+    let Report::Finished { ending, unconfirmed, .. } = world.last_report(call) else { panic!("it has not ended") };
+    assert_eq!((ending, &unconfirmed[..]), (&Ending::Unconfirmed, &["c2".to_owned()][..]));
+}
+
 /// A node that ends, or was lost, has not ended what it could not.
 #[test]
 fn a_host_that_leaves_its_program_behind_gives_nothing_back() {

@@ -10,7 +10,7 @@ use node::logic::effect::{Effect, ProcessId};
 use node::logic::nameserver::Change;
 use node::logic::node_state::NodeState;
 use node::logic::programs::Programs;
-use node::logic::protocol::{Answer, ChangeRequest, Deployment, Ending, Pong, Report, Request};
+use node::logic::protocol::{Answer, ChangeRequest, Deployment, Ending, Namesake, Pong, Report, Request};
 use shim::protocol::{ShimOrder, ShimReport};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -69,6 +69,10 @@ pub(super) struct World {
     pub(super) boots: BTreeMap<String, u64>,
     /// The boots that each host deals with.
     pub(super) holders: BTreeMap<String, BTreeMap<String, u64>>,
+    /// The last round in which each host has asked who is there.
+    pub(super) rounds: BTreeMap<String, u64>,
+    /// What was said to others of the own name.
+    pub(super) greeted: Vec<Namesake>,
     /// The changes of other nodes, as each host saw them.
     pub(super) changes: Vec<(String, Change)>,
     /// One frame in so many is lost, if any.
@@ -260,7 +264,11 @@ impl World {
                     self.at(1, &to, Coming::Input(Input::Frame(frame)));
                 }
             }
-            Effect::Ping { round } => self.ping(host, round),
+            Effect::Ping { round } => {
+                self.rounds.insert(host.to_owned(), round);
+                self.ping(host, round);
+            }
+            Effect::Greet(namesake) => self.greeted.push(*namesake),
             Effect::Holders(holders) => drop(self.holders.insert(host.into(), holders)),
             Effect::Peer(change) => self.changes.push((host.into(), change)),
             Effect::Spawn(order) => self.spawn(host, *order),

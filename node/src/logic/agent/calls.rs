@@ -57,6 +57,7 @@ impl Agent {
                 answer(call, revision.unwrap_or_else(|| Answer::Refused(format!("`{name}` does not run here"))), out);
             }
             Request::Change(request) => return self.change(call, *request, signed, out),
+            Request::Duplicates => answer(call, self.duplicates(), out),
             Request::Names => answer(call, Answer::Names(self.given_names()), out),
             Request::Events { follow } => {
                 self.over.iter().rev().for_each(|history| history.tell(call, out));
@@ -143,7 +144,11 @@ impl Agent {
 
     fn change(&mut self, call: u64, request: ChangeRequest, signed: Option<Arc<Signed>>, out: &mut Out<'_>) {
         let deployment = Deployment { name: request.name.clone(), epoch: request.epoch };
-        let obstacle = if self.leaving { Some("this node is leaving".to_owned()) } else { self.crash_loop(out.now) };
+        let obstacle = if self.leaving {
+            Some("this node is leaving".to_owned())
+        } else {
+            self.namesake().or_else(|| self.crash_loop(out.now))
+        };
         match (obstacle, self.coordinators.get_mut(&deployment)) {
             (None, Some(home)) => home.change(call, request, signed, out),
             (obstacle, _) => {

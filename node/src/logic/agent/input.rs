@@ -4,7 +4,7 @@ mod as_line;
 
 use crate::logic::effect::ProcessId;
 use crate::logic::link::Frame;
-use crate::logic::protocol::{Deployment, Pong, Request};
+use crate::logic::protocol::{Deployment, Namesake, Pong, Request};
 use comms::logic::control::Notice;
 use serde::{Deserialize, Serialize};
 use shim::protocol::ShimReport;
@@ -36,6 +36,8 @@ pub enum Input {
     },
     /// A node answers that it is there.
     Pong(Box<Pong>),
+    /// Another node of this one's name says what it runs.
+    Namesake(Box<Namesake>),
     /// A frame from a node.
     Frame(Box<Frame>),
     /// A call from the command line.

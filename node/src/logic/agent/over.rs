@@ -45,7 +45,9 @@ impl Agent {
         }
         if self.leaving {
             self.take_leave(now, effects);
-        } else if let Some(why) = self.namesake().filter(|_| self.awaiting_hosts.is_empty() && self.names.is_known(now))
+        } else if let Some(why) = self
+            .namesake()
+            .filter(|_| self.names.elder().is_some() && self.awaiting_hosts.is_empty() && self.names.is_known(now))
         {
             effects.push(Effect::Yield { why });
         }

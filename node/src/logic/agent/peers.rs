@@ -22,7 +22,8 @@ impl Agent {
                     self.participants.values_mut().for_each(|participant| participant.host_missing(host, *since));
                 }
                 Change::Lost { host } => self.host_lost(host, out),
-                Change::Refused { .. } | Change::Namesake { .. } => {}
+                Change::Namesake { .. } => self.greet(out),
+                Change::Refused { .. } | Change::Twice { .. } => {}
             }
             out.effects.push(Effect::Peer(change));
         }
@@ -31,7 +32,10 @@ impl Agent {
             self.holders.clone_from(&holders);
             out.effects.push(Effect::Holders(holders));
         }
-        round.into_iter().for_each(|round| self.ask(round, out));
+        if let Some(round) = round {
+            self.ask(round, out);
+            self.greet(out);
+        }
     }
 
     fn appeared(&mut self, host: &str, boot: u64, replaces: bool, out: &mut Out<'_>) {
@@ -113,13 +117,5 @@ impl Agent {
             | ToCoordinator::Stepped { .. }
             | ToCoordinator::Change(_) => {}
         }
-    }
-
-    /// Says why this node takes nothing on, where another one has its name and was there first.
-    pub(super) fn namesake(&self) -> Option<String> {
-        let (host, place) = (&self.identity.host, self.names.elder()?);
-        Some(format!(
-            "another node called `{host}` was there first: {place}; give this one another name with `dca-node --name`"
-        ))
     }
 }

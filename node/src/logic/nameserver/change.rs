@@ -59,6 +59,15 @@ pub enum Change {
         /// Whether it was there first.
         elder: bool,
     },
+    /// A deployment runs here and on another node of this one's name.
+    Twice {
+        /// Its name and epoch.
+        deployment: String,
+        /// Where the other one runs.
+        place: String,
+        /// Whether it goes on here.
+        keeps: bool,
+    },
 }
 
 impl Change {
@@ -85,6 +94,10 @@ impl fmt::Display for Change {
             ),
             Self::Namesake { place, elder: true } => {
                 write!(f, "another node has this one's name, and was there first: {place}")
+            }
+            Self::Twice { deployment, place, keeps } => {
+                let ends = if *keeps { "there" } else { "here" };
+                write!(f, "`{deployment}` also runs on another node of this one's name ({place}): it is ended {ends}")
             }
             Self::Namesake { place, elder: false } => {
                 write!(f, "another node has this one's name, and is not dealt with: {place}; give it another name")

@@ -38,6 +38,11 @@ impl Participant {
         });
     }
 
+    /// Returns whether it comes to its end here.
+    pub fn is_leaving(&self) -> bool {
+        self.phase == Phase::Leaving
+    }
+
     /// Returns whether nothing of it is left here.
     pub fn is_over(&self) -> bool {
         self.phase == Phase::Leaving && self.instances.are_over()

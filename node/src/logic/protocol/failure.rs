@@ -108,6 +108,8 @@ pub enum FailureCause {
         /// Absolute path of the other one.
         by: String,
     },
+    /// Another node of its home's name goes on with its deployment: where that runs.
+    Preempted(String),
 }
 
 /// How a program ended.
@@ -217,6 +219,9 @@ impl fmt::Display for FailureCause {
                 f,
                 "was not begun: `{device}` is held by `{by}`, whose stop nobody could confirm; end its program first"
             ),
+            Self::Preempted(place) => {
+                write!(f, "was ended: another node of this name goes on with the deployment ({})", printable(place))
+            }
             Self::HostLost(host) => write!(f, "host `{host}` could not be reached any more"),
         }
     }

@@ -1,5 +1,6 @@
-//! The ping and the pong: the question whether a node is there, and its answer.
+//! The ping and the pong: the question whether a node is there, and its answer; and what two nodes of one name say to each other.
 
+use super::Deployment;
 use comms::logic::codec::{Enveloped, Kind};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
@@ -34,6 +35,34 @@ pub struct Pong {
     pub holder: Option<u64>,
     /// Its session, as in a [`Dial`](comms::logic::control::Dial).
     pub session: String,
+}
+
+/// What a node says to another one of its own name: what it runs.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Namesake {
+    /// Boot number of the one who speaks.
+    pub boot: u64,
+    /// Boot number of the other one.
+    pub to_boot: u64,
+    /// The deployments that it has a part of, and whether it reaches the home of each.
+    pub deployments: Vec<(Deployment, bool)>,
+}
+
+/// A name that two nodes have.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct Duplicate {
+    /// The name.
+    pub host: String,
+    /// Where the one is that others deal with, for a person.
+    pub first: String,
+    /// Where the other one is.
+    pub second: String,
+}
+
+impl Enveloped for Namesake {
+    const KIND: Kind = Kind::Namesake;
+    const VERSION: u16 = 1;
+    const SIZE_MAX: usize = 64 << 10;
 }
 
 impl Enveloped for Ping {
