@@ -47,4 +47,4 @@ pub use packed::{Packing, Words};
 pub use program::Program;
 pub use record::StepRecord;
 pub use state::{Activity, Cell, State};
-pub use step::step;
+pub use step::{Carried, Misfit, carry, step};

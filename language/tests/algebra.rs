@@ -3,6 +3,8 @@
 #[path = "reference/rewrite.rs"]
 mod reference;
 
+#[path = "algebra/carry.rs"]
+mod carry;
 #[path = "algebra/edges.rs"]
 mod edges;
 #[path = "algebra/enumerate.rs"]

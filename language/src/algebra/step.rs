@@ -65,6 +65,7 @@
 //! - **One reaction grants at most as many times as there are `using`s**, so that loops which hand something to each
 //!   other in no time cannot hang a node; what is left waits for the next event. No spec that was checked gets there.
 
+mod carry;
 mod completion;
 mod drain;
 mod finish;
@@ -77,6 +78,7 @@ use super::event::{Command, Event, Outcome, Value};
 use super::phase::Phase;
 use super::program::{Kind, Program};
 use super::state::{Cell, MemberState, State};
+pub use carry::{Carried, Misfit, carry};
 use std::ops::IndexMut;
 
 /// Takes one event, appends what to do about it to `commands` in order, and returns how the group ended if it did.

@@ -32,7 +32,7 @@ pub(crate) fn run(cases: u32, seed: u64) -> (u64, u64) {
     (events.get(), outcomes.get())
 }
 
-fn spec() -> impl Strategy<Value = Spec> {
+pub(crate) fn spec() -> impl Strategy<Value = Spec> {
     let declared =
         prop_oneof![4 => Just(Declared::Task), 2 => Just(Declared::Service), 1 => Just(Declared::ServiceGroup)];
     (term(), vec(declared, MEMBERS as usize)).prop_map(|(mut term, declared)| {
@@ -41,7 +41,7 @@ fn spec() -> impl Strategy<Value = Spec> {
     })
 }
 
-fn term() -> impl Strategy<Value = Term> {
+pub(crate) fn term() -> impl Strategy<Value = Term> {
     let leaf = prop_oneof![
         20 => (0..MEMBERS).prop_map(|member| Term::Leaf(member, vec![member])),
         1 => (0..MEMBERS).prop_map(|member| Term::Leaf(member, vec![])),

@@ -1,0 +1,54 @@
+//! What nodes of two programs have in common, and how many operands of one are waited for.
+
+use crate::algebra::phase::Phase;
+use crate::algebra::program::{Kind, Program};
+use crate::algebra::state::Cell;
+use std::collections::BTreeSet;
+use std::mem::discriminant;
+use std::sync::Arc;
+
+/// Counts the operands that an operator waits for, and those that are done.
+pub(super) fn count(program: &Program, cells: &mut [Cell], node: usize, starting: &BTreeSet<usize>) {
+    let is_open = |operand: &usize| starting.contains(operand) || cells[*operand].phase.is_active();
+    let is_draining = cells[node].phase == Phase::Draining;
+    let kind = &program.nodes[node].kind;
+    let is_waited_for = |operand: &usize| {
+        let is_task = matches!(kind, Kind::Concurrent { .. }) && program.is_task(node, *operand);
+        is_draining || is_task || matches!(kind, Kind::FailFast { .. })
+    };
+    let open = program.operands(node).filter(is_open).filter(is_waited_for).count();
+    let done = program.operands(node).filter(|operand| cells[*operand].phase == Phase::Done).count();
+    let small = |count: usize| u32::try_from(count).expect("a plan has fewer than 2^32 operands");
+    (cells[node].open, cells[node].done) = (small(open), small(done));
+}
+
+pub(super) fn sets(program: &Program, node: usize) -> &[u32] {
+    if let Kind::Run { sets, .. } = &program.nodes[node].kind { &program.sets[sets.clone()] } else { &[] }
+}
+
+pub(super) fn tags(program: &Program, node: usize) -> &[Option<Arc<str>>] {
+    if let Kind::Match { tags } = &program.nodes[node].kind { &program.tags[tags.clone()] } else { &[] }
+}
+
+pub(super) fn taken(program: &Program, node: usize) -> BTreeSet<&str> {
+    program.taken(node).iter().map(|&index| program.resources()[index].as_str()).collect()
+}
+
+/// Whether two nodes mean the same, `o` and `n` being the first of those that are compared.
+pub(super) fn is_alike((old, a): (&Program, usize), (new, b): (&Program, usize), (o, n): (usize, usize)) -> bool {
+    if old.nodes[a].end - o != new.nodes[b].end - n {
+        return false;
+    }
+    match (&old.nodes[a].kind, &new.nodes[b].kind) {
+        (Kind::Run { member, .. }, Kind::Run { member: other, .. }) => member == other && sets(old, a) == sets(new, b),
+        (Kind::Fail(why), Kind::Fail(other)) | (Kind::Tagged(why), Kind::Tagged(other)) => why == other,
+        (Kind::Wait { after, .. }, Kind::Wait { after: other, .. }) => after == other,
+        (Kind::AnyOf { count, .. }, Kind::AnyOf { count: other, .. }) => count == other,
+        (Kind::Match { .. }, Kind::Match { .. }) => tags(old, a) == tags(new, b),
+        (Kind::Shield { bound }, Kind::Shield { bound: other }) => {
+            bound.map(|bound| bound.after) == other.map(|bound| bound.after)
+        }
+        (Kind::Using { .. }, Kind::Using { .. }) => taken(old, a) == taken(new, b),
+        (one, other) => discriminant(one) == discriminant(other),
+    }
+}
