@@ -3,8 +3,10 @@
 //! A plan is flat. Groups and leaves are numbered, members of a group are slots, wires run from leaf port to leaf port
 //! (through any number of group boundaries), and each group carries its event-action expression with slots for names.
 //! Invariants, kept by `check::lower` and re-checked by [`Plan::validate`] when a plan arrives over a wire: every index
-//! is in range, `groups[0]` is `main`, every group but `main` is a member of exactly one group, every leaf too.
+//! is in range, `groups[0]` is `main`, every group but `main` is a member of exactly one group, every leaf too. Of a plan that was
+//! changed while it ran some are members of none: they were taken away, and nothing of them is started.
 
+mod component;
 mod difference;
 mod exec;
 mod nested;
@@ -16,6 +18,7 @@ mod validate;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
+pub use component::Failing;
 pub use difference::{Difference, PlanChange, difference};
 pub use exec::{ExecError, words};
 pub use parameter::{Accepts, Parameter};
@@ -91,7 +94,7 @@ pub struct Group {
 /// One instance inside a group.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Member {
-    /// The instance name within its group.
+    /// The instance name within its group; empty once it was taken away while the group ran.
     pub name: String,
     /// Group or leaf.
     pub kind: MemberKind,

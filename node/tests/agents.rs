@@ -8,6 +8,8 @@ mod absence;
 mod adoption;
 #[path = "agents/changes.rs"]
 mod changes;
+#[path = "agents/components.rs"]
+mod components;
 #[path = "agents/detours.rs"]
 mod detours;
 #[path = "agents/devices.rs"]

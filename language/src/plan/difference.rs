@@ -1,15 +1,24 @@
 //! The changes from a running plan to a new one, and the plan that the nodes go on with.
 //!
 //! A running supervisor holds the state of its event actions, and every message names leaves, groups and wires by number. So
-//! the next plan keeps the numbers of the one that runs: groups and leaves have theirs, wires that stay have theirs, new wires
-//! get the next ones. A wire that no connection set has any more keeps its number and is never opened ([`Plan::live_wires`]).
-//! Only what leaves every supervisor's state valid can be changed in this way: programs, their arguments and policies, and what
-//! the connection sets connect. Everything else is an obstacle, told in a sentence.
+//! the next plan keeps the numbers of the one that runs, and the slots of members: what is new gets the next ones. A wire that no
+//! connection set has any more keeps its number and is never opened ([`Plan::live_wires`]); a process that is taken away
+//! keeps its number and its slot, whose name is empty ([`Plan::live_leaves`]). Comes the same process back, it gets them again.
+//! Whether the event actions of a group that runs can become others is for its supervisor to say
+//! ([`carry`](crate::algebra::carry)). What cannot change at all is an obstacle, told in a sentence.
+
+mod actions;
+mod leaf;
+mod pairing;
+#[cfg(test)]
+mod tests;
 
 use super::{
-    Argument, Claim, Constant, DEADLINE, Expression, Group, Leaf, LeafPort, MemberKind, Plan, Policy, Retention,
-    Transfer, Wire,
+    Argument, Arm, Claim, ConnectionSet, Constant, DEADLINE, Expression, Group, Leaf, LeafPort, Member, MemberKind,
+    Plan, Policy, Retention, Strategy, Transfer, Wire,
 };
+use actions::{GroupNumbers, same};
+use pairing::Pairing;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
@@ -43,6 +52,31 @@ pub enum PlanChange {
         /// The differences, as sentences for a person.
         why: Vec<String>,
     },
+    /// A program is added. The event actions of its group say when it runs.
+    Add {
+        /// Index into [`Plan::leaves`] of the new plan.
+        leaf: u32,
+        /// Absolute path of the instance.
+        path: String,
+        /// Its type and its host, for a person.
+        what: String,
+    },
+    /// A program is taken away.
+    Remove {
+        /// Index into [`Plan::leaves`].
+        leaf: u32,
+        /// Absolute path of the instance.
+        path: String,
+    },
+    /// A group goes on with other event actions, or another supervision.
+    Act {
+        /// Index into [`Plan::groups`].
+        group: u32,
+        /// Absolute path of the instance.
+        path: String,
+        /// The differences, as sentences for a person.
+        why: Vec<String>,
+    },
     /// A wire is added.
     Connect {
         /// Index into [`Plan::wires`] of the new plan.
@@ -64,6 +98,9 @@ impl fmt::Display for PlanChange {
         match self {
             Self::Replace { path, why, .. } => write!(f, "replace    {path}: {}", why.join(", ")),
             Self::Settle { path, why, .. } => write!(f, "settle     {path}: {}", why.join(", ")),
+            Self::Add { path, what, .. } => write!(f, "add        {path}: {what}"),
+            Self::Remove { path, .. } => write!(f, "remove     {path}"),
+            Self::Act { path, why, .. } => write!(f, "act        {path}: {}", why.join(", ")),
             Self::Connect { text, .. } => write!(f, "connect    {text}"),
             Self::Disconnect { text, .. } => write!(f, "disconnect {text}"),
         }
@@ -75,32 +112,26 @@ impl fmt::Display for PlanChange {
 /// # Errors
 /// Every obstacle, as a sentence: what cannot change while it runs.
 pub fn difference(running: &Plan, wanted: &Plan) -> Result<Difference, Vec<String>> {
-    let mut obstacles = Vec::new();
+    let mut pairing = Pairing::new(running, wanted);
     if running.name != wanted.name {
-        obstacles.push(format!("its name is `{}`, not `{}`", wanted.name, running.name));
+        pairing.obstacles.push(format!("its name is `{}`, not `{}`", wanted.name, running.name));
     }
-    let groups = matched("group", running.groups.iter().map(|g| &g.path), wanted.groups.iter().map(|g| &g.path));
-    let leaves = matched("process", running.leaves.iter().map(|l| &l.path), wanted.leaves.iter().map(|l| &l.path));
-    let (groups, leaves) = match (groups, leaves) {
-        (Ok(groups), Ok(leaves)) => (groups, leaves),
-        (groups, leaves) => {
-            obstacles.extend(groups.err().into_iter().chain(leaves.err()).flatten());
-            return Err(obstacles);
-        }
-    };
-    let after_leaf = by_running(&leaves, &wanted.leaves);
-    let after_group = by_running(&groups, &wanted.groups);
-    let numbers = Numbers { groups, leaves };
-    let mut plan = running.clone();
-    let mut changes = Vec::new();
+    pairing.pair_group(0, 0);
+    let Pairing { mut plan, numbers, mut changes, mut obstacles, .. } = pairing;
     let claim = |claim: &Claim| Some(Claim { leaf: numbers.leaf(claim.leaf)?, ..claim.clone() });
     plan.claims = wanted.claims.iter().filter_map(claim).collect();
-    for (number, before) in (0_u32..).zip(&running.leaves) {
-        let Some(after) = after_leaf.get(&number).copied() else { continue };
+    for (new, number) in &numbers.leaves {
+        let (Some(before), Some(after)) = (running.leaves.get(*number as usize), wanted.leaves.get(*new as usize))
+        else {
+            continue;
+        };
         obstacles.extend(moved(&before.path, host(running, before.host), host(wanted, after.host)));
-        let claims_differ = running.claims_of(number) != plan.claims_of(number);
-        changes.extend(change_of_leaf(number, before, after, claims_differ));
-        if let Some(leaf) = plan.leaves.get_mut(number as usize) {
+        if numbers.added.contains(number) {
+            continue;
+        }
+        let claims_differ = running.claims_of(*number) != plan.claims_of(*number);
+        changes.extend(leaf::change_of_leaf(*number, before, after, claims_differ));
+        if let Some(leaf) = plan.leaves.get_mut(*number as usize) {
             *leaf = Leaf { host: before.host, ..after.clone() };
         }
     }
@@ -109,19 +140,14 @@ pub fn difference(running: &Plan, wanted: &Plan) -> Result<Difference, Vec<Strin
     for (number, wire) in (0_u32..).zip(&running.wires).filter(|(number, _)| live.contains(number)) {
         wires.known.entry(key(wire)).or_default().push(number);
     }
-    for (number, before) in (0_u32..).zip(&running.groups) {
-        let Some(after) = after_group.get(&number).copied() else { continue };
-        obstacles.extend(moved(&before.path, host(running, before.host), host(wanted, after.host)));
-        obstacles.extend(obstacle_of_group(before, after, &numbers));
-        if before.sets.len() == after.sets.len() {
-            for (index, set) in after.sets.iter().enumerate() {
-                let here = set.wires.iter().filter_map(|wire| wanted.wires.get(*wire as usize));
-                let kept: Vec<u32> = here.filter_map(|wire| wires.place(&mut plan, &numbers, wire)).collect();
-                if let Some(set) = plan.groups.get_mut(number as usize).and_then(|group| group.sets.get_mut(index)) {
-                    set.wires = kept;
-                }
-            }
+    for (new, number) in &numbers.groups {
+        let Some(after) = wanted.groups.get(*new as usize) else { continue };
+        if let Some(before) = running.groups.get(*number as usize) {
+            obstacles.extend(moved(&before.path, host(running, before.host), host(wanted, after.host)));
+            obstacles.extend(obstacle_of_order(running, (before, after)));
         }
+        wire_group((running, &mut plan), &numbers, (wanted, after, *number), &mut wires);
+        changes.extend(change_of_group(running, &plan, *number));
     }
     if !obstacles.is_empty() {
         return Err(obstacles);
@@ -132,6 +158,73 @@ pub fn difference(running: &Plan, wanted: &Plan) -> Result<Difference, Vec<Strin
     }
     changes.extend(wires.changes);
     Ok(Difference { plan, changes })
+}
+
+/// Gives a group the sets, the event actions and the supervision that are wanted.
+fn wire_group(
+    (running, plan): (&Plan, &mut Plan),
+    numbers: &Numbers,
+    (wanted, after, number): (&Plan, &Group, u32),
+    wires: &mut Wires,
+) {
+    let before = running.groups.get(number as usize);
+    let slots = numbers.slots.get(&number).cloned().unwrap_or_default();
+    let mut own = GroupNumbers { slots, sets: Vec::new() };
+    let mut sets: Vec<ConnectionSet> = before.map_or_else(Vec::new, |before| before.sets.clone());
+    sets.iter_mut().for_each(|set| set.wires.clear());
+    for set in &after.sets {
+        let owner = set.owner.map(|owner| own.slot(owner));
+        let is_its = |(at, other): &(u32, &ConnectionSet)| {
+            (other.owner, &other.label) == (owner, &set.label) && !own.sets.contains(at)
+        };
+        let known = (0_u32..).zip(&sets).find(is_its).map(|(at, _)| at);
+        let at = known.unwrap_or(u32::try_from(sets.len()).unwrap_or(u32::MAX));
+        if known.is_none() {
+            sets.push(ConnectionSet { owner, label: set.label.clone(), wires: Vec::new() });
+        }
+        own.sets.push(at);
+        let here = set.wires.iter().filter_map(|wire| wanted.wires.get(*wire as usize));
+        let kept = here.filter_map(|wire| wires.place(plan, numbers, wire)).collect();
+        if let Some(set) = sets.get_mut(at as usize) {
+            set.wires = kept;
+        }
+    }
+    let Some(group) = plan.groups.get_mut(number as usize) else { return };
+    group.sets = sets;
+    group.sets_always = after.sets_always.iter().map(|set| own.set(*set)).collect();
+    group.supervision = after.supervision;
+    let expression = own.expression(&after.expression);
+    if before.is_none_or(|before| !same(&before.expression, &expression)) {
+        group.expression = expression;
+    }
+}
+
+/// Returns what differs of the event actions of a group that runs.
+fn change_of_group(running: &Plan, plan: &Plan, number: u32) -> Option<PlanChange> {
+    let (before, after) = (running.groups.get(number as usize)?, plan.groups.get(number as usize)?);
+    let mut why = Vec::new();
+    let mut differs = |is_different: bool, words: &str| why.extend(is_different.then(|| words.to_owned()));
+    differs(before.expression != after.expression, "its event actions");
+    differs(before.sets_always != after.sets_always, "the connections that are always open");
+    differs(before.supervision != after.supervision, "its supervision");
+    (!why.is_empty()).then(|| PlanChange::Act { group: number, path: before.path.clone(), why })
+}
+
+/// Where the order of processes counts, it has to stay.
+fn obstacle_of_order(running: &Plan, (before, after): (&Group, &Group)) -> Option<String> {
+    let counts = [before, after].iter().any(|group| group.supervision.strategy == Strategy::RestForOne);
+    let names = |group: &Group| group.members.iter().map(|member| member.name.clone()).collect::<Vec<_>>();
+    let (old, new) = (names(before), names(after));
+    let kept: Vec<&String> = old.iter().filter(|name| new.contains(name)).collect();
+    let is_same = new.iter().filter(|name| old.contains(name)).eq(kept.iter().copied())
+        && new.iter().take(kept.len()).eq(kept.iter().copied());
+    let home = running.name.as_str();
+    (counts && !is_same).then(|| {
+        format!(
+            "the processes of `{}` stand in another order, which `rest_for_one` goes by; stop `{home}` first",
+            before.path
+        )
+    })
 }
 
 impl Plan {
@@ -151,18 +244,15 @@ impl Plan {
 struct Numbers {
     groups: BTreeMap<u32, u32>,
     leaves: BTreeMap<u32, u32>,
+    /// Leaves that are added, by the number that runs.
+    added: BTreeSet<u32>,
+    /// For each group that runs, its slots by the slots that are wanted.
+    slots: BTreeMap<u32, Vec<u32>>,
 }
 
 impl Numbers {
     fn leaf(&self, wanted: u32) -> Option<u32> {
         self.leaves.get(&wanted).copied()
-    }
-
-    fn member(&self, wanted: MemberKind) -> Option<MemberKind> {
-        match wanted {
-            MemberKind::Leaf(leaf) => self.leaf(leaf).map(MemberKind::Leaf),
-            MemberKind::Group(group) => self.groups.get(&group).copied().map(MemberKind::Group),
-        }
     }
 }
 
@@ -194,148 +284,12 @@ impl Wires {
     }
 }
 
-/// Pairs the numbers of what has the same path in both; what only one of them has is an obstacle.
-fn matched<'a>(
-    what: &str,
-    running: impl Iterator<Item = &'a String>,
-    wanted: impl Iterator<Item = &'a String>,
-) -> Result<BTreeMap<u32, u32>, Vec<String>> {
-    let mut running: BTreeMap<&String, u32> = running.zip(0..).collect();
-    let (mut pairs, mut obstacles) = (BTreeMap::new(), Vec::new());
-    for (path, number) in wanted.zip(0..) {
-        match running.remove(path) {
-            Some(old) => drop(pairs.insert(number, old)),
-            None => obstacles.push(format!("the {what} `{path}` is new")),
-        }
-    }
-    obstacles.extend(running.keys().map(|path| format!("the {what} `{path}` is not in it any more")));
-    if obstacles.is_empty() { Ok(pairs) } else { Err(obstacles) }
-}
-
-/// Returns what is wanted by the numbers that run.
-fn by_running<'a, T>(pairs: &BTreeMap<u32, u32>, wanted: &'a [T]) -> BTreeMap<u32, &'a T> {
-    pairs.iter().filter_map(|(new, old)| Some((*old, wanted.get(*new as usize)?))).collect()
-}
-
 fn host(plan: &Plan, host: u32) -> &str {
     plan.hosts.get(host as usize).map_or("?", String::as_str)
 }
 
 fn moved(path: &str, from: &str, to: &str) -> Option<String> {
     (from != to).then(|| format!("`{path}` moves from `{from}` to `{to}`"))
-}
-
-fn change_of_leaf(leaf: u32, before: &Leaf, after: &Leaf, claims_differ: bool) -> Option<PlanChange> {
-    // Every field by its name, so that one that is added is not forgotten here.
-    let Leaf { path, module, host: _, arguments: given, exec, kind, stop_within, outcomes, policy } = before;
-    let Policy { restart, agent_loss, link_loss, usage, watchdog, ready_within } = policy;
-    let mut why = Vec::new();
-    let mut differs = |is_different: bool, words: &str| why.extend(is_different.then(|| words.to_owned()));
-    differs(*module != after.module, &format!("its type is `{}`, was `{module}`", after.module));
-    differs(*exec != after.exec, "its executable");
-    differs(claims_differ, "its claims");
-    differs(*kind != after.kind, "whether it speaks the control protocol");
-    differs(*outcomes != after.outcomes, "its outcomes");
-    differs(*agent_loss != after.policy.agent_loss, "`on_agent_loss`");
-    differs(*usage != after.policy.usage, "its limits");
-    differs(*watchdog != after.policy.watchdog, "`watchdog`");
-    differs(*ready_within != after.policy.ready_within, "`ready within`");
-    why.extend(arguments(given, &after.arguments));
-    let is_replaced = !why.is_empty();
-    let mut differs = |is_different: bool, words: &str| why.extend(is_different.then(|| words.to_owned()));
-    differs(*restart != after.policy.restart, "`restart`");
-    differs(*link_loss != after.policy.link_loss, "`on_link_loss`");
-    differs(*stop_within != after.stop_within, "`stop within`");
-    let path = path.clone();
-    match (is_replaced, why.is_empty()) {
-        (_, true) => None,
-        (true, false) => Some(PlanChange::Replace { leaf, path, why }),
-        (false, false) => Some(PlanChange::Settle { leaf, path, why }),
-    }
-}
-
-/// Returns which arguments are different, for a person.
-fn arguments(before: &[Argument], after: &[Argument]) -> Vec<String> {
-    let named = |arguments: &[Argument]| -> BTreeMap<String, Constant> {
-        let name = |(place, argument): (usize, &Argument)| {
-            let name = argument.name.clone().unwrap_or_else(|| format!("argument {}", place + 1));
-            (name, argument.value.clone())
-        };
-        arguments.iter().enumerate().map(name).collect()
-    };
-    let (before, after) = (named(before), named(after));
-    let names: BTreeSet<&String> = before.keys().chain(after.keys()).collect();
-    let words = |name: &&String| match (before.get(*name), after.get(*name)) {
-        (Some(before), Some(after)) if before == after => None,
-        (Some(before), Some(after)) => Some(format!("`{name}` is {}, was {}", spelled(after), spelled(before))),
-        (None, Some(after)) => Some(format!("`{name}` is {}, was not given", spelled(after))),
-        (Some(before), None) => Some(format!("`{name}` is not given, was {}", spelled(before))),
-        (None, None) => None,
-    };
-    names.iter().filter_map(words).collect()
-}
-
-fn spelled(constant: &Constant) -> String {
-    match constant {
-        Constant::Text(text) => format!("{text:?}"),
-        Constant::Number(number) => number.to_string(),
-        Constant::Truth(truth) => truth.to_string(),
-    }
-}
-
-/// Returns what of a group cannot change while its supervisor holds the state of its event actions.
-fn obstacle_of_group(before: &Group, after: &Group, numbers: &Numbers) -> Option<String> {
-    let path = &before.path;
-    let members = after.members.iter().map(|member| (&member.name, numbers.member(member.kind), member.service));
-    if !before.members.iter().map(|member| (&member.name, Some(member.kind), member.service)).eq(members) {
-        return Some(format!("the processes of `{path}` stand in another order, or one is a service now"));
-    }
-    if before.supervision != after.supervision {
-        return Some(format!("the supervision of `{path}` differs"));
-    }
-    let sets = |group: &Group| group.sets.iter().map(|set| (set.owner, set.label.clone())).collect::<Vec<_>>();
-    if sets(before) != sets(after) || before.sets_always != after.sets_always {
-        return Some(format!("the connection sets of `{path}` have other owners or labels"));
-    }
-    (!same(&before.expression, &after.expression)).then(|| format!("the event actions of `{path}` differ"))
-}
-
-/// Whether two expressions mean the same: the line in which a deadline stands does not count.
-fn same(before: &Expression, after: &Expression) -> bool {
-    before == after || without_lines(before.clone()) == without_lines(after.clone())
-}
-
-fn without_lines(mut expression: Expression) -> Expression {
-    match &mut expression {
-        Expression::Fail(why) if why.starts_with(DEADLINE) => {
-            if let Some(line) = why.rfind(" in line ") {
-                why.truncate(line);
-            }
-        }
-        Expression::Run { .. } | Expression::Skip | Expression::Never | Expression::Fail(_) | Expression::Wait(_) => {}
-        Expression::Concurrent(of)
-        | Expression::FailFast(of)
-        | Expression::Disable(of)
-        | Expression::AnyOf { of, .. } => of.iter_mut().for_each(forget_lines),
-        Expression::Sequence(p, q)
-        | Expression::Conditional(p, q)
-        | Expression::Recurrent(p, q)
-        | Expression::Otherwise(p, q)
-        | Expression::Finally(p, q) => [p, q].into_iter().for_each(|of| forget_lines(of)),
-        Expression::Match(arms) => arms.iter_mut().for_each(|arm| forget_lines(&mut arm.body)),
-        Expression::Shield { of, .. } | Expression::Using { of, .. } | Expression::Tagged { of, .. } => {
-            forget_lines(of);
-        }
-        Expression::Asynchronous { source, pool } => {
-            forget_lines(source);
-            pool.iter_mut().for_each(forget_lines);
-        }
-    }
-    expression
-}
-
-fn forget_lines(expression: &mut Expression) {
-    *expression = without_lines(std::mem::replace(expression, Expression::Skip));
 }
 
 /// `main/a, Out -> main/b, In latch`
@@ -359,96 +313,4 @@ fn text(plan: &Plan, wire: u32) -> String {
         text.push_str(&format!(" every {} s", period.as_secs_f64()));
     }
     text
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::{Options, Source, compile};
-
-    const SPEC: &str = r#"
-module Source(host, rate: Number = 1) { out Out: Number; service; }
-module Sink(host) { in In: Number; in Other: Number; done; }
-process Pair(here) {
-    host { here }
-    instantiated_processes { a instof Source(here); b instof Sink("c2"); }
-    internal_connections(a, feed) { a, Out -> b, In; }
-    internal_event_actions { a[feed] , b within 5 s }
-}
-process main() {
-    host { "c1" }
-    instantiated_processes { pair instof Pair("c1"); c instof Sink("c2"); }
-    internal_event_actions { pair ; c }
-}
-"#;
-
-    fn plan(text: &str) -> Plan {
-        let compiled = compile(&Source::new("spec", text), &[], &Options::named("spec"));
-        compiled.plan.unwrap_or_else(|| panic!("{:#?}", compiled.diagnostics))
-    }
-
-    fn changes(running: &Plan, text: &str) -> Result<Vec<String>, Vec<String>> {
-        let found = difference(running, &plan(text))?;
-        found.plan.validate().unwrap();
-        Ok(found.changes.iter().map(ToString::to_string).collect())
-    }
-
-    #[test]
-    fn the_same_text_changes_nothing_whatever_its_lines_and_order_of_types() {
-        let running = plan(SPEC);
-        assert_eq!(changes(&running, SPEC), Ok(vec![]));
-        assert_eq!(changes(&running, &format!("// one more line\n{SPEC}")), Ok(vec![]));
-        let (modules, processes) = SPEC.split_at(SPEC.find("process Pair").unwrap());
-        assert_eq!(changes(&running, &format!("{processes}{modules}")), Ok(vec![]));
-    }
-
-    #[test]
-    fn programs_and_policies_can_change_while_it_runs() {
-        let running = plan(&SPEC.replace("Source(here);", "Source(here, 1);"));
-        let replaced = changes(&running, &SPEC.replace("Source(here);", "Source(here, 2);"));
-        assert_eq!(replaced, Ok(vec!["replace    main/pair/a: `argument 1` is 2, was 1".to_owned()]));
-        let running = plan(SPEC);
-        let permanent = SPEC.replace("Source(here);", "Source(here) { restart permanent; };");
-        assert_eq!(changes(&running, &permanent), Ok(vec!["settle     main/pair/a: `restart`".to_owned()]));
-    }
-
-    #[test]
-    fn a_claim_that_changes_replaces_its_program() {
-        let running = plan(&SPEC.replace("done; }", "done; claims leg; }"));
-        let other = SPEC.replace("done; }", "done; claims leg(read); }");
-        let lines = ["b", "c"].map(|leaf| match leaf {
-            "b" => "replace    main/pair/b: its claims".to_owned(),
-            _ => "replace    main/c: its claims".to_owned(),
-        });
-        assert_eq!(changes(&running, &other), Ok(lines.to_vec()));
-    }
-
-    #[test]
-    fn wires_that_stay_keep_their_numbers_and_new_ones_get_the_next() {
-        let running = plan(SPEC);
-        let text = SPEC.replace("{ a, Out -> b, In; }", "{ a, Out -> b, Other; a, Out -> b, In queue 4; }");
-        let next = difference(&running, &plan(&text)).unwrap();
-        let lines: Vec<String> = next.changes.iter().map(ToString::to_string).collect();
-        let expected = [
-            "disconnect main/pair/a, Out -> main/pair/b, In",
-            "connect    main/pair/a, Out -> main/pair/b, Other",
-            "connect    main/pair/a, Out -> main/pair/b, In queue 4",
-        ];
-        assert_eq!(lines, expected);
-        assert_eq!((next.plan.wires.len(), next.plan.live_wires()), (3, BTreeSet::from([1, 2])));
-        // What has gone is not taken for what is wanted again.
-        let back = difference(&next.plan, &plan(SPEC)).unwrap();
-        assert_eq!((back.changes.len(), back.plan.live_wires()), (3, BTreeSet::from([3])));
-    }
-
-    #[test]
-    fn what_a_supervisor_cannot_take_is_told_and_all_of_it() {
-        let running = plan(SPEC);
-        let other = SPEC.replace("pair ; c", "pair , c").replace("b instof Sink(\"c2\")", "b instof Sink(\"c3\")");
-        let expected = ["`main/pair/b` moves from `c2` to `c3`", "the event actions of `main` differ"];
-        assert_eq!(changes(&running, &other), Err(expected.map(str::to_owned).to_vec()));
-        let renamed = SPEC.replace("c instof", "d instof").replace("pair ; c", "pair ; d");
-        let expected = ["the process `main/d` is new", "the process `main/c` is not in it any more"];
-        assert_eq!(changes(&running, &renamed), Err(expected.map(str::to_owned).to_vec()));
-    }
 }

@@ -53,6 +53,8 @@ enum Phase {
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Coordinator {
     deployment: Deployment,
+    /// The user who has deployed it.
+    begun_by: String,
     plan: Arc<Plan>,
     /// The request by which the plan runs, if a user has signed it.
     signed: Option<Arc<Signed>>,
@@ -110,6 +112,7 @@ impl Coordinator {
             history: History::new(deployment.clone(), hosts.clone()),
             hosts,
             deployment,
+            begun_by: String::new(),
             plan,
             signed,
             phase: Phase::Preparing,
@@ -143,6 +146,16 @@ impl Coordinator {
             out.send(&host, coordinator.deployment.to_participant(order.signed(coordinator.signed.as_deref())));
         }
         coordinator
+    }
+
+    /// Takes note of the user who has deployed it.
+    pub fn begun_for(&mut self, by: &str) {
+        by.clone_into(&mut self.begun_by);
+    }
+
+    /// Returns the user who has deployed it.
+    pub fn begun_by(&self) -> &str {
+        &self.begun_by
     }
 
     /// Returns whether nothing is left to be done.

@@ -5,6 +5,7 @@
 //! stop on contact must not stand behind a slow host. Wires are counted, since two sets may share one. And an activation waits
 //! for as long as a lost host may still use what it takes (`fence`).
 
+mod actions;
 mod fence;
 mod lost;
 mod supervision;
@@ -145,6 +146,7 @@ impl Executer {
             return None;
         }
         (self.activation, self.running) = (activation, true);
+        self.renew_actions(context.plan);
         self.failures.clear();
         self.forget_restarts();
         self.react(Event::Start(Value::new(value)), context, out)
@@ -265,7 +267,11 @@ impl Executer {
         for command in commands {
             self.carry_out(command, context, out);
         }
-        let outcome = outcome?;
+        Some(self.conclude(outcome?, context, out))
+    }
+
+    /// Says how the group has ended.
+    fn conclude(&mut self, outcome: Outcome, context: ExecContext<'_>, out: &mut Out<'_>) -> Ending {
         self.running = false;
         self.pass_on_fences(context, out);
         let ending = match outcome {
@@ -273,7 +279,7 @@ impl Executer {
             Outcome::Aborted(reason) => Ending::Aborted(self.failure(&reason, context)),
             Outcome::Stopped => Ending::Stopped,
         };
-        Some(self.escalate(ending))
+        self.escalate(ending)
     }
 
     /// Has its steps recorded, for those who compare them later with the spec: several at once, since nothing waits for them.

@@ -255,6 +255,11 @@ impl Instance {
         self.stage == Stage::Dead
     }
 
+    /// Returns whether its links have stood once.
+    pub fn has_joined(&self) -> bool {
+        self.joined
+    }
+
     /// Returns whether the program can be told to switch wires, and will answer.
     pub fn is_linked(&self) -> bool {
         self.is_controller() && matches!(self.stage, Stage::Idle | Stage::Running | Stage::Stopping { .. })

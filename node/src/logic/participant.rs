@@ -5,6 +5,7 @@
 //! participant leaves by itself, unless the spec wants something of it to go on (`loss`).
 
 mod change;
+mod coming;
 mod leaving;
 mod links;
 mod loss;
@@ -46,6 +47,8 @@ pub struct Participant {
     deployment: Deployment,
     plan: Arc<Plan>,
     home: String,
+    /// This host.
+    host: String,
     machine: String,
     phase: Phase,
     go_at: Option<Time>,
@@ -81,7 +84,9 @@ impl Participant {
         out: &mut Out<'_>,
     ) -> Self {
         let home = plan.home().unwrap_or(host).to_owned();
-        let groups = (0_u32..).zip(&plan.groups).filter(|(number, _)| group_host(&plan, *number) == Some(host));
+        let live = plan.live_groups();
+        let is_mine = |number: &u32| live.contains(number) && group_host(&plan, *number) == Some(host);
+        let groups = (0_u32..).zip(&plan.groups).filter(|(number, _)| is_mine(number));
         let below = below_using(&plan);
         let supervisor = |number: u32| Some((number, Executer::new(&plan, number, below.contains(&number))?));
         let executers = groups.filter_map(|(number, _)| supervisor(number)).collect();
@@ -94,6 +99,7 @@ impl Participant {
             deployment,
             plan,
             home,
+            host: host.to_owned(),
             machine: machine.to_owned(),
             phase: Phase::Preparing,
             go_at: None,
@@ -248,7 +254,8 @@ impl Participant {
     }
 
     fn start_programs(&mut self, host: &str, programs: &Programs, out: &mut Out<'_>) {
-        let mine = |(number, _): &(u32, _)| leaf_host(&self.plan, *number) == Some(host);
+        let live = self.plan.live_leaves();
+        let mine = |(number, _): &(u32, _)| live.contains(number) && leaf_host(&self.plan, *number) == Some(host);
         let plan = Arc::clone(&self.plan);
         let mut orders = Vec::new();
         for (number, leaf) in (0_u32..).zip(&plan.leaves).filter(mine) {
@@ -335,6 +342,12 @@ impl Participant {
     fn note(&mut self, leaf: u32, note: Note, out: &mut Out<'_>) {
         let target = Target::Leaf(leaf);
         match note {
+            Note::Prepared(facts) if self.is_adding(leaf) => self.added(facts, out),
+            Note::Refused(why) if self.is_adding(leaf) => self.not_added(leaf, &why, out),
+            Note::Connected if self.is_adding(leaf) => {
+                self.with_instance(leaf, out, Instance::is_added);
+                self.linked(leaf, Ok(()), out);
+            }
             Note::Prepared(facts) => {
                 self.hold_own(&facts);
                 self.facts.push(facts);
@@ -380,7 +393,10 @@ impl Participant {
             Note::Replaced => self.replaced(leaf, out),
             Note::Healthy => self.healthy(leaf, out),
             Note::Unhealthy(why) => self.unhealthy(leaf, &why, out),
-            Note::Gone => self.report_released(out),
+            Note::Gone => {
+                self.removed(leaf);
+                self.report_released(out);
+            }
         }
     }
 

@@ -101,6 +101,15 @@ impl<T: Timed> TimedMap<T> {
         self.note(number);
     }
 
+    /// Takes a machine away.
+    pub fn remove(&mut self, number: u32) {
+        self.all.remove(&number);
+        self.unfinished.remove(&number);
+        if let Some(at) = self.deadlines.remove(&number) {
+            self.due.remove(&(at, number));
+        }
+    }
+
     /// Does something with a machine; nothing if there is none of that number.
     pub fn with<R>(&mut self, number: u32, act: impl FnOnce(&mut T) -> R) -> Option<R> {
         self.visits += 1;
@@ -169,6 +178,8 @@ mod tests {
             assert_eq!(alarms.deadline(), alarms.iter().filter_map(|(_, alarm)| alarm.deadline()).min());
             assert_eq!(alarms.are_over(), alarms.iter().all(|(_, alarm)| alarm.is_over()));
         }
+        alarms.remove(3);
+        assert!(!alarms.contains(3) && alarms.due(Time::from_nanos(63)).iter().all(|number| *number != 3));
         alarms.each(|_, alarm| alarm.0 = None);
         assert_eq!((alarms.deadline(), alarms.are_over()), (None, true));
     }

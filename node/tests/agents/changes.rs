@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 /// A sensor on one host feeds a program on another, and that one a third; a task ends it all.
-const FEED: &str = r#"
+pub(super) const FEED: &str = r#"
 process main() {
     host { "c1" }
     instantiated_processes {
@@ -22,13 +22,13 @@ process main() {
 }
 "#;
 
-fn start(world: &mut World) -> u64 {
+pub(super) fn start(world: &mut World) -> u64 {
     let call = world.deploy("c1", FEED);
     world.run_for(Duration::from_secs(1));
     call
 }
 
-fn revision(world: &mut World) -> Revision {
+pub(super) fn revision(world: &mut World) -> Revision {
     let call = world.ask("c1", Request::Revision { name: "test".to_owned() });
     world.run_for(Duration::from_millis(1));
     match &world.answers[&call][..] {
@@ -39,7 +39,7 @@ fn revision(world: &mut World) -> Revision {
 
 /// Returns what the change has led to: its lines, or the reasons against it.
 #[track_caller]
-fn outcome(world: &World, call: u64) -> Result<Vec<String>, Vec<String>> {
+pub(super) fn outcome(world: &World, call: u64) -> Result<Vec<String>, Vec<String>> {
     match world.last_report(call) {
         Report::Changed { changes, .. } => Ok(changes.clone()),
         Report::Unchanged { reasons, .. } => Err(reasons.clone()),
@@ -47,14 +47,14 @@ fn outcome(world: &World, call: u64) -> Result<Vec<String>, Vec<String>> {
     }
 }
 
-fn lives(world: &World) -> Vec<u32> {
+pub(super) fn lives(world: &World) -> Vec<u32> {
     let by_leaf: BTreeMap<u32, u32> = world.lives.iter().map(|(process, lives)| (process.leaf, *lives)).collect();
     by_leaf.into_values().collect()
 }
 
 /// Checks that every program runs as the plan says, and looks for its producers where they are.
 #[track_caller]
-fn check(world: &mut World) {
+pub(super) fn check(world: &mut World) {
     let plan = revision(world).plan;
     let alive: BTreeMap<u32, _> = world.alive.iter().map(|(_, process)| (process.leaf, process)).collect();
     let live = plan.live_wires();
@@ -217,7 +217,7 @@ fn what_a_host_cannot_do_changes_nothing_anywhere() {
     check(&mut world);
 }
 
-fn is_over(world: &World, call: u64) -> bool {
+pub(super) fn is_over(world: &World, call: u64) -> bool {
     matches!(world.last_report(call), Report::Finished { .. } | Report::Refused { .. })
 }
 

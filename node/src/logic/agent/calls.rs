@@ -120,14 +120,15 @@ impl Agent {
             Some(why)
         } else if let Err(why) = plan.validate() {
             Some(format!("the plan is not sound: {why}"))
+        } else if plan.live_leaves().len() < plan.leaves.len() {
+            Some("the plan is not sound: a process is a member of no group".to_owned())
         } else if !home_is_here {
             Some(format!("`main` does not run on `{}`", self.identity.host))
         } else if self.requests.contains(&request) {
             Some("this request was made before".to_owned())
-        } else if self.is_deployed(&plan.name) {
-            Some(format!("`{}` is already deployed; `dca stop {}` ends it", plan.name, plan.name))
         } else {
-            None
+            let holder = self.holder(&plan.name);
+            holder.map(|by| format!("`{}` is already deployed by {by}; `dca stop {}` ends it", plan.name, plan.name))
         };
         if let Some(reason) = refusal {
             answer(call, Answer::Report(Report::Refused { reasons: vec![reason] }), out);
@@ -159,9 +160,10 @@ impl Agent {
         }
     }
 
-    fn is_deployed(&self, name: &str) -> bool {
-        self.coordinators.keys().any(|other| other.name == name)
-            || self.awaiting_hosts.iter().any(|one| one.plan.name == name)
+    /// Returns who has deployed something under a name that has not ended.
+    fn holder(&self, name: &str) -> Option<&str> {
+        let begun = self.coordinators.iter().find(|(other, _)| other.name == name).map(|(_, home)| home.begun_by());
+        begun.or_else(|| Some(self.awaiting_hosts.iter().find(|one| one.plan.name == name)?.by.as_str()))
     }
 
     /// Ends deployments that have not begun; says whether there were any.
@@ -192,7 +194,9 @@ impl Agent {
         out.effects.push(Effect::WriteDatabase(Box::new(record)));
         let listeners = self.listeners.clone();
         let plan = (Arc::new(plan), signed);
-        self.coordinators.insert(deployment.clone(), Coordinator::begin(deployment, plan, call, listeners, out));
+        let mut home = Coordinator::begin(deployment.clone(), plan, call, listeners, out);
+        home.begun_for(&by);
+        self.coordinators.insert(deployment, home);
     }
 
     /// Returns the programs that a deployment has here, or had.

@@ -105,7 +105,10 @@ impl Agent {
                 let reason = self.conflicts(deployment, &Claims::of(plan, host)).into_iter().next()?;
                 Some(ChangeReply::Failed { number: *number, reason })
             }
-            ChangeOrder::Link { .. } | ChangeOrder::Adopt { .. } | ChangeOrder::Settle { .. } => None,
+            ChangeOrder::Link { .. }
+            | ChangeOrder::LinkAlso { .. }
+            | ChangeOrder::Adopt { .. }
+            | ChangeOrder::Settle { .. } => None,
         }
     }
 

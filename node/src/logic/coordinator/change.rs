@@ -15,8 +15,9 @@ use super::{Coordinator, Phase};
 use crate::logic::effect::{Effect, Out};
 use crate::logic::instance::watchdog::{probation, ready_within};
 use crate::logic::protocol::{
-    Answer, ChangeOrder, ChangeReply, ChangeRequest, Report, Revision, Signed, ToParticipant,
+    Answer, ChangeOrder, ChangeReply, ChangeRequest, LeafFacts, Report, Revision, Signed, ToParticipant,
 };
+use crate::logic::wiring::observe;
 use comms::logic::time::Time;
 use language::plan::{Leaf, Plan, PlanChange, difference};
 use serde::{Deserialize, Serialize};
@@ -55,6 +56,8 @@ pub(super) struct Changing {
     lines: Vec<String>,
     /// Why it is taken back.
     reasons: Vec<String>,
+    /// Where programs are that were added.
+    facts: Vec<LeafFacts>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -168,11 +171,13 @@ impl Coordinator {
             waiting: self.hosts.iter().cloned().collect(),
             lines,
             reasons: Vec::new(),
+            facts: Vec::new(),
         }))
     }
 
     fn leaf(&self, path: &str) -> Result<u32, String> {
-        let found = (0_u32..).zip(&self.plan.leaves).find(|(_, leaf)| leaf.path == path);
+        let live = self.plan.live_leaves();
+        let found = (0_u32..).zip(&self.plan.leaves).find(|(number, leaf)| leaf.path == path && live.contains(number));
         found.map(|(number, _)| number).ok_or_else(|| format!("`{}` has no program `{path}`", self.deployment.name))
     }
 
@@ -181,6 +186,7 @@ impl Coordinator {
         let number = match &reply {
             ChangeReply::Examined { number, .. }
             | ChangeReply::Applied { number }
+            | ChangeReply::Joined { number, .. }
             | ChangeReply::Linked { number }
             | ChangeReply::Healthy { number }
             | ChangeReply::Failed { number, .. } => *number,
@@ -193,9 +199,14 @@ impl Coordinator {
             }
             (ChangeReply::Failed { reason, .. }, _) => return self.take_back(reason, out),
             (ChangeReply::Applied { .. }, step) => step == Step::Applying,
+            (ChangeReply::Joined { facts, .. }, Step::Applying) => {
+                self.registrations.facts.extend(facts.iter().map(|facts| (facts.leaf, facts.clone())));
+                change.facts.extend(facts);
+                true
+            }
             (ChangeReply::Linked { .. }, step) => step == Step::Linking,
             (ChangeReply::Healthy { .. }, step) => step == Step::Probing,
-            (ChangeReply::Examined { .. }, _) => false,
+            (ChangeReply::Examined { .. } | ChangeReply::Joined { .. }, _) => false,
         };
         if expected && change.waiting.remove(from) && change.waiting.is_empty() {
             self.next_step(out);
@@ -213,7 +224,11 @@ impl Coordinator {
             Step::Examining => self.apply(out),
             Step::Applying => {
                 let (number, until) = (change.number, out.now + LINK_WITHIN);
-                self.step((Step::Linking, until), &ChangeOrder::Link { number }, out);
+                let order = match std::mem::take(&mut change.facts) {
+                    facts if facts.is_empty() => ChangeOrder::Link { number },
+                    facts => ChangeOrder::LinkAlso { number, facts },
+                };
+                self.step((Step::Linking, until), &order, out);
             }
             Step::Linking => {
                 let (number, until) = (change.number, out.now + change.healthy_within());
@@ -249,6 +264,9 @@ impl Coordinator {
 
     fn changed(&mut self, out: &mut Out<'_>) {
         let Some(change) = self.change.take() else { return };
+        self.tell_where_new_ones_are(&change, out);
+        let live = self.plan.live_leaves();
+        self.registrations.facts.retain(|leaf, _| live.contains(leaf));
         for host in self.hosts.iter().filter(|host| !self.lost.contains(*host)) {
             let order = ChangeOrder::Settle { number: change.number };
             out.send(host, self.deployment.to_participant(ToParticipant::Change(order)));
@@ -262,6 +280,19 @@ impl Coordinator {
         };
         self.report(report.clone(), out);
         answer(change.call, report, out);
+    }
+
+    /// Tells the people who watch where programs are that were added.
+    fn tell_where_new_ones_are(&mut self, change: &Changing, out: &mut Out<'_>) {
+        let (before, live) = (change.before.live_leaves(), self.plan.live_leaves());
+        let at = live.difference(&before).filter_map(|leaf| {
+            let path = self.plan.leaves.get(*leaf as usize)?.path.clone();
+            Some((path, observe(&self.registrations, *leaf)?))
+        });
+        let at: Vec<_> = at.collect();
+        if !at.is_empty() {
+            self.report(Report::Programs { at }, out);
+        }
     }
 
     /// Goes back to the plan of before, or gives up when that has failed, too.

@@ -72,6 +72,11 @@ impl Fences {
         Self { taken, is_below, ..Self::default() }
     }
 
+    /// Takes on other event actions of the group.
+    pub(super) fn retake(&mut self, group: &Group) {
+        self.taken = Self::new(group, self.is_below).taken;
+    }
+
     /// Takes the loss of a host; `active` is which members run there or are supervised from there, with their numbers and all
     /// hosts of theirs.
     pub(super) fn lose(&mut self, host: &str, active: impl Iterator<Item = (u32, u32, BTreeSet<String>)>) {

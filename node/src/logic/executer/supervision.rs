@@ -68,6 +68,11 @@ impl Executer {
         self.supervised = Supervised::default();
     }
 
+    /// The group aborts with this once it has stopped.
+    pub(super) fn give_up(&mut self, why: Failure) {
+        self.supervised.escalated.get_or_insert(why);
+    }
+
     /// Returns how the group ended: a restart too many is its failure, unless something could not be stopped.
     pub(super) fn escalate(&mut self, ending: Ending) -> Ending {
         match (self.supervised.escalated.take(), ending) {

@@ -27,6 +27,8 @@ pub(super) struct Probation {
     was_activated: bool,
     /// Until when; nothing before it is up, and in its first `Init`.
     until: Option<Time>,
+    /// Whether it was added: there is none to go back to.
+    is_new: bool,
 }
 
 impl Instance {
@@ -35,6 +37,21 @@ impl Instance {
         let mut own = self.order.clone();
         (own.policy.restart, own.policy.link_loss) = (order.policy.restart, order.policy.link_loss);
         own == *order
+    }
+
+    /// Starts a program that is added while the deployment runs.
+    pub fn add((order, stop_within): Start, probation: Duration, context: &mut InstanceContext<'_>) -> Self {
+        let length = watchdog::probation(order.kind, &order.policy, probation);
+        let mut instance = Self::spawn(order, stop_within, context);
+        instance.probation = Some(Probation { before: None, length, was_activated: false, until: None, is_new: true });
+        instance
+    }
+
+    /// Takes note that a program that was added is up, and its links stand.
+    pub fn is_added(&mut self, context: &mut InstanceContext<'_>) {
+        if self.probation.is_some() && self.stage == Stage::Idle {
+            self.is_up(context);
+        }
     }
 
     /// Takes on what becomes of the program when it dies or stops.
@@ -53,7 +70,7 @@ impl Instance {
         }
         let before = Some((self.order.clone(), self.stop_within));
         let length = watchdog::probation(next.0.kind, &next.0.policy, probation);
-        self.probation = Some(Probation { before, length, was_activated: false, until: None });
+        self.probation = Some(Probation { before, length, was_activated: false, until: None, is_new: false });
         context.notes.push(Note::Changed(Change::Replacing));
         match self.stage {
             Stage::Dead | Stage::Waiting { .. } => self.take_place(next, context),
@@ -148,18 +165,26 @@ impl Instance {
 
     /// Returns whether the program before is being started again.
     pub fn is_returning(&self) -> bool {
-        self.probation.as_ref().is_some_and(|probation| probation.before.is_none())
+        self.probation.as_ref().is_some_and(|probation| probation.before.is_none() && !probation.is_new)
     }
 
     /// Starts the program before again, if this one is on probation; says whether it was.
     pub(super) fn put_back(&mut self, cause: &FailureCause, context: &mut InstanceContext<'_>) -> bool {
+        if self.probation.take_if(|probation| probation.is_new).is_some() {
+            // Its supervisor hears nothing of it: it is stopped, and taken away again.
+            self.forget_program();
+            self.stage = Stage::Waiting { until: None };
+            context.notes.push(Note::Unhealthy(cause.to_string()));
+            return true;
+        }
         let Some(before) = self.probation.as_mut().and_then(|probation| probation.before.take()) else {
             let is_returning = self.probation.take().is_some();
             let why = || format!("the program before, which was started again, is not well either: {cause}");
             context.notes.extend(is_returning.then(|| Note::Unhealthy(why())));
             return false;
         };
-        self.probation = Some(Probation { before: None, length: Duration::ZERO, was_activated: true, until: None });
+        self.probation =
+            Some(Probation { before: None, length: Duration::ZERO, was_activated: true, until: None, is_new: false });
         context.notes.push(Note::Changed(Change::Reverting { cause: cause.clone() }));
         context.notes.push(Note::Unhealthy(cause.to_string()));
         self.take_place(before, context);

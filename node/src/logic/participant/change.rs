@@ -21,17 +21,25 @@ use std::time::Duration;
 /// A change that is being carried out.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Changing {
-    number: u32,
+    pub(super) number: u32,
     /// New programs that are not up yet.
-    starting: BTreeSet<u32>,
+    pub(super) starting: BTreeSet<u32>,
     /// Programs whose links are not made yet.
-    linking: BTreeSet<u32>,
+    pub(super) linking: BTreeSet<u32>,
     /// New programs that are on probation.
-    probing: BTreeSet<u32>,
+    pub(super) probing: BTreeSet<u32>,
     /// The wires that come or go.
     rewired: BTreeSet<u32>,
     /// The next word that the home waits for, if any.
     next: Next,
+    /// Programs that are added, and are not linked yet.
+    pub(super) adding: BTreeSet<u32>,
+    /// Where they are.
+    pub(super) facts: Vec<LeafFacts>,
+    /// How long a new program has to stay healthy.
+    pub(super) probation: Duration,
+    /// Whether it takes another change back.
+    is_undoing: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -56,15 +64,9 @@ impl Participant {
                     self.answer_change(ChangeReply::Failed { number, reason }, out);
                 }
             },
-            ChangeOrder::Link { number } => {
-                if let Some(change) = self.change.as_mut().filter(|change| change.number == number) {
-                    change.next = Next::Linked;
-                    let rewired = change.rewired.clone();
-                    self.link_again(&rewired, out);
-                    self.report_change(out);
-                }
-            }
-            ChangeOrder::Settle { .. } => self.claims = self.claims_now(host),
+            ChangeOrder::Link { number } => self.link_change(number, Vec::new(), out),
+            ChangeOrder::LinkAlso { number, facts } => self.link_change(number, facts, out),
+            ChangeOrder::Settle { .. } => self.settle_change(out),
             ChangeOrder::Adopt { number } => {
                 if let Some(change) = self.change.as_mut().filter(|change| change.number == number) {
                     change.next = Next::Healthy;
@@ -82,9 +84,10 @@ impl Participant {
     }
 
     /// Returns what the programs of this host hold by the plan as it is, and by their own word.
-    fn claims_now(&self, host: &str) -> Claims {
-        let mut claims = Claims::of(&self.plan, host);
-        let own = self.registrations.facts.values().filter(|facts| leaf_host(&self.plan, facts.leaf) == Some(host));
+    pub(super) fn claims_now(&self) -> Claims {
+        let mut claims = Claims::of(&self.plan, &self.host);
+        let own = self.registrations.facts.values();
+        let own = own.filter(|facts| leaf_host(&self.plan, facts.leaf) == Some(&self.host));
         for facts in own {
             let path = self.path(facts.leaf).unwrap_or_default();
             claims.extend(Claims::of_owner(path, &facts.owns));
@@ -94,8 +97,10 @@ impl Participant {
 
     /// Says why the next plan cannot be taken on here, once it is known whether the programs that differ can be started.
     fn examine(&self, (number, plan): (u32, &Plan), host: &str, programs: &Programs, out: &mut Out<'_>) {
+        let against = self.against_actions(plan);
         let starts = if self.phase == Phase::Running {
             self.starts(plan, host, programs)
+                .and_then(|starts| if against.is_empty() { Ok(starts) } else { Err(against) })
         } else {
             Err(vec!["the deployment does not run there".to_owned()])
         };
@@ -120,8 +125,9 @@ impl Participant {
 
     /// Returns how each program of this host is started by a plan.
     fn starts(&self, plan: &Plan, host: &str, programs: &Programs) -> Result<Vec<(u32, Start)>, Vec<String>> {
-        let (mut starts, mut problems) = (Vec::new(), Vec::new());
-        for (number, leaf) in (0_u32..).zip(&plan.leaves).filter(|(number, _)| leaf_host(plan, *number) == Some(host)) {
+        let (mut starts, mut problems, live) = (Vec::new(), Vec::new(), plan.live_leaves());
+        let is_mine = |number: &u32| live.contains(number) && leaf_host(plan, *number) == Some(host);
+        for (number, leaf) in (0_u32..).zip(&plan.leaves).filter(|(number, _)| is_mine(number)) {
             let process = ProcessId { deployment: self.deployment.clone(), leaf: number };
             match programs.command(leaf) {
                 Ok(command) => starts.push((number, (spawn_order(process, command, leaf), leaf.stop_within))),
@@ -138,15 +144,23 @@ impl Participant {
         (host, starts): (&str, Vec<(u32, Start)>),
         out: &mut Out<'_>,
     ) {
+        let is_undoing = self.change.is_some();
         let before = std::mem::replace(&mut self.plan, Arc::new(plan));
+        self.add_groups(host);
         let mut live = self.plan.live_wires();
         let rewired: BTreeSet<u32> = self.live.symmetric_difference(&live).copied().collect();
         live.extend(&self.live);
         self.live = live;
         self.claims.extend(Claims::of(&self.plan, host));
         let (starting, linking, probing) = (BTreeSet::new(), BTreeSet::new(), BTreeSet::new());
-        self.change = Some(Changing { number, starting, linking, probing, rewired, next: Next::Applied });
+        let (next, adding, facts) = (Next::Applied, BTreeSet::new(), Vec::new());
+        self.change =
+            Some(Changing { number, starting, linking, probing, rewired, next, adding, facts, probation, is_undoing });
         for (leaf, start) in starts {
+            if !self.instances.contains(leaf) {
+                self.add(leaf, start, out);
+                continue;
+            }
             let instance = self.instances.get(leaf);
             let is_same = instance.is_some_and(|instance| instance.is_same_program(&start));
             let is_returning = instance.is_some_and(Instance::is_returning);
@@ -164,6 +178,16 @@ impl Participant {
             }
             self.with_instance(leaf, out, |instance, context| instance.replace(start, probation, context));
         }
+        self.report_change(out);
+    }
+
+    fn link_change(&mut self, number: u32, facts: Vec<LeafFacts>, out: &mut Out<'_>) {
+        let Some(change) = self.change.as_mut().filter(|change| change.number == number) else { return };
+        change.next = Next::Linked;
+        let rewired = change.rewired.clone();
+        self.registrations.facts.extend(facts.into_iter().map(|facts| (facts.leaf, facts)));
+        self.link_added(out);
+        self.link_again(&rewired, out);
         self.report_change(out);
     }
 
@@ -235,17 +259,21 @@ impl Participant {
         }
     }
 
-    fn fail_change(&mut self, reason: &str, out: &mut Out<'_>) {
+    pub(super) fn fail_change(&mut self, reason: &str, out: &mut Out<'_>) {
         if let Some(number) = self.change.as_ref().map(|change| change.number) {
             self.answer_change(ChangeReply::Failed { number, reason: reason.to_owned() }, out);
         }
     }
 
     fn adopt_sets(&mut self, out: &mut Out<'_>) {
+        let against = self.against_actions(&Arc::clone(&self.plan));
+        if !against.is_empty() && self.change.as_ref().is_some_and(|change| !change.is_undoing) {
+            return self.fail_change(&against.join("; "), out);
+        }
         for group in self.executers.numbers() {
             self.with_executer(group, out, |executer, context, out| {
                 executer.rewire(context, out);
-                None
+                executer.adopt_actions(context, out)
             });
         }
         let live = self.plan.live_wires();
@@ -255,11 +283,15 @@ impl Participant {
     }
 
     /// Tells the home what it waits for, once that is so.
-    fn report_change(&mut self, out: &mut Out<'_>) {
+    pub(super) fn report_change(&mut self, out: &mut Out<'_>) {
         let Some(change) = &mut self.change else { return };
         let number = change.number;
         let (is_so, reply) = match change.next {
-            Next::Applied => (change.starting.is_empty(), ChangeReply::Applied { number }),
+            Next::Applied if change.facts.is_empty() => (change.starting.is_empty(), ChangeReply::Applied { number }),
+            Next::Applied => {
+                let facts = change.facts.clone();
+                (change.starting.is_empty(), ChangeReply::Joined { number, facts })
+            }
             Next::Linked => (change.linking.is_empty(), ChangeReply::Linked { number }),
             Next::Healthy => (change.probing.is_empty(), ChangeReply::Healthy { number }),
             Next::Nothing => return,

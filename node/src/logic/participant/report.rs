@@ -13,7 +13,11 @@ impl Participant {
             Some(host) => {
                 out.send(host, self.deployment.to_participant(ToParticipant::Ended { target, activation, ending }));
             }
-            None => out.send(&self.home, self.deployment.to_coordinator(ToCoordinator::MainEnded { ending })),
+            None if target == Target::Group(0) => {
+                out.send(&self.home, self.deployment.to_coordinator(ToCoordinator::MainEnded { ending }));
+            }
+            // It was taken away, and nobody waits for it.
+            None => {}
         }
     }
 

@@ -19,8 +19,9 @@ impl Participant {
 
     /// Returns what runs here, in the plan's order.
     pub fn status(&self) -> DeploymentStatus {
+        let live = self.plan.live_groups();
         let group = |(number, executer): (u32, &Executer)| {
-            let group = self.plan.groups.get(number as usize)?;
+            let group = self.plan.groups.get(number as usize).filter(|_| live.contains(&number))?;
             let (path, kind) = (group.path.clone(), group.process.clone());
             let words = std::iter::once(executer.state().to_owned()).chain(executer.waits(&self.plan));
             Some(ProcessStatus { path, kind, state: words.collect::<Vec<_>>().join("; "), pid: None })
@@ -52,8 +53,11 @@ impl Participant {
             let (deployment, path, kind) = (self.deployment.clone(), path.to_owned(), kind.to_owned());
             Some(AbsentProcess { deployment, host, path, kind })
         };
-        let groups = self.plan.groups.iter().filter_map(|group| process(group.host, &group.path, &group.process));
-        groups.chain(self.plan.leaves.iter().filter_map(|leaf| process(leaf.host, &leaf.path, &leaf.module))).collect()
+        let (leaves, groups) = (self.plan.live_leaves(), self.plan.live_groups());
+        let groups = groups.iter().filter_map(|number| self.plan.groups.get(*number as usize));
+        let groups = groups.filter_map(|group| process(group.host, &group.path, &group.process));
+        let leaves = leaves.iter().filter_map(|number| self.plan.leaves.get(*number as usize));
+        groups.chain(leaves.filter_map(|leaf| process(leaf.host, &leaf.path, &leaf.module))).collect()
     }
 
     /// Adds the names that it has given out on this host.

@@ -4,12 +4,14 @@
 //! home                          each host
 //!   ──Examine──▶  could it?     ──Examined──▶   one reason, and nothing has changed anywhere
 //!   ──Apply────▶  programs         ──Applied──▶
-//!   ──Link─────▶  links            ──Linked───▶
+//!                                  ──Joined───▶   the same, and where programs are that were added
+//!   ──Link─────▶  links            ──Linked───▶   (`LinkAlso`: with those)
 //!   ──Adopt────▶  connection sets  ──Healthy──▶  once new programs have passed their probation
 //!                                  ──Failed───▶  one has not; on its host the program before is started again
 //! ```
 //! A change that has failed somewhere is taken back by the same steps from `Apply` on, with the plan of before.
 
+use super::LeafFacts;
 use language::plan::Plan;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
@@ -75,10 +77,18 @@ pub enum ChangeOrder {
         /// Echoed.
         number: u32,
     },
-    /// The change is made, or taken back, everywhere: what only the plan of before has held is free. Nobody answers.
+    /// The change is made, or taken back, everywhere: what only the plan of before has had leaves, and what it has held is free.
+    /// Nobody answers.
     Settle {
         /// The change.
         number: u32,
+    },
+    /// `Link`, where programs were added.
+    LinkAlso {
+        /// Echoed.
+        number: u32,
+        /// Where those programs are.
+        facts: Vec<LeafFacts>,
     },
 }
 
@@ -114,6 +124,13 @@ pub enum ChangeReply {
         /// A sentence for a person.
         reason: String,
     },
+    /// To `Apply`: every program of the host is up, also those that were added.
+    Joined {
+        /// As ordered.
+        number: u32,
+        /// Where those are.
+        facts: Vec<LeafFacts>,
+    },
 }
 
 impl ChangeOrder {
@@ -123,6 +140,7 @@ impl ChangeOrder {
         | Self::Apply { number, .. }
         | Self::Link { number }
         | Self::Adopt { number }
+        | Self::LinkAlso { number, .. }
         | Self::Settle { number }) = self;
         ChangeReply::Failed { number: *number, reason }
     }

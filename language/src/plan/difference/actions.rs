@@ -1,0 +1,90 @@
+//! Event actions of two plans: whether they mean the same, and the ones that are wanted in the numbers of the plan that runs.
+
+use super::{Arm, DEADLINE, Expression};
+
+/// The numbers of one group that runs, by those of the group that is wanted.
+pub(super) struct GroupNumbers {
+    /// Slots of members.
+    pub(super) slots: Vec<u32>,
+    /// Indices of connection sets.
+    pub(super) sets: Vec<u32>,
+}
+
+impl GroupNumbers {
+    pub(super) fn slot(&self, wanted: u32) -> u32 {
+        self.slots.get(wanted as usize).copied().unwrap_or(wanted)
+    }
+
+    pub(super) fn set(&self, wanted: u32) -> u32 {
+        self.sets.get(wanted as usize).copied().unwrap_or(wanted)
+    }
+
+    /// Returns an expression with the numbers that run.
+    pub(super) fn expression(&self, wanted: &Expression) -> Expression {
+        let all = |of: &[Expression]| of.iter().map(|of| self.expression(of)).collect();
+        let boxed = |of: &Expression| Box::new(self.expression(of));
+        match wanted {
+            Expression::Run { member, sets } => {
+                Expression::Run { member: self.slot(*member), sets: sets.iter().map(|set| self.set(*set)).collect() }
+            }
+            Expression::Skip | Expression::Never | Expression::Fail(_) | Expression::Wait(_) => wanted.clone(),
+            Expression::Concurrent(of) => Expression::Concurrent(all(of)),
+            Expression::FailFast(of) => Expression::FailFast(all(of)),
+            Expression::AnyOf { count, of } => Expression::AnyOf { count: *count, of: all(of) },
+            Expression::Disable(of) => Expression::Disable(all(of)),
+            Expression::Sequence(p, q) => Expression::Sequence(boxed(p), boxed(q)),
+            Expression::Conditional(p, q) => Expression::Conditional(boxed(p), boxed(q)),
+            Expression::Recurrent(p, q) => Expression::Recurrent(boxed(p), boxed(q)),
+            Expression::Otherwise(p, q) => Expression::Otherwise(boxed(p), boxed(q)),
+            Expression::Match(arms) => {
+                let arm = |arm: &Arm| Arm { tag: arm.tag.clone(), body: self.expression(&arm.body) };
+                Expression::Match(arms.iter().map(arm).collect())
+            }
+            Expression::Shield { bound, of } => Expression::Shield { bound: *bound, of: boxed(of) },
+            Expression::Using { resources, of } => Expression::Using { resources: resources.clone(), of: boxed(of) },
+            Expression::Asynchronous { source, pool } => {
+                Expression::Asynchronous { source: boxed(source), pool: all(pool) }
+            }
+            Expression::Finally(p, q) => Expression::Finally(boxed(p), boxed(q)),
+            Expression::Tagged { tag, of } => Expression::Tagged { tag: tag.clone(), of: boxed(of) },
+        }
+    }
+}
+
+/// Whether two expressions mean the same: the line in which a deadline stands does not count.
+pub(super) fn same(before: &Expression, after: &Expression) -> bool {
+    before == after || without_lines(before.clone()) == without_lines(after.clone())
+}
+
+fn without_lines(mut expression: Expression) -> Expression {
+    match &mut expression {
+        Expression::Fail(why) if why.starts_with(DEADLINE) => {
+            if let Some(line) = why.rfind(" in line ") {
+                why.truncate(line);
+            }
+        }
+        Expression::Run { .. } | Expression::Skip | Expression::Never | Expression::Fail(_) | Expression::Wait(_) => {}
+        Expression::Concurrent(of)
+        | Expression::FailFast(of)
+        | Expression::Disable(of)
+        | Expression::AnyOf { of, .. } => of.iter_mut().for_each(forget_lines),
+        Expression::Sequence(p, q)
+        | Expression::Conditional(p, q)
+        | Expression::Recurrent(p, q)
+        | Expression::Otherwise(p, q)
+        | Expression::Finally(p, q) => [p, q].into_iter().for_each(|of| forget_lines(of)),
+        Expression::Match(arms) => arms.iter_mut().for_each(|arm| forget_lines(&mut arm.body)),
+        Expression::Shield { of, .. } | Expression::Using { of, .. } | Expression::Tagged { of, .. } => {
+            forget_lines(of);
+        }
+        Expression::Asynchronous { source, pool } => {
+            forget_lines(source);
+            pool.iter_mut().for_each(forget_lines);
+        }
+    }
+    expression
+}
+
+fn forget_lines(expression: &mut Expression) {
+    *expression = without_lines(std::mem::replace(expression, Expression::Skip));
+}

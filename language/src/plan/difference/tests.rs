@@ -1,0 +1,144 @@
+//! Plans that become others.
+
+use super::*;
+use crate::{Options, Source, compile};
+
+const SPEC: &str = r#"
+module Source(host, rate: Number = 1) { out Out: Number; service; }
+module Sink(host) { in In: Number; in Other: Number; done; }
+process Pair(here) {
+host { here }
+instantiated_processes { a instof Source(here); b instof Sink("c2"); }
+internal_connections(a, feed) { a, Out -> b, In; }
+internal_event_actions { a[feed] , b within 5 s }
+}
+process main() {
+host { "c1" }
+instantiated_processes { pair instof Pair("c1"); c instof Sink("c2"); }
+internal_event_actions { pair ; c }
+}
+"#;
+
+fn plan(text: &str) -> Plan {
+    let compiled = compile(&Source::new("spec", text), &[], &Options::named("spec"));
+    compiled.plan.unwrap_or_else(|| panic!("{:#?}", compiled.diagnostics))
+}
+
+fn changes(running: &Plan, text: &str) -> Result<Vec<String>, Vec<String>> {
+    let found = difference(running, &plan(text))?;
+    found.plan.validate().unwrap();
+    Ok(found.changes.iter().map(ToString::to_string).collect())
+}
+
+#[test]
+fn the_same_text_changes_nothing_whatever_its_lines_and_order_of_types() {
+    let running = plan(SPEC);
+    assert_eq!(changes(&running, SPEC), Ok(vec![]));
+    assert_eq!(changes(&running, &format!("// one more line\n{SPEC}")), Ok(vec![]));
+    let (modules, processes) = SPEC.split_at(SPEC.find("process Pair").unwrap());
+    assert_eq!(changes(&running, &format!("{processes}{modules}")), Ok(vec![]));
+}
+
+#[test]
+fn programs_and_policies_can_change_while_it_runs() {
+    let running = plan(&SPEC.replace("Source(here);", "Source(here, 1);"));
+    let replaced = changes(&running, &SPEC.replace("Source(here);", "Source(here, 2);"));
+    assert_eq!(replaced, Ok(vec!["replace    main/pair/a: `argument 1` is 2, was 1".to_owned()]));
+    let running = plan(SPEC);
+    let permanent = SPEC.replace("Source(here);", "Source(here) { restart permanent; };");
+    assert_eq!(changes(&running, &permanent), Ok(vec!["settle     main/pair/a: `restart`".to_owned()]));
+}
+
+#[test]
+fn a_claim_that_changes_replaces_its_program() {
+    let running = plan(&SPEC.replace("done; }", "done; claims leg; }"));
+    let other = SPEC.replace("done; }", "done; claims leg(read); }");
+    let lines = ["b", "c"].map(|leaf| match leaf {
+        "b" => "replace    main/pair/b: its claims".to_owned(),
+        _ => "replace    main/c: its claims".to_owned(),
+    });
+    assert_eq!(changes(&running, &other), Ok(lines.to_vec()));
+}
+
+#[test]
+fn wires_that_stay_keep_their_numbers_and_new_ones_get_the_next() {
+    let running = plan(SPEC);
+    let text = SPEC.replace("{ a, Out -> b, In; }", "{ a, Out -> b, Other; a, Out -> b, In queue 4; }");
+    let next = difference(&running, &plan(&text)).unwrap();
+    let lines: Vec<String> = next.changes.iter().map(ToString::to_string).collect();
+    let expected = [
+        "disconnect main/pair/a, Out -> main/pair/b, In",
+        "connect    main/pair/a, Out -> main/pair/b, Other",
+        "connect    main/pair/a, Out -> main/pair/b, In queue 4",
+    ];
+    assert_eq!(lines, expected);
+    assert_eq!((next.plan.wires.len(), next.plan.live_wires()), (3, BTreeSet::from([1, 2])));
+    // What has gone is not taken for what is wanted again.
+    let back = difference(&next.plan, &plan(SPEC)).unwrap();
+    assert_eq!((back.changes.len(), back.plan.live_wires()), (3, BTreeSet::from([3])));
+}
+
+#[test]
+fn what_cannot_change_is_told_and_all_of_it() {
+    let running = plan(SPEC);
+    let other = SPEC.replace("pair ; c", "pair , c").replace("b instof Sink(\"c2\")", "b instof Sink(\"c3\")");
+    let other = other.replace("c instof", "d instof Sink(\"c4\"); c instof");
+    let expected = [
+        "`main/d` is on the host `c4`, which takes no part in what runs; choose one of `c1`, `c2`",
+        "`main/pair/b` moves from `c2` to `c3`",
+    ];
+    assert_eq!(changes(&running, &other), Err(expected.map(str::to_owned).to_vec()));
+    let ordered = |text: &str| {
+        text.replace(
+            "internal_event_actions { pair",
+            "supervision { strategy rest_for_one; }\n    internal_event_actions { pair",
+        )
+    };
+    let swapped = SPEC.replace(
+        "pair instof Pair(\"c1\"); c instof Sink(\"c2\");",
+        "c instof Sink(\"c2\"); pair instof Pair(\"c1\");",
+    );
+    assert_eq!(changes(&running, &swapped), Ok(vec![]));
+    let why = "the processes of `main` stand in another order, which `rest_for_one` goes by; stop `spec` first";
+    assert_eq!(changes(&plan(&ordered(SPEC)), &ordered(&swapped)), Err(vec![why.to_owned()]));
+}
+
+#[test]
+fn processes_come_and_go_and_those_that_stay_keep_their_numbers() {
+    let running = plan(SPEC);
+    let text = SPEC
+        .replace("c instof", "d instof Pair(\"c1\"); c instof")
+        .replace("a instof Source(here);", "a instof Source(here); e instof Sink(here);")
+        .replace("{ a, Out -> b, In; }", "{ a, Out -> e, In; }")
+        .replace("a[feed] , b within 5 s", "a[feed] , e")
+        .replace("b instof Sink(\"c2\");", "")
+        .replace("pair ; c", "(pair , d) ; c");
+    let next = difference(&running, &plan(&text)).unwrap();
+    next.plan.validate().unwrap();
+    let lines: Vec<String> = next.changes.iter().map(ToString::to_string).collect();
+    let expected = [
+        "add        main/pair/e: Sink on `c1`",
+        "remove     main/pair/b",
+        "add        main/d/a: Source on `c1`",
+        "add        main/d/e: Sink on `c1`",
+        "act        main: its event actions",
+        "act        main/pair: its event actions",
+        "disconnect main/pair/a, Out -> main/pair/b, In",
+        "connect    main/pair/a, Out -> main/pair/e, In",
+        "connect    main/d/a, Out -> main/d/e, In",
+    ];
+    let sorted = |mut lines: Vec<String>| {
+        lines.sort();
+        lines
+    };
+    assert_eq!(sorted(lines), sorted(expected.map(str::to_owned).to_vec()));
+    let paths = |plan: &Plan| plan.leaves.iter().map(|leaf| leaf.path.clone()).collect::<Vec<_>>();
+    assert_eq!(paths(&next.plan)[..3], paths(&running));
+    assert_eq!(next.plan.live_leaves().len(), 5);
+    // The same text again changes nothing, and what comes back has the numbers that it had.
+    assert_eq!(changes(&next.plan, &text), Ok(vec![]));
+    let back = difference(&next.plan, &running).unwrap();
+    assert_eq!((back.plan.leaves.len(), back.plan.groups[1].members.len()), (next.plan.leaves.len(), 3));
+    assert_eq!(back.plan.groups[1].expression, running.groups[1].expression);
+    assert_eq!(changes(&back.plan, SPEC), Ok(vec![]));
+}
