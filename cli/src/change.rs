@@ -55,6 +55,11 @@ pub struct Probation {
 }
 
 impl Probation {
+    /// None at all.
+    pub(crate) fn none() -> Self {
+        Self { seconds: 0.0 }
+    }
+
     fn span(self) -> Duration {
         Duration::from_secs_f64(self.seconds)
     }
@@ -86,7 +91,7 @@ async fn replace_by(clients: &Clients, arguments: &ReplaceArguments) -> Result<(
     let Some(revision) = revision(client, &home, &deployment.name).await? else {
         return Err(anyhow!("`{}` does not run any more", deployment.name).into());
     };
-    let meant = arguments.processes.iter().map(|process| meant(&revision.plan, process));
+    let meant = arguments.processes.iter().map(|process| meant(&revision.plan, std::iter::empty(), process));
     let again = meant.collect::<Result<Vec<String>, String>>().map_err(|why| anyhow!(why))?;
     let plan = revision.plan.clone();
     change(client, &home, (revision, plan, again), arguments.probation).await
@@ -95,15 +100,21 @@ async fn replace_by(clients: &Clients, arguments: &ReplaceArguments) -> Result<(
 /// How many programs are named where one is not known.
 const PROGRAMS_TOLD: usize = 20;
 
-/// Returns the path of the one program that is meant.
-fn meant(plan: &Plan, process: &str) -> Result<String, String> {
-    let end = format!("/{process}");
-    let paths = plan.leaves.iter().map(|leaf| &leaf.path);
+/// Returns the path of the one program that is meant, or of the one of these groups.
+pub(crate) fn meant<'a>(
+    plan: &'a Plan,
+    groups: impl Iterator<Item = &'a String>,
+    process: &str,
+) -> Result<String, String> {
+    let (end, live) = (format!("/{process}"), plan.live_leaves());
+    let leaves = live.iter().filter_map(|number| plan.leaves.get(*number as usize));
+    let paths = leaves.map(|leaf| &leaf.path).chain(groups);
     let found: Vec<&String> = paths.filter(|path| *path == process || path.ends_with(&end)).collect();
     match found[..] {
         [one] => Ok(one.clone()),
         [] => {
-            let mut all: Vec<&str> = plan.leaves.iter().map(|leaf| leaf.path.as_str()).collect();
+            let live = live.iter().filter_map(|number| plan.leaves.get(*number as usize));
+            let mut all: Vec<&str> = live.map(|leaf| leaf.path.as_str()).collect();
             all.sort_unstable();
             let more = if all.len() > PROGRAMS_TOLD { ", …" } else { "" };
             all.truncate(PROGRAMS_TOLD);
@@ -118,10 +129,25 @@ fn meant(plan: &Plan, process: &str) -> Result<String, String> {
     }
 }
 
+/// How a deployment that runs becomes another.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Rollout {
+    #[command(flatten)]
+    probation: Probation,
+    /// Change the programs of this host first; the rest once they are healthy, or they are taken back
+    #[arg(long, value_name = "HOST")]
+    canary: Option<String>,
+}
+
 /// Changes what runs under the name of a spec to that spec. Returns whether something ran.
-pub(crate) async fn change_running(client: &Client, spec: &Spec, probation: Probation) -> Result<bool, Failure> {
-    let home = home(&spec.plan)?;
-    let Some(running) = revision(client, &home, &spec.plan.name).await? else { return Ok(false) };
+pub(crate) async fn change_running(client: &Client, spec: &Spec, rollout: &Rollout) -> Result<bool, Failure> {
+    let (home, probation) = (home(&spec.plan)?, rollout.probation);
+    let Some(running) = revision(client, &home, &spec.plan.name).await? else {
+        return match &rollout.canary {
+            Some(host) => Err(anyhow!("nothing runs as `{}` that `{host}` could change first", spec.plan.name).into()),
+            None => Ok(false),
+        };
+    };
     let name = format!("{}@{}", spec.plan.name, running.epoch);
     let found = difference(&running.plan, &spec.plan).map_err(|obstacles| {
         anyhow!(
@@ -136,8 +162,40 @@ pub(crate) async fn change_running(client: &Client, spec: &Spec, probation: Prob
     }
     stored::check(client, spec).await?;
     found.changes.iter().for_each(|change| console::note(&change.to_string()));
-    change(client, &home, (running, spec.plan.clone(), Vec::new()), probation).await?;
+    let Some(host) = &rollout.canary else {
+        change(client, &home, (running, spec.plan.clone(), Vec::new()), probation).await?;
+        return Ok(true);
+    };
+    change_by_canary((client, &home), (running, &spec.plan), host, probation).await?;
     Ok(true)
+}
+
+/// Changes the programs of one host, then the rest; if that cannot be, the first are taken back.
+async fn change_by_canary(
+    (client, home): (&Client, &str),
+    (running, wanted): (Revision, &Plan),
+    host: &str,
+    probation: Probation,
+) -> Result<(), Failure> {
+    let (before, name) = (running.plan.clone(), wanted.name.clone());
+    let part = before.changed_on(wanted, host).map_err(|obstacles| anyhow!(obstacles.join("; ")))?;
+    let is_all = difference(&part, wanted).is_ok_and(|rest| rest.changes.is_empty());
+    let (epoch, first) = (running.epoch, running.revision + 1);
+    console::note(&format!("on `{host}` first"));
+    change(client, home, (running, part, Vec::new()), probation).await?;
+    if is_all {
+        return Ok(());
+    }
+    let of_canary = || Revision { epoch, revision: first, plan: before.clone() };
+    let Err(failure) = change(client, home, (of_canary(), wanted.clone(), Vec::new()), probation).await else {
+        return Ok(());
+    };
+    if matches!(failure, Failure::Unreachable(_)) {
+        return Err(failure);
+    }
+    console::note(&format!("the rest of `{name}` is not changed, so `{host}` is taken back"));
+    change(client, home, (of_canary(), before.clone(), Vec::new()), probation).await?;
+    Err(failure)
 }
 
 /// Returns what runs under the name of a plan, as the node of its home says.
@@ -156,7 +214,7 @@ fn home(plan: &Plan) -> Result<String, Failure> {
     Ok(plan.home().ok_or_else(|| anyhow!("the plan names no host for `main`"))?.to_owned())
 }
 
-async fn revision(client: &Client, home: &str, name: &str) -> Result<Option<Revision>, Failure> {
+pub(crate) async fn revision(client: &Client, home: &str, name: &str) -> Result<Option<Revision>, Failure> {
     let answer = client.ask(home, &Request::Revision { name: name.to_owned() }, ANSWER_WITHIN).await?;
     if let Answer::Revision(revision) = answer {
         return Ok(Some(*revision));
@@ -165,7 +223,7 @@ async fn revision(client: &Client, home: &str, name: &str) -> Result<Option<Revi
 }
 
 /// Has the home make a change, and says what it has led to.
-async fn change(
+pub(crate) async fn change(
     client: &Client,
     home: &str,
     (running, plan, again): (Revision, Plan, Vec<String>),
@@ -221,10 +279,14 @@ fn tell_plan(wanted: &Plan, running: Option<&Revision>, is_json: bool) -> Result
         return if obstacles.is_empty() { Ok(()) } else { Err(refusal(&name, &[])) };
     }
     let found = found.map_err(|obstacles| refusal(&name, &obstacles))?;
-    let touched = found.changes.iter().filter(|change| matches!(change, PlanChange::Replace { .. })).count();
+    let touched = found
+        .changes
+        .iter()
+        .filter(|change| matches!(change, PlanChange::Replace { .. } | PlanChange::Remove { .. }))
+        .count();
     console::say(&format!("`{name}`, revision {revision}:"));
     found.changes.iter().for_each(|change| console::say(&format!("  {change}")));
-    console::say(&format!("  keep       {}", counted(plan.leaves.len() - touched, "program")));
+    console::say(&format!("  keep       {}", counted(plan.live_leaves().len().saturating_sub(touched), "program")));
     Ok(())
 }
 

@@ -1,6 +1,6 @@
 //! `dca deploy`: runs a spec on the hosts it names, and stays until it has ended; or changes what runs to it, and says so.
 
-use crate::change::{Probation, change_running};
+use crate::change::{Rollout, change_running};
 use crate::client::Client;
 use crate::follow::Spec;
 use crate::verify::Proof;
@@ -21,7 +21,7 @@ pub struct Arguments {
     #[command(flatten)]
     controllers: Controllers,
     #[command(flatten)]
-    probation: Probation,
+    rollout: Rollout,
     #[command(flatten)]
     proof: Proof,
 }
@@ -32,18 +32,18 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     arguments.proof.require(&arguments.file, &arguments.controllers)?;
     block_on(async {
         let client = Client::open(&arguments.connect).await?;
-        let result = deploy(&client, spec, (&arguments.following, Some(arguments.probation))).await;
+        let result = deploy(&client, spec, (&arguments.following, Some(&arguments.rollout))).await;
         client.close().await;
         result
     })
 }
 
-/// Deploys a spec once every host of it answers, and stays until it has ended. With a probation for new programs, what runs
-/// under its name is changed to it.
+/// Deploys a spec once every host of it answers, and stays until it has ended. With a rollout, what runs under its name is
+/// changed to it.
 pub(crate) async fn deploy(
     client: &Client,
     spec: Spec,
-    (following, probation): (&follow::FollowArgs, Option<Probation>),
+    (following, rollout): (&follow::FollowArgs, Option<&Rollout>),
 ) -> Result<(), Failure> {
     let hosts = client.hosts(&spec.plan.hosts).await?;
     let missing: Vec<&str> = spec.plan.hosts.iter().filter(|host| !hosts.contains(*host)).map(String::as_str).collect();
@@ -55,8 +55,8 @@ pub(crate) async fn deploy(
             missing.join("`, `")
         )));
     }
-    if let Some(probation) = probation
-        && change_running(client, &spec, probation).await?
+    if let Some(rollout) = rollout
+        && change_running(client, &spec, rollout).await?
     {
         return Ok(());
     }

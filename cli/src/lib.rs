@@ -10,6 +10,7 @@ pub mod check;
 pub mod client;
 pub mod clock;
 pub mod completions;
+pub mod component;
 pub mod conform;
 pub mod db;
 pub mod deploy;
@@ -77,6 +78,10 @@ enum Verb {
     Plan(change::PlanArguments),
     /// Start programs of a deployment anew while it runs
     Replace(change::ReplaceArguments),
+    /// Add a program to a deployment while it runs
+    Add(component::AddArguments),
+    /// Take a process away from a deployment while it runs
+    Remove(component::RemoveArguments),
     /// Check a spec and print its diagnostics
     Check(check::Arguments),
     /// Prove what holds of a spec in every order of events, and show how what does not hold fails
@@ -201,6 +206,8 @@ pub fn main() -> ExitCode {
         Verb::Attach(arguments) => attach::run(&arguments),
         Verb::Plan(arguments) => change::plan(&arguments),
         Verb::Replace(arguments) => change::replace(&arguments),
+        Verb::Add(arguments) => component::add(&arguments),
+        Verb::Remove(arguments) => component::remove(&arguments),
         Verb::Check(arguments) => check::run(&arguments),
         Verb::Verify(arguments) => verify::run(&arguments),
         Verb::Fmea(arguments) => fmea::run(&arguments),

@@ -105,10 +105,11 @@ fn a_program_that_fails_is_put_back_and_the_mission_goes_on() {
 
     // What supervisors cannot take changes nothing.
     let other = SPEC.replace("# hit # beside", "# (hit , beside)");
-    for verb in ["plan", "deploy"] {
-        let refused = here.ask(&[verb, &cluster.file("push.dca", &other)]);
-        assert!(refused.code == Some(1) && refused.err.contains("the event actions of `main` differ"), "{refused}");
-    }
+    let planned = here.ask(&["plan", &cluster.file("push.dca", &other)]);
+    assert!(planned.code == Some(0) && planned.out.contains("act        main: its event actions"), "{planned}");
+    let refused = here.ask(&["deploy", &cluster.file("push.dca", &other)]);
+    let why = "the event actions of `main` cannot change now: `main/beside` runs, and the new ones have no place for it there";
+    assert!(refused.code == Some(1) && refused.err.contains(why), "{refused}");
     for (arguments, code, why) in [
         (["replace", "push", "hit/forse"], 1, "`push` has no program `hit/forse`"),
         (["replace", "pull", "hit/force"], 1, "pull"),
@@ -137,4 +138,63 @@ fn what_is_planned_before_anything_runs_is_a_start() {
     let json = here.ask(&["plan", "--json", &file]);
     let told: serde_json::Value = serde_json::from_str(&json.out).expect("it is JSON");
     assert_eq!((json.code, &told["start"]), (Some(0), &serde_json::json!(4)), "{json}");
+}
+
+/// A program comes, runs beside the others with its wire, and goes; no other program is touched, and the mission goes on.
+#[test]
+fn a_program_is_added_to_a_mission_that_runs_and_taken_away_again() {
+    let cluster = Cluster::new();
+    let (here, _nodes, mission, before) = deploy(&cluster);
+    let line = "ear instof HitDetectorThreshold(c3)";
+    let unknown = here.ask(&["add", "push", "ear instof NoSuchType(c3)"]);
+    assert!(unknown.code == Some(1) && unknown.err.contains("NoSuchType"), "{unknown}");
+    let elsewhere = here.ask(&["add", "push", "--in", "main/hit", "ear instof Threshold(c9)"]);
+    assert!(elsewhere.code == Some(1) && elsewhere.err.contains("takes no part in what runs"), "{elsewhere} {line}");
+
+    let wire = "force, Out -> ear, In";
+    let add = ["add", "push", "--in", "main/hit", "--optional", "--probation", "0.5", "--connect", wire];
+    let added = here.ask(&[&add[..], &["ear instof Threshold(c3, threshold = 150 N)"]].concat());
+    assert!(added.code == Some(0) && added.out.contains("is changed (3 changes, revision 1)"), "{added}");
+    let now = here.pids();
+    assert!(now.contains_key("main/hit/ear") && before.iter().all(|(path, pid)| now[path] == *pid), "{now:?}");
+    let taken = here.ask(&[&add[..], &["ear instof Threshold(c3, threshold = 150 N)"]].concat());
+    assert!(taken.code == Some(1) && taken.err.contains("`main/hit/ear` runs already"), "{taken}");
+
+    let needed = here.ask(&["remove", "push", "main/world"]);
+    assert!(needed.code == Some(1) && needed.err.contains("the event actions of `main` need `main/world`"), "{needed}");
+    let removed = here.ask(&["remove", "push", "hit/ear"]);
+    assert!(removed.code == Some(0) && removed.out.contains("revision 2"), "{removed}");
+    assert!(wait_until(SOON, || here.pids() == before).is_some(), "{:?} {before:?}", here.pids());
+    assert!(mission.is_running());
+    let stop = here.ask(&["stop", "push"]);
+    assert_eq!(stop.code, Some(0), "{stop}");
+    assert_eq!(here.pids(), BTreeMap::new());
+}
+
+/// One host changes first. If the rest cannot follow, it is as before again.
+#[test]
+fn a_canary_goes_first_and_back_if_the_rest_cannot_follow() {
+    let cluster = Cluster::new();
+    let (here, _nodes, mission, before) = deploy(&cluster);
+    let deploy = |text: &str, host: &str| {
+        here.ask(&["deploy", "--probation", "0.3", "--canary", host, &cluster.file("push.dca", text)])
+    };
+    let new = SPEC.replace("sleep 1000", "sleep 2000");
+    let nowhere = deploy(&new, "c3");
+    let why = "no program of `push` on `c3` is another one in this spec";
+    assert!(nowhere.code == Some(1) && nowhere.err.contains(why), "{nowhere}");
+    assert_eq!(others(&here, &before), Vec::<String>::new());
+
+    let bad = deploy(&new.replace("# hit # beside", "# (hit , beside)"), "c2");
+    let why = ["on `c2` first", "so `c2` is taken back", "the new ones have no place for it there"];
+    assert!(bad.code == Some(1) && why.iter().all(|why| bad.err.contains(why)), "{bad}");
+    assert_eq!(others(&here, &before), ["main/beside"], "it was changed, and changed back");
+    let plan = here.ask(&["plan", &cluster.file("push.dca", SPEC)]);
+    assert!(plan.code == Some(0) && plan.out.contains("revision 2:\n  keep       4 programs"), "{plan}");
+
+    let good = deploy(&new.replace("# hit # beside", "# hit # beside # wait(1 h)"), "c2");
+    assert!(good.code == Some(0) && good.out.contains("revision 4"), "{good}");
+    assert!(mission.is_running());
+    let stop = here.ask(&["stop", "push"]);
+    assert_eq!(stop.code, Some(0), "{stop}");
 }

@@ -273,7 +273,7 @@ fn a_deployment_that_is_already_there() {
     first.wait_for(Stream::Err, "▸", SOON);
     let same = here.ask(&["deploy", &file]);
     assert!(same.code == Some(0) && same.out.contains("nothing changes"), "{same}");
-    let other = cluster.file("idle.dca", &IDLE.replace("{ idle }", "{ idle ; idle }"));
+    let other = cluster.file("idle.dca", &IDLE.replace("{ idle }", "{ never }"));
     let second = here.ask(&["deploy", &other]);
     assert!(first.is_running(), "the first goes on");
     let stop = here.ask(&["stop", "idle"]);
@@ -286,7 +286,11 @@ fn a_deployment_that_is_already_there() {
         &cluster,
         &second,
         1,
-        &["`idle@1` is already deployed, and cannot become this spec", "`dca stop idle` ends it"],
+        &[
+            "`idle@1` is not changed",
+            "`main/idle` runs, and something else stands in its place",
+            "or stop the deployment",
+        ],
     );
     check(&cluster, &again, 1, &["no deployment `idle` is running"]);
     check(&cluster, &logs, 1, &["no process `nothing`"]);

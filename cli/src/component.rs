@@ -1,0 +1,215 @@
+//! `dca add` and `dca remove`: one program more, or one process less, of a deployment that runs.
+//!
+//! What is added is written as in a spec, and checked as a spec of its own: the new instance, beside stand-ins for the programs that
+//! it is connected to. So ports, types and arguments are checked by the same rules as ever.
+
+use crate::change::{Probation, change, meant, revision};
+use crate::client::Clients;
+use crate::stop::{Located, locate};
+use crate::{ConnectArgs, Controllers, check};
+use anyhow::anyhow;
+use language::plan::{Constant, Failing, Leaf, Plan, difference};
+use language::{Options, Source, compile, render};
+use node::console::{self, Failure, block_on};
+use node::logic::protocol::Revision;
+use std::collections::BTreeSet;
+
+/// The arguments of `dca add`.
+#[derive(Debug, clap::Args)]
+pub struct AddArguments {
+    /// The deployment
+    name: String,
+    /// The new program as in a spec: `logger instof Logger("c1", period = 1 s)`
+    instance: String,
+    /// A connection between it and a program of its group, as in a spec: `sensor, Out -> logger, In`; may be given more than once
+    #[arg(long = "connect", value_name = "CONNECTION")]
+    connections: Vec<String>,
+    /// The group that it becomes a process of, beside all that is in it
+    #[arg(long = "in", value_name = "GROUP", default_value = "main")]
+    group: String,
+    /// Let the group go on when it fails
+    #[arg(long)]
+    optional: bool,
+    #[command(flatten)]
+    probation: Probation,
+    #[command(flatten)]
+    controllers: Controllers,
+    #[command(flatten)]
+    connect: ConnectArgs,
+}
+
+/// The arguments of `dca remove`.
+#[derive(Debug, clap::Args)]
+pub struct RemoveArguments {
+    /// The deployment
+    name: String,
+    /// The process that is taken away, with all that is below it: its absolute path, or the end of one
+    process: String,
+    #[command(flatten)]
+    connect: ConnectArgs,
+}
+
+/// Runs `dca add`.
+pub(crate) fn add(arguments: &AddArguments) -> Result<(), Failure> {
+    changed(&arguments.name, &arguments.connect, arguments.probation, |running| {
+        let name = name_of(&arguments.instance);
+        let piece = piece(arguments, (name, running))?;
+        let failing = if arguments.optional { Failing::IsIgnored } else { Failing::Counts };
+        running.with_program(&piece, name, &arguments.group, failing).map_err(|why| anyhow!(why).into())
+    })
+}
+
+/// Runs `dca remove`.
+pub(crate) fn remove(arguments: &RemoveArguments) -> Result<(), Failure> {
+    changed(&arguments.name, &arguments.connect, Probation::none(), |running| {
+        let live = running.live_groups();
+        let groups = live.iter().filter_map(|number| running.groups.get(*number as usize)).map(|group| &group.path);
+        let path = meant(running, groups, &arguments.process).map_err(|why| anyhow!(why))?;
+        running.without_process(&path).map_err(|why| anyhow!(why).into())
+    })
+}
+
+/// Changes what runs to what becomes of its plan.
+fn changed(
+    name: &str,
+    connect: &ConnectArgs,
+    probation: Probation,
+    wanted: impl Fn(&Plan) -> Result<Plan, Failure>,
+) -> Result<(), Failure> {
+    block_on(async {
+        let clients = Clients::open(connect).await?;
+        let work = async {
+            let Located { client, deployment, home } = locate(clients.statuses().await?, name).await?;
+            let found: Option<Revision> = revision(client, &home, &deployment.name).await?;
+            let running = found.ok_or_else(|| anyhow!("`{}` does not run any more", deployment.name))?;
+            let plan = wanted(&running.plan)?;
+            let found = difference(&running.plan, &plan).map_err(|obstacles| anyhow!(obstacles.join("; ")))?;
+            found.changes.iter().for_each(|change| console::note(&change.to_string()));
+            change(client, &home, (running, plan, Vec::new()), probation).await
+        };
+        let done = work.await;
+        clients.close().await;
+        done
+    })
+}
+
+/// Compiles the spec of the new program; what is wrong with it is told.
+fn piece(arguments: &AddArguments, (name, running): (&str, &Plan)) -> Result<Plan, Failure> {
+    // Arguments of stand-ins do not matter, but for types without defaults.
+    let (bare, with_arguments) = (text(arguments, (name, running), false), text(arguments, (name, running), true));
+    let others = check::others(&Source::new("<dca add>", bare.as_str()), &arguments.controllers)?;
+    let options = Options::named(running.name.as_str());
+    let compiled = |text: &str| compile(&Source::new("<dca add>", text), &others, &options);
+    let first = compiled(&bare);
+    let (shown, compiled) =
+        if first.plan.is_some() { (bare, first) } else { (with_arguments.clone(), compiled(&with_arguments)) };
+    compiled.plan.ok_or_else(|| {
+        let source = Source::new("<dca add>", shown.as_str());
+        console::note(&render(&compiled.diagnostics, &source, &others, check::style()));
+        Failure::Reported
+    })
+}
+
+/// Returns the spec of the new program and what it is connected to.
+fn text(arguments: &AddArguments, (name, running): (&str, &Plan), has_arguments: bool) -> String {
+    let live = running.live_leaves();
+    let leaves = live.iter().filter_map(|number| running.leaves.get(*number as usize));
+    let of_group = |leaf: &Leaf| Some(leaf.path.strip_prefix(&arguments.group)?.strip_prefix('/')?.to_owned());
+    let ends: BTreeSet<&str> = arguments.connections.iter().flat_map(|one| one.split("->")).map(name_of).collect();
+    let stands =
+        leaves.filter_map(|leaf| Some((of_group(leaf)?, leaf))).filter(|(name, _)| ends.contains(name.as_str()));
+    let (mut instances, mut actions) = (arguments.instance.trim().trim_end_matches(';').to_owned(), String::new());
+    for (stand_in, leaf) in stands {
+        let host = running.hosts.get(leaf.host as usize).map_or("", String::as_str);
+        let given = leaf.arguments.iter().filter(|_| has_arguments).map(|argument| {
+            let name = argument.name.as_ref().map(|name| format!("{name} = ")).unwrap_or_default();
+            format!(", {name}{}", spelled(&argument.value))
+        });
+        let given: String = given.collect();
+        instances.push_str(&format!(";\n        {stand_in} instof {}({}{given})", leaf.module, quoted(host)));
+        actions.push_str(&format!(" , {stand_in}"));
+    }
+    let connections: Vec<&str> = arguments.connections.iter().map(|one| one.trim().trim_end_matches(';')).collect();
+    let (section, label) = if connections.is_empty() {
+        (String::new(), String::new())
+    } else {
+        (format!("    internal_connections({name}, added) {{ {}; }}\n", connections.join("; ")), "[added]".to_owned())
+    };
+    let home = quoted(running.home().unwrap_or_default());
+    format!(
+        "process main() {{\n    host {{ {home} }}\n    instantiated_processes {{\n        {instances};\n    }}\n{section}    \
+         internal_event_actions {{ {name}{label}{actions} }}\n}}\n"
+    )
+}
+
+/// Returns the name that a text begins with.
+fn name_of(text: &str) -> &str {
+    let text = text.trim_start();
+    let end = text.find(|letter: char| !letter.is_alphanumeric() && letter != '_').unwrap_or(text.len());
+    &text[..end]
+}
+
+/// Returns a text as a string of the language.
+fn quoted(text: &str) -> String {
+    format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
+}
+
+fn spelled(constant: &Constant) -> String {
+    match constant {
+        Constant::Text(text) => quoted(text),
+        Constant::Number(number) => number.to_string(),
+        Constant::Truth(truth) => truth.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Debug, Parser)]
+    struct Line {
+        #[command(flatten)]
+        add: AddArguments,
+    }
+
+    const SPEC: &str = "
+module Source(host, rate: Number) { out Out: Number; service; }
+module Sink(host, way: Text = good) { in In: Number; done; }
+process Pair(here) {
+    instantiated_processes { a instof Source(here, 5); b instof Sink(here); }
+    internal_event_actions { a , b }
+}
+process main() { host { \"c1\" } instantiated_processes { pair instof Pair(\"c1\"); } internal_event_actions { pair } }
+";
+
+    #[test]
+    fn what_is_added_is_a_spec_with_what_it_is_connected_to() {
+        let plan = compile(&Source::new("spec", SPEC), &[], &Options::named("spec")).plan.unwrap();
+        let line = [
+            "dca",
+            "spec",
+            "d instof Sink(\"c1\", way = best);",
+            "--in",
+            "main/pair",
+            "--connect",
+            "a, Out -> d, In latch",
+        ];
+        let arguments = Line::try_parse_from(line).unwrap().add;
+        let text = text(&arguments, ("d", &plan), true);
+        let (modules, _) = SPEC.split_at(SPEC.find("process Pair").unwrap());
+        let others = [Source::new("modules", modules)];
+        let compiled = compile(&Source::new("<dca add>", text.as_str()), &others, &Options::named("spec"));
+        let piece = compiled.plan.unwrap_or_else(|| panic!("{text}\n{:#?}", compiled.diagnostics));
+        let wanted = plan.with_program(&piece, "d", "main/pair", Failing::Counts).unwrap();
+        let changes = difference(&plan, &wanted).unwrap().changes;
+        let lines: Vec<String> = changes.iter().map(ToString::to_string).collect();
+        let expected = [
+            "add        main/pair/d: Sink on `c1`",
+            "act        main/pair: its event actions",
+            "connect    main/pair/a, Out -> main/pair/d, In latch",
+        ];
+        assert_eq!(lines, expected);
+        assert_eq!(name_of("  hit_2, Out"), "hit_2");
+    }
+}
