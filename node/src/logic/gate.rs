@@ -273,7 +273,12 @@ fn follows(order: &Order, request: &Request, signed: &Plan, epoch: u64) -> bool 
         Order::Change(ChangeOrder::Apply { plan, again, .. }) => {
             is_same(plan, signed) && may_begin(again, plan, change)
         }
-        Order::Change(ChangeOrder::Link { .. } | ChangeOrder::Adopt { .. } | ChangeOrder::Settle { .. }) => false,
+        Order::Change(
+            ChangeOrder::Link { .. }
+            | ChangeOrder::LinkAlso { .. }
+            | ChangeOrder::Adopt { .. }
+            | ChangeOrder::Settle { .. },
+        ) => false,
     }
 }
 
@@ -287,10 +292,11 @@ fn may_begin(again: &[u32], plan: &Plan, change: Option<&ChangeRequest>) -> bool
 }
 
 /// Returns whether a plan is the one that was signed, but for its numbers: those of a plan that has changed while it ran are of the
-/// plan before.
+/// plan before. What was taken away from it is still there, and nothing of that is started.
 fn is_same(plan: &Plan, signed: &Plan) -> bool {
     // One that has a path twice could hide something behind the other.
-    let has_no_more = plan.leaves.len() == signed.leaves.len() && plan.groups.len() == signed.groups.len();
+    let has_no_more = plan.live_leaves().len() == signed.live_leaves().len()
+        && plan.live_groups().len() == signed.live_groups().len();
     let found = has_no_more.then(|| difference(plan, signed));
     matches!(found, Some(Ok(found)) if found.changes.is_empty() && found.plan == *plan)
 }

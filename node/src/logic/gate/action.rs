@@ -32,6 +32,7 @@ pub fn action(request: &Request) -> Option<Action> {
         | Request::Locations { .. }
         | Request::Clock
         | Request::Team
+        | Request::Duplicates
         // A signature around a signature is nothing that anybody asks for.
         | Request::Signed(_) => None,
     }
