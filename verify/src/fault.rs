@@ -13,6 +13,7 @@ use crate::model::{Model, short};
 use crate::property::around;
 use crate::story::{Story, seconds};
 use crate::system::{FaultKind, Injection, Loss, LossKind, Mode, System, crashes, is_torn};
+use crate::threads::{Alone, each};
 use crate::times::Times;
 use case::{Case, Struck};
 use language::plan::MemberKind;
@@ -142,13 +143,28 @@ enum Target {
 
 /// Injects every fault into every program, and loses every host and link.
 pub(crate) fn table(times: &Times<'_, '_>, limits: &Limits<'_>) -> Table {
-    let model = times.model;
-    let mut table = Table::default();
-    for strike in strikes(model) {
-        // One limit that is reached is enough to say so of a program.
-        if table.unfinished.last() != Some(&strike.name) {
-            of_strikes(times, &[&strike], limits, &mut table);
+    let (model, assumed) = (times.model, &times.assumed);
+    let all = strikes(model);
+    let jobs: Vec<&[Strike]> = all.chunk_by(|one, other| one.name == other.name).collect();
+    // Many small explorations, each on one thread.
+    let is_many = jobs.len() >= 2 * limits.threads.count();
+    let threads = if is_many { &Alone } else { limits.threads };
+    let own = Limits { threads, goes_on: limits.goes_on, ..*limits };
+    let found = each(if is_many { limits.threads } else { &Alone }, jobs, |_, strikes| {
+        let (times, mut table) = (Times::new(model, assumed.clone()), Table::default());
+        for strike in strikes {
+            // One limit that is reached is enough to say so of a program.
+            if table.unfinished.is_empty() {
+                of_strikes(&times, &[strike], &own, &mut table);
+            }
         }
+        table
+    });
+    let mut table = Table::default();
+    for mut one in found {
+        table.rows.append(&mut one.rows);
+        table.unfinished.append(&mut one.unfinished);
+        table.states += one.states;
     }
     link::rows(times, limits, &mut table);
     table

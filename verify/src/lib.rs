@@ -43,7 +43,7 @@ pub use threads::{Alone, Threads};
 use language::Span;
 use language::plan::Plan;
 use language::sites::{Sentence, Sites};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// What was found out about a spec.
@@ -88,7 +88,7 @@ pub fn sentences(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Vec<(Span, 
 }
 
 fn times<'m, 'a>(model: &'m Model<'a>) -> times::Times<'m, 'a> {
-    times::Times { model, assumed: assumed(model.sites), endless: BTreeSet::new(), hung: BTreeSet::new() }
+    times::Times::new(model, assumed(model.sites))
 }
 
 /// How long members take, as the spec assumes.

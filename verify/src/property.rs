@@ -2,6 +2,7 @@
 
 mod formula;
 pub(crate) mod monitor;
+mod stops;
 mod watch;
 
 use crate::explore::{Found, Graph, Limits, explore, is_natural};
@@ -45,7 +46,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
             Sentence::Eventually(event) => self.live(calm, &[event.who], &Goal::Sometime(event.clone())),
             Sentence::CanFinish => self.can_finish(calm),
             Sentence::FinishesWithin(limit) => self.finishes(*limit),
-            Sentence::StopsWithin(limit) => self.stops((None, None), *limit).unwrap_or_else(|| self.proved()),
+            Sentence::StopsWithin(limit) => self.stops(*limit).unwrap_or_else(|| self.proved()),
             Sentence::On(fault, consequence) => self.on(fault, consequence),
             Sentence::Holds(formula) => self.holds(formula),
         })
@@ -96,7 +97,11 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         if let Some(state) = stopped_at {
             return Some(self.fails("", Some((system, &graph, state))));
         }
-        graph.reached.map(|reached| self.open(reached.words()))
+        if let Some(reached) = graph.reached {
+            return Some(self.open(reached.words()));
+        }
+        // What is held up has to stop at some time.
+        matches!(goal, Goal::StillRuns(..)).then(|| self.is_live(system, goal, &|_| true))?
     }
 
     /// From every state in which something is owed, it can still come without anybody failing.
@@ -154,20 +159,18 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         }
     }
 
-    /// Whether a stop of a process, or of the group itself, may take longer; nothing if not. Where the cause is inside a group
-    /// that does not hold the process, that group stops what else runs in it first.
-    fn stops(&self, (cause, who): (Option<ProcessRef>, Option<ProcessRef>), limit: Duration) -> Option<Finding> {
-        let mut before = Some(Duration::ZERO);
-        let mut group = cause.filter(|_| who.is_some()).map(|cause| cause.group);
-        while let Some(inner) = group.filter(|&inner| !self.is_around(inner, who)) {
-            before = before.zip(self.times.of_group(inner).stop).map(|(sum, stop)| sum.saturating_add(stop));
-            group = self.times.model.around[inner as usize].map(|(outer, _)| outer);
-        }
-        let stop = match who.and_then(|who| Some((who.group, who.member?))) {
-            Some((group, slot)) => self.times.of_member(group, slot).stop,
-            None => self.times.of_group(self.property.group).stop,
-        };
-        match before.zip(stop).map(|(before, stop)| before.saturating_add(stop)) {
+    /// Whether a stop of the group may take longer; nothing if not.
+    fn stops(&self, limit: Duration) -> Option<Finding> {
+        self.is_slow(self.times.of_group(self.property.group).stop, limit)
+    }
+
+    /// Whether it may take longer from when something has happened to a process until another one has stopped.
+    fn stops_after(&self, (cause, who): (ProcessRef, ProcessRef), limit: Duration) -> Option<Finding> {
+        self.is_slow(self.times.stop_after(cause, who), limit)
+    }
+
+    fn is_slow(&self, stop: Option<Duration>, limit: Duration) -> Option<Finding> {
+        match stop {
             Some(stop) if stop <= limit => None,
             Some(stop) => Some(self.fails(&format!("a stop may take {}", seconds(stop)), None)),
             None => Some(self.fails("a `shield` or a `finally` may hold a stop up for ever: give it a bound", None)),
@@ -180,21 +183,13 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
             let why = format!("it takes up to {} until a host counts as lost", seconds(NOTED_AFTER));
             return Some(self.fails(&why, None));
         };
-        lost.iter().find_map(|member| self.stops((Some(*member), Some(who)), rest))
-    }
-
-    /// Whether a group holds a process.
-    fn is_around(&self, group: u32, who: Option<ProcessRef>) -> bool {
-        let outwards = std::iter::successors(who.map(|who| who.group), |&inner| {
-            self.times.model.around[inner as usize].map(|(outer, _)| outer)
-        });
-        outwards.into_iter().any(|outer| outer == group)
+        lost.iter().find_map(|member| self.stops_after((*member, who), rest))
     }
 
     fn after(&self, mode: Mode, event: &Occurrence, consequence: &Consequence) -> Finding {
         match consequence {
             Consequence::Stopped(who, limit) => {
-                if let Some(found) = limit.and_then(|limit| self.stops((Some(event.who), Some(*who)), limit)) {
+                if let Some(found) = limit.and_then(|limit| self.stops_after((event.who, *who), limit)) {
                     return found;
                 }
                 self.safe(mode, &[event.who, *who], &Goal::StillRuns(Some(event.clone()), *who))
@@ -238,7 +233,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
             Consequence::Stopped(who, _) if *who == struck && kind != FaultKind::Crash => return None,
             Consequence::Stopped(who, _) if *who == struck && !self.is_restarted(struck) => return None,
             Consequence::Stopped(who, limit) => {
-                if let Some(found) = limit.and_then(|limit| self.stops((Some(struck), Some(*who)), limit)) {
+                if let Some(found) = limit.and_then(|limit| self.stops_after((struck, *who), limit)) {
                     return Some(found);
                 }
                 (Goal::StillRuns(None, *who), *who)

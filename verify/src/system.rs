@@ -7,6 +7,7 @@
 
 mod loss;
 mod mode;
+mod pending;
 mod reaction;
 mod restart;
 
@@ -401,19 +402,6 @@ impl<'a> System<'a> {
 
     fn value(&self, number: u8) -> Value {
         usize::from(number).checked_sub(1).and_then(|index| self.values.get(index).cloned()).unwrap_or_default()
-    }
-
-    /// Whether an answer to a stop, an order to stop, or the report of a loss is still under way.
-    pub(crate) fn has_stops(&self, frame: &Frame) -> bool {
-        let is_stopping = |unit: usize| {
-            let state = &frame.states[unit];
-            let is_box = |member: u32| matches!(self.units[unit].seats[member as usize], Occupant::Box(_));
-            let is_awaited = |member: u32| {
-                is_box(member) && state.activity(member) == Activity::Stopping || self.is_refused(frame, (unit, member))
-            };
-            !self.is_silent(frame, unit) && state.members_active().any(is_awaited)
-        };
-        frame.ordered.contains(&true) || self.is_news_due(frame) || (0..self.units.len()).any(is_stopping)
     }
 
     /// The steps of each unit, for one who lets things happen.

@@ -1,8 +1,11 @@
 //! How long things take, as far as limits, pauses and declared durations say it.
 
+mod turn;
+
 use crate::model::Model;
 use crate::system::{is_never_done, is_restarted};
 use language::plan::{Expression, Group, MemberKind};
+use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
@@ -28,6 +31,15 @@ pub(crate) struct Times<'m, 'a> {
     pub(crate) endless: BTreeSet<u32>,
     /// Those of them that hang, so that they are never done.
     pub(crate) hung: BTreeSet<u32>,
+    /// The `using` whose turn is being worked out, so that none asks for itself.
+    pub(crate) turns: RefCell<Vec<usize>>,
+}
+
+impl<'m, 'a> Times<'m, 'a> {
+    /// What is known when nothing hangs.
+    pub(crate) fn new(model: &'m Model<'a>, assumed: BTreeMap<(u32, u32), (Duration, Duration)>) -> Self {
+        Self { model, assumed, endless: BTreeSet::new(), hung: BTreeSet::new(), turns: RefCell::default() }
+    }
 }
 
 impl Times<'_, '_> {
@@ -70,7 +82,13 @@ impl Times<'_, '_> {
         let mut assumed = self.assumed.clone();
         assumed
             .retain(|&(group, slot), _| !self.model.leaves_below(group, slot).iter().any(|leaf| leaves.contains(leaf)));
-        Self { model: self.model, assumed, endless: leaves, hung: hung.iter().copied().collect() }
+        Self {
+            model: self.model,
+            assumed,
+            endless: leaves,
+            hung: hung.iter().copied().collect(),
+            turns: RefCell::default(),
+        }
     }
 
     /// How long a member is active at the most, by the narrowest thing around each of its places that has a bound.
@@ -156,8 +174,9 @@ impl Times<'_, '_> {
                 };
                 Span { stop: held, ..parts[0] }
             }
-            // Nobody knows how long it waits for its turn.
-            Expression::Using { .. } => Span { end: None, ..parts[0] },
+            Expression::Using { .. } => {
+                Span { end: add(self.turn((group, source), expression), parts[0].end), ..parts[0] }
+            }
             Expression::Tagged { .. } => parts[0],
         }
     }
@@ -173,7 +192,9 @@ impl Times<'_, '_> {
             || parts.iter().zip(&services).filter(|(_, service)| is_service || !**service).map(|(part, _)| part);
         let stop = longest(parts.iter().map(|part| part.stop));
         let done = all(tasks().map(|part| part.done));
-        Span { done, end: add(longest(tasks().map(|part| part.end)), stop), stop }
+        let end = longest(tasks().map(|part| part.end));
+        // Tasks alone are waited for; with a service something is stopped at the end.
+        Span { done, end: if services.contains(&true) { add(end, stop) } else { end }, stop }
     }
 }
 

@@ -115,6 +115,16 @@ impl Words {
         self.words[..self.nodes].get(node).is_some_and(|&word| phase(word) == Phase::Waiting)
     }
 
+    /// Returns whether a `shield` has heard of a stop and waits, or a `finally` runs because of one.
+    pub fn is_held_up(&self, program: &Program) -> bool {
+        let mut nodes = self.words[..self.nodes].iter().zip(&program.nodes);
+        nodes.any(|(&word, node)| {
+            let is_shielded = matches!(node.kind, Kind::Shield { .. }) && phase(word) == Phase::Second;
+            let is_after_a_stop = CODES[(word & CODE) as usize] == (Phase::Second, Held::Stopped);
+            is_shielded || matches!(node.kind, Kind::Finally) && is_after_a_stop
+        })
+    }
+
     /// Returns what a member does; a slot that the group has not is idle.
     pub fn activity(&self, member: u32) -> Activity {
         match self.seats().get(member as usize) {

@@ -35,13 +35,8 @@ impl Goal {
         let note = frame.notes.first().copied().unwrap_or(0);
         match self {
             Self::Sometime(_) => note == 0,
-            Self::Owed(..) | Self::Ending(..) => note == 1,
-            Self::Together(_)
-            | Self::Without(..)
-            | Self::Before(..)
-            | Self::Often(..)
-            | Self::StillRuns(..)
-            | Self::Then(..) => false,
+            Self::Owed(..) | Self::Ending(..) | Self::StillRuns(..) => note == 1,
+            Self::Together(_) | Self::Without(..) | Self::Before(..) | Self::Often(..) | Self::Then(..) => false,
         }
     }
 }
@@ -163,11 +158,12 @@ impl Observer for Watch<'_> {
                 if self.happens(is_fault, changes, event.as_ref()) {
                     after.notes[0] = 1;
                 }
-                if after.notes[0] == 1 && !is_running(system, after, *who) {
-                    after.notes[0] = 0;
+                // What is inside a group may have to stop first, before those outside hear of it.
+                if after.notes[0] == 0 || system.has_stops(after) || system.is_held_up(after) {
+                    return true;
                 }
-                // EventKind is inside a group may have to stop first, before those outside hear of it.
-                after.notes[0] == 0 || system.has_stops(after)
+                after.notes[0] = 0;
+                !is_running(system, after, *who)
             }
             Goal::Then(event, other) => {
                 let mut is_over = note == 1 || event.is_none() && self.happens(is_fault, changes, None);

@@ -1,0 +1,131 @@
+//! How long a stop takes: from what causes it to when the process that it is about does not run any more.
+//!
+//! Something ends, and the innermost operator around both stops the other side. First what else runs on the side of the cause
+//! has to stop, then the order finds its way down to the process: past every `shield` and every `finally` around it.
+
+use crate::model::runs;
+use crate::times::Times;
+use language::plan::{Expression, Group, MemberKind};
+use language::sites::ProcessRef;
+use std::time::Duration;
+
+/// A member of a group.
+#[derive(Clone, Copy)]
+struct Place<'p> {
+    group: u32,
+    source: &'p Group,
+    slot: u32,
+}
+
+impl Times<'_, '_> {
+    /// The most time from when something has happened to `cause` until `who` has stopped; none if nothing bounds it.
+    pub(super) fn stop_after(&self, cause: ProcessRef, who: ProcessRef) -> Option<Duration> {
+        let (causes, stopped) = (self.outwards(cause), self.outwards(who));
+        let common = causes.iter().find_map(|&(group, slot)| {
+            let (_, other) = stopped.iter().find(|(other, _)| *other == group)?;
+            Some((group, slot, *other))
+        });
+        let last = common.map_or(who.group, |(group, ..)| group);
+        let inside = causes.iter().take_while(|(inner, _)| *inner != last);
+        let before = inside.map(|(inner, _)| self.of_group(*inner).stop).try_fold(Duration::ZERO, sum)?;
+        let Some((group, slot, other)) = common else {
+            return sum(before, self.of_group(who.group).stop);
+        };
+        let place = Place { group, source: &self.model.plan.groups[group as usize], slot: other };
+        let stop = match slot == other {
+            true => self.until_member_stopped(place, &stopped),
+            false => self.across(place, slot, &place.source.expression, &stopped).unwrap_or(Some(Duration::ZERO)),
+        };
+        sum(before, stop)
+    }
+
+    /// A process and the groups around it, the innermost first, each by its place.
+    fn outwards(&self, who: ProcessRef) -> Vec<(u32, u32)> {
+        let around = |group: u32| self.model.around[group as usize];
+        let first = who.member.map(|slot| (who.group, slot)).or_else(|| around(who.group));
+        std::iter::successors(first, |(group, _)| around(*group)).collect()
+    }
+
+    /// The longest over all operators that have both on different sides; nothing if there is none.
+    fn across(
+        &self,
+        place: Place<'_>,
+        cause: u32,
+        expression: &Expression,
+        stopped: &[(u32, u32)],
+    ) -> Option<Option<Duration>> {
+        let operands = expression.operands();
+        let mut found: Vec<Option<Duration>> = Vec::new();
+        for (index, one) in operands.iter().enumerate() {
+            found.extend(self.across(place, cause, one, stopped));
+            if !runs(one).contains(&cause) {
+                continue;
+            }
+            let others = operands.iter().enumerate().filter(|(other, _)| *other != index).map(|(_, other)| other);
+            for other in others.filter(|other| runs(other).contains(&place.slot)) {
+                let stop = self.until_stopped(place, other, stopped);
+                found.push(self.rest_stops(place, cause, one).and_then(|before| sum(before, stop)));
+            }
+        }
+        (!found.is_empty()).then(|| longest(found.into_iter()))
+    }
+
+    /// The most time until everything of an expression but the cause has stopped.
+    fn rest_stops(&self, place: Place<'_>, cause: u32, expression: &Expression) -> Option<Duration> {
+        if matches!(expression, Expression::Run { member, .. } if *member == cause) {
+            return Some(Duration::ZERO);
+        }
+        let operands = expression.operands();
+        if operands.is_empty() || matches!(expression, Expression::Shield { .. } | Expression::Finally(..)) {
+            return self.of(place.group, place.source, expression).stop;
+        }
+        longest(operands.into_iter().map(|operand| self.rest_stops(place, cause, operand)))
+    }
+
+    /// The most time from an order to stop until the member, or what is meant inside it, does not run any more.
+    fn until_stopped(&self, place: Place<'_>, expression: &Expression, stopped: &[(u32, u32)]) -> Option<Duration> {
+        let of = |operand: &Expression| self.of(place.group, place.source, operand);
+        let inner = |operand: &Expression| match runs(operand).contains(&place.slot) {
+            true => self.until_stopped(place, operand, stopped),
+            false => Some(Duration::ZERO),
+        };
+        if let Expression::Run { .. } = expression {
+            return self.until_member_stopped(place, stopped);
+        }
+        if let Expression::Shield { bound, of: body } = expression {
+            return match (bound, of(body).end) {
+                // What ends before its bound is never stopped.
+                (Some(bound), Some(end)) if end <= *bound => Some(end),
+                (Some(bound), _) => sum(*bound, inner(body)),
+                (None, end) => end,
+            };
+        }
+        if let Expression::Finally(body, last) = expression
+            && runs(last).contains(&place.slot)
+        {
+            let after = of(body).stop.and_then(|stop| sum(stop, of(last).end));
+            return longest([inner(body), after].into_iter());
+        }
+        longest(expression.operands().into_iter().map(inner))
+    }
+
+    fn until_member_stopped(&self, place: Place<'_>, stopped: &[(u32, u32)]) -> Option<Duration> {
+        let inside = stopped.iter().position(|at| *at == (place.group, place.slot)).and_then(|at| at.checked_sub(1));
+        match (place.source.members[place.slot as usize].kind, inside) {
+            (MemberKind::Group(_), Some(inside)) => {
+                let (group, slot) = stopped[inside];
+                let source = &self.model.plan.groups[group as usize];
+                self.until_stopped(Place { group, source, slot }, &source.expression, stopped)
+            }
+            (MemberKind::Group(_) | MemberKind::Leaf(_), _) => self.of_member(place.group, place.slot).stop,
+        }
+    }
+}
+
+fn sum(one: Duration, other: Option<Duration>) -> Option<Duration> {
+    Some(one.saturating_add(other?))
+}
+
+fn longest(times: impl Iterator<Item = Option<Duration>>) -> Option<Duration> {
+    times.collect::<Option<Vec<_>>>().map(|times| times.into_iter().max().unwrap_or_default())
+}

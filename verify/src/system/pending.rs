@@ -1,0 +1,25 @@
+//! What of a stop is still under way.
+
+use super::{Frame, Occupant, System};
+use language::algebra::Activity;
+
+impl System<'_> {
+    /// Whether an answer to a stop, an order to stop, or the report of a loss is still under way.
+    pub(crate) fn has_stops(&self, frame: &Frame) -> bool {
+        let is_stopping = |unit: usize| {
+            let state = &frame.states[unit];
+            let is_box = |member: u32| matches!(self.units[unit].seats[member as usize], Occupant::Box(_));
+            let is_awaited = |member: u32| {
+                is_box(member) && state.activity(member) == Activity::Stopping || self.is_refused(frame, (unit, member))
+            };
+            !self.is_silent(frame, unit) && state.members_active().any(is_awaited)
+        };
+        frame.ordered.contains(&true) || self.is_news_due(frame) || (0..self.units.len()).any(is_stopping)
+    }
+
+    /// Whether a `shield` or a `finally` holds a stop up.
+    pub(crate) fn is_held_up(&self, frame: &Frame) -> bool {
+        let unit = |unit: usize| !self.is_silent(frame, unit) && frame.states[unit].is_held_up(self.program(unit));
+        (0..self.units.len()).any(unit)
+    }
+}
