@@ -2,7 +2,7 @@
 
 use crate::io::recorder;
 use crate::logic::record::{Entry, Run};
-use crate::verify::{LimitArgs, load};
+use crate::verify::{LimitArgs, Refusal, load};
 use crate::{Controllers, check};
 use anyhow::anyhow;
 use language::plan::{Group, Plan};
@@ -39,7 +39,7 @@ struct Recorded {
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let run = recorder::read(&recorder::file(&arguments.record)).map_err(anyhow::Error::from)?;
-    let loaded = load(&arguments.spec, &arguments.controllers)?;
+    let loaded = load(&arguments.spec, &arguments.controllers, Refusal::Text)?;
     if let Some(difference) = difference(&run.header.plan, &loaded.plan) {
         return Err(anyhow!(
             "the record is of another version of the spec: {difference}; the spec that ran is in the record, as `spec.dca`"

@@ -2,7 +2,7 @@
 
 use crate::Controllers;
 use crate::logic::page::text::escape;
-use crate::verify::{LimitArgs, load, story};
+use crate::verify::{LimitArgs, Refusal, load, story};
 use comms::io::clock;
 use node::console::{self, Failure};
 use node::logic::table::counted;
@@ -56,7 +56,8 @@ const SEVERITIES: [Severity; 8] = [
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let loaded = load(&arguments.file, &arguments.controllers)?;
+    let refusal = if arguments.json { Refusal::Json } else { Refusal::Text };
+    let loaded = load(&arguments.file, &arguments.controllers, refusal)?;
     let faults = if arguments.faults == 2 { Faults::Two } else { Faults::One };
     let start = clock::now();
     let table = arguments.limits.with(|limits| verify::fmea(&loaded.plan, &loaded.sites, limits, faults));

@@ -86,7 +86,7 @@ impl Proof {
         if !self.require_verified {
             return Ok(());
         }
-        let loaded = load(file, controllers)?;
+        let loaded = load(file, controllers, Refusal::Text)?;
         let limits = LimitArgs { states: STATES, memory: MEMORY, seconds: SECONDS, threads: None };
         let report = limits.with(|limits| verify::verify(&loaded.plan, &loaded.sites, limits));
         let unproved = report.findings.iter().filter(|finding| finding.verdict != Verdict::Proved);
@@ -140,15 +140,31 @@ pub(crate) struct Loaded {
     pub(crate) sites: Sites,
 }
 
+/// How it is said why a spec is refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Refusal {
+    /// To a person.
+    Text,
+    /// As a JSON document on standard output: `{"version", "spec", "refused": [diagnostic]}`.
+    Json,
+}
+
 /// Reads and compiles a spec; of what there is to say about it only errors are said.
-pub(crate) fn load(file: &Path, controllers: &Controllers) -> Result<Loaded, Failure> {
+pub(crate) fn load(file: &Path, controllers: &Controllers, refusal: Refusal) -> Result<Loaded, Failure> {
     let spec = check::read(file)?;
     let interfaces = check::others(&spec, controllers)?;
     let (compiled, sites) = compile_with_sites(&spec, &interfaces, &check::options(file, false));
     let Some((plan, sites)) = compiled.plan.zip(sites) else {
         let mut diagnostics = compiled.diagnostics;
         diagnostics.retain(|found| found.severity == Severity::Error);
-        console::note(&render(&diagnostics, &spec, &interfaces, check::style()));
+        if refusal == Refusal::Json {
+            let texts = Texts::new(&spec, &interfaces);
+            let refused: Vec<Value> = diagnostics.iter().map(|found| diagnostic(found, &texts)).collect();
+            let document = json!({ "version": 1, "spec": spec.name, "refused": refused });
+            console::say(&format!("{document:#}"));
+        } else {
+            console::note(&render(&diagnostics, &spec, &interfaces, check::style()));
+        }
         return Err(Failure::Reported);
     };
     Ok(Loaded { spec, interfaces, plan, sites })
@@ -156,7 +172,8 @@ pub(crate) fn load(file: &Path, controllers: &Controllers) -> Result<Loaded, Fai
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let loaded = load(&arguments.file, &arguments.controllers)?;
+    let refusal = if arguments.json { Refusal::Json } else { Refusal::Text };
+    let loaded = load(&arguments.file, &arguments.controllers, refusal)?;
     if let Some(format) = arguments.export {
         return export(&loaded, arguments.limits, format);
     }
