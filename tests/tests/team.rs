@@ -74,7 +74,7 @@ impl Desk {
 fn a_team_has_users_and_loses_them() {
     let desk = Desk::new();
     let begun = desk.done(&["team", "init", "acme"]);
-    assert!(begun.starts_with("team acme: ") && begun.contains("nobody has a certificate"), "{begun}");
+    assert!(begun.starts_with("team acme: ") && begun.contains("  admin  "), "its maker is its admin: {begun}");
     let words = begun.lines().next().unwrap_or_default().trim_start_matches("team acme: ").split(' ').count();
     assert_eq!(words, 4, "{begun}");
     let key = desk.done(&["team", "key"]);
@@ -145,7 +145,7 @@ fn a_short_passphrase_and_a_changed_file_are_refused() {
     let at = changed.len() - 20;
     changed[at] = if changed[at] == b'0' { b'1' } else { b'0' };
     fs::write(&own, changed).expect("a file of ours");
-    desk.refused(&["team", "--team", "acme"], "line 2");
+    desk.refused(&["team", "--team", "acme"], "line 3");
 }
 
 #[test]
