@@ -5,6 +5,7 @@ use crate::logic::record::{Entry, Run};
 use crate::verify::{LimitArgs, Refusal, load};
 use crate::{Controllers, check};
 use anyhow::anyhow;
+use language::algebra::Event;
 use language::plan::{Group, Plan};
 use node::console::{self, Failure};
 use node::logic::protocol::Report;
@@ -34,6 +35,8 @@ struct Recorded {
     omitted: usize,
     /// Whether the plan was changed while it ran: what came then is not looked at.
     is_changed: bool,
+    /// The groups that have begun and whose end is not among the steps.
+    endless: Vec<String>,
 }
 
 /// Runs the verb.
@@ -62,7 +65,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if is_broken || !found.deviations.is_empty() {
         return Err(Failure::Reported);
     }
-    if recorded.omitted > 0 || recorded.is_changed { Err(Failure::Limited) } else { Ok(()) }
+    let is_partial = recorded.omitted > 0 || recorded.is_changed || !recorded.endless.is_empty();
+    if is_partial || run.lacks().is_some() { Err(Failure::Limited) } else { Ok(()) }
 }
 
 /// What of the groups differs, if anything does; where they run is no part of it.
@@ -105,8 +109,17 @@ impl Recorded {
                 Entry::Report(_) | Entry::Signals { .. } | Entry::Output { .. } | Entry::Port { .. } => {}
             }
         }
+        // A supervisor sends its steps in batches: what it did last is missing where its node has died or was cut off.
+        let of_groups = groups.iter().zip(&recorded.lives);
+        let endless = of_groups.filter(|(_, lives)| lives.iter().any(|steps| is_endless(steps)));
+        recorded.endless = endless.map(|(group, _)| group.path.clone()).collect();
         recorded
     }
+}
+
+/// Whether a supervisor has begun what none of its steps ends.
+fn is_endless(steps: &Steps) -> bool {
+    steps.iter().fold(false, |runs, step| (runs || matches!(step.event, Event::Start(_))) && step.outcome.is_none())
 }
 
 fn summary(found: &Conformance, recorded: &Recorded) -> String {
@@ -120,6 +133,9 @@ fn summary(found: &Conformance, recorded: &Recorded) -> String {
     }
     if recorded.is_changed {
         text += "NOT COMPARED: what came after the plan was changed while it ran\n";
+    }
+    if !recorded.endless.is_empty() {
+        text += &format!("NOT COMPARED: the end of {}, which the record lacks\n", recorded.endless.join(", "));
     }
     let supervisors = recorded.lives.iter().filter(|lives| !lives.is_empty()).count();
     let (steps, supervisors) = (counted(found.steps, "step"), counted(supervisors, "supervisor"));
@@ -152,7 +168,7 @@ fn line(one: &Coverage) -> String {
 mod tests {
     use super::*;
     use crate::logic::record::Header;
-    use language::algebra::{Event, StepRecord};
+    use language::algebra::{Outcome, StepRecord, Value};
     use language::{Options, Source, compile};
     use std::time::Duration;
 
@@ -190,6 +206,23 @@ mod tests {
         assert_eq!((found.omitted, found.is_changed), (2, false));
         let changed = recorded(&[Some(0), None, Some(1)]);
         assert_eq!((changed.lives[0][0].len(), changed.is_changed), (1, true));
+    }
+
+    #[test]
+    fn a_supervisor_whose_end_is_missing_is_told() {
+        let start = || StepRecord::new(Event::Start(Value::EMPTY), Vec::new(), None);
+        let end = || StepRecord::new(Event::Stop, Vec::new(), Some(Outcome::Stopped));
+        let late = || StepRecord::new(Event::Stop, Vec::new(), None);
+        let at_once = StepRecord::new(Event::Start(Value::EMPTY), Vec::new(), Some(Outcome::Stopped));
+        for (steps, endless) in [
+            (vec![], false),
+            (vec![at_once], false),
+            (vec![start(), end(), late()], false),
+            (vec![start(), late()], true),
+            (vec![start(), end(), start()], true),
+        ] {
+            assert_eq!(is_endless(&steps), endless, "{steps:?}");
+        }
     }
 
     #[test]

@@ -145,19 +145,18 @@ fn what_is_planned_before_anything_runs_is_a_start() {
 fn a_program_is_added_to_a_mission_that_runs_and_taken_away_again() {
     let cluster = Cluster::new();
     let (here, _nodes, mission, before) = deploy(&cluster);
-    let line = "ear instof HitDetectorThreshold(c3)";
     let unknown = here.ask(&["add", "push", "ear instof NoSuchType(c3)"]);
     assert!(unknown.code == Some(1) && unknown.err.contains("NoSuchType"), "{unknown}");
-    let elsewhere = here.ask(&["add", "push", "--in", "main/hit", "ear instof Threshold(c9)"]);
-    assert!(elsewhere.code == Some(1) && elsewhere.err.contains("takes no part in what runs"), "{elsewhere} {line}");
+    let elsewhere = here.ask(&["add", "push", "--in", "main/hit", "ear instof ForceThreshold(c9)"]);
+    assert!(elsewhere.code == Some(1) && elsewhere.err.contains("takes no part in what runs"), "{elsewhere}");
 
     let wire = "force, Out -> ear, In";
     let add = ["add", "push", "--in", "main/hit", "--optional", "--probation", "0.5", "--connect", wire];
-    let added = here.ask(&[&add[..], &["ear instof Threshold(c3, threshold = 150 N)"]].concat());
+    let added = here.ask(&[&add[..], &["ear instof ForceThreshold(c3, threshold = 150 N)"]].concat());
     assert!(added.code == Some(0) && added.out.contains("is changed (3 changes, revision 1)"), "{added}");
     let now = here.pids();
     assert!(now.contains_key("main/hit/ear") && before.iter().all(|(path, pid)| now[path] == *pid), "{now:?}");
-    let taken = here.ask(&[&add[..], &["ear instof Threshold(c3, threshold = 150 N)"]].concat());
+    let taken = here.ask(&[&add[..], &["ear instof ForceThreshold(c3, threshold = 150 N)"]].concat());
     assert!(taken.code == Some(1) && taken.err.contains("`main/hit/ear` runs already"), "{taken}");
 
     let needed = here.ask(&["remove", "push", "main/world"]);
