@@ -49,6 +49,16 @@ pub enum Kind {
     Introduction = 10,
     /// [`Revocations`](crate::logic::tunnel::Revocations): whom an end of a tunnel has heard of as revoked.
     Revocations = 11,
+    /// [`ObjectCall`](crate::logic::object::ObjectCall): a call of a procedure, or the request to read a state.
+    ObjectCall = 12,
+    /// [`ObjectAnswer`](crate::logic::object::ObjectAnswer): the answer to it.
+    ObjectAnswer = 13,
+    /// [`ObjectCancel`](crate::logic::object::ObjectCancel): a caller waits no more.
+    ObjectCancel = 14,
+    /// [`Exports`](crate::logic::object::Exports): what a program exports.
+    Exports = 15,
+    /// [`TypeForm`](crate::logic::object::TypeForm): what the consumer of a wire takes.
+    TypeForm = 16,
     /// [`QueueRequest`](crate::logic::messaging::wire::QueueRequest): a message for a queue.
     QueueRequest = 20,
     /// [`QueueAnswer`](crate::logic::messaging::wire::QueueAnswer): what became of it.
@@ -61,16 +71,6 @@ pub enum Kind {
     LockRequest = 24,
     /// [`LockAnswer`](crate::logic::messaging::wire::LockAnswer): the answer to it.
     LockAnswer = 25,
-    /// [`ObjectCall`](crate::logic::object::ObjectCall): a call of a procedure, or the request to read a state.
-    ObjectCall = 12,
-    /// [`ObjectAnswer`](crate::logic::object::ObjectAnswer): the answer to it.
-    ObjectAnswer = 13,
-    /// [`ObjectCancel`](crate::logic::object::ObjectCancel): a caller waits no more.
-    ObjectCancel = 14,
-    /// [`Exports`](crate::logic::object::Exports): what a program exports.
-    Exports = 15,
-    /// [`TypeForm`](crate::logic::object::TypeForm): what the consumer of a wire takes.
-    TypeForm = 16,
     /// A frame of the ordered link between two nodes.
     Frame = 100,
     /// A request to a node.

@@ -5,13 +5,13 @@
 //! - [`router`]: a [`Router`](router::Router) sends each message to the queues that have subscribed and whose filters take it.
 //! - [`request`]: a request is a message with a marker, and its reply is a message with the same one.
 //! - [`lock`]: a [`ResourceLock`](lock::ResourceLock) lets one client at a time use a resource, for the time of a lease; a
-//!   [`Gate`](gate::Gate) at the resource refuses everybody else. [`lock_client`] is the client's side.
+//!   [`FencingCheck`](fencing::FencingCheck) at the resource refuses everybody else. [`lock_client`] is the client's side.
 //! - [`wire`]: what programs say to each other about all of these.
 //!
 //! Each is a machine without a clock: it is told the time. Source: Loukianov, Kimura and Sugisaka, "Implementing distributed
 //! control system for intelligent mobile robot", Artificial Life and Robotics 8 (2004), section 3.
 
-pub mod gate;
+pub mod fencing;
 pub mod header;
 pub mod lock;
 pub mod lock_client;

@@ -6,7 +6,7 @@
 mod lock;
 mod queue;
 
-pub use comms::logic::messaging::gate::Refusal;
+pub use comms::logic::messaging::fencing::Refusal;
 pub use comms::logic::messaging::header::{Header, Message as QueueMessage, MessageId};
 pub use comms::logic::messaging::lock::LockSettings;
 pub use comms::logic::messaging::queue::{Full, QueueCounters, Receipt, Rejected};

@@ -1,8 +1,8 @@
-//! The gate in front of a resource: it lets through who holds the lock now, and nobody who held it before.
+//! The check in front of a resource: it lets through who holds the lock now, and nobody who held it before.
 //!
 //! A client that was suspended, or cut off, does not know that its lease is over. So the resource does not believe a client; it
 //! compares numbers. Each grant of a lock has a fencing number that is greater than all before it, and every command to the
-//! resource carries the number under which it was given. Invariant: the floor of a gate never sinks, so what was refused once is
+//! resource carries the number under which it was given. Invariant: the floor of a check never sinks, so what was refused once is
 //! refused for ever. Source: Gray and Cheriton, "Leases", SOSP 1989; Kleppmann, "Designing Data-Intensive Applications", chapter 8.
 
 use serde::{Deserialize, Serialize};
@@ -10,10 +10,10 @@ use thiserror::Error;
 
 /// Compares fencing numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Gate {
+pub struct FencingCheck {
     /// The least number that is let through.
     floor: u64,
-    /// The greatest number that was granted; none if this gate does not hear of grants.
+    /// The greatest number that was granted; none if this check does not hear of grants.
     granted: Option<u64>,
 }
 
@@ -39,13 +39,13 @@ pub enum Refusal {
     },
 }
 
-impl Gate {
-    /// Returns a gate at a resource that does not hear of grants: it learns the numbers from the commands that come through.
+impl FencingCheck {
+    /// Returns a check at a resource that does not hear of grants: it learns the numbers from the commands that come through.
     pub const fn learning() -> Self {
         Self { floor: 0, granted: None }
     }
 
-    /// Returns a gate beside its lock, closed until the first grant. No number from `first` on was granted yet.
+    /// Returns a check beside its lock, closed until the first grant. No number from `first` on was granted yet.
     pub const fn closed(first: u64) -> Self {
         Self { floor: first, granted: Some(first.saturating_sub(1)) }
     }
@@ -89,26 +89,26 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn a_gate_beside_its_lock_knows_who_holds_it() {
-        let mut gate = Gate::closed(7);
-        assert_eq!(gate.admit(None), Err(Refusal::NoLock));
-        assert_eq!(gate.admit(Some(6)), Err(Refusal::Over { number: 6, floor: 7 }));
-        assert_eq!(gate.admit(Some(7)), Err(Refusal::Unknown { number: 7 }));
-        gate.open(7);
-        assert_eq!((gate.admit(Some(7)), gate.admit(Some(7))), (Ok(()), Ok(())));
-        gate.close(7);
-        assert_eq!(gate.admit(Some(7)), Err(Refusal::Over { number: 7, floor: 8 }));
-        assert_eq!(gate.admit(Some(8)), Err(Refusal::Unknown { number: 8 }));
+    fn a_check_beside_its_lock_knows_who_holds_it() {
+        let mut fencing = FencingCheck::closed(7);
+        assert_eq!(fencing.admit(None), Err(Refusal::NoLock));
+        assert_eq!(fencing.admit(Some(6)), Err(Refusal::Over { number: 6, floor: 7 }));
+        assert_eq!(fencing.admit(Some(7)), Err(Refusal::Unknown { number: 7 }));
+        fencing.open(7);
+        assert_eq!((fencing.admit(Some(7)), fencing.admit(Some(7))), (Ok(()), Ok(())));
+        fencing.close(7);
+        assert_eq!(fencing.admit(Some(7)), Err(Refusal::Over { number: 7, floor: 8 }));
+        assert_eq!(fencing.admit(Some(8)), Err(Refusal::Unknown { number: 8 }));
     }
 
     proptest! {
         /// Against a list of all numbers that came through.
         #[test]
         fn no_number_comes_through_after_a_greater_one(numbers in prop::collection::vec(0_u64..20, 0..60)) {
-            let (mut gate, mut through) = (Gate::learning(), Vec::<u64>::new());
+            let (mut fencing, mut through) = (FencingCheck::learning(), Vec::<u64>::new());
             for number in numbers {
                 let expected = through.iter().all(|&earlier| earlier <= number);
-                prop_assert_eq!(gate.admit(Some(number)).is_ok(), expected);
+                prop_assert_eq!(fencing.admit(Some(number)).is_ok(), expected);
                 if expected {
                     through.push(number);
                 }

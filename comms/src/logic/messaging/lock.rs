@@ -2,14 +2,14 @@
 //!
 //! The server measures the lease on its own clock, from the grant or the last renewal that reached it. A holder that dies or is cut
 //! off stops renewing, so its lease runs out, and the next one gets the lock with a greater fencing number. From then on the
-//! [`Gate`] refuses the old number, whatever its holder believes. Of two hosts that cannot reach each other, the one without the
+//! [`FencingCheck`] refuses the old number, whatever its holder believes. Of two hosts that cannot reach each other, the one without the
 //! server gets no lock: a partition costs availability, never exclusion.
 //!
 //! Invariants: no fencing number is granted twice, also by a server that was started again, because a number is on the disk before
 //! it is granted ([`LockEffect::Persist`]). A server that was started again grants nothing for the time of one lease, since it does
 //! not know who held the lock.
 
-use super::gate::{Gate, Refusal};
+use super::fencing::{FencingCheck, Refusal};
 use super::header::count;
 use super::wire::{Denied, LockAnswer, LockRequest, LockStatus};
 use crate::logic::time::Time;
@@ -64,7 +64,7 @@ pub enum LockEffect {
 #[derive(Clone, Debug)]
 pub struct ResourceLock {
     settings: LockSettings,
-    gate: Gate,
+    fencing: FencingCheck,
     /// The next fencing number.
     next: u64,
     /// The first number that may not be granted yet.
@@ -89,7 +89,7 @@ pub struct ResourceLock {
 /// A bug, made on purpose, that the schedules of the tests must find. No program has one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Fault {
-    /// A lease that is over leaves the gate open.
+    /// A lease that is over still lets its holder through.
     StaysOpen,
     /// A number is granted before it is on the disk.
     GrantsUnwritten,
@@ -125,7 +125,7 @@ impl ResourceLock {
         let first = first.max(1);
         Self {
             settings,
-            gate: Gate::closed(first),
+            fencing: FencingCheck::closed(first),
             next: first,
             reserved: first,
             is_persisting: false,
@@ -182,7 +182,7 @@ impl ResourceLock {
     /// Says what is wrong with its number.
     pub fn admit(&mut self, now: Time, number: Option<u64>) -> Result<(), Refusal> {
         self.expire(now);
-        self.gate.admit(number)
+        self.fencing.admit(number)
     }
 
     /// Returns the fencing number of the holder.
@@ -299,7 +299,7 @@ impl ResourceLock {
         let Some(holder) = self.holder.take() else { return };
         let fault = if why == Denied::Preempted { Fault::PreemptsOnPaper } else { Fault::StaysOpen };
         if !self.has(fault) {
-            self.gate.close(holder.fence);
+            self.fencing.close(holder.fence);
         }
         self.remember(now, holder.client, holder.request, why);
     }
@@ -332,7 +332,7 @@ impl ResourceLock {
         let (fence, until) = (self.next, now + self.settings.lease);
         self.next += 1;
         self.grants += 1;
-        self.gate.open(fence);
+        self.fencing.open(fence);
         self.holder = Some(Holder { client, name, request, priority, fence, until, is_wanted: false });
         effects.extend(self.granted(now, request).map(|answer| LockEffect::Answer { client, answer }));
     }

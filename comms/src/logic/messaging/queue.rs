@@ -4,7 +4,7 @@
 //! that is sent again, because its receipt was lost, is taken once. Invariant: of all that was accepted, each message is taken
 //! once, or dropped and counted, or waits.
 
-use super::gate::Refusal;
+use super::fencing::Refusal;
 use super::header::{Malformed, Message, count};
 use super::seen::{Novelty, Seen};
 use crate::logic::time::Time;

@@ -1,6 +1,6 @@
 //! Bytes that other versions rely on: if one of these fails, the version of its message has to go up.
 
-use super::super::gate::Refusal;
+use super::super::fencing::Refusal;
 use super::super::header::{Malformed, sample};
 use super::super::queue::Rejected;
 use super::*;

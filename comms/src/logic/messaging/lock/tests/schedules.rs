@@ -76,7 +76,7 @@ struct World {
     boot: u64,
     disk: u64,
     clients: Vec<Client>,
-    elsewhere: Gate,
+    elsewhere: FencingCheck,
     flying: Vec<(u64, Parcel)>,
     /// Who is cut off from the server, until when.
     cut: Vec<u64>,
@@ -148,7 +148,7 @@ impl World {
             boot: 0,
             disk: 1,
             clients: clients.collect(),
-            elsewhere: Gate::learning(),
+            elsewhere: FencingCheck::learning(),
             flying: Vec::new(),
             cut: vec![0; CLIENTS],
             lives: 0,
