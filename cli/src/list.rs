@@ -61,7 +61,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 async fn listed(clients: &Clients, taps: &Arc<Taps>, instance: Option<&str>) -> Result<Vec<Listed>, Failure> {
     let all = clients.statuses().await?;
     let (mut places, mut is_any, mut rows) = (BTreeSet::new(), false, Vec::new());
-    let mut asking = JoinSet::new();
+    let mut requests = JoinSet::new();
     for (client, statuses) in &all {
         for leaf in leaves(&statuses.nodes) {
             if is_listed(instance, &leaf.deployment.name, &leaf.process.path) {
@@ -72,7 +72,7 @@ async fn listed(clients: &Clients, taps: &Arc<Taps>, instance: Option<&str>) -> 
         for (deployment, host) in std::mem::take(&mut places) {
             for (path, dial) in locations(client, &host, &deployment).await? {
                 if is_listed(instance, &deployment.name, &path) {
-                    asking.spawn(program(Arc::clone(taps), deployment.clone(), path, dial));
+                    requests.spawn(program(Arc::clone(taps), deployment.clone(), path, dial));
                 }
             }
             let names = client.ask(&host, &Request::Names, crate::client::ANSWER_WITHIN).await;
@@ -87,7 +87,7 @@ async fn listed(clients: &Clients, taps: &Arc<Taps>, instance: Option<&str>) -> 
         return Err(absent::missing(&format!("process `{instance}`"), &all).await);
     }
     let mut exported = BTreeSet::new();
-    while let Some(joined) = asking.join_next().await {
+    while let Some(joined) = requests.join_next().await {
         let (found, failures) = joined.map_err(anyhow::Error::from)?;
         failures.iter().for_each(|failure| console::note(failure));
         exported.extend(found.iter().map(|row| (row.process.clone(), row.name.clone())));

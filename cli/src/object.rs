@@ -162,7 +162,8 @@ pub(crate) async fn exports_of(
     dial: Dial,
 ) -> Result<Exports, Failure> {
     taps.dial(dial).await?;
-    Ok(taps.exports(&deployment.name, path).await?.unwrap_or_default())
+    let silent = || anyhow!("`{path}` does not say what it exports: it has no links yet, or is of an older DCA");
+    taps.exports(&deployment.name, path).await?.ok_or_else(|| Failure::Unreachable(silent()))
 }
 
 fn exported<'a>(found: &'a Found, name: &ObjectName) -> Result<&'a Exported, Failure> {

@@ -299,7 +299,6 @@ pub(crate) async fn outputs_of(
     dial: Dial,
 ) -> Result<Outputs, Failure> {
     taps.dial(dial).await?;
-    let outputs = taps.outputs(&deployment.name, path).await?;
-    Ok(outputs
-        .ok_or_else(|| anyhow!("it does not say which outputs it has: it has no links yet, or is of an older DCA"))?)
+    let silent = || anyhow!("it does not say which outputs it has: it has no links yet, or is of an older DCA");
+    taps.outputs(&deployment.name, path).await?.ok_or_else(|| Failure::Unreachable(silent()))
 }

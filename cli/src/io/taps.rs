@@ -1,8 +1,10 @@
 //! A data session of the command line that hears the outputs of programs while they work.
 
 use crate::io::observer;
+use comms::io::clock;
 use comms::io::data::{DataError, DataSession, Subscription};
 use comms::logic::bytes::Bytes;
+use comms::logic::codec::Enveloped;
 use comms::logic::control::Dial;
 use comms::logic::object::{CallId, Exported, Exports, ObjectCall, ObjectError};
 use comms::logic::tap::{Outputs, Tapped};
@@ -17,6 +19,8 @@ use tokio::sync::mpsc::Sender;
 /// How long a program has to be reached, and then to answer: the longest way there and back is 3 s, and to dial takes four.
 const DIAL_WITHIN: Duration = Duration::from_secs(18);
 const ANSWER_WITHIN: Duration = Duration::from_secs(4);
+/// The pause before a program that nobody is known to answer for is asked again.
+const ASK_AGAIN: Duration = Duration::from_millis(50);
 
 /// The session, and what it hears.
 pub(crate) struct Taps {
@@ -44,10 +48,26 @@ impl Taps {
 
     /// Asks a program which outputs it has; none if it does not say.
     pub(crate) async fn outputs(&self, robot: &str, path: &str) -> Result<Option<Outputs>, Failure> {
-        let (session, key) = (Arc::clone(&self.session), key::outputs(robot, path));
-        let answer = tokio::task::spawn_blocking(move || session.fetch(&key, ANSWER_WITHIN)).await;
-        let answer = answer.map_err(anyhow::Error::from)?.map_err(|error| Failure::Unreachable(error.into()))?;
-        Ok(answer.map(|bytes| codec::decode(&bytes)).transpose().map_err(anyhow::Error::from)?)
+        self.described(key::outputs(robot, path)).await
+    }
+
+    /// Asks a program what it exports; none if it does not say.
+    pub(crate) async fn exports(&self, robot: &str, path: &str) -> Result<Option<Exports>, Failure> {
+        self.described(key::exports(robot, path)).await
+    }
+
+    /// Asks a program for what it always answers. Behind a link that has just been made, nobody may be known yet who does.
+    async fn described<T: Enveloped>(&self, key: String) -> Result<Option<T>, Failure> {
+        let until = clock::now() + ANSWER_WITHIN;
+        loop {
+            let (session, key) = (Arc::clone(&self.session), key.clone());
+            let answer = tokio::task::spawn_blocking(move || session.fetch(&key, ANSWER_WITHIN)).await;
+            let answer = answer.map_err(anyhow::Error::from)?.map_err(|error| Failure::Unreachable(error.into()))?;
+            if answer.is_some() || clock::now() >= until {
+                return Ok(answer.map(|bytes| codec::decode(&bytes)).transpose().map_err(anyhow::Error::from)?);
+            }
+            clock::sleep_until(clock::now() + ASK_AGAIN).await;
+        }
     }
 
     /// Hears an output from now on, wherever its program is started again. Each value goes to `sink` with `number`; when it is
@@ -70,14 +90,6 @@ impl Taps {
         let heard = tokio::task::spawn_blocking(hear).await.map_err(anyhow::Error::from)?;
         self.subscriptions.push(heard.map_err(anyhow::Error::from)?);
         Ok(())
-    }
-
-    /// Asks a program what it exports; none if it does not say.
-    pub(crate) async fn exports(&self, robot: &str, path: &str) -> Result<Option<Exports>, Failure> {
-        let (session, key) = (Arc::clone(&self.session), key::exports(robot, path));
-        let answer = tokio::task::spawn_blocking(move || session.fetch(&key, ANSWER_WITHIN)).await;
-        let answer = answer.map_err(anyhow::Error::from)?.map_err(|error| Failure::Unreachable(error.into()))?;
-        Ok(answer.map(|bytes| codec::decode(&bytes)).transpose().map_err(anyhow::Error::from)?)
     }
 
     /// Calls what a program exports, and waits for what comes of it.

@@ -136,31 +136,14 @@ impl Coordinator {
             changes: 0,
             rejoins: Rejoins::default(),
         };
-        out.effects.push(Effect::PersistEpoch {
-            deployment: coordinator.deployment.clone(),
-            hosts: coordinator.hosts.clone(),
-        });
+        let (deployment, hosts) = (coordinator.deployment.clone(), coordinator.hosts.clone());
+        out.effects.push(Effect::PersistEpoch { deployment, hosts });
         coordinator.report(Report::Accepted { deployment: coordinator.deployment.clone() }, out);
         for host in coordinator.hosts.clone() {
             let order = ToParticipant::Prepare { plan: (*coordinator.plan).clone() };
             out.send(&host, coordinator.deployment.to_participant(order.signed(coordinator.signed.as_deref())));
         }
         coordinator
-    }
-
-    /// Takes note of the user who has deployed it.
-    pub fn begun_for(&mut self, by: &str) {
-        by.clone_into(&mut self.begun_by);
-    }
-
-    /// Returns the user who has deployed it.
-    pub fn begun_by(&self) -> &str {
-        &self.begun_by
-    }
-
-    /// Returns whether nothing is left to be done.
-    pub fn is_over(&self) -> bool {
-        self.phase == Phase::Over
     }
 
     /// Takes a message of a host.

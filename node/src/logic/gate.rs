@@ -19,6 +19,7 @@ pub use ledger::{LEDGER_MAX, Ledger, LedgerError};
 use crate::logic::protocol::{ChangeOrder, ChangeRequest, Deployment, Order, Ordered, Request, Signed, ToParticipant};
 use language::plan::{Plan, difference};
 use ledger::Place;
+use std::collections::BTreeSet;
 use thiserror::Error;
 use trust::identity::KeyId;
 use trust::name::Name;
@@ -295,7 +296,9 @@ fn may_begin(again: &[u32], plan: &Plan, change: Option<&ChangeRequest>) -> bool
 /// plan before. What was taken away from it is still there, and nothing of that is started.
 fn is_same(plan: &Plan, signed: &Plan) -> bool {
     // One that has a path twice could hide something behind the other.
-    let has_no_more = plan.live_leaves().len() == signed.live_leaves().len()
+    let paths: BTreeSet<&str> = plan.leaves.iter().map(|leaf| leaf.path.as_str()).collect();
+    let has_no_more = paths.len() == plan.leaves.len()
+        && plan.live_leaves().len() == signed.live_leaves().len()
         && plan.live_groups().len() == signed.live_groups().len();
     let found = has_no_more.then(|| difference(plan, signed));
     matches!(found, Some(Ok(found)) if found.changes.is_empty() && found.plan == *plan)

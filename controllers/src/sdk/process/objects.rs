@@ -71,16 +71,16 @@ impl Serving {
         (robot, instance): (&str, &str),
         inbox: &Arc<Inbox>,
     ) -> Result<Self, DataError> {
-        if interface.exports.is_empty() {
-            return Ok(Self::default());
-        }
         let (exports, inbox, of) = (interface.exports.clone(), Arc::clone(inbox), Arc::downgrade(session));
         let (key, cancel_key) = key::object(robot, instance);
-        let server = session.serve_calls(&key, &cancel_key, move |event| hear(event, &exports, &inbox, &of))?;
+        let serve =
+            |exports: Vec<_>| session.serve_calls(&key, &cancel_key, move |event| hear(event, &exports, &inbox, &of));
+        let server = Some(exports).filter(|exports| !exports.is_empty()).map(serve).transpose()?;
+        // What exports nothing says so, too: silence means that it was not reached.
         let exports = interface.exports.iter().map(ExportInterface::exported).collect();
         let described = codec::encode(&Exports { exports }).ok();
         let describing = session.answer(&key::exports(robot, instance), move || described.clone())?;
-        Ok(Self { _server: Some(server), _describing: Some(describing) })
+        Ok(Self { _server: server, _describing: Some(describing) })
     }
 }
 

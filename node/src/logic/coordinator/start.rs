@@ -15,6 +15,21 @@ pub(super) fn prepare_within(plan: &Plan) -> Duration {
 }
 
 impl Coordinator {
+    /// Takes note of the user who has deployed it.
+    pub fn begun_for(&mut self, by: &str) {
+        by.clone_into(&mut self.begun_by);
+    }
+
+    /// Returns the user who has deployed it.
+    pub fn begun_by(&self) -> &str {
+        &self.begun_by
+    }
+
+    /// Returns whether nothing is left to be done.
+    pub fn is_over(&self) -> bool {
+        self.phase == Phase::Over
+    }
+
     pub(super) fn prepared(&mut self, from: &str, facts: Vec<LeafFacts>, machine: &str, out: &mut Out<'_>) {
         self.waiting.remove(from);
         self.register(from, facts, machine, out);
