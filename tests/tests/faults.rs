@@ -66,17 +66,17 @@ fn a_node_without_free_files_refuses_and_goes_on() {
     node.wait().expect("it was started here");
 }
 
+/// Returns a freezer; none, said aloud, where there is none to be had.
+#[expect(clippy::print_stdout, reason = "who runs the tests has to know what was skipped")]
+fn freezer() -> Option<Freezer> {
+    Freezer::new().inspect_err(|why| println!("skipped: needs the freezer of control groups, version 1: {why}")).ok()
+}
+
 /// Case 13: a program in an uninterruptible sleep, as behind a dead disk. What stops it says that it could not, and nothing of its name
 /// is started beside it; once it has ended after all, that is known, too.
 #[test]
 fn what_cannot_be_killed_is_told_and_not_started_again() {
-    let freezer = match Freezer::new() {
-        Ok(freezer) => freezer,
-        Err(why) => {
-            println!("skipped: needs the freezer of control groups, version 1: {why}");
-            return;
-        }
-    };
+    let Some(freezer) = freezer() else { return };
     let cluster = Cluster::new();
     let here = cluster.here();
     let node = here.node("c1", &[]);
@@ -107,13 +107,7 @@ fn what_cannot_be_killed_is_told_and_not_started_again() {
 /// ended.
 #[test]
 fn what_cannot_be_killed_keeps_what_it_has_taken() {
-    let freezer = match Freezer::new() {
-        Ok(freezer) => freezer,
-        Err(why) => {
-            println!("skipped: needs the freezer of control groups, version 1: {why}");
-            return;
-        }
-    };
+    let Some(freezer) = freezer() else { return };
     let cluster = Cluster::new();
     let here = cluster.here();
     let node = here.node("c1", &[]);
