@@ -116,8 +116,9 @@ fn text(arguments: &AddArguments, (name, running): (&str, &Plan), has_arguments:
     let leaves = live.iter().filter_map(|number| running.leaves.get(*number as usize));
     let of_group = |leaf: &Leaf| Some(leaf.path.strip_prefix(&arguments.group)?.strip_prefix('/')?.to_owned());
     let ends: BTreeSet<&str> = arguments.connections.iter().flat_map(|one| one.split("->")).map(name_of).collect();
-    let stands =
-        leaves.filter_map(|leaf| Some((of_group(leaf)?, leaf))).filter(|(name, _)| ends.contains(name.as_str()));
+    let stands = leaves
+        .filter_map(|leaf| Some((of_group(leaf)?, leaf)))
+        .filter(|(other, _)| other != name && ends.contains(other.as_str()));
     let (mut instances, mut actions) = (arguments.instance.trim().trim_end_matches(';').to_owned(), String::new());
     for (stand_in, leaf) in stands {
         let host = running.hosts.get(leaf.host as usize).map_or("", String::as_str);

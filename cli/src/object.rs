@@ -111,6 +111,7 @@ async fn with_taps(
 ) -> Result<(), Failure> {
     let clients = Clients::open(&arguments.connect).await?;
     let taps = Taps::open(clients.iter().find_map(Client::team)).await?;
+    let taps = taps.within(Duration::from_secs_f64(arguments.within));
     let done = tokio::select! {
         done = work(&clients, &taps) => done,
         _ = tokio::signal::ctrl_c() => Ok(()),

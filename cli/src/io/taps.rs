@@ -28,6 +28,8 @@ pub(crate) struct Taps {
     subscriptions: Vec<Subscription>,
     /// How many calls it has made.
     called: AtomicU64,
+    /// How long a link, and each answer but that of a call, may take.
+    within: (Duration, Duration),
 }
 
 impl Taps {
@@ -36,13 +38,25 @@ impl Taps {
         // Zenoh's own calls block.
         let session =
             tokio::task::spawn_blocking(move || observer::open(team.as_deref())).await.map_err(anyhow::Error::from)?;
-        Ok(Self { session: Arc::new(session?), subscriptions: Vec::new(), called: AtomicU64::new(0) })
+        Ok(Self {
+            session: Arc::new(session?),
+            subscriptions: Vec::new(),
+            called: AtomicU64::new(0),
+            within: (DIAL_WITHIN, ANSWER_WITHIN),
+        })
+    }
+
+    /// Takes no longer than this for a link, and for each answer.
+    #[must_use]
+    pub(crate) fn within(mut self, limit: Duration) -> Self {
+        self.within = (self.within.0.min(limit), self.within.1.min(limit));
+        self
     }
 
     /// Links to a program, and keeps linked to it.
     pub(crate) async fn dial(&self, dial: Dial) -> Result<(), Failure> {
-        let session = Arc::clone(&self.session);
-        let dialled = tokio::task::spawn_blocking(move || session.dial(&dial, DIAL_WITHIN)).await;
+        let (session, (within, _)) = (Arc::clone(&self.session), self.within);
+        let dialled = tokio::task::spawn_blocking(move || session.dial(&dial, within)).await;
         dialled.map_err(anyhow::Error::from)?.map_err(|error| Failure::Unreachable(error.into()))
     }
 
@@ -58,10 +72,11 @@ impl Taps {
 
     /// Asks a program for what it always answers. Behind a link that has just been made, nobody may be known yet who does.
     async fn described<T: Enveloped>(&self, key: String) -> Result<Option<T>, Failure> {
-        let until = clock::now() + ANSWER_WITHIN;
+        let (_, within) = self.within;
+        let until = clock::now() + within;
         loop {
             let (session, key) = (Arc::clone(&self.session), key.clone());
-            let answer = tokio::task::spawn_blocking(move || session.fetch(&key, ANSWER_WITHIN)).await;
+            let answer = tokio::task::spawn_blocking(move || session.fetch(&key, within)).await;
             let answer = answer.map_err(anyhow::Error::from)?.map_err(|error| Failure::Unreachable(error.into()))?;
             if answer.is_some() || clock::now() >= until {
                 return Ok(answer.map(|bytes| codec::decode(&bytes)).transpose().map_err(anyhow::Error::from)?);
