@@ -111,7 +111,7 @@ impl Recorded {
         }
         // A supervisor sends its steps in batches: what it did last is missing where its node has died or was cut off.
         let of_groups = groups.iter().zip(&recorded.lives);
-        let endless = of_groups.filter(|(_, lives)| lives.iter().any(|steps| is_endless(steps)));
+        let endless = of_groups.filter(|(_, lives)| lives.iter().any(is_endless));
         recorded.endless = endless.map(|(group, _)| group.path.clone()).collect();
         recorded
     }
