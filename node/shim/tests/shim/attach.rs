@@ -127,7 +127,9 @@ fn what_ends_without_an_agent_leaves_its_cause() {
 /// The end comes while one agent is there and another waits behind it.
 #[test]
 fn an_end_between_two_agents_is_told_whole_or_not_at_all() {
-    let shim = start(Gate::None, None, WAITING);
+    let mut shim = start(Gate::None, None, WAITING);
+    // An agent that has had more reports than a shim has made means another shim.
+    assert_eq!(shim.next(), Some(STARTED));
     wait_for(&shim.dir, "up");
     let lost = Lost::of(shim);
     let first = lost.attach(1);
