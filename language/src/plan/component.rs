@@ -243,6 +243,7 @@ fn is_limit(expression: &Expression) -> bool {
 mod tests {
     use super::*;
     use crate::{Options, Source, compile};
+    use std::collections::BTreeSet;
 
     const MODULES: &str = "
 module Source(host) { out Out: Number; service; }
@@ -286,6 +287,34 @@ module Sink(host) { in In: Number; done; claims leg; }
         assert_eq!(back.groups[0].expression, running.groups[0].expression);
         let changes = difference(&found.plan, &back).unwrap().changes;
         assert_eq!(changes.len(), 3, "{changes:?}");
+    }
+
+    /// A set of a process that was taken away stood in the way of every later change.
+    #[test]
+    fn what_was_added_comes_and_goes_in_any_order() {
+        let piece = |name: &str| {
+            let text = format!(
+                "{MODULES} process main() {{ host {{ \"c1\" }}
+                instantiated_processes {{ {name} instof Sink(\"c2\"); a instof Source(\"c1\"); }}
+                internal_connections({name}, added) {{ a, Out -> {name}, In; }}
+                internal_event_actions {{ {name}[added] , a }} }}"
+            );
+            compile(&Source::new("piece", &*text), &[], &Options::named("piece")).plan.unwrap()
+        };
+        let mut running = plan("a , b[feed] , c");
+        let steps = ["+d", "+e", "-d", "-e", "+f", "+d", "-b", "-f", "+e"];
+        for step in steps {
+            let (sign, name) = step.split_at(1);
+            let wanted = match sign {
+                "+" => running.with_program(&piece(name), name, "main", Failing::Counts),
+                _ => running.without_process(&format!("main/{name}")),
+            };
+            let next = difference(&running, &wanted.unwrap()).unwrap().plan;
+            assert_eq!(next.validate().map_err(|why| why.to_string()), Ok(()), "{step}");
+            running = next;
+        }
+        let live: Vec<&str> = running.live_leaves().iter().map(|leaf| &*running.leaves[*leaf as usize].path).collect();
+        assert_eq!(BTreeSet::from_iter(live), BTreeSet::from(["main/a", "main/c", "main/d", "main/e"]));
     }
 
     #[test]

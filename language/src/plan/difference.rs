@@ -107,6 +107,9 @@ impl fmt::Display for PlanChange {
     }
 }
 
+/// Stands for the slot of a process that was taken away, and for its sets.
+const TAKEN_AWAY: u32 = u32::MAX;
+
 /// Compares the plan that runs with the one that is wanted.
 ///
 /// # Errors
@@ -174,6 +177,11 @@ fn wire_group(
     sets.iter_mut().for_each(|set| set.wires.clear());
     for set in &after.sets {
         let owner = set.owner.map(|owner| own.slot(owner));
+        if owner == Some(TAKEN_AWAY) {
+            // Nothing names it any more. It only keeps the numbers of those behind it.
+            own.sets.push(TAKEN_AWAY);
+            continue;
+        }
         let is_its = |(at, other): &(u32, &ConnectionSet)| {
             (other.owner, &other.label) == (owner, &set.label) && !own.sets.contains(at)
         };

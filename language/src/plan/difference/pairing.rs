@@ -1,6 +1,6 @@
 //! Which process of the plan that is wanted is which of the plan that runs, by their names.
 
-use super::{BTreeMap, BTreeSet, Group, Leaf, Member, MemberKind, Numbers, Plan, PlanChange, host, leaf};
+use super::{BTreeMap, BTreeSet, Group, Leaf, Member, MemberKind, Numbers, Plan, PlanChange, TAKEN_AWAY, host, leaf};
 
 /// The pairs of processes of two plans.
 pub(super) struct Pairing<'a> {
@@ -39,7 +39,7 @@ impl<'a> Pairing<'a> {
         for member in &after.members {
             // One that was taken away from the plan that is wanted was so from the plan that runs, too.
             if member.name.is_empty() {
-                slots.push(u32::MAX);
+                slots.push(TAKEN_AWAY);
                 continue;
             }
             let slot = match self.slot_of(number, &member.name) {
