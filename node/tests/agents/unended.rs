@@ -1,5 +1,6 @@
 //! Programs that could not be ended while their deployment goes on: what they may still use is given to nobody.
 
+use crate::changes::outcome;
 use crate::losses::{cut, heal};
 use crate::world::{Draw, World};
 use node::logic::agent::Input;
@@ -64,6 +65,30 @@ fn end_stuck(world: &mut World, module: &str) {
     let stuck: Vec<_> = world.alive.iter().filter(|(_, process)| is_its(world, process)).cloned().collect();
     for (host, process) in stuck {
         world.kill(&host, process.leaf);
+    }
+}
+
+/// What it has taken is not free by its being taken away from the plan.
+#[test]
+fn what_could_not_be_ended_is_not_taken_away() {
+    for host in ["c1", "c2"] {
+        let rest = "(wait(1 s) ; using(zone) near) , (wait(7200 s))";
+        let rock = format!("rock instof Stubborn(\"{host}\");");
+        let (mut world, _) = world_of(&zone(&format!("(using(zone) (rock within 200 ms))? , {rest}"), &rock));
+        let away = |world: &mut World| {
+            let change = world.change("c1", &zone(rest, ""), (1, 0), &[]);
+            world.run_for(Duration::from_secs(30));
+            outcome(world, change)
+        };
+        let why = format!(
+            "host `{host}`: `main/rock` could not be ended and may still use what it has; end it, then take it away"
+        );
+        assert_eq!(away(&mut world), Err(vec![why]));
+        assert_eq!(runs(&world, "Step"), 0, "on {host}: the rock may still move in the zone");
+        end_stuck(&mut world, "Stubborn");
+        world.run_for(Duration::from_secs(10));
+        assert!(away(&mut world).is_ok());
+        assert_eq!(runs(&world, "Step"), 1, "on {host}");
     }
 }
 

@@ -97,7 +97,8 @@ impl Participant {
 
     /// Says why the next plan cannot be taken on here, once it is known whether the programs that differ can be started.
     fn examine(&self, (number, plan): (u32, &Plan), host: &str, programs: &Programs, out: &mut Out<'_>) {
-        let against = self.against_actions(plan);
+        let mut against = self.against_actions(plan);
+        against.extend(self.unended_without(plan));
         let starts = if self.phase == Phase::Running {
             self.starts(plan, host, programs)
                 .and_then(|starts| if against.is_empty() { Ok(starts) } else { Err(against) })

@@ -4,12 +4,24 @@ use super::Participant;
 use crate::logic::claims::Claims;
 use crate::logic::effect::Out;
 use crate::logic::protocol::{Change, Ending, Failure, FailureCause, Target};
+use language::plan::Plan;
 use std::collections::BTreeSet;
 
 impl Participant {
     /// Returns the programs that may still be there although everything was done to end them.
     pub fn unconfirmed(&self) -> BTreeSet<u32> {
         self.instances.iter().filter(|(_, instance)| instance.is_unconfirmed()).map(|(leaf, _)| leaf).collect()
+    }
+
+    /// Returns why a plan cannot be taken on that has no program any more which could not be ended: what that has taken would be
+    /// free with it.
+    pub(super) fn unended_without(&self, plan: &Plan) -> Vec<String> {
+        let live = plan.live_leaves();
+        let gone = self.unconfirmed().into_iter().filter(|leaf| !live.contains(leaf));
+        let paths = gone.filter_map(|leaf| self.path(leaf));
+        paths
+            .map(|path| format!("`{path}` could not be ended and may still use what it has; end it, then take it away"))
+            .collect()
     }
 
     /// Refuses to begin a program that would use a device beside one that could not be ended; says whether it was.
