@@ -244,8 +244,11 @@ fn json(loaded: &Loaded, report: &Report) -> String {
     format!("{document:#}")
 }
 
-/// A story as an object: `{"steps": [{"cause", "effects"}], "running", "stopping"}`.
+/// A story as an object: `{"steps": [{"cause", "effects", "events"}], "running", "stopping"}`.
 pub(crate) fn story(story: &Story) -> Value {
-    let steps = story.steps.iter().map(|step| json!({ "cause": step.cause, "effects": step.effects }));
+    let steps = story.steps.iter().map(|step| {
+        let events: Vec<String> = step.events.iter().map(ToString::to_string).collect();
+        json!({ "cause": step.cause, "effects": step.effects, "events": events })
+    });
     json!({ "steps": steps.collect::<Vec<_>>(), "running": story.running, "stopping": story.stopping })
 }

@@ -54,7 +54,9 @@ pub use gather::{Content, gather};
 pub use graph::{Graph, graph};
 pub use message::{Layout, Message};
 pub use similar::nearest;
-pub use simulate::{Ending, RandomRun, Simulation, SimulationError, SimulationEvent, Transition};
+pub use simulate::{
+    Ending, ProgramFault, RandomRun, Simulation, SimulationError, SimulationEvent, TraceError, TraceEvent, Transition,
+};
 pub use source::{Lines, Origin, Position, Role, SOURCE_MAX, Source, Span, Texts};
 
 /// The options of a compilation.

@@ -6,6 +6,7 @@
 mod chart;
 mod command;
 mod random;
+mod trace;
 
 use crate::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, Value, step};
 use crate::plan::{DEADLINE, LEAVES_MAX, MemberKind, Plan};
@@ -15,6 +16,7 @@ use std::time::Duration;
 
 pub use command::SimulationError;
 pub use random::RandomRun;
+pub use trace::{ProgramFault, TraceError, TraceEvent};
 
 /// The most events of one instant: more than the largest plan needs to start everything and to stop it. Beyond them, a
 /// loop turns in no time.

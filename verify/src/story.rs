@@ -1,8 +1,12 @@
 //! Tells what happens on a way through a system, in words of the spec.
 
+mod event;
+
 use crate::explore::Graph;
 use crate::model::Model;
 use crate::system::{Change, Changed, FaultKind, Frame, Label, LossKind, Phase, System};
+use event::event;
+use language::TraceEvent;
 use language::algebra::Activity;
 use language::plan::{Expression, MemberKind};
 use std::time::Duration;
@@ -14,6 +18,8 @@ pub struct Step {
     pub cause: String,
     /// What follows at once, one clause each.
     pub effects: Vec<String>,
+    /// The same as `cause` for a program; nothing where it cannot be named, as an event of a part of a group.
+    pub events: Vec<TraceEvent>,
     /// What the processes of the spec come to by it.
     pub moves: Vec<Move>,
 }
@@ -84,6 +90,7 @@ pub(crate) fn tell_run(system: &System<'_>, way: &[Label], again: Option<&[Label
         let cause = cause(system, label);
         stepper.apply(&mut frame, label, Some(&mut changes));
         let effects = effects(system, label, &changes);
+        let event = event(system, label);
         let moves: Vec<Move> = changes.iter().filter_map(|change| move_of(system, change)).collect();
         match story.steps.last_mut() {
             // Answers to stops are one step, as long as nothing else follows from them.
@@ -96,8 +103,15 @@ pub(crate) fn tell_run(system: &System<'_>, way: &[Label], again: Option<&[Label
                 let name = cause.strip_suffix(STOPPED).unwrap_or(&cause);
                 last.cause = last.cause.replace(STOPPED, &format!(", {name}{STOPPED}"));
                 last.moves.extend(moves);
+                // One that has no name takes the others with it.
+                match event {
+                    Some(event) if !last.events.is_empty() => last.events.push(event),
+                    _ => last.events.clear(),
+                }
             }
-            Some(_) | None => story.steps.push(Step { cause, effects, moves }),
+            Some(_) | None => {
+                story.steps.push(Step { cause, effects, events: event.into_iter().collect(), moves });
+            }
         }
     }
     if again.is_some_and(<[Label]>::is_empty) {

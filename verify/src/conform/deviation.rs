@@ -53,7 +53,7 @@ impl Teller<'_, '_> {
         let told = &steps[begin.max(steps.len().saturating_sub(TOLD_MAX))..];
         let tell = |step: &StepRecord| {
             let (cause, effects) = (self.cause(&step.event), self.effects(step));
-            Step { cause, effects, moves: Vec::new() }
+            Step { cause, effects, events: Vec::new(), moves: Vec::new() }
         };
         let story = Story { steps: told.iter().map(tell).collect(), ..Story::default() };
         Finding::fails(found, Some(story))

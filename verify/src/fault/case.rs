@@ -323,6 +323,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
             told.steps.push(Step {
                 cause: "everybody has noted it, and all stops are answered".to_owned(),
                 effects: judged.settled.noted.clone(),
+                events: Vec::new(),
                 moves: Vec::new(),
             });
         }

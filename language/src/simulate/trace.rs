@@ -1,0 +1,191 @@
+//! What happens in a story that a verifier tells, one line of text each: `done main/arm found`, `elapsed main 1`, `lost c2`.
+
+use std::fmt;
+use std::str::FromStr;
+
+/// Something that happens to a running plan. Processes are named by their paths, groups too.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum TraceEvent {
+    /// This group is started, as the whole of what is looked at.
+    Start(String),
+    /// The whole is asked to stop.
+    Stop,
+    /// A process has ended normally, with the outcome of this name if it has one.
+    Done(String, Option<String>),
+    /// A process has failed.
+    Fails(String),
+    /// A process that was asked to stop has stopped.
+    Stopped(String),
+    /// The time of a `wait` or a limit of a group has passed: its number among them, in the order of the text, from 1.
+    Elapsed(String, u32),
+    /// An order to stop arrives at a group.
+    Reached(String),
+    /// A fault strikes a program.
+    Struck(ProgramFault, String),
+    /// A program that is started again when it dies has died.
+    Dies(String),
+    /// It runs again.
+    Back(String),
+    /// The programs of a group have died more often than the group bears.
+    TooMany(String),
+    /// A host is lost, with everything on it.
+    Lost(String),
+    /// A host reaches no other, and goes on.
+    Cut(String),
+    /// The node of a host notes that another is lost.
+    Noted(String),
+}
+
+/// A fault of a program.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum ProgramFault {
+    /// It dies; its policy says whether it is started again.
+    Crash,
+    /// It dies, and has died too often to be started again.
+    CrashTooOften,
+    /// It dies, once more than its group bears.
+    CrashTooMany,
+    /// It never ends by itself any more.
+    Hang,
+    /// Nobody can confirm that it has stopped.
+    Unanswered,
+}
+
+/// The line is none of those that are understood.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "expected what happens, such as `done main/arm`, `fails main/arm`, `elapsed main 1`, `stop` or `lost c2`, found `{line}`"
+)]
+pub struct TraceError {
+    /// The line as it was given.
+    pub line: String,
+}
+
+impl ProgramFault {
+    const ALL: [Self; 5] = [Self::Crash, Self::CrashTooOften, Self::CrashTooMany, Self::Hang, Self::Unanswered];
+
+    /// Returns the word for it.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Crash => "crash",
+            Self::CrashTooOften => "crash-too-often",
+            Self::CrashTooMany => "crash-too-many",
+            Self::Hang => "hang",
+            Self::Unanswered => "unanswered",
+        }
+    }
+}
+
+impl TraceEvent {
+    /// Returns the path of the process or group that it is about; none if it is about the whole or a host.
+    pub fn path(&self) -> Option<&str> {
+        match self {
+            Self::Start(path)
+            | Self::Done(path, _)
+            | Self::Fails(path)
+            | Self::Stopped(path)
+            | Self::Elapsed(path, _)
+            | Self::Reached(path)
+            | Self::Struck(_, path)
+            | Self::Dies(path)
+            | Self::Back(path)
+            | Self::TooMany(path) => Some(path),
+            Self::Stop | Self::Lost(_) | Self::Cut(_) | Self::Noted(_) => None,
+        }
+    }
+}
+
+impl fmt::Display for TraceEvent {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Start(path) => write!(f, "start {path}"),
+            Self::Stop => write!(f, "stop"),
+            Self::Done(path, None) => write!(f, "done {path}"),
+            Self::Done(path, Some(tag)) => write!(f, "done {path} {tag}"),
+            Self::Fails(path) => write!(f, "fails {path}"),
+            Self::Stopped(path) => write!(f, "stopped {path}"),
+            Self::Elapsed(path, number) => write!(f, "elapsed {path} {number}"),
+            Self::Reached(path) => write!(f, "reached {path}"),
+            Self::Struck(fault, path) => write!(f, "{} {path}", fault.word()),
+            Self::Dies(path) => write!(f, "dies {path}"),
+            Self::Back(path) => write!(f, "back {path}"),
+            Self::TooMany(path) => write!(f, "too-many {path}"),
+            Self::Lost(host) => write!(f, "lost {host}"),
+            Self::Cut(host) => write!(f, "cut {host}"),
+            Self::Noted(host) => write!(f, "noted {host}"),
+        }
+    }
+}
+
+impl FromStr for TraceEvent {
+    type Err = TraceError;
+
+    fn from_str(line: &str) -> Result<Self, TraceError> {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let event = match *words.as_slice() {
+            ["stop"] => Some(Self::Stop),
+            ["done", path, tag] => Some(Self::Done(path.to_owned(), Some(tag.to_owned()))),
+            ["elapsed", path, number] => {
+                let number = number.parse().ok().filter(|number| *number > 0);
+                number.map(|number| Self::Elapsed(path.to_owned(), number))
+            }
+            [word, name] => of_one(word, name.to_owned()),
+            _ => None,
+        };
+        event.ok_or_else(|| TraceError { line: line.trim().to_owned() })
+    }
+}
+
+/// What happens to one process, group or host.
+fn of_one(word: &str, name: String) -> Option<TraceEvent> {
+    Some(match word {
+        "start" => TraceEvent::Start(name),
+        "done" => TraceEvent::Done(name, None),
+        "fails" => TraceEvent::Fails(name),
+        "stopped" => TraceEvent::Stopped(name),
+        "reached" => TraceEvent::Reached(name),
+        "dies" => TraceEvent::Dies(name),
+        "back" => TraceEvent::Back(name),
+        "too-many" => TraceEvent::TooMany(name),
+        "lost" => TraceEvent::Lost(name),
+        "cut" => TraceEvent::Cut(name),
+        "noted" => TraceEvent::Noted(name),
+        _ => {
+            let fault = ProgramFault::ALL.into_iter().find(|fault| fault.word() == word)?;
+            TraceEvent::Struck(fault, name)
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_event_is_a_line_and_back() {
+        let path = || "main/a".to_owned();
+        let mut events = vec![
+            TraceEvent::Start("main".to_owned()),
+            TraceEvent::Stop,
+            TraceEvent::Done(path(), None),
+            TraceEvent::Done(path(), Some("found".to_owned())),
+            TraceEvent::Fails(path()),
+            TraceEvent::Stopped(path()),
+            TraceEvent::Elapsed(path(), 2),
+            TraceEvent::Reached(path()),
+            TraceEvent::Dies(path()),
+            TraceEvent::Back(path()),
+            TraceEvent::TooMany(path()),
+            TraceEvent::Lost("c1".to_owned()),
+            TraceEvent::Cut("c1".to_owned()),
+            TraceEvent::Noted("c1".to_owned()),
+        ];
+        events.extend(ProgramFault::ALL.map(|fault| TraceEvent::Struck(fault, path())));
+        for event in events {
+            assert_eq!(event.to_string().parse(), Ok(event));
+        }
+        for line in ["", "done", "elapsed main 0", "elapsed main x", "eats main/a", "stop main", "done a b c"] {
+            assert!(line.parse::<TraceEvent>().is_err(), "{line}");
+        }
+    }
+}
