@@ -4,6 +4,8 @@
 //! end of a [`Network`]. A [`Program`] is a started command with its output. Everything that descends from a test works
 //! in its folder or names it, so [`Cluster::left`] finds all of it, wherever its parents went.
 
+mod fakes;
+mod freezer;
 mod hosts;
 mod network;
 mod processes;
@@ -12,6 +14,8 @@ mod pushed_hand;
 mod terminal;
 mod trace;
 
+pub use fakes::{Fakes, Said};
+pub use freezer::Freezer;
 pub use hosts::{Hosts, NAMES};
 pub use network::Network;
 pub use processes::{Busy, Process, descriptors, memory, threads};

@@ -1,14 +1,12 @@
 //! Cases of the table in `docs/src/faults.md` that no other file has: files run out, links flap, two want one name.
 
 use dca_tests::cluster::{
-    Cluster, Hosts, Network, Program, SOON, Stream, descriptors, executable, memory, rounds, wait_until,
+    Cluster, Freezer, Hosts, Network, Program, SOON, Stream, descriptors, executable, memory, rounds, wait_until,
 };
 use node::logic::nameserver::LOST_AFTER;
 use rustix::fs::{CWD, FileType, mknodat};
 use rustix::process::Signal;
-use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use std::time::Duration;
 
 /// How many open files the node of case 23 may have: few programs fit.
@@ -21,9 +19,6 @@ const FLAP: Duration = Duration::from_millis(200);
 const GROWTH_MAX: u64 = 20 << 20;
 /// How long a node may take to have its links again.
 const SETTLE: Duration = Duration::from_secs(20);
-
-/// Numbers the freezers of this process.
-static FREEZERS: AtomicU32 = AtomicU32::new(0);
 
 /// Returns a spec of programs that wait.
 fn crowd(host: &str, count: usize) -> String {
@@ -66,17 +61,11 @@ fn a_node_without_free_files_refuses_and_goes_on() {
     node.wait().expect("it was started here");
 }
 
-/// Returns a freezer; none, said aloud, where there is none to be had.
-#[expect(clippy::print_stdout, reason = "who runs the tests has to know what was skipped")]
-fn freezer() -> Option<Freezer> {
-    Freezer::new().inspect_err(|why| println!("skipped: needs the freezer of control groups, version 1: {why}")).ok()
-}
-
 /// Case 13: a program in an uninterruptible sleep, as behind a dead disk. What stops it says that it could not, and nothing of its name
 /// is started beside it; once it has ended after all, that is known, too.
 #[test]
 fn what_cannot_be_killed_is_told_and_not_started_again() {
-    let Some(freezer) = freezer() else { return };
+    let Some(freezer) = Freezer::new() else { return };
     let cluster = Cluster::new();
     let here = cluster.here();
     let node = here.node("c1", &[]);
@@ -107,7 +96,7 @@ fn what_cannot_be_killed_is_told_and_not_started_again() {
 /// ended.
 #[test]
 fn what_cannot_be_killed_keeps_what_it_has_taken() {
-    let Some(freezer) = freezer() else { return };
+    let Some(freezer) = Freezer::new() else { return };
     let cluster = Cluster::new();
     let here = cluster.here();
     let node = here.node("c1", &[]);
@@ -136,40 +125,6 @@ process main() {
     drop(mission.ended(SOON));
     node.signal(Signal::TERM);
     cluster.expect_nothing_left(SOON);
-}
-
-/// A group of Linux's freezer, version 1, which keeps even SIGKILL away from what is in it. Dropped, it lets go.
-struct Freezer(PathBuf);
-
-impl Freezer {
-    /// Makes a group; says why not, where a test cannot have one.
-    fn new() -> Result<Self, String> {
-        let folder = Path::new("/sys/fs/cgroup/freezer").join(format!(
-            "dca-test-{}-{}",
-            std::process::id(),
-            FREEZERS.fetch_add(1, Relaxed)
-        ));
-        std::fs::create_dir(&folder).map_err(|error| error.to_string())?;
-        if folder.join("freezer.state").is_file() {
-            return Ok(Self(folder));
-        }
-        std::fs::remove_dir(&folder).expect("it is empty");
-        Err("this is no such group".to_owned())
-    }
-
-    fn freeze(&self, pid: u32) {
-        std::fs::write(self.0.join("tasks"), pid.to_string()).expect("the process is there");
-        std::fs::write(self.0.join("freezer.state"), "FROZEN").expect("the group is the test's own");
-        let is_frozen = || std::fs::read_to_string(self.0.join("freezer.state")).is_ok_and(|state| state == "FROZEN\n");
-        wait_until(SOON, is_frozen).expect("it freezes");
-    }
-}
-
-impl Drop for Freezer {
-    fn drop(&mut self) {
-        drop(std::fs::write(self.0.join("freezer.state"), "THAWED"));
-        wait_until(SOON, || std::fs::remove_dir(&self.0).is_ok());
-    }
 }
 
 /// Whatever lies in the folders of a node, it starts at once, and says what is wrong.

@@ -15,7 +15,7 @@ pub struct Registry {
 
 struct Entry {
     interface: Interface,
-    create: fn(&Arguments) -> Result<Box<dyn Module>, String>,
+    create: Box<dyn Fn(&Arguments) -> Result<Box<dyn Module>, String> + Send + Sync>,
 }
 
 /// Why an instance could not be made.
@@ -60,7 +60,20 @@ impl Registry {
             let controller = C::new(arguments)?;
             Ok(Box::new(Instance::new(controller)) as Box<dyn Module>)
         };
-        self.types.insert(C::TYPE, Entry { interface: interface::<C>(), create });
+        self.types.insert(C::TYPE, Entry { interface: interface::<C>(), create: Box::new(create) });
+        self
+    }
+
+    /// Adds a type of which there is an interface alone, such as a stand-in for a controller of another program; one of the same
+    /// name is replaced.
+    pub fn add_module(
+        &mut self,
+        interface: Interface,
+        create: fn(&Interface, &Arguments) -> Box<dyn Module>,
+    ) -> &mut Self {
+        let (type_name, own) = (interface.type_name, interface.clone());
+        let create = move |arguments: &Arguments| Ok(create(&own, arguments));
+        self.types.insert(type_name, Entry { interface, create: Box::new(create) });
         self
     }
 

@@ -28,12 +28,20 @@ impl Hosts {
     /// # Panics
     /// A node does not start.
     pub fn start(count: usize, log: Option<&str>) -> Option<Self> {
+        Self::start_with(count, log, &[])
+    }
+
+    /// The same with more arguments for each node.
+    ///
+    /// # Panics
+    /// As [`Hosts::start`].
+    pub fn start_with(count: usize, log: Option<&str>, arguments: &[&str]) -> Option<Self> {
         static ALONE: Mutex<()> = Mutex::new(());
         let alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
         let (cluster, network) = (Cluster::new(), Network::new(count)?);
         let start = |(number, name)| {
             let host = cluster.host(&network, number);
-            log.map_or(host.clone(), |log| host.with_log(log)).node(name, &["--lan"])
+            log.map_or(host.clone(), |log| host.with_log(log)).node(name, &[&["--lan"], arguments].concat())
         };
         let nodes = (1..).zip(NAMES).map(start).collect();
         Some(Self { nodes, cluster, network, _alone: alone })

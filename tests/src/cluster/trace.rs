@@ -93,6 +93,28 @@ impl Trace {
         changes.collect()
     }
 
+    /// Returns what happened to every process, in order: when, since GO, its path, and what.
+    pub fn all_changes(&self) -> Vec<(Duration, &str, &Change)> {
+        let mut changes = Vec::new();
+        for report in self.reports() {
+            if let Report::Process { path, change, at } = report {
+                changes.push((*at, path.as_str(), change));
+            }
+        }
+        changes
+    }
+
+    /// Returns the hosts that could not confirm that nothing of it runs there any more.
+    pub fn unconfirmed(&self) -> Vec<&str> {
+        let mut all = Vec::new();
+        for report in self.reports() {
+            if let Report::Finished { unconfirmed, .. } = report {
+                all.extend(unconfirmed.iter().map(String::as_str));
+            }
+        }
+        all
+    }
+
     /// Returns the phase with `part` in its name.
     ///
     /// # Panics

@@ -1,0 +1,134 @@
+//! Stand-ins for every controller of the library, for tests of what supervisors do: the same interfaces, no physics.
+//!
+//! In the folder where a program is started, `fakes/journal` says what becomes of each: a line `TIME PATH active`, `… ended` or
+//! `… stopped`, TIME on the machine's clock in nanoseconds. A file `fakes/orders/PATH`, with `+` for `/`, orders it about: `done`,
+//! `done found`, `abort why`, or `hang`: it goes on, sends nothing and never ends. `fakes/heard/PATH` counts the
+//! samples that it gets, a line `PORT COUNT` for each input.
+
+use comms::io::clock::now;
+use comms::logic::time::Time;
+use controllers::sdk::{
+    About, Arguments, Binding, Configured, Delivery, DeliveryError, Direction, Interface, Module, Progress, Registry,
+    Schedule, Signal, Stopping, process,
+};
+use std::collections::BTreeMap;
+use std::fs::{self, OpenOptions};
+use std::io::Write;
+use std::process::ExitCode;
+use std::time::Duration;
+
+/// From one look for orders to the next.
+const PERIOD: Duration = Duration::from_millis(20);
+/// After so many looks it says what it has heard.
+const TELL_EVERY: u32 = 5;
+
+struct Fake {
+    interface: Interface,
+    path: String,
+    /// Whether it works: only then it sends.
+    works: bool,
+    heard: BTreeMap<String, u64>,
+    looks: u32,
+}
+
+impl Fake {
+    fn note(&self, word: &str) {
+        let line = format!("{} {} {word}\n", now().nanos(), self.path);
+        let journal = OpenOptions::new().append(true).create(true).open("fakes/journal");
+        // Who reads the journal misses the line, and says so.
+        journal.and_then(|mut journal| journal.write_all(line.as_bytes())).unwrap_or_default();
+    }
+
+    fn file(&self, folder: &str) -> String {
+        format!("fakes/{folder}/{}", self.path.replace('/', "+"))
+    }
+
+    fn order(&self) -> Option<String> {
+        let file = self.file("orders");
+        let order = fs::read_to_string(&file).ok()?;
+        fs::remove_file(&file).ok()?;
+        Some(order)
+    }
+}
+
+impl Module for Fake {
+    fn interface(&self) -> &Interface {
+        &self.interface
+    }
+
+    fn deliver(&mut self, port: &str, _: &[u8], _: Time) -> Result<Delivery, DeliveryError> {
+        *self.heard.entry(port.to_owned()).or_default() += 1;
+        Ok(Delivery::Stored)
+    }
+
+    fn init(&mut self, _: &[u8], _: Time) -> Result<(), String> {
+        drop(self.order());
+        self.works = true;
+        self.note("active");
+        Ok(())
+    }
+
+    fn configure(&mut self, _: Arguments, _: bool) -> Result<Configured, String> {
+        Ok(Configured::Later)
+    }
+
+    fn calculate(&mut self, _: Time) -> Progress {
+        self.looks += 1;
+        if self.looks % TELL_EVERY == 0 {
+            let lines = self.heard.iter().map(|(port, count)| format!("{port} {count}\n"));
+            fs::write(self.file("heard"), lines.collect::<String>()).unwrap_or_default();
+        }
+        let Some(order) = self.order() else { return Progress::Continue };
+        let progress = match order.trim().split_once(' ').unwrap_or((order.trim(), "")) {
+            ("done", "") => Progress::Done(Vec::new()),
+            ("done", tag) => Progress::outcome(tag, &[]),
+            ("abort", why) => Progress::Aborted(why.to_owned()),
+            _ => {
+                self.works = false;
+                Progress::Continue
+            }
+        };
+        if progress != Progress::Continue {
+            (self.works, ()) = (false, self.note("ended"));
+        }
+        progress
+    }
+
+    fn stop(&mut self, _: Time) -> Stopping {
+        self.works = false;
+        self.note("stopped");
+        Stopping::Finished
+    }
+
+    fn drain(&mut self, send: &mut dyn FnMut(&'static str, Vec<u8>)) {
+        if self.works {
+            let outputs = self
+                .interface
+                .ports
+                .iter()
+                .filter(|port| (port.direction, port.binding) == (Direction::Out, Binding::Wire));
+            // Nobody here reads what is in it.
+            outputs.for_each(|port| send(port.name, vec![0]));
+        }
+    }
+
+    fn signals(&self) -> Vec<Signal> {
+        Vec::new()
+    }
+}
+
+/// A stand-in that looks for orders as often as all of them do.
+fn fake(interface: &Interface, _: &Arguments) -> Box<dyn Module> {
+    let path = std::env::var("DCA_INSTANCE").unwrap_or_default();
+    Box::new(Fake { interface: interface.clone(), path, works: false, heard: BTreeMap::new(), looks: 0 })
+}
+
+fn main() -> ExitCode {
+    let mut registry = Registry::default();
+    for interface in controllers::registry().interfaces() {
+        let schedule = Schedule { period: PERIOD, trigger: None };
+        let about = About { schedule, signals_every: None, ..interface.about.clone() };
+        registry.add_module(Interface { about, ..interface.clone() }, fake);
+    }
+    process::run(&registry)
+}
