@@ -102,7 +102,8 @@ fn ends_of(system: &System<'_>, graph: &Graph) -> Ends {
                 match change.what {
                     Changed::Done(value) if !ends.done.contains(&value) => ends.done.push(value),
                     Changed::Aborted => ends.aborts = true,
-                    Changed::Done(_) | Changed::Started | Changed::Stopping | Changed::Stopped | Changed::Away => {}
+                    Changed::Done(_) => {}
+                    Changed::Started | Changed::Sent | Changed::Stopping | Changed::Stopped | Changed::Away => {}
                 }
             }
         }

@@ -385,6 +385,8 @@ pub(crate) fn is_natural(label: Label) -> bool {
         | Label::Stopped(..)
         | Label::Elapsed(..)
         | Label::Reached(_)
+        | Label::Arrived(..)
+        | Label::Heard(..)
         | Label::Back(..)
         | Label::Noted(_) => true,
         Label::Stop

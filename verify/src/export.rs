@@ -49,6 +49,8 @@ fn word(system: &System<'_>, label: Label) -> String {
             format!("elapsed({}, {time}, {timer})", group(unit))
         }
         Label::Reached(unit) => format!("reached({})", group(unit)),
+        Label::Arrived(unit, slot) => format!("arrived({})", member(unit, slot)),
+        Label::Heard(unit, slot) => format!("heard({})", member(unit, slot)),
         Label::Fault(unit, slot) | Label::Second(unit, slot) => format!("fault({})", member(unit, slot)),
         Label::Died(unit, slot) | Label::Back(unit, slot) => format!("restart({})", member(unit, slot)),
         Label::TooMany(unit) => format!("restarts({})", group(unit)),

@@ -79,6 +79,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         let mut system = around(self.times.model, self.property.group, &named);
         system.mode = mode;
         system.notes = 1;
+        system.follow_messages(&[]);
         if mode.crashes {
             let seats: Vec<_> = named.iter().filter_map(|&(group, slot)| system.find(group, slot)).collect();
             system.follow_restarts(&seats);
@@ -88,7 +89,8 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
 
     /// No transition is a violation.
     fn safe(&self, mode: Mode, whom: &[ProcessRef], goal: &Goal) -> Finding {
-        let system = self.system(whom, mode);
+        let mut system = self.system(whom, mode);
+        follow_starts(&mut system, &goal.begun());
         self.is_safe(&system, goal).unwrap_or_else(|| self.proved())
     }
 
@@ -241,7 +243,8 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
             Consequence::Never(other) => (Goal::Then(None, other.clone()), other.who),
             Consequence::Eventually(other) => (Goal::Owed(None, other.clone()), other.who),
         };
-        let system = self.faulty(kind, struck, other)?;
+        let mut system = self.faulty(kind, struck, other)?;
+        follow_starts(&mut system, &goal.begun());
         match consequence {
             Consequence::Eventually(_) => self.is_live(&system, &goal, &|_| true),
             Consequence::Stopped(..) | Consequence::Never(_) => self.is_safe(&system, &goal),
@@ -342,7 +345,9 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         };
         let whom: Vec<ProcessRef> = lost.into_iter().chain([other]).collect();
         let mode = |kind| Mode { lost: Some(Loss { host, kind }), ..Mode::default() };
-        let found = self.on_loss_in(&self.system(&whom, mode(LossKind::Programs)), consequence, &goal);
+        let mut system = self.system(&whom, mode(LossKind::Programs));
+        follow_starts(&mut system, &goal.begun());
+        let found = self.on_loss_in(&system, consequence, &goal);
         found.or_else(|| self.on_loss_of_all(host, consequence)).unwrap_or_else(|| self.proved())
     }
 
@@ -375,10 +380,17 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         [LossKind::Death, LossKind::Cut].into_iter().find_map(|kind| {
             let mut system = torn(model, named.as_slice());
             system.notes = 1;
+            follow_starts(&mut system, &goal.begun());
             system.lose(Loss { host, kind });
             self.on_loss_in(&system, consequence, &goal)
         })
     }
+}
+
+/// Lets orders to start these programs travel, too, where they run on other hosts than their supervisors.
+fn follow_starts(system: &mut System<'_>, whom: &[ProcessRef]) {
+    let seats: Vec<_> = whom.iter().filter_map(|who| system.find(who.group, who.member?)).collect();
+    system.follow_messages(&seats);
 }
 
 /// The group and slot of a leaf.

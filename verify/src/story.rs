@@ -125,14 +125,9 @@ pub(crate) fn tell_run(system: &System<'_>, way: &[Label], again: Option<&[Label
 fn move_of(system: &System<'_>, change: &Change) -> Option<Move> {
     let member = change.member?;
     let process = member_name(system, change.unit, member)?;
-    let plan = system.model.plan;
-    let group = &plan.groups[system.model.parts[system.units[change.unit].part].group as usize];
-    let host = match group.members[member as usize].kind {
-        MemberKind::Leaf(leaf) => plan.leaves[leaf as usize].host,
-        MemberKind::Group(inner) => plan.groups[inner as usize].host,
-    };
-    let host = plan.hosts.get(host as usize).cloned().unwrap_or_default();
+    let host = host_name(system, (change.unit, member)).to_owned();
     let became = match change.what {
+        Changed::Sent => return None,
         Changed::Started => Became::Active,
         Changed::Stopping => Became::Stopping,
         Changed::Done(_) => Became::Done,
@@ -147,6 +142,17 @@ const STOPPED: &str = " stopped";
 
 fn is_stop(step: &Step) -> bool {
     step.effects.is_empty() && step.cause.ends_with(STOPPED)
+}
+
+/// The host of a member; nothing for a piece of a group.
+fn host_name<'s>(system: &'s System<'_>, (unit, member): (usize, u32)) -> &'s str {
+    let plan = system.model.plan;
+    let group = &plan.groups[system.model.parts[system.units[unit].part].group as usize];
+    let host = group.members.get(member as usize).map(|source| match source.kind {
+        MemberKind::Leaf(leaf) => plan.leaves[leaf as usize].host,
+        MemberKind::Group(inner) => plan.groups[inner as usize].host,
+    });
+    host.and_then(|host| plan.hosts.get(host as usize)).map_or("", String::as_str)
 }
 
 /// The members that run, and those that are being stopped; groups that are looked into are left to what is in them.
@@ -202,6 +208,15 @@ fn cause(system: &System<'_>, label: Label) -> String {
             let part = &system.model.parts[system.units[usize::from(unit)].part];
             format!("the order to stop reaches `{}`", system.model.group_name(part.group))
         }
+        Label::Arrived(unit, member) => {
+            let host = host_name(system, (usize::from(unit), u32::from(member)));
+            format!("the order to start {} reaches `{host}`", name(unit, member))
+        }
+        Label::Heard(unit, member) => {
+            let part = &system.model.parts[system.units[usize::from(unit)].part];
+            let group = system.model.group_name(part.group);
+            format!("the report that {} has ended reaches `{group}`", name(unit, member))
+        }
         Label::Lost => {
             let is_cut = system.mode.lost.is_some_and(|loss| loss.kind == LossKind::Cut);
             format!("the host `{}` {}", lost_host(system), if is_cut { "IS CUT OFF" } else { "IS LOST" })
@@ -246,23 +261,25 @@ pub(crate) fn effects(system: &System<'_>, label: Label, changes: &[Change]) -> 
         Label::Fault(unit, member)
         | Label::Second(unit, member)
         | Label::Died(unit, member)
+        | Label::Heard(unit, member)
         | Label::Back(unit, member) => Some((usize::from(unit), u32::from(member))),
         Label::Start
         | Label::Stop
         | Label::Elapsed(..)
         | Label::Reached(_)
+        | Label::Arrived(..)
         | Label::TooMany(_)
         | Label::Lost
         | Label::Noted(_) => None,
     };
-    let (mut starts, mut stops, mut ends) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut starts, mut sent, mut stops, mut ends) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for change in changes {
         let Some(member) = change.member else {
             match &change.what {
                 Changed::Done(_) => ends.push(format!("`{}` is done", root_name(system))),
                 Changed::Aborted => ends.push(format!("`{}` fails", root_name(system))),
                 Changed::Stopped => ends.push(format!("`{}` has stopped", root_name(system))),
-                Changed::Started | Changed::Stopping | Changed::Away => {}
+                Changed::Started | Changed::Sent | Changed::Stopping | Changed::Away => {}
             }
             continue;
         };
@@ -273,6 +290,7 @@ pub(crate) fn effects(system: &System<'_>, label: Label, changes: &[Change]) -> 
         }
         match &change.what {
             Changed::Started => starts.push(format!("`{name}`")),
+            Changed::Sent => sent.push(format!("`{name}`")),
             Changed::Stopping => stops.push(format!("`{name}`")),
             Changed::Done(_) => ends.push(format!("`{name}` is done")),
             Changed::Aborted => ends.push(format!("`{name}` fails")),
@@ -286,6 +304,9 @@ pub(crate) fn effects(system: &System<'_>, label: Label, changes: &[Change]) -> 
     }
     if !starts.is_empty() {
         all.push(format!("starts {}", starts.join(", ")));
+    }
+    if !sent.is_empty() {
+        all.push(format!("sends the order to start {}", sent.join(", ")));
     }
     all
 }

@@ -3,16 +3,18 @@
 //! Each part in a system is run by `language::algebra::step`, the function that runs it on the robot. What is around them is
 //! an automaton for each member: a program that runs may be done, with each of its tags, or abort; one that is stopping has
 //! stopped at some time; a timer that is armed may run out. Supervisors of different groups react on their own: an order to
-//! stop reaches a member group some time after it was given.
+//! stop reaches a member group some time after it was given. Between hosts an order to start and the report of an end travel, too.
 
+mod labels;
 mod loss;
 mod mode;
 mod pending;
 mod reaction;
 mod restart;
+mod transit;
 
 use crate::model::{Ends, Model, Seat};
-use language::algebra::{Activity, Packing, Program, Steps, Value, Words};
+use language::algebra::{Packing, Program, Steps, Value, Words};
 use language::sites::ProcessRef;
 use loss::Rift;
 pub(crate) use loss::{Loss, LossKind, is_torn};
@@ -21,6 +23,7 @@ pub(crate) use mode::{Injection, Mode};
 pub(crate) use reaction::Stepper;
 use restart::Restarts;
 pub(crate) use restart::{crashes, is_never_done, is_restarted, taken_along};
+use transit::Transit;
 
 /// Something that happens to a system.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,6 +40,10 @@ pub(crate) enum Label {
     Elapsed(u16, u16),
     /// The order to stop reaches a unit.
     Reached(u16),
+    /// The order to start a member of a unit reaches its host.
+    Arrived(u16, u16),
+    /// A unit hears that a member has ended.
+    Heard(u16, u16),
     /// The fault.
     Fault(u16, u16),
     /// The second fault.
@@ -108,6 +115,8 @@ pub(crate) struct Change {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Changed {
     Started,
+    /// The order to start it is on its way to its host.
+    Sent,
     Stopping,
     Done(Value),
     Aborted,
@@ -131,6 +140,8 @@ pub(crate) struct Frame {
     pub(crate) rift: Vec<u8>,
     /// What deaths have made of members and units: see `restart`.
     pub(crate) restarts: Vec<u8>,
+    /// What is on its way between hosts: see `transit`.
+    pub(crate) transit: Vec<u8>,
     /// What observers keep in mind.
     pub(crate) notes: Vec<u8>,
 }
@@ -147,6 +158,7 @@ pub(crate) struct System<'a> {
     /// What lies on either side of a loss, if `mode` has one.
     rift: Option<Rift>,
     restarts: Restarts,
+    transit: Transit,
     /// Whether it is known how everything in it may end.
     is_whole: bool,
 }
@@ -155,9 +167,17 @@ impl<'a> System<'a> {
     /// Puts a part together with those below it that `is_open` says; pieces of an open group are open if anything in them is.
     pub(crate) fn new(model: &'a Model<'a>, root: usize, is_open: &dyn Fn(usize) -> bool) -> Self {
         let values = all_values(model);
-        let (mode, restarts) = (Mode::default(), Restarts::default());
-        let mut system =
-            Self { model, units: Vec::new(), mode, notes: 0, values, rift: None, restarts, is_whole: true };
+        let mut system = Self {
+            model,
+            units: Vec::new(),
+            mode: Mode::default(),
+            notes: 0,
+            values,
+            rift: None,
+            restarts: Restarts::default(),
+            transit: Transit::default(),
+            is_whole: true,
+        };
         system.add(root, None, is_open);
         system
     }
@@ -230,6 +250,7 @@ impl<'a> System<'a> {
             + 1
             + self.rift_length()
             + self.restarts_length()
+            + self.transit_length()
             + self.notes
     }
 
@@ -246,6 +267,7 @@ impl<'a> System<'a> {
             is_twice_faulty: false,
             rift: vec![0; self.rift_length()],
             restarts: vec![0; self.restarts_length()],
+            transit: vec![0; self.transit_length()],
             notes: vec![0; self.notes],
         }
     }
@@ -276,9 +298,11 @@ impl<'a> System<'a> {
         }
         rest[0] = frame.phase as u8 | u8::from(frame.is_twice_faulty) << 6 | u8::from(frame.is_faulty) << 7;
         let (rift, rest) = rest[1..].split_at_mut(frame.rift.len());
-        let (restarts, notes) = rest.split_at_mut(frame.restarts.len());
+        let (restarts, rest) = rest.split_at_mut(frame.restarts.len());
+        let (transit, notes) = rest.split_at_mut(frame.transit.len());
         rift.copy_from_slice(&frame.rift);
         restarts.copy_from_slice(&frame.restarts);
+        transit.copy_from_slice(&frame.transit);
         notes.copy_from_slice(&frame.notes);
     }
 
@@ -297,95 +321,17 @@ impl<'a> System<'a> {
         frame.is_twice_faulty = rest[0] >> 6 & 1 == 1;
         frame.is_faulty = rest[0] >> 7 == 1;
         let (rift, rest) = rest[1..].split_at(frame.rift.len());
-        let (restarts, notes) = rest.split_at(frame.restarts.len());
+        let (restarts, rest) = rest.split_at(frame.restarts.len());
+        let (transit, notes) = rest.split_at(frame.transit.len());
         frame.rift.copy_from_slice(rift);
         frame.restarts.copy_from_slice(restarts);
+        frame.transit.copy_from_slice(transit);
         frame.notes.copy_from_slice(notes);
     }
 
     /// Where the whole is in a packed configuration.
     pub(crate) fn phase_of(&self, bytes: &[u8]) -> Phase {
         Phase::ALL[usize::from(bytes[self.states_length() + self.units.len().div_ceil(8)] & 7).min(5)]
-    }
-
-    // ---- what may happen ----
-
-    /// Everything that may happen next.
-    pub(crate) fn labels(&self, frame: &Frame, labels: &mut Vec<Label>) {
-        labels.clear();
-        match frame.phase {
-            Phase::Idle => return labels.push(Label::Start),
-            // Beyond a loss something may go on.
-            Phase::Done | Phase::Aborted | Phase::Stopped if !self.is_split(frame) => return,
-            Phase::Done | Phase::Aborted | Phase::Stopped | Phase::Stopping => {}
-            Phase::Running if self.mode.stops => labels.push(Label::Stop),
-            Phase::Running => {}
-        }
-        if self.mode.lost.is_some() {
-            self.loss_labels(frame, labels);
-        }
-        self.restart_labels(frame, labels);
-        for unit in 0..self.units.len() {
-            if self.is_silent(frame, unit) {
-                continue;
-            }
-            if frame.ordered[unit] {
-                labels.push(Label::Reached(small(unit)));
-            }
-            for member in frame.states[unit].members_active() {
-                match &self.units[unit].seats[member as usize] {
-                    Occupant::Box(ends) => self.member_labels(frame, (unit, member), ends, labels),
-                    Occupant::Unit(_) if self.is_refused(frame, (unit, member)) => {
-                        labels.push(Label::Aborted(small(unit), small(member as usize)));
-                    }
-                    Occupant::Unit(_) => {}
-                }
-            }
-            for timer in 0..self.program(unit).timers() {
-                if frame.states[unit].is_armed(self.program(unit), timer) {
-                    labels.push(Label::Elapsed(small(unit), small(timer as usize)));
-                }
-            }
-        }
-    }
-
-    fn member_labels(&self, frame: &Frame, (unit, member): (usize, u32), ends: &[Ends; 2], labels: &mut Vec<Label>) {
-        let (at, slot) = (small(unit), small(member as usize));
-        if self.is_refused(frame, (unit, member)) {
-            labels.push(Label::Aborted(at, slot));
-            return;
-        }
-        if self.is_unheard(frame, (unit, member)) {
-            return;
-        }
-        let is_stopping = frame.states[unit].activity(member) == Activity::Stopping;
-        let mut hangs = self.waits_for_ever(frame, (unit, member));
-        let ends = &ends[usize::from(!self.mode.aborts)];
-        let is_struck = |fault: Injection| (fault.unit, fault.member) == (unit, member);
-        let faults = [
-            (self.mode.fault, frame.is_faulty, Label::Fault(at, slot)),
-            (self.mode.second, frame.is_twice_faulty, Label::Second(at, slot)),
-        ];
-        for (fault, has_happened, _) in faults {
-            hangs |= has_happened && fault.is_some_and(|fault| is_struck(fault) && fault.kind == FaultKind::Hang);
-        }
-        if is_stopping {
-            labels.push(Label::Stopped(at, slot));
-        } else if !self.death_labels(frame, (unit, member), labels) && !hangs {
-            labels.extend(ends.done.iter().map(|value| Label::Done(at, slot, self.number(value))));
-            if ends.aborts {
-                labels.push(Label::Aborted(at, slot));
-            }
-        }
-        for (fault, has_happened, label) in faults {
-            let may = |fault: Injection| {
-                let is_due = is_stopping == (fault.kind == FaultKind::Unanswered);
-                is_struck(fault) && is_due && !self.is_away(frame, (unit, member))
-            };
-            if !has_happened && fault.is_some_and(may) {
-                labels.push(label);
-            }
-        }
     }
 
     /// Of a value with a tag only that counts, as in a packed state.

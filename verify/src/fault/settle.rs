@@ -42,7 +42,7 @@ pub(super) fn settle<'s>(
         since.retain(|seat, _| labels.contains(&Label::Stopped(seat.0, seat.1)));
         for &label in &labels {
             let due = match label {
-                Label::Reached(_) | Label::Back(..) => now,
+                Label::Reached(_) | Label::Arrived(..) | Label::Heard(..) | Label::Back(..) => now,
                 Label::Aborted(unit, member) if system.is_refused(&settled.frame, (unit.into(), member.into())) => now,
                 Label::Noted(_) => now.max(NOTED_AFTER),
                 Label::Stopped(unit, member) => {

@@ -14,7 +14,7 @@ use crate::finding::Finding;
 use crate::story::tell_run;
 use crate::system::{Change, Frame, Label, Mode, System};
 use automaton::{Automaton, Parts};
-use language::sites::{Atom, Formula, ProcessRef};
+use language::sites::{Atom, EventKind, Formula, ProcessRef};
 use run::{Run, Seen};
 
 /// What a larger formula is answered.
@@ -45,6 +45,9 @@ impl Question<'_, '_, '_> {
         };
         let whom: Vec<ProcessRef> = parts.atoms.iter().map(process).collect();
         let mut system = self.system(&whom, mode);
+        let begun =
+            parts.atoms.iter().filter(|atom| matches!(atom, Atom::Happens(event) if event.kind == EventKind::Started));
+        super::follow_starts(&mut system, &begun.map(process).collect::<Vec<_>>());
         system.notes = parts.atoms.len().div_ceil(8);
         let letters = Letters { atoms: &parts.atoms, seats: Seats::new(&system, &whom) };
         let graph = explore(&system, self.limits, true, &letters).graph;
@@ -129,9 +132,9 @@ struct Letters<'l> {
 impl Letters<'_> {
     fn is_true(&self, system: &System<'_>, atom: &Atom, changes: &[Change], frame: &Frame) -> bool {
         match atom {
-            Atom::Active(who) => self.seats.is_active(frame, *who),
-            Atom::Running(who) => self.seats.is_active(frame, *who) && is_running(system, frame, *who),
-            Atom::Stopping(who) => self.seats.is_active(frame, *who) && !is_running(system, frame, *who),
+            Atom::Active(who) => self.seats.is_active(system, frame, *who),
+            Atom::Running(who) => self.seats.is_active(system, frame, *who) && is_running(system, frame, *who),
+            Atom::Stopping(who) => self.seats.is_active(system, frame, *who) && !is_running(system, frame, *who),
             Atom::Happens(event) => changes.iter().any(|change| self.seats.is(change, event)),
         }
     }

@@ -30,6 +30,22 @@ pub(super) enum Goal {
 }
 
 impl Goal {
+    /// The processes of which it counts when they begin, and not only that they are active.
+    pub(super) fn begun(&self) -> Vec<ProcessRef> {
+        let events: Vec<&Occurrence> = match self {
+            Self::Before(_, event) => vec![event],
+            Self::Then(event, other) => event.iter().chain([other]).collect(),
+            Self::Together(_)
+            | Self::Without(..)
+            | Self::Often(..)
+            | Self::StillRuns(..)
+            | Self::Owed(..)
+            | Self::Ending(..)
+            | Self::Sometime(_) => Vec::new(),
+        };
+        events.into_iter().filter(|event| event.kind == EventKind::Started).map(|event| event.who).collect()
+    }
+
     /// Whether something that has to come has not come yet.
     pub(super) fn is_owed(&self, frame: &Frame) -> bool {
         let note = frame.notes.first().copied().unwrap_or(0);
@@ -73,8 +89,8 @@ impl<'w> Watch<'w> {
         Self { goal, seats: Seats::new(system, &whom) }
     }
 
-    fn is_active(&self, frame: &Frame, who: ProcessRef) -> bool {
-        self.seats.is_active(frame, who)
+    fn is_active(&self, system: &System<'_>, frame: &Frame, who: ProcessRef) -> bool {
+        self.seats.is_active(system, frame, who)
     }
 
     fn is(&self, change: &Change, event: &Occurrence) -> bool {
@@ -101,11 +117,12 @@ impl Seats {
     }
 
     /// Whether a process is active, also while it stops, and its program is there.
-    pub(super) fn is_active(&self, frame: &Frame, who: ProcessRef) -> bool {
+    pub(super) fn is_active(&self, system: &System<'_>, frame: &Frame, who: ProcessRef) -> bool {
         match self.seat(who) {
             Some(Seat { at: (unit, member), away }) => {
                 let is_away = away.is_some_and(|place| System::notes_away(frame, place));
-                frame.states[unit].activity(member) != Activity::Idle && !is_away
+                let is_under_way = system.is_group_under_way(frame, (unit, member));
+                frame.states[unit].activity(member) != Activity::Idle && !is_away && !is_under_way
             }
             None => who.member.is_none() && [Phase::Running, Phase::Stopping].contains(&frame.phase),
         }
@@ -133,8 +150,8 @@ impl Observer for Watch<'_> {
     fn sees(&self, system: &System<'_>, is_fault: bool, changes: &[Change], after: &mut Frame) -> bool {
         let note = after.notes[0];
         match self.goal {
-            Goal::Together(all) => all.iter().filter(|who| self.is_active(after, **who)).count() < 2,
-            Goal::Without(a, b) => !is_running(system, after, *a) || self.is_active(after, *b),
+            Goal::Together(all) => all.iter().filter(|who| self.is_active(system, after, **who)).count() < 2,
+            Goal::Without(a, b) => !is_running(system, after, *a) || self.is_active(system, after, *b),
             Goal::Before(who, event) => {
                 let start = Occurrence { who: *who, kind: EventKind::Started };
                 for change in changes {
@@ -192,7 +209,7 @@ impl Observer for Watch<'_> {
                 true
             }
             Goal::Ending(hung, who) => {
-                let is_asked = note == 1 || after.is_faulty && self.is_active(after, *hung);
+                let is_asked = note == 1 || after.is_faulty && self.is_active(system, after, *hung);
                 after.notes[0] = u8::from(is_asked && is_running(system, after, *who));
                 true
             }

@@ -212,7 +212,8 @@ impl System<'_> {
 
     /// Whether a program, or a group that is not looked into, is really running or stopping, whatever its supervisor knows.
     pub(crate) fn is_there(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
-        let is_active = frame.states[unit].activity(member) != Activity::Idle;
+        let is_active =
+            frame.states[unit].activity(member) != Activity::Idle && !self.is_under_way(frame, (unit, member));
         let Some(rift) = self.rift.as_ref().filter(|_| frame.is_faulty || frame.is_twice_faulty) else {
             return is_active;
         };
@@ -253,6 +254,7 @@ impl System<'_> {
     pub(crate) fn is_running(&self, frame: &Frame, seat: (usize, u32)) -> bool {
         let mut at = Some(seat);
         while let Some((unit, member)) = at {
+            let at_seat = (unit, member);
             if self.is_severed(frame, (unit, member)) || self.is_silent(frame, unit) {
                 // What is around it does not count any more.
                 return match self.units[unit].seats[member as usize] {
@@ -260,7 +262,8 @@ impl System<'_> {
                     Occupant::Unit(inner) => frame.states[inner].is_node_active(0) && !self.is_silent(frame, inner),
                 };
             }
-            if frame.states[unit].activity(member) != Activity::Active || self.waits_for_ever(frame, (unit, member)) {
+            let is_active = frame.states[unit].activity(member) == Activity::Active;
+            if !is_active || self.waits_for_ever(frame, at_seat) || self.is_group_under_way(frame, at_seat) {
                 return false;
             }
             at = self.units[unit].parent;

@@ -4,7 +4,7 @@ use super::{Frame, Occupant, System};
 use language::algebra::Activity;
 
 impl System<'_> {
-    /// Whether an answer to a stop, an order to stop, or the report of a loss is still under way.
+    /// Whether an answer to a stop, an order, a report between hosts, or that of a loss is still under way.
     pub(crate) fn has_stops(&self, frame: &Frame) -> bool {
         let is_stopping = |unit: usize| {
             let state = &frame.states[unit];
@@ -14,7 +14,10 @@ impl System<'_> {
             };
             !self.is_silent(frame, unit) && state.members_active().any(is_awaited)
         };
-        frame.ordered.contains(&true) || self.is_news_due(frame) || (0..self.units.len()).any(is_stopping)
+        frame.ordered.contains(&true)
+            || self.has_messages(frame)
+            || self.is_news_due(frame)
+            || (0..self.units.len()).any(is_stopping)
     }
 
     /// Whether a `shield` or a `finally` holds a stop up.

@@ -1,5 +1,6 @@
 //! Lets something happen in a system: the parts react one after the other, until nothing follows any more.
 
+use super::transit::Arrival;
 use super::{Change, Changed, FaultKind, Frame, Injection, Label, Occupant, Phase, System};
 use language::algebra::{Activation, Activity, Cause, Command, Event, Outcome, Reason, Steps, Value};
 use std::collections::VecDeque;
@@ -19,6 +20,7 @@ pub(crate) struct Stepper<'s> {
     notes: Vec<u8>,
     rift: Vec<u8>,
     restarts: Vec<u8>,
+    transit: Vec<u8>,
     phase: Phase,
     is_faulty: bool,
     is_twice_faulty: bool,
@@ -46,6 +48,7 @@ impl<'s> Stepper<'s> {
             notes: Vec::new(),
             rift: Vec::new(),
             restarts: Vec::new(),
+            transit: Vec::new(),
             phase: Phase::Idle,
             is_faulty: false,
             is_twice_faulty: false,
@@ -62,6 +65,7 @@ impl<'s> Stepper<'s> {
         self.notes.clone_from(&frame.notes);
         self.rift.clone_from(&frame.rift);
         self.restarts.clone_from(&frame.restarts);
+        self.transit.clone_from(&frame.transit);
         (self.phase, self.is_faulty, self.is_twice_faulty) = (frame.phase, frame.is_faulty, frame.is_twice_faulty);
         let Self { system, steps, queue, journal, .. } = self;
         let mut reaction = Reaction { system, frame, changes, queue, journal, blows: VecDeque::new() };
@@ -96,6 +100,7 @@ impl<'s> Stepper<'s> {
         frame.notes.clone_from(&self.notes);
         frame.rift.clone_from(&self.rift);
         frame.restarts.clone_from(&self.restarts);
+        frame.transit.clone_from(&self.transit);
         (frame.phase, frame.is_faulty, frame.is_twice_faulty) = (self.phase, self.is_faulty, self.is_twice_faulty);
     }
 }
@@ -131,11 +136,15 @@ impl Reaction<'_, '_> {
                 let is_asked = self.frame.states[seat.0].activity(seat.1) == Activity::Stopping;
                 let is_lost = self.system.is_refused(self.frame, seat) && !self.system.is_given_up(self.frame, seat);
                 let is_unknown = is_asked && (is_lost || self.system.was_unconfirmed(self.frame, seat));
-                self.ends(unit, member, if is_unknown { unconfirmed() } else { failed() })
+                let outcome = if is_unknown { unconfirmed() } else { failed() };
+                self.ends(unit, member, outcome)
             }
+            Label::Arrived(unit, member) => self.arrives((usize::from(unit), u32::from(member))),
+            Label::Heard(unit, member) => self.hears((usize::from(unit), u32::from(member))),
             Label::Lost => {
                 self.frame.is_faulty = true;
                 self.lose_orders();
+                self.system.lose_to_the_dead(self.frame);
                 None
             }
             Label::Noted(host) => {
@@ -239,27 +248,45 @@ impl Reaction<'_, '_> {
         Some((unit, self.ended(unit, member, outcome)))
     }
 
+    /// A group on another host has ended, and reports that to its supervisor. Returns whether it is one.
+    fn reports(&mut self, (unit, member): (usize, u32), outcome: &Outcome) -> bool {
+        let travels = self.system.send_end(self.frame, (unit, member), outcome);
+        if travels {
+            self.change(unit, Some(member), || changed(outcome, false));
+            self.system.is_here(self.frame, (unit, member));
+        }
+        travels
+    }
+
+    /// The order to start a member reaches its host.
+    fn arrives(&mut self, seat: (usize, u32)) -> Option<(usize, Event)> {
+        let Some(Arrival::Start(value)) = self.system.receive(self.frame, seat) else { return None };
+        if !self.system.is_taken(self.frame, seat) {
+            return None;
+        }
+        self.change(seat.0, Some(seat.1), || Changed::Started);
+        match self.system.units[seat.0].seats[seat.1 as usize] {
+            Occupant::Unit(inner) => Some((inner, Event::Start(value))),
+            Occupant::Box(_) => None,
+        }
+    }
+
+    /// A unit hears how a member on another host has ended.
+    fn hears(&mut self, (unit, member): (usize, u32)) -> Option<(usize, Event)> {
+        let Some(Arrival::End(outcome)) = self.system.receive(self.frame, (unit, member)) else { return None };
+        let is_awaited = self.frame.states[unit].activity(member) != Activity::Idle;
+        (is_awaited && !self.system.is_silent(self.frame, unit)).then(|| (unit, event_of(member, outcome)))
+    }
+
     /// A member of a unit has ended; returns what the unit hears.
     fn ended(&mut self, unit: usize, member: u32, outcome: Outcome) -> Event {
-        if self.changes.is_some() {
-            let is_asked = self.frame.states[unit].activity(member) == Activity::Stopping;
-            let changed = match &outcome {
-                Outcome::Aborted(_) => Changed::Aborted,
-                Outcome::Done(value) if !is_asked => Changed::Done(value.clone()),
-                Outcome::Done(_) | Outcome::Stopped => Changed::Stopped,
-            };
-            self.change(unit, Some(member), || changed);
-        }
+        let is_asked = self.frame.states[unit].activity(member) == Activity::Stopping;
+        self.change(unit, Some(member), || changed(&outcome, is_asked));
         self.system.is_here(self.frame, (unit, member));
-        let activation = ACTIVATION;
-        match outcome {
-            Outcome::Done(value) => Event::Done { member, activation, value },
-            Outcome::Stopped => Event::Stopped { member, activation },
-            Outcome::Aborted(reason) if reason.cause == Cause::StopUnconfirmed => {
-                Event::StopUnconfirmed { member, activation }
-            }
-            Outcome::Aborted(_) => Event::Aborted { member, activation, report: Value::EMPTY },
+        if !self.system.is_severed(self.frame, (unit, member)) {
+            self.system.receive(self.frame, (unit, member));
         }
+        event_of(member, outcome)
     }
 
     fn change(&mut self, unit: usize, member: Option<u32>, what: impl FnOnce() -> Changed) {
@@ -279,6 +306,10 @@ impl Reaction<'_, '_> {
                     let seat = (unit, *member);
                     self.system.is_here(self.frame, seat);
                     let begins = self.system.begins(self.frame, seat);
+                    if begins && self.system.send_start(self.frame, seat, value) {
+                        self.change(unit, Some(*member), || Changed::Sent);
+                        continue;
+                    }
                     let is_given_up = self.system.is_given_up(self.frame, seat);
                     if !is_given_up && !self.system.waits_for_ever(self.frame, seat) {
                         self.change(unit, Some(*member), || Changed::Started);
@@ -307,7 +338,10 @@ impl Reaction<'_, '_> {
             // It has never begun.
             self.queue.push_back((unit, Event::Stopped { member, activation: ACTIVATION }));
         } else if !self.system.is_severed(self.frame, (unit, member)) {
-            self.frame.ordered[inner] = true;
+            // What has ended meanwhile has nothing to stop.
+            let has_ended = self.system.is_under_way(self.frame, (unit, member))
+                && !self.system.is_being_sent(self.frame, (unit, member));
+            self.frame.ordered[inner] = !has_ended;
         }
     }
 
@@ -315,13 +349,13 @@ impl Reaction<'_, '_> {
     fn over(&mut self, unit: usize, outcome: Outcome) {
         self.frame.ordered[unit] = false;
         let is_escalated = self.system.take_escalation(self.frame, unit);
-        let is_unconfirmed = matches!(&outcome, Outcome::Aborted(reason) if reason.cause == Cause::StopUnconfirmed);
-        let outcome = if is_escalated && !is_unconfirmed { failed() } else { outcome };
+        let outcome = if is_escalated && !is_unconfirmed(&outcome) { failed() } else { outcome };
         if let Some((around, member)) = self.system.units[unit].parent {
             // A stop that comes too late finds nothing: its answer is the outcome that was under way.
             let is_heard =
                 !self.system.is_severed(self.frame, (around, member)) && !self.system.is_silent(self.frame, around);
-            if is_heard && self.frame.states[around].activity(member) != Activity::Idle {
+            let is_awaited = is_heard && self.frame.states[around].activity(member) != Activity::Idle;
+            if is_awaited && !self.reports((around, member), &outcome) {
                 let event = self.ended(around, member, outcome);
                 self.queue.push_back((around, event));
             }
@@ -337,10 +371,35 @@ impl Reaction<'_, '_> {
     }
 }
 
-fn unconfirmed() -> Outcome {
+/// What a unit hears of a member that has ended.
+fn event_of(member: u32, outcome: Outcome) -> Event {
+    let activation = ACTIVATION;
+    match outcome {
+        Outcome::Done(value) => Event::Done { member, activation, value },
+        Outcome::Stopped => Event::Stopped { member, activation },
+        Outcome::Aborted(_) if is_unconfirmed(&outcome) => Event::StopUnconfirmed { member, activation },
+        Outcome::Aborted(_) => Event::Aborted { member, activation, report: Value::EMPTY },
+    }
+}
+
+/// What an end is for one who looks; whose supervisor has asked it to stop has stopped, however it ends.
+fn changed(outcome: &Outcome, is_asked: bool) -> Changed {
+    match outcome {
+        Outcome::Aborted(_) => Changed::Aborted,
+        Outcome::Done(value) if !is_asked => Changed::Done(value.clone()),
+        Outcome::Done(_) | Outcome::Stopped => Changed::Stopped,
+    }
+}
+
+/// Whether nobody can confirm that something has stopped.
+pub(super) fn is_unconfirmed(outcome: &Outcome) -> bool {
+    matches!(outcome, Outcome::Aborted(reason) if reason.cause == Cause::StopUnconfirmed)
+}
+
+pub(super) fn unconfirmed() -> Outcome {
     Outcome::Aborted(Reason { member: None, cause: Cause::StopUnconfirmed })
 }
 
-fn failed() -> Outcome {
+pub(super) fn failed() -> Outcome {
     Outcome::Aborted(Reason { member: None, cause: Cause::Reported(Value::EMPTY) })
 }

@@ -3,6 +3,7 @@
 use super::super::reaction::Blow;
 use super::super::{Frame, Label, Occupant, System, small};
 use super::{FENCED, GONE, HELD, LEFT, NOTED, ORPHAN, UNREACHED, WAITS};
+use language::algebra::Activity;
 use language::plan::LinkLoss;
 use std::collections::VecDeque;
 
@@ -25,18 +26,10 @@ impl System<'_> {
     pub(in crate::system) fn begins(&self, frame: &mut Frame, (unit, member): (usize, u32)) -> bool {
         let is_struck = frame.is_faulty || frame.is_twice_faulty;
         let Some(rift) = self.rift.as_ref().filter(|_| is_struck) else { return true };
-        let host = rift.seats[unit][member as usize];
-        let is_program = matches!(self.units[unit].seats[member as usize], Occupant::Box(_));
-        let is_held = || {
-            is_program
-                && self.has_noted(frame, host)
-                && self.link_loss((unit, member)) != LinkLoss::Keep
-                && (self.is_cut(rift.home, host) || self.is_below_cut(unit, host))
-        };
         let flag = match () {
             () if self.is_severed(frame, (unit, member)) => UNREACHED,
             () if self.is_fenced(frame, (unit, member)) => WAITS,
-            () if is_held() => HELD,
+            () if self.begins_nothing(frame, (unit, member)) => HELD,
             () => 0,
         };
         let flags = &mut frame.rift[rift.starts[unit] + member as usize];
@@ -44,9 +37,56 @@ impl System<'_> {
         flag == 0
     }
 
+    /// Whether the host of a program has noted a loss and lets it begin nothing new.
+    fn begins_nothing(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
+        let Some(rift) = &self.rift else { return false };
+        let host = rift.seats[unit][member as usize];
+        matches!(self.units[unit].seats[member as usize], Occupant::Box(_))
+            && self.has_noted(frame, host)
+            && self.link_loss((unit, member)) != LinkLoss::Keep
+            && (self.is_cut(rift.home, host) || self.is_below_cut(unit, host))
+    }
+
+    /// Whether a member begins when the order to start it arrives; notes what becomes of it.
+    pub(in crate::system) fn is_taken(&self, frame: &mut Frame, (unit, member): (usize, u32)) -> bool {
+        let is_struck = frame.is_faulty || frame.is_twice_faulty;
+        let Some(rift) = self.rift.as_ref().filter(|_| is_struck) else {
+            return !self.is_refused(frame, (unit, member));
+        };
+        if self.is_out(frame, rift.seats[unit][member as usize]) {
+            // The node has left: it says that there is nothing to start.
+            self.send_end(frame, (unit, member), &super::super::reaction::failed());
+            return false;
+        }
+        let is_given_up = frame.states[unit].activity(member) == Activity::Idle;
+        let flag = match () {
+            () if self.begins_nothing(frame, (unit, member)) => HELD,
+            // Its supervisor has given it up before it began.
+            () if is_given_up && self.is_severed(frame, (unit, member)) => ORPHAN,
+            () => 0,
+        };
+        frame.rift[rift.starts[unit] + member as usize] |= flag;
+        flag != HELD && (flag == ORPHAN || !self.is_refused(frame, (unit, member)))
+    }
+
+    /// What is under way to a host that has died never arrives.
+    pub(in crate::system) fn lose_to_the_dead(&self, frame: &mut Frame) {
+        self.lose_messages(frame, |frame, (_, to)| self.rift.is_some() && self.is_out(frame, to));
+    }
+
+    /// What is under way over the loss to a host that has noted it does not arrive any more.
+    fn lose_late(&self, frame: &mut Frame, host: u32) {
+        let Some(rift) = &self.rift else { return };
+        let unreached = self.lose_messages(frame, |_, (from, to)| to == host && self.is_cut(from, to));
+        for (unit, member) in unreached {
+            frame.rift[rift.starts[unit] + member as usize] |= UNREACHED;
+        }
+    }
+
     /// What the node of a host does when it notes the loss: first what stops here, then what its supervisors hear.
     pub(in crate::system) fn note(&self, frame: &mut Frame, host: u32) -> VecDeque<Blow> {
         let Some(rift) = &self.rift else { return VecDeque::new() };
+        self.lose_late(frame, host);
         let is_home_away = self.is_cut(rift.home, host);
         let leaves = is_home_away && !self.goes_on(frame, host);
         let mut blows = VecDeque::new();

@@ -1,0 +1,86 @@
+//! What may happen next in a system.
+
+use super::{Ends, FaultKind, Frame, Injection, Label, Occupant, Phase, System, small};
+use language::algebra::Activity;
+
+impl System<'_> {
+    /// Everything that may happen next.
+    pub(crate) fn labels(&self, frame: &Frame, labels: &mut Vec<Label>) {
+        labels.clear();
+        match frame.phase {
+            Phase::Idle => return labels.push(Label::Start),
+            // Beyond a loss something may go on.
+            Phase::Done | Phase::Aborted | Phase::Stopped if !self.is_split(frame) => return,
+            Phase::Done | Phase::Aborted | Phase::Stopped | Phase::Stopping => {}
+            Phase::Running if self.mode.stops => labels.push(Label::Stop),
+            Phase::Running => {}
+        }
+        if self.mode.lost.is_some() {
+            self.loss_labels(frame, labels);
+        }
+        self.restart_labels(frame, labels);
+        self.transit_labels(frame, labels);
+        for unit in 0..self.units.len() {
+            if self.is_silent(frame, unit) {
+                continue;
+            }
+            // On a link nothing overtakes anything.
+            if frame.ordered[unit] && !self.units[unit].parent.is_some_and(|seat| self.is_being_sent(frame, seat)) {
+                labels.push(Label::Reached(small(unit)));
+            }
+            for member in frame.states[unit].members_active() {
+                match &self.units[unit].seats[member as usize] {
+                    Occupant::Box(ends) => self.member_labels(frame, (unit, member), ends, labels),
+                    Occupant::Unit(_) if self.is_refused(frame, (unit, member)) => {
+                        labels.push(Label::Aborted(small(unit), small(member as usize)));
+                    }
+                    Occupant::Unit(_) => {}
+                }
+            }
+            for timer in 0..self.program(unit).timers() {
+                if frame.states[unit].is_armed(self.program(unit), timer) {
+                    labels.push(Label::Elapsed(small(unit), small(timer as usize)));
+                }
+            }
+        }
+    }
+
+    fn member_labels(&self, frame: &Frame, (unit, member): (usize, u32), ends: &[Ends; 2], labels: &mut Vec<Label>) {
+        let (at, slot) = (small(unit), small(member as usize));
+        if self.is_refused(frame, (unit, member)) {
+            labels.push(Label::Aborted(at, slot));
+            return;
+        }
+        if self.is_unheard(frame, (unit, member)) || self.is_under_way(frame, (unit, member)) {
+            return;
+        }
+        let is_stopping = frame.states[unit].activity(member) == Activity::Stopping;
+        let mut hangs = self.waits_for_ever(frame, (unit, member));
+        let ends = &ends[usize::from(!self.mode.aborts)];
+        let is_struck = |fault: Injection| (fault.unit, fault.member) == (unit, member);
+        let faults = [
+            (self.mode.fault, frame.is_faulty, Label::Fault(at, slot)),
+            (self.mode.second, frame.is_twice_faulty, Label::Second(at, slot)),
+        ];
+        for (fault, has_happened, _) in faults {
+            hangs |= has_happened && fault.is_some_and(|fault| is_struck(fault) && fault.kind == FaultKind::Hang);
+        }
+        if is_stopping {
+            labels.push(Label::Stopped(at, slot));
+        } else if !self.death_labels(frame, (unit, member), labels) && !hangs {
+            labels.extend(ends.done.iter().map(|value| Label::Done(at, slot, self.number(value))));
+            if ends.aborts {
+                labels.push(Label::Aborted(at, slot));
+            }
+        }
+        for (fault, has_happened, label) in faults {
+            let may = |fault: Injection| {
+                let is_due = is_stopping == (fault.kind == FaultKind::Unanswered);
+                is_struck(fault) && is_due && !self.is_away(frame, (unit, member))
+            };
+            if !has_happened && fault.is_some_and(may) {
+                labels.push(label);
+            }
+        }
+    }
+}
