@@ -79,9 +79,10 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         let mut system = around(self.times.model, self.property.group, &named);
         system.mode = mode;
         system.notes = 1;
-        system.follow_messages(&[]);
+        let seats: Vec<_> = named.iter().filter_map(|&(group, slot)| system.find(group, slot)).collect();
+        let is_group = |&(unit, member): &(usize, u32)| system.is_group((unit, member));
+        system.follow_messages(&seats.iter().copied().filter(is_group).collect::<Vec<_>>());
         if mode.crashes {
-            let seats: Vec<_> = named.iter().filter_map(|&(group, slot)| system.find(group, slot)).collect();
             system.follow_restarts(&seats);
         }
         system

@@ -234,6 +234,11 @@ impl<'a> System<'a> {
         self.units.iter().position(holds).map(|unit| (unit, slot))
     }
 
+    /// Whether a member is a group or a piece of one.
+    pub(crate) fn is_group(&self, (unit, member): (usize, u32)) -> bool {
+        matches!(self.model.parts[self.units[unit].part].members.get(member as usize), Some(Seat::Part(_)))
+    }
+
     /// Whether a member is a process, or inside it.
     pub(crate) fn is_below(&self, member: (usize, u32), who: ProcessRef) -> bool {
         let Some(slot) = who.member else { return true };

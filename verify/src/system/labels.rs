@@ -24,8 +24,7 @@ impl System<'_> {
             if self.is_silent(frame, unit) {
                 continue;
             }
-            // On a link nothing overtakes anything.
-            if frame.ordered[unit] && !self.units[unit].parent.is_some_and(|seat| self.is_being_sent(frame, seat)) {
+            if frame.ordered[unit] && self.units[unit].parent.is_none_or(|seat| self.is_stop_next(frame, seat)) {
                 labels.push(Label::Reached(small(unit)));
             }
             for member in frame.states[unit].members_active() {
@@ -65,9 +64,15 @@ impl System<'_> {
         for (fault, has_happened, _) in faults {
             hangs |= has_happened && fault.is_some_and(|fault| is_struck(fault) && fault.kind == FaultKind::Hang);
         }
+        let ends_by_itself = match is_stopping {
+            // Before the order to stop reaches it.
+            true => self.is_distant_group((unit, member)),
+            false => !self.death_labels(frame, (unit, member), labels),
+        };
         if is_stopping {
             labels.push(Label::Stopped(at, slot));
-        } else if !self.death_labels(frame, (unit, member), labels) && !hangs {
+        }
+        if ends_by_itself && !hangs {
             labels.extend(ends.done.iter().map(|value| Label::Done(at, slot, self.number(value))));
             if ends.aborts {
                 labels.push(Label::Aborted(at, slot));

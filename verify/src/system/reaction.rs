@@ -165,7 +165,7 @@ impl Reaction<'_, '_> {
                 Some((usize::from(unit), event))
             }
             Label::Reached(unit) => {
-                self.frame.ordered[usize::from(unit)] = false;
+                self.forget_order(usize::from(unit));
                 Some((usize::from(unit), Event::Stop))
             }
             Label::Fault(unit, member) => {
@@ -216,8 +216,16 @@ impl Reaction<'_, '_> {
             let is_severed =
                 self.system.units[unit].parent.is_some_and(|seat| self.system.is_severed(self.frame, seat));
             if is_severed || self.system.is_silent(self.frame, unit) {
-                self.frame.ordered[unit] = false;
+                self.forget_order(unit);
             }
+        }
+    }
+
+    /// No order to stop is on its way to a unit any more.
+    fn forget_order(&mut self, unit: usize) {
+        self.frame.ordered[unit] = false;
+        if let Some(seat) = self.system.units[unit].parent {
+            self.system.receive_stop(self.frame, seat);
         }
     }
 
@@ -244,8 +252,13 @@ impl Reaction<'_, '_> {
     }
 
     fn ends(&mut self, unit: u16, member: u16, outcome: Outcome) -> Option<(usize, Event)> {
-        let (unit, member) = (usize::from(unit), u32::from(member));
-        Some((unit, self.ended(unit, member, outcome)))
+        let seat = (usize::from(unit), u32::from(member));
+        // Of what is refused its supervisor's own node says so.
+        let is_there = !self.system.is_refused(self.frame, seat) && self.system.is_distant_group(seat);
+        if is_there && self.reports(seat, &outcome) {
+            return None;
+        }
+        Some((seat.0, self.ended(seat.0, seat.1, outcome)))
     }
 
     /// A group on another host has ended, and reports that to its supervisor. Returns whether it is one.
@@ -339,15 +352,16 @@ impl Reaction<'_, '_> {
             self.queue.push_back((unit, Event::Stopped { member, activation: ACTIVATION }));
         } else if !self.system.is_severed(self.frame, (unit, member)) {
             // What has ended meanwhile has nothing to stop.
-            let has_ended = self.system.is_under_way(self.frame, (unit, member))
-                && !self.system.is_being_sent(self.frame, (unit, member));
-            self.frame.ordered[inner] = !has_ended;
+            if !self.system.has_ended_unheard(self.frame, (unit, member)) {
+                self.frame.ordered[inner] = true;
+                self.system.send_stop(self.frame, (unit, member));
+            }
         }
     }
 
     /// A unit has an outcome: it is that of the member around it, or of the whole.
     fn over(&mut self, unit: usize, outcome: Outcome) {
-        self.frame.ordered[unit] = false;
+        self.forget_order(unit);
         let is_escalated = self.system.take_escalation(self.frame, unit);
         let outcome = if is_escalated && !is_unconfirmed(&outcome) { failed() } else { outcome };
         if let Some((around, member)) = self.system.units[unit].parent {

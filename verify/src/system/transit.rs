@@ -1,11 +1,12 @@
-//! What is on its way between hosts: orders to start, and reports of an end.
+//! What is on its way between hosts: orders to start and to stop, and reports of an end.
 //!
 //! A supervisor sends the order to start a member to the node of its host. Until that node takes it the member does not run,
-//! although its supervisor counts it as active; an order to stop that is sent meanwhile comes behind it on the same link. A group
-//! that has ended reports that to the supervisor around it, which goes on as if it ran until the report is there. What a program
-//! comes to counts from when its supervisor hears of it: it has nobody else who knows. What is under way when a link is lost may
-//! arrive until the node at its end has noted the loss. The rules are those of `node/src/logic`: `link`, `executer`, `participant`.
+//! although its supervisor counts it as active. A group that has ended reports that to the supervisor around it, which goes on as
+//! if it ran until the report is there. What a program comes to counts from when its supervisor hears of it: nobody else knows.
+//! From one host to another nothing overtakes anything. What is under way when a link is lost may arrive until the node at its end has
+//! noted the loss. The rules are those of `node/src/logic`: `link`, `executer`, `participant`.
 
+use super::reaction::{failed, is_unconfirmed, unconfirmed};
 use super::{Frame, Label, Occupant, System, Value, small};
 use crate::model::Seat;
 use language::algebra::Outcome;
@@ -18,7 +19,16 @@ const ABORTED: u8 = 3;
 const STOPPED: u8 = 4;
 const UNCONFIRMED: u8 = 5;
 
-/// What a system keeps in mind of messages between hosts: for each of these members two bytes, what is under way and its value.
+/// So many bytes are kept for each member: what is under way to or from it, its value, its place on the link, and that of an order
+/// to stop.
+const BYTES: usize = 4;
+/// Of these: what is under way, and the two places; the first one on a link has the place 1.
+const KIND: usize = 0;
+const VALUE: usize = 1;
+const MESSAGE: usize = 2;
+const STOP: usize = 3;
+
+/// What a system keeps in mind of messages between hosts.
 #[derive(Debug, Default)]
 pub(super) struct Transit {
     /// The members of which it is known what is under way.
@@ -38,7 +48,7 @@ pub(super) enum Arrival {
 
 impl System<'_> {
     /// Lets messages take their time between hosts: to and from every group that is looked into, and to those of `members` that
-    /// are boxes.
+    /// are not.
     pub(crate) fn follow_messages(&mut self, members: &[(usize, u32)]) {
         let mut followed = Transit::default();
         for unit in 0..self.units.len() {
@@ -49,7 +59,8 @@ impl System<'_> {
             for member in runs {
                 let is_open = matches!(self.units[unit].seats[member as usize], Occupant::Unit(_));
                 let host = self.host_of_seat((unit, member));
-                if host != own && (is_open || members.contains(&(unit, member))) {
+                let is_known = self.transit.seats.contains(&(unit, member));
+                if host != own && (is_open || is_known || members.contains(&(unit, member))) {
                     followed.seats.push((unit, member));
                     followed.hosts.push((own, host));
                 }
@@ -74,7 +85,7 @@ impl System<'_> {
     }
 
     pub(super) fn transit_length(&self) -> usize {
-        2 * self.transit.seats.len()
+        BYTES * self.transit.seats.len()
     }
 
     /// Where it is noted what is under way to or from a member; nothing if that is not known of it.
@@ -82,87 +93,155 @@ impl System<'_> {
         self.transit.seats.iter().position(|other| *other == seat)
     }
 
+    fn message(&self, frame: &Frame, seat: (usize, u32)) -> u8 {
+        self.transit_of(seat).map_or(0, |place| frame.transit[BYTES * place + KIND])
+    }
+
     /// Whether something is under way to or from a member: it does not run, although its supervisor takes it for active.
     pub(super) fn is_under_way(&self, frame: &Frame, seat: (usize, u32)) -> bool {
-        self.transit_of(seat).is_some_and(|place| frame.transit[2 * place] != 0)
+        self.message(frame, seat) != 0
+    }
+
+    /// Whether a member has ended, and its supervisor does not know.
+    pub(super) fn has_ended_unheard(&self, frame: &Frame, seat: (usize, u32)) -> bool {
+        self.message(frame, seat) > START
+    }
+
+    /// Whether a member is a group of which it is known what is under way.
+    pub(super) fn is_distant_group(&self, seat: (usize, u32)) -> bool {
+        self.is_group(seat) && self.transit_of(seat).is_some()
     }
 
     /// Whether a group is active for the supervisor around it and does not run: something is under way to or from it.
-    pub(crate) fn is_group_under_way(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
-        let is_group = matches!(self.units[unit].seats[member as usize], Occupant::Unit(_));
-        is_group && self.is_under_way(frame, (unit, member))
-    }
-
-    /// Whether the order to start a member is under way.
-    pub(super) fn is_being_sent(&self, frame: &Frame, seat: (usize, u32)) -> bool {
-        self.transit_of(seat).is_some_and(|place| frame.transit[2 * place] == START)
+    pub(crate) fn is_group_under_way(&self, frame: &Frame, seat: (usize, u32)) -> bool {
+        self.is_under_way(frame, seat) && self.is_distant_group(seat)
     }
 
     /// Whether anything is under way at all.
-    pub(crate) fn has_messages(&self, frame: &Frame) -> bool {
-        frame.transit.iter().step_by(2).any(|message| *message != 0)
+    pub(super) fn has_messages(&self, frame: &Frame) -> bool {
+        frame.transit.iter().skip(KIND).step_by(BYTES).any(|message| *message != 0)
     }
 
     pub(super) fn transit_labels(&self, frame: &Frame, labels: &mut Vec<Label>) {
-        for (place, &(unit, member)) in self.transit.seats.iter().enumerate() {
+        for (bytes, &(unit, member)) in frame.transit.chunks_exact(BYTES).zip(&self.transit.seats) {
             let (at, slot) = (small(unit), small(member as usize));
-            match frame.transit[2 * place] {
-                0 => {}
+            match bytes[KIND] {
+                _ if bytes[MESSAGE] != 1 => {}
                 START => labels.push(Label::Arrived(at, slot)),
                 _ => labels.push(Label::Heard(at, slot)),
             }
         }
     }
 
+    /// Whether an order to stop a member may arrive: nothing is before it on the link.
+    pub(super) fn is_stop_next(&self, frame: &Frame, seat: (usize, u32)) -> bool {
+        self.transit_of(seat).is_none_or(|place| frame.transit[BYTES * place + STOP] == 1)
+    }
+
+    /// The way of a message: from which host to which.
+    fn way(&self, place: usize, of: usize, kind: u8) -> (u32, u32) {
+        let (own, host) = self.transit.hosts[place];
+        if of == MESSAGE && kind != START { (host, own) } else { (own, host) }
+    }
+
+    /// The places on one link of all that is under way on it, to be changed.
+    fn on_link<'f>(&self, frame: &'f mut Frame, link: (u32, u32)) -> impl Iterator<Item = &'f mut u8> {
+        let mut of_link = Vec::new();
+        for (place, bytes) in frame.transit.chunks_exact_mut(BYTES).enumerate() {
+            let kind = bytes[KIND];
+            for (of, byte) in bytes.iter_mut().enumerate().skip(MESSAGE) {
+                if *byte != 0 && self.way(place, of, kind) == link {
+                    of_link.push(byte);
+                }
+            }
+        }
+        of_link.into_iter()
+    }
+
+    fn send(&self, frame: &mut Frame, (place, of): (usize, usize), [kind, value]: [u8; 2]) {
+        let way = self.way(place, of, kind);
+        let last = self.on_link(frame, way).map(|other| *other).max().unwrap_or(0);
+        let bytes = &mut frame.transit[BYTES * place..][..BYTES];
+        if of == MESSAGE {
+            (bytes[KIND], bytes[VALUE]) = (kind, value);
+        }
+        bytes[of] = last.saturating_add(1);
+    }
+
+    /// Takes something off its link.
+    fn take(&self, frame: &mut Frame, (place, of): (usize, usize)) -> [u8; 2] {
+        let bytes = &mut frame.transit[BYTES * place..][..BYTES];
+        let (kind, value, before) = (bytes[KIND], bytes[VALUE], std::mem::take(&mut bytes[of]));
+        if of == MESSAGE {
+            (bytes[KIND], bytes[VALUE]) = (0, 0);
+        }
+        if before != 0 {
+            let way = self.way(place, of, kind);
+            self.on_link(frame, way).filter(|other| **other > before).for_each(|other| *other -= 1);
+        }
+        [kind, value]
+    }
+
     /// Sends the order to start a member. Returns whether it has to travel.
     pub(super) fn send_start(&self, frame: &mut Frame, seat: (usize, u32), value: &Value) -> bool {
-        let Some(place) = self.transit_of(seat) else { return false };
-        frame.transit[2 * place..][..2].copy_from_slice(&[START, self.number(value)]);
-        true
+        let place = self.transit_of(seat);
+        if let Some(place) = place {
+            self.send(frame, (place, MESSAGE), [START, self.number(value)]);
+        }
+        place.is_some()
+    }
+
+    /// Sends the order to stop a member, if it has to travel on a link and is not under way.
+    pub(super) fn send_stop(&self, frame: &mut Frame, seat: (usize, u32)) {
+        if let Some(place) = self.transit_of(seat).filter(|place| frame.transit[BYTES * place + STOP] == 0) {
+            self.send(frame, (place, STOP), [0; 2]);
+        }
+    }
+
+    /// An order to stop has arrived, or finds nothing any more.
+    pub(super) fn receive_stop(&self, frame: &mut Frame, seat: (usize, u32)) {
+        if let Some(place) = self.transit_of(seat) {
+            self.take(frame, (place, STOP));
+        }
     }
 
     /// Sends the report that a group has ended. Returns whether it has to travel.
     pub(super) fn send_end(&self, frame: &mut Frame, seat: (usize, u32), outcome: &Outcome) -> bool {
-        let Some(place) = self.transit_of(seat) else { return false };
         let message = match outcome {
             Outcome::Done(value) => [DONE, self.number(value)],
             Outcome::Stopped => [STOPPED, 0],
-            Outcome::Aborted(_) if super::reaction::is_unconfirmed(outcome) => [UNCONFIRMED, 0],
+            Outcome::Aborted(_) if is_unconfirmed(outcome) => [UNCONFIRMED, 0],
             Outcome::Aborted(_) => [ABORTED, 0],
         };
-        frame.transit[2 * place..][..2].copy_from_slice(&message);
-        true
+        let place = self.transit_of(seat);
+        if let Some(place) = place {
+            self.send(frame, (place, MESSAGE), message);
+        }
+        place.is_some()
     }
 
     /// Takes what is under way to or from a member.
     pub(super) fn receive(&self, frame: &mut Frame, seat: (usize, u32)) -> Option<Arrival> {
         let place = self.transit_of(seat)?;
-        let message = &mut frame.transit[2 * place..][..2];
-        let (kind, value) = (message[0], message[1]);
-        message.fill(0);
+        let [kind, value] = self.take(frame, (place, MESSAGE));
         match kind {
             START => Some(Arrival::Start(self.value(value))),
             DONE => Some(Arrival::End(Outcome::Done(self.value(value)))),
-            ABORTED => Some(Arrival::End(super::reaction::failed())),
+            ABORTED => Some(Arrival::End(failed())),
             STOPPED => Some(Arrival::End(Outcome::Stopped)),
-            UNCONFIRMED => Some(Arrival::End(super::reaction::unconfirmed())),
+            UNCONFIRMED => Some(Arrival::End(unconfirmed())),
             _ => None,
         }
     }
 
     /// What a host that takes nothing any more, or has noted the loss of the link, does not receive. Returns the members whose order
     /// to start never arrives.
-    pub(super) fn lose_messages(
-        &self,
-        frame: &mut Frame,
-        is_lost: impl Fn(&Frame, (u32, u32)) -> bool,
-    ) -> Vec<(usize, u32)> {
+    pub(super) fn lose_messages(&self, frame: &mut Frame, is_lost: impl Fn((u32, u32)) -> bool) -> Vec<(usize, u32)> {
         let mut unreached = Vec::new();
-        for (place, (&seat, &(own, host))) in self.transit.seats.iter().zip(&self.transit.hosts).enumerate() {
-            let kind = frame.transit[2 * place];
-            let way = if kind == START { (own, host) } else { (host, own) };
-            if kind != 0 && is_lost(frame, way) {
-                frame.transit[2 * place..][..2].fill(0);
+        for (place, &seat) in self.transit.seats.iter().enumerate() {
+            let kind = frame.transit[BYTES * place + KIND];
+            if kind != 0 && is_lost(self.way(place, MESSAGE, kind)) {
+                self.take(frame, (place, MESSAGE));
                 if kind == START {
                     unreached.push(seat);
                 }

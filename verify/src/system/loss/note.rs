@@ -2,7 +2,7 @@
 
 use super::super::reaction::Blow;
 use super::super::{Frame, Label, Occupant, System, small};
-use super::{FENCED, GONE, HELD, LEFT, NOTED, ORPHAN, UNREACHED, WAITS};
+use super::{FENCED, GONE, HELD, LEFT, LossKind, NOTED, ORPHAN, UNREACHED, WAITS};
 use language::algebra::Activity;
 use language::plan::LinkLoss;
 use std::collections::VecDeque;
@@ -71,13 +71,14 @@ impl System<'_> {
 
     /// What is under way to a host that has died never arrives.
     pub(in crate::system) fn lose_to_the_dead(&self, frame: &mut Frame) {
-        self.lose_messages(frame, |frame, (_, to)| self.rift.is_some() && self.is_out(frame, to));
+        let dead = self.mode.lost.filter(|loss| self.rift.is_some() && loss.kind == LossKind::Death);
+        self.lose_messages(frame, |(_, to)| dead.is_some_and(|loss| loss.host == to));
     }
 
     /// What is under way over the loss to a host that has noted it does not arrive any more.
     fn lose_late(&self, frame: &mut Frame, host: u32) {
         let Some(rift) = &self.rift else { return };
-        let unreached = self.lose_messages(frame, |_, (from, to)| to == host && self.is_cut(from, to));
+        let unreached = self.lose_messages(frame, |(from, to)| to == host && self.is_cut(from, to));
         for (unit, member) in unreached {
             frame.rift[rift.starts[unit] + member as usize] |= UNREACHED;
         }
