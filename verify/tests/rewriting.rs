@@ -2,6 +2,8 @@
 
 #[path = "rewriting/against_formula.rs"]
 mod against_formula;
+#[path = "rewriting/against_hosts.rs"]
+mod against_hosts;
 #[path = "rewriting/against_step.rs"]
 mod against_step;
 #[path = "rewriting/against_verify.rs"]
@@ -10,6 +12,8 @@ mod against_verify;
 mod completion;
 #[path = "rewriting/explore.rs"]
 mod explore;
+#[path = "rewriting/hosts.rs"]
+mod hosts;
 #[path = "rewriting/random.rs"]
 mod random;
 #[path = "rewriting/rules.rs"]
@@ -71,4 +75,29 @@ fn formulas_hold_where_brute_force_says_so() {
     assert!(differences.is_empty(), "{} differences, the first: {}", differences.len(), differences[0]);
     assert!(holds + fails >= asked * FORMULAS_LEAST / 3, "only {} formulas were compared", holds + fails);
     assert!(holds > asked / 10 && fails > asked / 10, "{holds} hold, {fails} do not");
+}
+
+/// As many random specs of two hosts are compared; `HOSTS=40000` in the environment compares more.
+const HOSTS: u64 = 1_500;
+/// At least so many of ten have to be left.
+const HOSTS_LEAST: usize = 3;
+
+#[test]
+fn sentences_about_two_hosts_hold_where_brute_force_says_so() {
+    let asked = std::env::var("HOSTS").ok().and_then(|asked| asked.parse().ok()).unwrap_or(HOSTS);
+    let (mut specs, mut holds, mut fails) = (0, 0, 0);
+    let mut differences = Vec::new();
+    for seed in 0..asked {
+        match against_hosts::compare(seed) {
+            against_hosts::Compared::Same(hold, fail) => {
+                (specs, holds, fails) = (specs + 1, holds + hold, fails + fail);
+            }
+            against_hosts::Compared::LeftOut => {}
+            against_hosts::Compared::Differs(how) => differences.push(how),
+        }
+    }
+    println!("{specs} specs, {holds} sentences hold, {fails} do not, {} differences", differences.len());
+    assert!(differences.is_empty(), "{} differences beside {specs}: {}", differences.len(), differences[0]);
+    assert!(specs >= usize::try_from(asked).unwrap_or(0) * HOSTS_LEAST / 10, "only {specs} specs were compared");
+    assert!(holds > specs && fails > specs, "{holds} sentences hold, {fails} do not");
 }

@@ -33,9 +33,10 @@ impl Goal {
     /// The processes of which it counts when they begin, and not only that they are active.
     pub(super) fn begun(&self) -> Vec<ProcessRef> {
         let events: Vec<&Occurrence> = match self {
-            Self::Before(_, event) => vec![event],
+            Self::Before(who, event) if event.kind == EventKind::Started => return vec![*who, event.who],
             Self::Then(event, other) => event.iter().chain([other]).collect(),
-            Self::Together(_)
+            Self::Before(..)
+            | Self::Together(_)
             | Self::Without(..)
             | Self::Often(..)
             | Self::StillRuns(..)

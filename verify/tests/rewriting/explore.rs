@@ -119,7 +119,8 @@ fn moves(state: usize, reference: &Reference, (group, tags): (&Group, &Tags), st
     all
 }
 
-fn armed(conf: &Conf, timers: &mut Vec<u32>) {
+/// Adds the timers that run.
+pub(crate) fn armed(conf: &Conf, timers: &mut Vec<u32>) {
     if let Conf::Timer(timer) | Conf::ShieldK(Some(timer), _) = conf {
         timers.push(*timer);
     }

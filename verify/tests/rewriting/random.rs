@@ -57,8 +57,13 @@ struct Maker<'d> {
 
 /// A group of up to five members, its expression with every operator.
 pub(crate) fn group(dice: &mut Dice, taste: Taste) -> Group {
+    let size = 2 + dice.below(4);
+    of_size(dice, taste, size)
+}
+
+/// A group whose expression has about so many operands.
+pub(crate) fn of_size(dice: &mut Dice, taste: Taste, size: u32) -> Group {
     let mut maker = Maker { dice, taste, used: 0, again: Vec::new(), is_in_loop: false };
-    let size = 2 + maker.dice.below(4);
     let expression = maker.expression(size);
     let used = maker.used;
     let members = (0..used.max(1)).map(|index| {

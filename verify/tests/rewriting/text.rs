@@ -30,8 +30,8 @@ pub(crate) fn text(group: &Group, sentences: &str) -> (String, BTreeMap<u32, Vec
     (text, tags)
 }
 
-/// An expression, with parentheses around each operand.
-fn written(expression: &Expression, matched: &mut Vec<u32>) -> String {
+/// An expression, with parentheses around each operand; adds the members whose outcomes a `match` looks at.
+pub(crate) fn written(expression: &Expression, matched: &mut Vec<u32>) -> String {
     let mut join = |of: &[Expression], sign: &str| {
         let operands: Vec<String> = of.iter().map(|operand| format!("({})", written(operand, matched))).collect();
         operands.join(sign)

@@ -1,0 +1,294 @@
+//! Brute force beside `verify`: the same verdicts on random small specs of groups on two hosts.
+
+use super::explore::explore as explore_group;
+use super::hosts::{Graph, Kind, Links, Seat, Tags, explore};
+use super::random::{Dice, TAGS, Taste, of_size};
+use super::rules::Reference;
+use super::term::Outcome;
+use super::text::written;
+use language::algebra::Value;
+use language::plan::{Group, MemberKind, Plan};
+use language::{Options, Source, compile_with_sites};
+use std::cell::OnceCell;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
+use std::rc::Rc;
+use verify::{Alone, Always, Limits, Story, Verdict};
+
+/// What came of a seed.
+#[derive(Debug)]
+pub(crate) enum Compared {
+    /// So many sentences hold, and so many do not, as both say.
+    Same(usize, usize),
+    /// The spec was refused by the check, or has too many states for brute force, or has one group alone.
+    LeftOut,
+    Differs(String),
+}
+
+/// A sentence about two members.
+#[derive(Clone, Copy, Debug)]
+enum Form {
+    NeverWith,
+    Implies,
+    OnlyAfterDone,
+    OnlyAfterStart,
+    AfterDoneNever,
+    AfterStartNever,
+    AfterEndNever,
+    AtMostOnce,
+    /// Formulas that say the same as `never a with b`, `a only after b.started` and `after a.done: never b`.
+    NeverAsFormula,
+    OnlyAfterAsFormula,
+    AfterAsFormula,
+}
+
+const FORMS: [Form; 11] = [
+    Form::NeverWith,
+    Form::Implies,
+    Form::OnlyAfterDone,
+    Form::OnlyAfterStart,
+    Form::AfterDoneNever,
+    Form::AfterStartNever,
+    Form::AfterEndNever,
+    Form::AtMostOnce,
+    Form::NeverAsFormula,
+    Form::OnlyAfterAsFormula,
+    Form::AfterAsFormula,
+];
+/// So many pairs of members are asked about.
+const PAIRS: usize = 3;
+
+pub(crate) fn compare(seed: u64) -> Compared {
+    let mut dice = Dice::new(seed ^ 0x0D15_7A17);
+    let made = Made::new(&mut dice);
+    if made.groups.len() < 2 {
+        return Compared::LeftOut;
+    }
+    let all = made.members();
+    let mut pairs = Vec::new();
+    for _ in 0..PAIRS {
+        let (a, b) = (*dice.pick(&all), *dice.pick(&all));
+        let is_inside = |inner: Seat, outer: Seat| inner.0 != 0 && outer == made.around[inner.0 as usize];
+        if a != b && !is_inside(a, b) && !is_inside(b, a) {
+            pairs.push((a, b));
+        }
+    }
+    let asked: Vec<(Form, Seat, Seat)> =
+        pairs.into_iter().flat_map(|(a, b)| FORMS.into_iter().map(move |form| (form, a, b))).collect();
+    let words: Vec<String> = asked.iter().map(|asked| made.words(*asked)).collect();
+    let (text, tags) = made.text(&words);
+    let source = Source::new("random.dca", text.clone());
+    let (compiled, sites) = compile_with_sites(&source, &[], &Options::named("random"));
+    let Some((plan, sites)) = compiled.plan.zip(sites) else { return Compared::LeftOut };
+    if !plan.groups[1..].iter().all(is_box) {
+        return Compared::LeftOut;
+    }
+    let tags = made.tags_in(&plan, &tags);
+    let Some((graph, seats)) = explore(&plan, &tags, Links::InOrder).zip(made.seats_in(&plan)) else {
+        return Compared::LeftOut;
+    };
+    // The verifier does not follow every message, so some that it follows may overtake each other for it.
+    let loose = OnceCell::new();
+    let loose = || loose.get_or_init(|| explore(&plan, &tags, Links::EachMember)).as_ref();
+    let limits = Limits { states: 200_000, memory: 64 << 20, threads: &Alone, goes_on: &Always };
+    let found = verify::sentences(&plan, &sites, &limits);
+    let (mut hold, mut fail, mut differences) = (0, 0, Vec::new());
+    for (((form, a, b), words), (_, finding)) in asked.iter().zip(&words).zip(&found) {
+        let holds = holds(*form, seats(*a), seats(*b), &graph);
+        match (holds, finding.verdict) {
+            (true, Verdict::Proved) => hold += 1,
+            (false, Verdict::Fails) => fail += 1,
+            (true, Verdict::Fails) if loose().is_none_or(|graph| !self::holds(*form, seats(*a), seats(*b), graph)) => {
+                fail += 1;
+            }
+            (_, verdict) => {
+                let story = finding.story.iter().flat_map(Story::lines).collect::<Vec<_>>().join("\n");
+                differences.push(format!("`{words}`: {holds} by brute force, {verdict:?}\n{story}"));
+            }
+        }
+    }
+    match differences.is_empty() {
+        true => Compared::Same(hold, fail),
+        false => Compared::Differs(format!("seed {seed}: {}\n{text}", differences.join("\n"))),
+    }
+}
+
+/// Whether a group is what the verifier takes one for that it does not look into: it takes some time, and may fail.
+fn is_box(group: &Group) -> bool {
+    let group = Rc::new(group.clone());
+    let takes_time = Reference::new(&group).begin(Value::EMPTY).is_none();
+    let alone = explore_group(&group, &BTreeMap::new(), true);
+    takes_time
+        && alone.is_some_and(|graph| graph.seen.iter().any(|seen| matches!(seen.ended, Some(Outcome::Aborted(_)))))
+}
+
+/// Random groups: `main`, and those that are members of it.
+struct Made {
+    groups: Vec<Group>,
+    /// For each group, its member in `main`.
+    around: Vec<Seat>,
+    /// The host of each group, and for each the hosts of its members.
+    hosts: Vec<(u32, Vec<u32>)>,
+    matched: Vec<Vec<u32>>,
+}
+
+impl Made {
+    fn new(dice: &mut Dice) -> Self {
+        let size = 2 + dice.below(2);
+        let main = of_size(dice, Taste::Text, size);
+        let mut made = Self { groups: vec![main], around: vec![(0, 0)], hosts: Vec::new(), matched: Vec::new() };
+        let mut matched = Vec::new();
+        written(&made.groups[0].expression, &mut matched);
+        for slot in 0..made.groups[0].members.len() {
+            let number = u32::try_from(slot).expect("few members");
+            if made.groups.len() < 3 && !matched.contains(&number) && !dice.one_in(3) {
+                let size = 1 + dice.below(2);
+                made.groups.push(of_size(dice, Taste::Text, size));
+                made.around.push((0, number));
+                let inner = u32::try_from(made.groups.len() - 1).expect("few groups");
+                made.groups[0].members[slot].kind = MemberKind::Group(inner);
+            }
+        }
+        for (index, group) in made.groups.iter().enumerate() {
+            let own = if index == 0 { 0 } else { dice.below(2) };
+            let others = group.members.iter().map(|_| if dice.one_in(4) { 1 - own } else { own }).collect();
+            made.hosts.push((own, others));
+            let mut matched = Vec::new();
+            written(&group.expression, &mut matched);
+            made.matched.push(matched);
+        }
+        made
+    }
+
+    fn members(&self) -> Vec<Seat> {
+        let groups = (0_u32..).zip(&self.groups);
+        groups.flat_map(|(group, source)| (0_u32..).zip(&source.members).map(move |(slot, _)| (group, slot))).collect()
+    }
+
+    /// What a member is called in a sentence about `main`.
+    fn name(&self, (group, slot): Seat) -> String {
+        match group {
+            0 => format!("m{slot}"),
+            _ => format!("m{}.m{slot}", self.around[group as usize].1),
+        }
+    }
+
+    fn words(&self, (form, a, b): (Form, Seat, Seat)) -> String {
+        let (a, b) = (self.name(a), self.name(b));
+        match form {
+            Form::NeverWith => format!("never {a} with {b}"),
+            Form::Implies => format!("always {a} implies {b}"),
+            Form::OnlyAfterDone => format!("{a} only after {b}.done"),
+            Form::OnlyAfterStart => format!("{a} only after {b}.started"),
+            Form::AfterDoneNever => format!("after {a}.done: never {b}"),
+            Form::AfterStartNever => format!("after {a}.started: never {b}"),
+            Form::AfterEndNever => format!("after {a}.ended: never {b}"),
+            Form::AtMostOnce => format!("{a} at most once"),
+            Form::NeverAsFormula => format!("holds ltl \"G !({a} & {b})\""),
+            Form::OnlyAfterAsFormula => format!("holds ltl \"!{a}.started W {b}.started\""),
+            Form::AfterAsFormula => format!("holds ltl \"G ({a}.done -> G !{b}.started)\""),
+        }
+    }
+
+    fn text(&self, sentences: &[String]) -> (String, BTreeSet<Seat>) {
+        let (mut text, mut tags) = (String::new(), BTreeSet::new());
+        for (index, group) in self.groups.iter().enumerate() {
+            for (slot, member) in (0..).zip(&group.members) {
+                let seat = (u32::try_from(index).expect("few groups"), slot);
+                let ends = match (self.matched[index].contains(&slot), member.service) {
+                    (true, _) => {
+                        tags.insert(seat);
+                        format!("done({} | {})", TAGS[0], TAGS[1])
+                    }
+                    (false, true) => "service".to_owned(),
+                    (false, false) => "done".to_owned(),
+                };
+                writeln!(text, "module M{index}_{slot}(host: Host) {{ {ends}; }}").expect("a text");
+            }
+        }
+        for index in (0..self.groups.len()).rev() {
+            let group = &self.groups[index];
+            let (own, others) = &self.hosts[index];
+            let (name, mut instances) =
+                (if index == 0 { "main".to_owned() } else { format!("P{index}") }, String::new());
+            for (slot, (member, host)) in group.members.iter().zip(others).enumerate() {
+                let module = match member.kind {
+                    MemberKind::Group(inner) => format!("P{inner}()"),
+                    MemberKind::Leaf(_) => format!("M{index}_{slot}(c{})", host + 1),
+                };
+                writeln!(instances, "        m{slot} instof {module};").expect("a text");
+            }
+            let expression = written(&group.expression, &mut Vec::new());
+            let stated: String = sentences.iter().map(|words| format!("        {words};\n")).collect();
+            let verify = if index == 0 { format!("    verify{{\n{stated}    }}\n") } else { String::new() };
+            writeln!(
+                text,
+                "process {name}(){{\n    host{{c{}}}\n    resource arm, gripper;\n    instantiated_processes{{\n\
+                 {instances}    }}\n    internal_event_actions{{\n        {expression}\n    }}\n{verify}}}",
+                own + 1
+            )
+            .expect("a text");
+        }
+        (text, tags)
+    }
+
+    /// The seats of a plan that these are.
+    fn seats_in<'m>(&'m self, plan: &'m Plan) -> Option<impl Fn(Seat) -> Seat + 'm> {
+        let number = |group: u32| {
+            let path = if group == 0 { "main".to_owned() } else { format!("main/m{}", self.around[group as usize].1) };
+            plan.groups.iter().position(|source| source.path == path)
+        };
+        let numbers: Option<Vec<usize>> = (0_u32..).zip(&self.groups).map(|(group, _)| number(group)).collect();
+        let numbers = numbers?;
+        Some(move |(group, slot): Seat| {
+            let group = numbers[group as usize];
+            let name = format!("m{slot}");
+            let slot = plan.groups[group].members.iter().position(|member| member.name == name).expect("it is there");
+            (u32::try_from(group).expect("few groups"), u32::try_from(slot).expect("few members"))
+        })
+    }
+
+    fn tags_in(&self, plan: &Plan, tags: &BTreeSet<Seat>) -> Tags {
+        let Some(seats) = self.seats_in(plan) else { return Tags::new() };
+        tags.iter().map(|seat| (seats(*seat), TAGS.map(str::to_owned).to_vec())).collect()
+    }
+}
+
+fn holds(form: Form, a: Seat, b: Seat, graph: &Graph) -> bool {
+    let state = |breaks: &dyn Fn(&BTreeSet<Seat>, &BTreeSet<Seat>) -> bool| {
+        !graph.objects(|_, _, seen| if breaks(&seen.active, &seen.running) { Err(()) } else { Ok(false) })
+    };
+    // Whether nothing forbidden happens before, or from, the first time that something else does.
+    let order = |first: (Seat, &[Kind]), forbidden: Seat, is_before: bool| {
+        !graph.objects(|mut was, happened, _| {
+            for (seat, kind) in happened {
+                let is_first = *seat == first.0 && first.1.contains(kind);
+                was |= is_first && is_before;
+                if *seat == forbidden && *kind == Kind::Started && was != is_before {
+                    return Err(());
+                }
+                was |= is_first;
+            }
+            Ok(was)
+        })
+    };
+    match form {
+        Form::NeverWith | Form::NeverAsFormula => state(&|active, _| active.contains(&a) && active.contains(&b)),
+        Form::Implies => state(&|active, running| running.contains(&a) && !active.contains(&b)),
+        Form::OnlyAfterDone => order((b, &[Kind::Done]), a, true),
+        Form::OnlyAfterStart => order((b, &[Kind::Started]), a, true),
+        Form::AfterDoneNever => order((a, &[Kind::Done]), b, false),
+        Form::AfterStartNever => order((a, &[Kind::Started]), b, false),
+        Form::AfterEndNever => order((a, &[Kind::Done, Kind::Failed, Kind::Stopped]), b, false),
+        Form::AtMostOnce => order((a, &[Kind::Started]), a, false),
+        // What happens at once has no order in a formula.
+        Form::OnlyAfterAsFormula => !graph.objects(|was, happened, _| {
+            let has = |seat: Seat| happened.contains(&(seat, Kind::Started));
+            if !was && has(a) && !has(b) { Err(()) } else { Ok(was || has(b)) }
+        }),
+        Form::AfterAsFormula => !graph.objects(|was, happened, _| {
+            let was = was || happened.contains(&(a, Kind::Done));
+            if was && happened.contains(&(b, Kind::Started)) { Err(()) } else { Ok(was) }
+        }),
+    }
+}

@@ -1,0 +1,407 @@
+//! Groups on several hosts, by brute force: a supervisor for each group, the programs, and a queue for each pair of hosts.
+//!
+//! Whatever a supervisor says to another host goes through the queue to it, and what is at its front may arrive at any time: orders
+//! to start, orders to stop, and reports of an end, of groups and of programs alike. On one host all of it is done at once, but
+//! for an order to stop a group, which may take its time. Nothing of this is shared with the verifier, which keeps no queues
+//! and leaves out what no sentence can tell apart.
+
+use super::explore::armed;
+use super::rules::{Event, Order, Reference};
+use super::term::{Conf, Left, Outcome};
+use language::algebra::Value;
+use language::plan::{MemberKind, Plan};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::rc::Rc;
+
+/// Larger graphs are left out.
+const STATES_MAX: usize = 1_500;
+
+/// A member: its group and slot.
+pub(crate) type Seat = (u32, u32);
+/// What a spec says of its modules: the tags of their normal ends.
+pub(crate) type Tags = BTreeMap<Seat, Vec<String>>;
+
+/// What happens to a member, for one who looks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Started,
+    Done,
+    Failed,
+    Stopped,
+}
+
+/// How something ends.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum End {
+    Done(Vec<u8>),
+    Failed,
+    Stopped,
+}
+
+#[derive(Clone, Debug)]
+enum Message {
+    Start(Seat, Value),
+    Stop(Seat),
+    Ended(Seat, End),
+}
+
+/// What a supervisor is to react to.
+enum Work {
+    Begin(u32, Value),
+    Halt(u32),
+    Happen(u32, Event),
+}
+
+/// What may happen next.
+enum Move {
+    Start,
+    Stop,
+    /// A program ends on its host.
+    Ends(Seat, End),
+    Elapsed(u32, u32),
+    /// The order to stop a group arrives on its own host.
+    Reached(u32),
+    /// What is at the front of the queue from one host to another arrives.
+    Arrives(Way),
+}
+
+/// What may overtake what on the way from one host to another.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Links {
+    /// Nothing.
+    InOrder,
+    /// What is about one member may overtake what is about another.
+    EachMember,
+}
+
+/// The hosts that a queue leads from and to, and the member, if each has its own.
+type Way = (u32, u32, Option<Seat>);
+
+/// What can be seen of a state.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Seen {
+    /// The programs that are active for their supervisors, also while they stop, and the groups that run.
+    pub(crate) active: BTreeSet<Seat>,
+    /// Those of them that are not being stopped, they or a group around them.
+    pub(crate) running: BTreeSet<Seat>,
+}
+
+/// What happens on the way to a state, in its order, and the number of that state.
+pub(crate) type Edge = (Vec<(Seat, Kind)>, usize);
+
+/// All states, with what happens on the way from each to another.
+#[derive(Debug, Default)]
+pub(crate) struct Graph {
+    pub(crate) seen: Vec<Seen>,
+    pub(crate) edges: Vec<Vec<Edge>>,
+}
+
+/// Everything that is, at one moment.
+#[derive(Clone)]
+struct World<'p> {
+    plan: &'p Plan,
+    supervisors: Vec<Reference>,
+    /// The programs that run, and whether each has been told to stop.
+    programs: BTreeMap<Seat, bool>,
+    queues: BTreeMap<Way, VecDeque<Message>>,
+    links: Links,
+    /// The groups on the hosts of their supervisors to which an order to stop is under way.
+    orders: BTreeSet<u32>,
+    is_stopping: bool,
+    has_ended: bool,
+    happened: Vec<(Seat, Kind)>,
+}
+
+/// Explores a plan while any program may fail and the whole may be stopped at any time. Nothing if there are too many states.
+pub(crate) fn explore(plan: &Plan, tags: &Tags, links: Links) -> Option<Graph> {
+    let first = World::new(plan, links);
+    let mut graph = Graph { seen: vec![Seen::default()], edges: vec![Vec::new()] };
+    let mut known = BTreeMap::new();
+    let mut open = VecDeque::from([(0, first)]);
+    while let Some((state, world)) = open.pop_front() {
+        if graph.seen.len() > STATES_MAX {
+            return None;
+        }
+        for what in world.moves(state, tags) {
+            let mut next = world.clone();
+            next.happens(what);
+            let happened = std::mem::take(&mut next.happened);
+            let target = *known.entry(next.key()).or_insert_with(|| {
+                graph.seen.push(next.seen());
+                graph.edges.push(Vec::new());
+                if !next.has_ended {
+                    open.push_back((graph.seen.len() - 1, next));
+                }
+                graph.seen.len() - 1
+            });
+            graph.edges[state].push((happened, target));
+        }
+    }
+    Some(graph)
+}
+
+impl<'p> World<'p> {
+    fn new(plan: &'p Plan, links: Links) -> Self {
+        let supervisors = plan.groups.iter().map(|group| Reference::new(&Rc::new(group.clone()))).collect();
+        Self {
+            plan,
+            supervisors,
+            programs: BTreeMap::new(),
+            queues: BTreeMap::new(),
+            links,
+            orders: BTreeSet::new(),
+            is_stopping: false,
+            has_ended: false,
+            happened: Vec::new(),
+        }
+    }
+
+    fn key(&self) -> String {
+        let states: Vec<_> = self.supervisors.iter().map(|one| (&one.conf, &one.queue)).collect();
+        let queues: Vec<_> = self.queues.iter().filter(|(_, queue)| !queue.is_empty()).collect();
+        let (stopping, ended) = (self.is_stopping, self.has_ended);
+        format!("{states:?} {:?} {queues:?} {:?} {stopping} {ended}", self.programs, self.orders)
+    }
+
+    // ---- where things are ----
+
+    fn kind(&self, (group, slot): Seat) -> MemberKind {
+        self.plan.groups[group as usize].members[slot as usize].kind
+    }
+
+    /// From the host of a supervisor to that of its member; nothing if they are one.
+    fn link(&self, seat: Seat) -> Option<(u32, u32)> {
+        let own = self.plan.groups[seat.0 as usize].host;
+        let other = match self.kind(seat) {
+            MemberKind::Leaf(leaf) => self.plan.leaves[leaf as usize].host,
+            MemberKind::Group(inner) => self.plan.groups[inner as usize].host,
+        };
+        (own != other).then_some((own, other))
+    }
+
+    fn seat_of(&self, inner: u32) -> Option<Seat> {
+        (0_u32..).zip(&self.plan.groups).find_map(|(group, source)| {
+            let slot = source.members.iter().position(|member| member.kind == MemberKind::Group(inner))?;
+            Some((group, u32::try_from(slot).expect("few members")))
+        })
+    }
+
+    /// What a supervisor takes a member for: nothing if it is not active, else whether it is being stopped.
+    fn is_being_stopped(&self, (group, slot): Seat) -> Option<bool> {
+        let conf = self.supervisors[group as usize].conf.as_ref()?;
+        let is = |wanted: bool| {
+            conf.any(&|part| match wanted {
+                true => matches!(part, Conf::Stopping(member, _) if *member == slot),
+                false => matches!(part, Conf::Active(member, _) if *member == slot),
+            })
+        };
+        if is(true) { Some(true) } else { is(false).then_some(false) }
+    }
+
+    fn is_active(&self, seat: Seat) -> bool {
+        self.is_being_stopped(seat).is_some()
+            && match self.kind(seat) {
+                MemberKind::Group(inner) => self.supervisors[inner as usize].conf.is_some(),
+                MemberKind::Leaf(_) => true,
+            }
+    }
+
+    fn is_running(&self, seat: Seat) -> bool {
+        let outwards = std::iter::successors(Some(seat), |(group, _)| self.seat_of(*group));
+        !self.is_stopping
+            && outwards.into_iter().all(|at| self.is_active(at) && self.is_being_stopped(at) == Some(false))
+    }
+
+    fn seen(&self) -> Seen {
+        if self.has_ended {
+            return Seen::default();
+        }
+        let groups = (0_u32..).zip(&self.plan.groups);
+        let seats =
+            groups.flat_map(|(group, source)| (0_u32..).zip(&source.members).map(move |(slot, _)| (group, slot)));
+        let active: BTreeSet<Seat> = seats.filter(|seat| self.is_active(*seat)).collect();
+        let running = active.iter().copied().filter(|seat| self.is_running(*seat)).collect();
+        Seen { active, running }
+    }
+
+    // ---- what happens ----
+
+    fn moves(&self, state: usize, tags: &Tags) -> Vec<Move> {
+        if state == 0 {
+            return vec![Move::Start];
+        }
+        let mut all = if self.is_stopping { Vec::new() } else { vec![Move::Stop] };
+        for (&seat, &is_told) in &self.programs {
+            if is_told {
+                all.push(Move::Ends(seat, End::Stopped));
+                continue;
+            }
+            all.push(Move::Ends(seat, End::Failed));
+            if self.plan.groups[seat.0 as usize].members[seat.1 as usize].service {
+                continue;
+            }
+            match tags.get(&seat) {
+                None => all.push(Move::Ends(seat, End::Done(Vec::new()))),
+                Some(tags) => all.extend(tags.iter().map(|tag| {
+                    let value = Value::tagged(tag, &[]).expect("a short tag");
+                    Move::Ends(seat, End::Done(value.bytes().to_vec()))
+                })),
+            }
+        }
+        for (group, supervisor) in (0_u32..).zip(&self.supervisors) {
+            let mut timers = Vec::new();
+            supervisor.conf.iter().for_each(|conf| armed(conf, &mut timers));
+            all.extend(timers.into_iter().map(|timer| Move::Elapsed(group, timer)));
+        }
+        all.extend(self.orders.iter().map(|&group| Move::Reached(group)));
+        let full = self.queues.iter().filter(|(_, queue)| !queue.is_empty());
+        all.extend(full.map(|(&link, _)| Move::Arrives(link)));
+        all
+    }
+
+    fn happens(&mut self, what: Move) {
+        let work = match what {
+            Move::Start => Some(Work::Begin(0, Value::EMPTY)),
+            Move::Stop => {
+                self.is_stopping = true;
+                Some(Work::Halt(0))
+            }
+            Move::Elapsed(group, timer) => Some(Work::Happen(group, Event::Elapsed(timer))),
+            Move::Reached(group) => {
+                self.orders.remove(&group);
+                Some(Work::Halt(group))
+            }
+            Move::Ends(seat, end) => {
+                self.programs.remove(&seat);
+                self.ends(seat, end)
+            }
+            Move::Arrives(link) => self.arrives(link),
+        };
+        let mut open: VecDeque<Work> = work.into_iter().collect();
+        while let Some(work) = open.pop_front() {
+            self.react(work, &mut open);
+        }
+    }
+
+    fn arrives(&mut self, link: Way) -> Option<Work> {
+        match self.queues.get_mut(&link)?.pop_front()? {
+            Message::Start(seat, value) => self.begins(seat, value),
+            Message::Stop(seat) => match self.kind(seat) {
+                MemberKind::Group(inner) => Some(Work::Halt(inner)),
+                MemberKind::Leaf(_) => {
+                    // One that has ended has said so already.
+                    self.programs.entry(seat).and_modify(|is_told| *is_told = true);
+                    None
+                }
+            },
+            Message::Ended(seat, end) => match self.kind(seat) {
+                MemberKind::Leaf(_) => Some(self.is_heard(seat, end)),
+                MemberKind::Group(_) => Some(Work::Happen(seat.0, event(seat.1, end))),
+            },
+        }
+    }
+
+    fn begins(&mut self, seat: Seat, value: Value) -> Option<Work> {
+        self.happened.push((seat, Kind::Started));
+        match self.kind(seat) {
+            MemberKind::Group(inner) => Some(Work::Begin(inner, value)),
+            MemberKind::Leaf(_) => {
+                self.programs.insert(seat, false);
+                None
+            }
+        }
+    }
+
+    /// A member has ended where it runs.
+    fn ends(&mut self, seat: Seat, end: End) -> Option<Work> {
+        let Some((own, other)) = self.link(seat) else { return Some(self.is_heard(seat, end)) };
+        if matches!(self.kind(seat), MemberKind::Group(_)) {
+            self.happened.push((seat, kind(&end)));
+        }
+        self.send((other, own), seat, Message::Ended(seat, end));
+        None
+    }
+
+    /// A supervisor hears of an end: whom it has asked to stop has stopped.
+    fn is_heard(&mut self, seat: Seat, end: End) -> Work {
+        let is_asked = kind(&end) == Kind::Done && self.is_being_stopped(seat) == Some(true);
+        self.happened.push((seat, if is_asked { Kind::Stopped } else { kind(&end) }));
+        Work::Happen(seat.0, event(seat.1, end))
+    }
+
+    fn react(&mut self, work: Work, open: &mut VecDeque<Work>) {
+        let (group, ended) = match work {
+            Work::Begin(group, value) => (group, self.supervisors[group as usize].begin(value)),
+            Work::Halt(group) if self.supervisors[group as usize].conf.is_none() => return,
+            Work::Halt(group) => (group, self.supervisors[group as usize].halt()),
+            Work::Happen(group, event) => (group, self.supervisors[group as usize].happen(&event)),
+        };
+        for order in std::mem::take(&mut self.supervisors[group as usize].orders) {
+            match order {
+                Order::Activate(slot, value) => {
+                    let value = if let Left::Value(value) = value { value } else { Value::EMPTY };
+                    match self.link((group, slot)) {
+                        Some(link) => self.send(link, (group, slot), Message::Start((group, slot), value)),
+                        None => open.extend(self.begins((group, slot), value)),
+                    }
+                }
+                Order::Stop(slot) => match (self.link((group, slot)), self.kind((group, slot))) {
+                    (Some(link), _) => self.send(link, (group, slot), Message::Stop((group, slot))),
+                    (None, MemberKind::Group(inner)) => drop(self.orders.insert(inner)),
+                    (None, MemberKind::Leaf(_)) => drop(self.programs.insert((group, slot), true)),
+                },
+                Order::Connect(_) | Order::Disconnect(_) | Order::Arm(..) | Order::Cancel(_) => {}
+            }
+        }
+        let Some(outcome) = ended else { return };
+        self.orders.remove(&group);
+        let end = match outcome {
+            Outcome::Done(Left::Value(value)) => End::Done(value.bytes().to_vec()),
+            Outcome::Done(Left::ReasonText) => End::Done(Vec::new()),
+            Outcome::Aborted(_) => End::Failed,
+            Outcome::Killed => End::Stopped,
+        };
+        match self.seat_of(group) {
+            Some(seat) => open.extend(self.ends(seat, end)),
+            None => self.has_ended = true,
+        }
+    }
+
+    fn send(&mut self, (from, to): (u32, u32), seat: Seat, message: Message) {
+        let own = (self.links == Links::EachMember).then_some(seat);
+        self.queues.entry((from, to, own)).or_default().push_back(message);
+    }
+}
+
+fn kind(end: &End) -> Kind {
+    match end {
+        End::Done(_) => Kind::Done,
+        End::Failed => Kind::Failed,
+        End::Stopped => Kind::Stopped,
+    }
+}
+
+fn event(slot: u32, end: End) -> Event {
+    match end {
+        End::Done(bytes) => Event::Done(slot, bytes),
+        End::Failed => Event::Aborted(slot),
+        End::Stopped => Event::Stopped(slot),
+    }
+}
+
+impl Graph {
+    /// Whether a transition exists that a watcher objects to; it keeps a small number along each way.
+    pub(crate) fn objects(&self, watch: impl Fn(bool, &[(Seat, Kind)], &Seen) -> Result<bool, ()>) -> bool {
+        let mut known = BTreeSet::from([(0, false)]);
+        let mut open = vec![(0, false)];
+        while let Some((state, note)) = open.pop() {
+            for (happened, target) in &self.edges[state] {
+                let Ok(note) = watch(note, happened, &self.seen[*target]) else { return true };
+                if known.insert((*target, note)) {
+                    open.push((*target, note));
+                }
+            }
+        }
+        false
+    }
+}
