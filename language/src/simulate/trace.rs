@@ -20,6 +20,10 @@ pub enum TraceEvent {
     Elapsed(String, u32),
     /// An order to stop arrives at a group.
     Reached(String),
+    /// An order to start a process arrives at its host.
+    Arrived(String),
+    /// A supervisor hears that a group on another host has ended.
+    Heard(String),
     /// A fault strikes a program.
     Struck(ProgramFault, String),
     /// A program that is started again when it dies has died.
@@ -86,6 +90,8 @@ impl TraceEvent {
             | Self::Stopped(path)
             | Self::Elapsed(path, _)
             | Self::Reached(path)
+            | Self::Arrived(path)
+            | Self::Heard(path)
             | Self::Struck(_, path)
             | Self::Dies(path)
             | Self::Back(path)
@@ -106,6 +112,8 @@ impl fmt::Display for TraceEvent {
             Self::Stopped(path) => write!(f, "stopped {path}"),
             Self::Elapsed(path, number) => write!(f, "elapsed {path} {number}"),
             Self::Reached(path) => write!(f, "reached {path}"),
+            Self::Arrived(path) => write!(f, "arrived {path}"),
+            Self::Heard(path) => write!(f, "heard {path}"),
             Self::Struck(fault, path) => write!(f, "{} {path}", fault.word()),
             Self::Dies(path) => write!(f, "dies {path}"),
             Self::Back(path) => write!(f, "back {path}"),
@@ -144,6 +152,8 @@ fn of_one(word: &str, name: String) -> Option<TraceEvent> {
         "fails" => TraceEvent::Fails(name),
         "stopped" => TraceEvent::Stopped(name),
         "reached" => TraceEvent::Reached(name),
+        "arrived" => TraceEvent::Arrived(name),
+        "heard" => TraceEvent::Heard(name),
         "dies" => TraceEvent::Dies(name),
         "back" => TraceEvent::Back(name),
         "too-many" => TraceEvent::TooMany(name),
@@ -173,6 +183,8 @@ mod tests {
             TraceEvent::Stopped(path()),
             TraceEvent::Elapsed(path(), 2),
             TraceEvent::Reached(path()),
+            TraceEvent::Arrived(path()),
+            TraceEvent::Heard(path()),
             TraceEvent::Dies(path()),
             TraceEvent::Back(path()),
             TraceEvent::TooMany(path()),

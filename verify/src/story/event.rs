@@ -20,6 +20,8 @@ pub(super) fn event(system: &System<'_>, label: Label) -> Option<TraceEvent> {
         Label::Stopped(unit, slot) => TraceEvent::Stopped(member(unit, slot)?),
         Label::Elapsed(unit, timer) => TraceEvent::Elapsed(group(unit)?, u32::from(timer) + 1),
         Label::Reached(unit) => TraceEvent::Reached(group(unit)?),
+        Label::Arrived(unit, slot) => TraceEvent::Arrived(member(unit, slot)?),
+        Label::Heard(unit, slot) => TraceEvent::Heard(member(unit, slot)?),
         Label::Fault(unit, slot) => TraceEvent::Struck(fault(system, false)?, member(unit, slot)?),
         Label::Second(unit, slot) => TraceEvent::Struck(fault(system, true)?, member(unit, slot)?),
         Label::Lost => match system.mode.lost?.kind {
