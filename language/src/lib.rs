@@ -55,7 +55,8 @@ pub use graph::{Graph, graph};
 pub use message::{Layout, Message};
 pub use similar::nearest;
 pub use simulate::{
-    Ending, ProgramFault, RandomRun, Simulation, SimulationError, SimulationEvent, TraceError, TraceEvent, Transition,
+    Ending, ProgramFault, RandomRun, ReplayError, Simulation, SimulationError, SimulationEvent, TraceError, TraceEvent,
+    Transition,
 };
 pub use source::{Lines, Origin, Position, Role, SOURCE_MAX, Source, Span, Texts};
 

@@ -6,16 +6,19 @@
 mod chart;
 mod command;
 mod random;
+mod replay;
 mod trace;
 
 use crate::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, Value, step};
 use crate::plan::{DEADLINE, LEAVES_MAX, MemberKind, Plan};
 use chart::Timeline;
+use replay::Pending;
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
 pub use command::SimulationError;
 pub use random::RandomRun;
+pub use replay::ReplayError;
 pub use trace::{ProgramFault, TraceError, TraceEvent};
 
 /// The most events of one instant: more than the largest plan needs to start everything and to stop it. Beyond them, a
@@ -44,6 +47,8 @@ pub enum Transition {
     Aborted(String),
     /// The process was stopped.
     Stopped,
+    /// The process is asked to stop, while a story is played.
+    Stopping,
     /// A wait of this length begins.
     Waits(Duration),
 }
@@ -77,7 +82,7 @@ struct Timer {
 }
 
 /// A running plan.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Simulation<'a> {
     plan: &'a Plan,
     programs: Vec<Program>,
@@ -96,6 +101,10 @@ pub struct Simulation<'a> {
     log: Vec<SimulationEvent>,
     timeline: Timeline,
     outcome: Option<Transition>,
+    /// How each group has last ended, with its tag, while a story is played.
+    last_ends: BTreeMap<usize, (Transition, Option<String>)>,
+    /// What a story has still to say something of, while one is played.
+    pending: Option<Pending>,
 }
 
 impl<'a> Simulation<'a> {
@@ -115,9 +124,18 @@ impl<'a> Simulation<'a> {
     /// assert_eq!(simulation.outcome(), Some(&Transition::Done));
     /// ```
     pub fn start(plan: &'a Plan) -> Self {
+        let mut simulation = Self::idle(plan);
+        simulation.queue.push_back((0, Event::Start(Value::EMPTY)));
+        simulation.note(plan.groups[0].path.clone(), Transition::Started);
+        simulation.react();
+        simulation
+    }
+
+    /// A plan of which nothing has begun.
+    fn idle(plan: &'a Plan) -> Self {
         let programs: Vec<Program> = plan.groups.iter().map(Program::compile).collect();
         let states = programs.iter().map(State::new).collect();
-        let mut simulation = Self {
+        Self {
             plan,
             programs,
             states,
@@ -126,15 +144,14 @@ impl<'a> Simulation<'a> {
             seats: BTreeMap::new(),
             timers: BTreeMap::new(),
             counter: 0,
-            queue: VecDeque::from([(0, Event::Start(Value::EMPTY))]),
+            queue: VecDeque::new(),
             events: 0,
             log: Vec::new(),
             timeline: Timeline::default(),
             outcome: None,
-        };
-        simulation.note(plan.groups[0].path.clone(), Transition::Started);
-        simulation.react();
-        simulation
+            last_ends: BTreeMap::new(),
+            pending: None,
+        }
     }
 
     /// Returns how much time has passed.
@@ -276,10 +293,13 @@ impl<'a> Simulation<'a> {
                 let seat = ActivationRef { group, member, activation };
                 match self.plan.groups[group].members[member as usize].kind {
                     MemberKind::Leaf(leaf) => {
-                        self.note(self.plan.leaves[leaf as usize].path.clone(), Transition::Started);
+                        if !self.pending.as_ref().is_some_and(|pending| pending.given_up.contains(&leaf)) {
+                            self.note(self.plan.leaves[leaf as usize].path.clone(), Transition::Started);
+                        }
                         self.leaves.insert(leaf, seat);
                     }
                     MemberKind::Group(inner) => {
+                        self.last_ends.remove(&(inner as usize));
                         self.note(self.plan.groups[inner as usize].path.clone(), Transition::Started);
                         self.seats.insert(inner as usize, seat);
                         self.queue.push_back((inner as usize, Event::Start(value)));
@@ -287,6 +307,8 @@ impl<'a> Simulation<'a> {
                 }
             }
             Command::Stop { member, activation } => match self.plan.groups[group].members[member as usize].kind {
+                MemberKind::Leaf(leaf) if self.pending.is_some() => self.is_asked(leaf),
+                MemberKind::Group(inner) if self.pending.is_some() => self.is_ordered(inner as usize),
                 MemberKind::Leaf(leaf) => {
                     if self.leaves.remove(&leaf).is_some() {
                         self.note(self.plan.leaves[leaf as usize].path.clone(), Transition::Stopped);
@@ -316,6 +338,7 @@ impl<'a> Simulation<'a> {
 
     /// The end of a group: an event for the group around it.
     fn ended(&mut self, group: usize, outcome: Outcome) {
+        let outcome = self.escalated(group, outcome);
         let path = &self.plan.groups[group].path;
         let transition = match &outcome {
             Outcome::Done(_) => Transition::Done,
@@ -323,13 +346,17 @@ impl<'a> Simulation<'a> {
             Outcome::Stopped => Transition::Stopped,
         };
         self.note(path.clone(), transition.clone());
-        if group == 0 {
+        self.note_end(group, &transition, &outcome);
+        if group == self.pending.as_ref().map_or(0, |pending| pending.root) {
             self.outcome = Some(transition);
             return;
         }
         let Some(ActivationRef { group, member, activation }) = self.seats.remove(&group) else { return };
         let event = match outcome {
             Outcome::Done(value) => Event::Done { member, activation, value },
+            Outcome::Aborted(reason) if reason.cause == Cause::StopUnconfirmed && self.pending.is_some() => {
+                Event::StopUnconfirmed { member, activation }
+            }
             Outcome::Aborted(_) => {
                 let text = if let Transition::Aborted(text) = &transition { text.as_str() } else { "" };
                 Event::Aborted { member, activation, report: Value::new(text.as_bytes()) }

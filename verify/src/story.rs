@@ -61,6 +61,8 @@ pub struct Story {
     pub running: Vec<String>,
     /// What is being stopped at the end.
     pub stopping: Vec<String>,
+    /// How the whole has ended; none if it has not.
+    pub ended: Option<Became>,
 }
 
 /// Tells the shortest way to a state of a graph.
@@ -118,6 +120,12 @@ pub(crate) fn tell_run(system: &System<'_>, way: &[Label], again: Option<&[Label
         story.again = Some(story.steps.len());
     }
     (story.running, story.stopping) = running(system, &frame);
+    story.ended = match frame.phase {
+        Phase::Done => Some(Became::Done),
+        Phase::Aborted => Some(Became::Failed),
+        Phase::Stopped => Some(Became::Stopped),
+        Phase::Idle | Phase::Running | Phase::Stopping => None,
+    };
     story
 }
 

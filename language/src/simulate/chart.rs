@@ -55,7 +55,7 @@ impl Timeline {
                     self.bars[bar].end = Some((at, transition.clone()));
                 }
             }
-            Transition::Started | Transition::Waits(_) => {}
+            Transition::Started | Transition::Stopping | Transition::Waits(_) => {}
         }
     }
 
@@ -213,7 +213,7 @@ fn mark(out: &mut String, transition: &Transition, (x, y): (f64, f64)) {
                 y - 4.5
             ),
         ),
-        Transition::Started | Transition::Waits(_) => {}
+        Transition::Started | Transition::Stopping | Transition::Waits(_) => {}
     }
 }
 
@@ -238,7 +238,11 @@ fn legend(out: &mut String, bars: &[Bar], (mut x, y): (f64, f64)) {
 fn reason(bar: &Bar) -> Option<&str> {
     match &bar.end {
         Some((_, Transition::Aborted(why))) => Some(why),
-        Some((_, Transition::Done | Transition::Stopped | Transition::Started | Transition::Waits(_))) | None => None,
+        Some((
+            _,
+            Transition::Done | Transition::Stopped | Transition::Started | Transition::Stopping | Transition::Waits(_),
+        ))
+        | None => None,
     }
 }
 

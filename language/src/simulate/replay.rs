@@ -1,0 +1,427 @@
+//! Plays a story of a verifier: everything happens when the story says so, also what takes no time in a simulation otherwise.
+//!
+//! A program that is asked to stop goes on until the story says that it has stopped; an order to stop reaches a group when the story
+//! says so; a timer runs out when the story says so, whatever the clock would say.
+
+use super::{ActivationRef, Ending, ProgramFault, Simulation, TraceEvent, Transition};
+use crate::algebra::{Cause, Event, Outcome, Reason, Value};
+use crate::plan::{MemberKind, Plan, Restart, Strategy};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+
+/// So many ways are tried to bring a group to an end that a story tells of, without saying what happens inside.
+const WAYS_MAX: usize = 2000;
+
+/// Why an event of a story could not happen.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ReplayError {
+    /// The plan has no such process.
+    #[error("there is no process `{path}` any more")]
+    Unknown {
+        /// The path.
+        path: String,
+    },
+    /// The process is not in a state in which this could happen.
+    #[error("`{event}` cannot happen here: {why}")]
+    Impossible {
+        /// The event.
+        event: TraceEvent,
+        /// What is in its way.
+        why: &'static str,
+    },
+    /// A simulation has no hosts that are lost.
+    #[error("`{event}` is about hosts, which a simulation does not have")]
+    Unsupported {
+        /// The event.
+        event: TraceEvent,
+    },
+}
+
+/// What a story has still to say something of.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Pending {
+    /// The group that the story is about.
+    pub(super) root: usize,
+    /// The leaves that were asked to stop.
+    pub(super) stopping: BTreeMap<u32, ActivationRef>,
+    /// The groups to which an order to stop is on its way.
+    pub(super) ordered: BTreeSet<usize>,
+    /// The groups that stop because their programs have died too often: they will have failed.
+    pub(super) escalating: BTreeSet<usize>,
+    hung: BTreeSet<u32>,
+    /// The leaves that have died and are started again.
+    away: BTreeSet<u32>,
+    /// The leaves that cannot be started any more.
+    pub(super) given_up: BTreeSet<u32>,
+}
+
+impl<'a> Simulation<'a> {
+    /// Prepares to play a story about a group; nothing has happened yet. [`Simulation::occur`] lets it happen.
+    ///
+    /// # Errors
+    /// The plan has no such group.
+    pub fn replay(plan: &'a Plan, group: &str) -> Result<Self, ReplayError> {
+        let root = plan.groups.iter().position(|candidate| candidate.path == group);
+        let root = root.ok_or_else(|| ReplayError::Unknown { path: group.to_owned() })?;
+        let mut simulation = Self::idle(plan);
+        simulation.pending = Some(Pending { root, ..Pending::default() });
+        Ok(simulation)
+    }
+
+    /// Returns the paths of the leaves that were asked to stop and have not answered.
+    pub fn stopping(&self) -> Vec<&'a str> {
+        let leaves = self.pending.iter().flat_map(|pending| pending.stopping.keys());
+        leaves.map(|&leaf| self.plan.leaves[leaf as usize].path.as_str()).collect()
+    }
+
+    /// Lets an event of the story happen.
+    ///
+    /// # Errors
+    /// It cannot happen here; nothing has changed then.
+    pub fn occur(&mut self, event: &TraceEvent) -> Result<(), ReplayError> {
+        self.known(event)?;
+        self.happens(event).map_err(|why| match event {
+            TraceEvent::Lost(_) | TraceEvent::Cut(_) | TraceEvent::Noted(_) => {
+                ReplayError::Unsupported { event: event.clone() }
+            }
+            _ => ReplayError::Impossible { event: event.clone(), why },
+        })
+    }
+
+    /// Whether the plan has what the event is about.
+    fn known(&self, event: &TraceEvent) -> Result<(), ReplayError> {
+        let Some(path) = event.path() else { return Ok(()) };
+        let is_known = self.leaf(path).is_some() || self.group(path).is_some();
+        is_known.then_some(()).ok_or_else(|| ReplayError::Unknown { path: path.to_owned() })
+    }
+
+    fn leaf(&self, path: &str) -> Option<u32> {
+        (0..).zip(&self.plan.leaves).find(|(_, leaf)| leaf.path == path).map(|(number, _)| number)
+    }
+
+    fn group(&self, path: &str) -> Option<usize> {
+        self.plan.groups.iter().position(|group| group.path == path)
+    }
+
+    fn pending(&mut self) -> &mut Pending {
+        self.pending.get_or_insert_default()
+    }
+
+    fn happens(&mut self, event: &TraceEvent) -> Result<(), &'static str> {
+        match event {
+            TraceEvent::Start(_) => self.begin(),
+            TraceEvent::Stop => {
+                let root = self.pending().root;
+                self.queue.push_back((root, Event::Stop));
+                self.react();
+                Ok(())
+            }
+            TraceEvent::Done(path, tag) => match self.leaf(path) {
+                Some(leaf) => {
+                    let ending = tag.as_ref().map_or(Ending::Done, |tag| Ending::Outcome(tag.clone()));
+                    self.ends_by_itself(leaf, ending)
+                }
+                None => self.bring(path, &Goal::Done(tag.clone())),
+            },
+            TraceEvent::Fails(path) => match self.leaf(path) {
+                Some(leaf) => self.fails(leaf),
+                None => self.bring(path, &Goal::Failed),
+            },
+            TraceEvent::Stopped(path) => match self.leaf(path) {
+                Some(leaf) => self.answers(leaf, false),
+                None => self.bring(path, &Goal::Stopped),
+            },
+            TraceEvent::Elapsed(path, number) => self.runs_out(path, *number),
+            TraceEvent::Reached(path) => self.reached(path),
+            TraceEvent::Struck(fault, path) => self.struck(*fault, path),
+            TraceEvent::Dies(path) => self.dies(self.leaf(path).ok_or("it is a group")?),
+            TraceEvent::Back(path) => {
+                let leaf = self.leaf(path).ok_or("it is a group")?;
+                self.pending().away.remove(&leaf).then_some(()).ok_or("it is not away")
+            }
+            TraceEvent::TooMany(path) => {
+                let group = self.group(path).ok_or("it is no group")?;
+                self.escalates(group)
+            }
+            TraceEvent::Lost(_) | TraceEvent::Cut(_) | TraceEvent::Noted(_) => Err("a simulation has no hosts"),
+        }
+    }
+
+    fn begin(&mut self) -> Result<(), &'static str> {
+        let root = self.pending().root;
+        self.note(self.plan.groups[root].path.clone(), Transition::Started);
+        self.queue.push_back((root, Event::Start(Value::EMPTY)));
+        self.react();
+        Ok(())
+    }
+
+    fn ends_by_itself(&mut self, leaf: u32, ending: Ending) -> Result<(), &'static str> {
+        let pending = self.pending();
+        if pending.hung.contains(&leaf) {
+            return Err("it hangs");
+        }
+        if pending.away.contains(&leaf) {
+            return Err("it is away until it is started again");
+        }
+        if pending.given_up.contains(&leaf) {
+            return Err("it cannot be started any more");
+        }
+        self.leaves.contains_key(&leaf).then_some(()).ok_or("it does not run")?;
+        self.end_leaf(leaf, ending);
+        Ok(())
+    }
+
+    fn fails(&mut self, leaf: u32) -> Result<(), &'static str> {
+        if self.pending().stopping.contains_key(&leaf) {
+            return self.answers(leaf, self.pending.as_ref().is_some_and(|pending| pending.given_up.contains(&leaf)));
+        }
+        self.leaves.contains_key(&leaf).then_some(()).ok_or("it does not run")?;
+        self.pending().away.remove(&leaf);
+        self.end_leaf(leaf, Ending::Aborted("it failed".to_owned()));
+        Ok(())
+    }
+
+    /// A leaf that was asked to stop has stopped, or nobody can say whether it has.
+    fn answers(&mut self, leaf: u32, is_unconfirmed: bool) -> Result<(), &'static str> {
+        let seat = self.pending().stopping.remove(&leaf).ok_or("it was not asked to stop")?;
+        let ActivationRef { group, member, activation } = seat;
+        let path = self.plan.leaves[leaf as usize].path.clone();
+        if is_unconfirmed {
+            self.note(path, Transition::Aborted("nobody could confirm that it stopped".to_owned()));
+            self.queue.push_back((group, Event::StopUnconfirmed { member, activation }));
+        } else {
+            self.pending().away.remove(&leaf);
+            self.note(path, Transition::Stopped);
+            self.queue.push_back((group, Event::Stopped { member, activation }));
+        }
+        self.react();
+        Ok(())
+    }
+
+    fn runs_out(&mut self, path: &str, number: u32) -> Result<(), &'static str> {
+        let group = self.group(path).ok_or("it is no group")?;
+        let is_it = |timer: &super::Timer| timer.group == group && timer.timer + 1 == number;
+        let found = self.timers.iter().find(|(_, timer)| is_it(timer)).map(|(due, timer)| (*due, *timer));
+        let (due, timer) = found.ok_or("no such time runs")?;
+        self.timers.remove(&due);
+        self.set_now(due.0.max(self.now));
+        self.note_wait(timer, &Transition::Done);
+        self.queue.push_back((group, Event::Elapsed { timer: timer.timer, activation: timer.activation }));
+        self.react();
+        Ok(())
+    }
+
+    fn reached(&mut self, path: &str) -> Result<(), &'static str> {
+        let group = self.group(path).ok_or("it is no group")?;
+        self.pending().ordered.remove(&group).then_some(()).ok_or("no order to stop is on its way")?;
+        self.queue.push_back((group, Event::Stop));
+        self.react();
+        Ok(())
+    }
+
+    fn struck(&mut self, fault: ProgramFault, path: &str) -> Result<(), &'static str> {
+        let leaf = self.leaf(path).ok_or("it is a group")?;
+        let is_running = self.leaves.contains_key(&leaf);
+        let is_restarted = self.plan.leaves[leaf as usize].policy.restart != Restart::Temporary;
+        match fault {
+            ProgramFault::Unanswered => {
+                self.pending().stopping.contains_key(&leaf).then_some(()).ok_or("it was not asked to stop")?;
+                self.pending().given_up.insert(leaf);
+                self.answers(leaf, true)
+            }
+            _ if !is_running => Err("it does not run"),
+            ProgramFault::Hang => {
+                self.pending().hung.insert(leaf);
+                Ok(())
+            }
+            ProgramFault::Crash if is_restarted => self.dies(leaf),
+            ProgramFault::Crash => self.fails(leaf),
+            ProgramFault::CrashTooOften => {
+                self.pending().given_up.insert(leaf);
+                self.fails(leaf)
+            }
+            ProgramFault::CrashTooMany => {
+                let group = self.leaves.get(&leaf).map(|seat| seat.group).ok_or("it does not run")?;
+                self.escalates(group)
+            }
+        }
+    }
+
+    /// A program that is started again has died, and takes others of its group with it.
+    fn dies(&mut self, leaf: u32) -> Result<(), &'static str> {
+        let seat = *self.leaves.get(&leaf).ok_or("it does not run")?;
+        let group = &self.plan.groups[seat.group];
+        let mut with = vec![leaf];
+        for (slot, _) in (0_u32..).zip(&group.members) {
+            let is_with = match group.supervision.strategy {
+                Strategy::OneForOne => false,
+                Strategy::OneForAll => slot != seat.member,
+                Strategy::RestForOne => slot > seat.member,
+            };
+            if is_with {
+                self.below(seat.group, slot, &mut with);
+            }
+        }
+        let plan = self.plan;
+        with.retain(|leaf| plan.leaves[*leaf as usize].policy.restart != Restart::Temporary);
+        with.retain(|leaf| self.leaves.contains_key(leaf));
+        self.pending().away.extend(with);
+        Ok(())
+    }
+
+    fn below(&self, group: usize, slot: u32, leaves: &mut Vec<u32>) {
+        match self.plan.groups[group].members[slot as usize].kind {
+            MemberKind::Leaf(leaf) => leaves.push(leaf),
+            MemberKind::Group(inner) => {
+                let slots = (0_u32..).zip(&self.plan.groups[inner as usize].members);
+                slots.for_each(|(slot, _)| self.below(inner as usize, slot, leaves));
+            }
+        }
+    }
+
+    fn escalates(&mut self, group: usize) -> Result<(), &'static str> {
+        let is_running = self.seats.contains_key(&group) || self.pending().root == group;
+        is_running.then_some(()).ok_or("it does not run")?;
+        self.pending().escalating.insert(group);
+        self.queue.push_back((group, Event::Stop));
+        self.react();
+        Ok(())
+    }
+
+    // ---- what supervisors do ----
+
+    pub(super) fn is_asked(&mut self, leaf: u32) {
+        if let Some(seat) = self.leaves.remove(&leaf) {
+            self.note(self.plan.leaves[leaf as usize].path.clone(), Transition::Stopping);
+            self.pending().stopping.insert(leaf, seat);
+        }
+    }
+
+    pub(super) fn is_ordered(&mut self, group: usize) {
+        self.note(self.plan.groups[group].path.clone(), Transition::Stopping);
+        if self.seats.contains_key(&group) {
+            self.pending().ordered.insert(group);
+        }
+    }
+
+    /// The outcome of a group whose programs have died too often is a failure.
+    pub(super) fn escalated(&mut self, group: usize, outcome: Outcome) -> Outcome {
+        let is_escalated = self.pending.as_mut().is_some_and(|pending| pending.escalating.remove(&group));
+        let is_unconfirmed = matches!(&outcome, Outcome::Aborted(reason) if reason.cause == Cause::StopUnconfirmed);
+        if !is_escalated || is_unconfirmed {
+            return outcome;
+        }
+        let why = Value::new(b"its programs have died too often");
+        Outcome::Aborted(Reason { member: None, cause: Cause::Reported(why) })
+    }
+
+    pub(super) fn note_end(&mut self, group: usize, transition: &Transition, outcome: &Outcome) {
+        let Some(pending) = &mut self.pending else { return };
+        pending.ordered.remove(&group);
+        let tag = if let Outcome::Done(value) = outcome { value.tag().map(str::to_owned) } else { None };
+        self.last_ends.insert(group, (transition.clone(), tag));
+    }
+
+    // ---- a group of which the story tells the end alone ----
+
+    /// Brings a group to an end by what its programs and timers may do: straight on, by what leads there, else the shortest way.
+    fn bring(&mut self, path: &str, goal: &Goal) -> Result<(), &'static str> {
+        let group = self.group(path).ok_or("it is no group")?;
+        self.seats.contains_key(&group).then_some(()).ok_or("it does not run")?;
+        let is_stopped = self.pending().ordered.contains(&group);
+        if matches!(goal, Goal::Stopped) && is_stopped {
+            self.reached(path)?;
+        }
+        let found = [true, false].into_iter().find_map(|is_straight| self.way((path, group), goal, is_straight));
+        *self = found.ok_or("it does not come to that")?;
+        Ok(())
+    }
+
+    /// A way to the end of a group.
+    fn way(&self, (path, group): (&str, usize), goal: &Goal, is_straight: bool) -> Option<Self> {
+        let mut ways = VecDeque::from([self.clone()]);
+        for _ in 0..WAYS_MAX {
+            let way = ways.pop_front()?;
+            if way.has_come(group, goal) {
+                return Some(way);
+            }
+            if !way.seats.contains_key(&group) {
+                continue;
+            }
+            let mut events = way.possible(path);
+            if is_straight {
+                events.retain(|event| goal.is_led_to_by(event));
+                // The first of them is tried first.
+                events.reverse();
+            }
+            for event in events {
+                let mut next = way.clone();
+                if next.happens(&event).is_err() || ways.len() >= WAYS_MAX {
+                    continue;
+                }
+                if is_straight { ways.push_front(next) } else { ways.push_back(next) }
+            }
+        }
+        None
+    }
+
+    fn has_come(&self, group: usize, goal: &Goal) -> bool {
+        match (self.last_ends.get(&group), goal) {
+            (Some((Transition::Done, tag)), Goal::Done(wanted)) => wanted.is_none() || tag == wanted,
+            (Some((Transition::Aborted(_), _)), Goal::Failed) => true,
+            (Some((Transition::Stopped, _)), Goal::Stopped) => true,
+            // Its stop came too late: it had ended.
+            (Some((Transition::Done, _)), Goal::Stopped) => self.pending.is_some(),
+            (_, _) => false,
+        }
+    }
+
+    /// What may happen below a group: answers first, then ends, then failures, then timers.
+    fn possible(&self, path: &str) -> Vec<TraceEvent> {
+        let prefix = format!("{path}/");
+        let is_below = |other: &&str| other.starts_with(&prefix);
+        let own = |group: usize| self.plan.groups[group].path.as_str();
+        let mut events = Vec::new();
+        let ordered = self.pending.iter().flat_map(|pending| &pending.ordered).map(|group| own(*group));
+        events.extend(ordered.filter(is_below).map(|path| TraceEvent::Reached(path.to_owned())));
+        events.extend(self.stopping().into_iter().filter(is_below).map(|path| TraceEvent::Stopped(path.to_owned())));
+        let running: Vec<&str> = self.running().into_iter().filter(is_below).collect();
+        for path in &running {
+            let Some(leaf) = self.leaf(path).filter(|leaf| !self.is_service(*leaf)) else { continue };
+            let tags = &self.plan.leaves[leaf as usize].outcomes;
+            events.extend(tags.iter().map(|tag| TraceEvent::Done((*path).to_owned(), Some(tag.clone()))));
+            if tags.is_empty() {
+                events.push(TraceEvent::Done((*path).to_owned(), None));
+            }
+        }
+        events.extend(running.iter().map(|path| TraceEvent::Fails((*path).to_owned())));
+        let is_own = |group: usize| own(group) == path || own(group).starts_with(&prefix);
+        let timers = self.timers.values().filter(|timer| is_own(timer.group));
+        events.extend(timers.map(|timer| TraceEvent::Elapsed(own(timer.group).to_owned(), timer.timer + 1)));
+        events
+    }
+
+    fn is_service(&self, leaf: u32) -> bool {
+        let seat = self.leaves.get(&leaf);
+        seat.is_some_and(|seat| self.plan.groups[seat.group].members[seat.member as usize].service)
+    }
+}
+
+/// How a group ends.
+#[derive(Clone, Debug)]
+enum Goal {
+    Done(Option<String>),
+    Failed,
+    Stopped,
+}
+
+impl Goal {
+    /// Whether an event inside a group leads to its end in this way, most often.
+    fn is_led_to_by(&self, event: &TraceEvent) -> bool {
+        match event {
+            TraceEvent::Stopped(_) | TraceEvent::Reached(_) => true,
+            TraceEvent::Done(..) => matches!(self, Self::Done(_)),
+            TraceEvent::Fails(_) => matches!(self, Self::Failed),
+            _ => false,
+        }
+    }
+}

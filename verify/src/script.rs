@@ -1,0 +1,188 @@
+//! A story as a script: what happens, an event a line, and what it comes to; played by the simulator of `language`.
+
+use crate::story::{Became, Story};
+use language::plan::Plan;
+use language::{ReplayError, Simulation, TraceEvent, Transition};
+use std::fmt;
+use std::str::FromStr;
+
+/// What happens in a story, and what it comes to.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Script {
+    /// What happens, in order; the first starts the whole.
+    pub events: Vec<TraceEvent>,
+    /// What runs at the end: paths below `main`, of programs, and of groups of which the story tells no more.
+    pub running: Vec<String>,
+    /// What is being stopped at the end.
+    pub stopping: Vec<String>,
+    /// How the whole has ended; none if it has not.
+    pub ended: Option<Became>,
+}
+
+/// What a played script has come to.
+#[derive(Clone, Debug)]
+pub struct Played {
+    /// What has happened, a line for each event.
+    pub lines: Vec<String>,
+    /// How it went.
+    pub result: PlayResult,
+}
+
+/// How a script was played.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum PlayResult {
+    /// It has come to the same.
+    Same,
+    /// All of it has happened, and it has come to something else.
+    Other(String),
+    /// Something could not happen.
+    Ends(ReplayError),
+}
+
+/// A line of a script that is not understood.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("line {number} is no line of a script: {why}")]
+pub struct ScriptError {
+    /// Its number, from 1.
+    pub number: usize,
+    /// What was expected.
+    pub why: String,
+}
+
+const ENDS: [(&str, Became); 3] = [("done", Became::Done), ("failed", Became::Failed), ("stopped", Became::Stopped)];
+
+impl Script {
+    /// Returns the script of a story; none if something in it has no name, or if it goes on for ever.
+    pub fn of(story: &Story) -> Option<Self> {
+        let is_named = story.steps.iter().all(|step| !step.events.is_empty());
+        (is_named && story.again.is_none_or(|again| again == story.steps.len())).then(|| Self {
+            events: story.steps.iter().flat_map(|step| step.events.clone()).collect(),
+            running: story.running.clone(),
+            stopping: story.stopping.clone(),
+            ended: story.ended,
+        })
+    }
+
+    /// Plays it, with fake programs.
+    pub fn play(&self, plan: &Plan) -> Played {
+        let mut lines = Vec::new();
+        let root = match self.events.first() {
+            Some(TraceEvent::Start(root)) => root.as_str(),
+            _ => "main",
+        };
+        let mut simulation = match Simulation::replay(plan, root) {
+            Ok(simulation) => simulation,
+            Err(error) => return Played { lines, result: PlayResult::Ends(error) },
+        };
+        for event in &self.events {
+            if let Err(error) = simulation.occur(event) {
+                return Played { lines, result: PlayResult::Ends(error) };
+            }
+            lines.push(line(lines.len() + 1, event, &mut simulation));
+        }
+        let result = self.difference(plan, &simulation).map_or(PlayResult::Same, PlayResult::Other);
+        Played { lines, result }
+    }
+
+    /// In what the end of a simulation differs from that of the story.
+    fn difference(&self, plan: &Plan, simulation: &Simulation<'_>) -> Option<String> {
+        let ended = match simulation.outcome() {
+            Some(Transition::Done) => Some(Became::Done),
+            Some(Transition::Aborted(_)) => Some(Became::Failed),
+            Some(Transition::Stopped) => Some(Became::Stopped),
+            Some(Transition::Started | Transition::Stopping | Transition::Waits(_)) | None => None,
+        };
+        if ended != self.ended {
+            let word = |ended: Option<Became>| {
+                let end = ENDS.iter().find(|(_, became)| Some(*became) == ended);
+                end.map_or_else(|| "has not ended".to_owned(), |(word, _)| format!("is {word}"))
+            };
+            return Some(format!("the whole {}, in the story it {}", word(ended), word(self.ended)));
+        }
+        let path = |name: &String| if name == "main" { name.clone() } else { format!("main/{name}") };
+        let (runs, stops) = (simulation.running(), simulation.stopping());
+        let is_leaf = |path: &String| plan.leaves.iter().any(|leaf| leaf.path == *path);
+        let named: Vec<String> = self.running.iter().chain(&self.stopping).map(path).collect();
+        let is_named = |leaf: &&&str| {
+            named.iter().any(|name| {
+                leaf.strip_prefix(name.as_str()).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+            })
+        };
+        if let Some(leaf) = runs.iter().chain(&stops).find(|leaf| !is_named(leaf)) {
+            return Some(format!("`{leaf}` runs, and not in the story"));
+        }
+        let mut awaited = self.running.iter().map(|name| (path(name), &runs, "runs"));
+        let mut asked = self.stopping.iter().map(|name| (path(name), &stops, "is being stopped"));
+        let is_missing =
+            |(path, leaves, _): &(String, &Vec<&str>, &str)| is_leaf(path) && !leaves.contains(&path.as_str());
+        let missing = awaited.find(is_missing).or_else(|| asked.find(is_missing));
+        missing.map(|(path, _, word)| format!("`{path}` {word} in the story, and not here"))
+    }
+}
+
+/// What an event has made happen.
+fn line(number: usize, event: &TraceEvent, simulation: &mut Simulation<'_>) -> String {
+    let (mut starts, mut stops, mut ends) = (Vec::new(), Vec::new(), Vec::new());
+    for found in simulation.take_happenings() {
+        if Some(found.path.as_str()) == event.path() {
+            continue;
+        }
+        let name = format!("`{}`", found.path.strip_prefix("main/").unwrap_or(&found.path));
+        match found.transition {
+            Transition::Started => starts.push(name),
+            Transition::Stopping => stops.push(name),
+            Transition::Done => ends.push(format!("{name} is done")),
+            Transition::Aborted(_) => ends.push(format!("{name} fails")),
+            Transition::Stopped => ends.push(format!("{name} has stopped")),
+            Transition::Waits(_) => {}
+        }
+    }
+    if !stops.is_empty() {
+        ends.push(format!("stops {}", stops.join(", ")));
+    }
+    if !starts.is_empty() {
+        ends.push(format!("starts {}", starts.join(", ")));
+    }
+    let follows = if ends.is_empty() { String::new() } else { format!(": {}", ends.join("; ")) };
+    format!("{number:>3}  {event}{follows}")
+}
+
+impl fmt::Display for Script {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.events.iter().try_for_each(|event| writeln!(f, "{event}"))?;
+        for (word, names) in [("runs", &self.running), ("stops", &self.stopping)] {
+            if !names.is_empty() {
+                writeln!(f, "{word} {}", names.join(", "))?;
+            }
+        }
+        let end = ENDS.iter().find(|(_, became)| Some(*became) == self.ended);
+        end.map_or(Ok(()), |(word, _)| writeln!(f, "ends {word}"))
+    }
+}
+
+impl FromStr for Script {
+    type Err = ScriptError;
+
+    /// Reads a script; `#` and what follows it, and empty lines, are left out.
+    fn from_str(text: &str) -> Result<Self, ScriptError> {
+        let mut script = Self::default();
+        for (number, line) in (1..).zip(text.lines()) {
+            let line = line.split('#').next().unwrap_or_default().trim();
+            let names = |rest: &str| rest.split(", ").map(|name| name.trim().to_owned()).collect();
+            match line.split_once(' ').unwrap_or((line, "")) {
+                ("", _) => {}
+                ("runs", rest) => script.running = names(rest),
+                ("stops", rest) => script.stopping = names(rest),
+                ("ends", word) => {
+                    let end = ENDS.iter().find(|(end, _)| *end == word.trim()).map(|(_, became)| *became);
+                    let why = || "`ends done`, `ends failed` or `ends stopped`".to_owned();
+                    script.ended = Some(end.ok_or_else(|| ScriptError { number, why: why() })?);
+                }
+                _ => script.events.push(
+                    line.parse().map_err(|why: language::TraceError| ScriptError { number, why: why.to_string() })?,
+                ),
+            }
+        }
+        Ok(script)
+    }
+}
