@@ -46,6 +46,7 @@ pub mod stop;
 pub(crate) mod stored;
 pub(crate) mod tapped;
 pub mod team;
+pub mod test;
 pub mod verify;
 
 use clap::{Args, Parser, Subcommand};
@@ -86,6 +87,8 @@ enum Verb {
     Check(check::Arguments),
     /// Prove what holds of a spec in every order of events, and show how what does not hold fails
     Verify(verify::Arguments),
+    /// Say whether mistakes that `dca verify --test` has kept are in their specs again
+    Test(test::Arguments),
     /// Say what each single fault of each program of a spec does
     Fmea(fmea::Arguments),
     /// Compare what supervisors did in a recorded run with a spec
@@ -210,6 +213,7 @@ pub fn main() -> ExitCode {
         Verb::Remove(arguments) => component::remove(&arguments),
         Verb::Check(arguments) => check::run(&arguments),
         Verb::Verify(arguments) => verify::run(&arguments),
+        Verb::Test(arguments) => test::run(&arguments),
         Verb::Fmea(arguments) => fmea::run(&arguments),
         Verb::Conform(arguments) => conform::run(&arguments),
         Verb::New(arguments) => new::run(&arguments),

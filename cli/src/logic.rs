@@ -8,5 +8,6 @@ pub(crate) mod object;
 pub mod page;
 pub mod record;
 pub(crate) mod sentence;
+pub(crate) mod story_test;
 pub(crate) mod tap;
 pub mod tree;

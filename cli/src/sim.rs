@@ -1,14 +1,17 @@
 //! `dca sim`: runs the event actions of a spec with fake leaves, from the keyboard, from a script, or at random.
 
 use crate::io::{named_file, whole_file};
+use crate::logic::story_test::StoryTest;
 use crate::{Controllers, check};
 use anyhow::{Context as _, anyhow};
 use language::plan::Plan;
 use language::{RandomRun, Simulation, SimulationEvent, Transition};
 use node::console::{self, Failure};
+use serde_json::Value;
 use std::io::{BufRead as _, IsTerminal as _};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use verify::{PlayResult, Script};
 
 /// As many things may happen by chance, unless the command line says otherwise.
 const STEPS: u64 = 1000;
@@ -21,6 +24,9 @@ pub struct Arguments {
     /// A file with one line for each thing that happens: `arm`, `arm abort why`, `5 s`, `stop` [default: standard input]
     #[arg(long, value_name = "FILE", conflicts_with = "seed")]
     script: Option<PathBuf>,
+    /// Play the story of a mistake: a file of `dca verify --test`, or the output of `dca verify --json`
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["script", "seed", "chart"])]
+    replay: Option<PathBuf>,
     /// Let processes end by chance; the same number gives the same run
     #[arg(long, value_name = "NUMBER")]
     seed: Option<u64>,
@@ -40,6 +46,9 @@ pub struct Arguments {
 /// Runs the verb; fails unless `main` ended normally.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let plan = check::load(&arguments.file, &arguments.controllers, false)?.plan;
+    if let Some(file) = &arguments.replay {
+        return replay(&plan, file);
+    }
     let mut simulation = Simulation::start(&plan);
     match (arguments.seed, &arguments.script) {
         (Some(seed), _) => by_chance(&plan, &mut simulation, seed, arguments),
@@ -52,9 +61,59 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     match simulation.outcome() {
         Some(Transition::Done) => Ok(()),
         Some(Transition::Aborted(_)) => Err(Failure::Reported),
-        Some(Transition::Stopped | Transition::Started | Transition::Waits(_)) => Ok(()),
+        Some(Transition::Stopped | Transition::Started | Transition::Stopping | Transition::Waits(_)) => Ok(()),
         None => Err(anyhow!("`main` has not ended; {}", running(&simulation)).into()),
     }
+}
+
+/// Plays a story; fails unless it comes to the same.
+fn replay(plan: &Plan, file: &Path) -> Result<(), Failure> {
+    let text = named_file::text(file, named_file::TEXT_MAX);
+    let text = text.with_context(|| format!("reading the story `{}`", file.display()))?;
+    let script = if text.trim_start().starts_with('{') {
+        first_of(&text)
+    } else {
+        StoryTest::read(&text).map(|test| test.script)
+    };
+    let script = script.map_err(|why| anyhow!("`{}` is no story: {why}", file.display()))?;
+    let script = script.ok_or_else(|| anyhow!("`{}` tells no story that could be played", file.display()))?;
+    let played = script.play(plan);
+    console::say(&played.lines.iter().map(|line| format!("{line}\n")).collect::<String>());
+    match played.result {
+        PlayResult::Same => {
+            console::say("it comes to the same as in the story\n");
+            Ok(())
+        }
+        PlayResult::Other(how) => Err(anyhow!("it comes to something else: {how}").into()),
+        PlayResult::Ends(error) => Err(anyhow!("the story ends after step {}: {error}", played.lines.len()).into()),
+    }
+}
+
+/// The script of the first story in a report of `dca verify --json`.
+fn first_of(text: &str) -> Result<Option<Script>, String> {
+    let report: Value = serde_json::from_str(text).map_err(|error| error.to_string())?;
+    let findings = report["findings"].as_array().ok_or("it has no `findings`")?;
+    let Some(story) = findings.iter().map(|finding| &finding["story"]).find(|story| !story.is_null()) else {
+        return Ok(None);
+    };
+    let mut script = String::new();
+    for step in story["steps"].as_array().into_iter().flatten() {
+        let events: Vec<&str> = step["events"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
+        if events.is_empty() {
+            return Ok(None);
+        }
+        events.iter().for_each(|event| script += &format!("{event}\n"));
+    }
+    for (word, key) in [("runs", "running"), ("stops", "stopping")] {
+        let names: Vec<&str> = story[key].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
+        if !names.is_empty() {
+            script += &format!("{word} {}\n", names.join(", "));
+        }
+    }
+    if let Some(word) = story["ended"].as_str() {
+        script += &format!("ends {word}\n");
+    }
+    script.parse().map(Some).map_err(|error: verify::ScriptError| error.to_string())
 }
 
 fn by_chance(plan: &Plan, simulation: &mut Simulation<'_>, seed: u64, arguments: &Arguments) {
@@ -121,6 +180,7 @@ fn line(happening: &SimulationEvent) -> String {
         Transition::Done => "done".to_owned(),
         Transition::Aborted(why) => format!("aborted: {why}"),
         Transition::Stopped => "stopped".to_owned(),
+        Transition::Stopping => "is asked to stop".to_owned(),
         Transition::Waits(time) => format!("waits {}", seconds(*time)),
     };
     format!("{:>10}  {} {transition}\n", seconds(happening.at), happening.path)

@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use verify::{Finding, GoesOn, Limits, Report, Story, Threads, Verdict, told};
+use verify::{Became, Finding, GoesOn, Limits, Report, Story, Threads, Verdict, told};
 
 /// As many states of one exploration are looked at, unless the command line says otherwise.
 const STATES: u32 = 20_000_000;
@@ -40,6 +40,9 @@ pub struct Arguments {
     /// Draw the first story of what does not hold, a lane for each process; nothing is written if everything holds
     #[arg(long, value_name = "FILE", conflicts_with = "export")]
     svg: Option<PathBuf>,
+    /// Write a test for each finding that does not hold: a file with its story, which `dca test` and `dca sim --replay` take
+    #[arg(long, value_name = "FOLDER", conflicts_with = "export")]
+    test: Option<PathBuf>,
     #[command(flatten)]
     limits: LimitArgs,
     #[command(flatten)]
@@ -151,7 +154,16 @@ pub(crate) enum Refusal {
 
 /// Reads and compiles a spec; of what there is to say about it only errors are said.
 pub(crate) fn load(file: &Path, controllers: &Controllers, refusal: Refusal) -> Result<Loaded, Failure> {
-    let spec = check::read(file)?;
+    compiled(check::read(file)?, file, controllers, refusal)
+}
+
+/// Compiles the text of a spec that stands in a file.
+pub(crate) fn compiled(
+    spec: Source,
+    file: &Path,
+    controllers: &Controllers,
+    refusal: Refusal,
+) -> Result<Loaded, Failure> {
     let interfaces = check::others(&spec, controllers)?;
     let (compiled, sites) = compile_with_sites(&spec, &interfaces, &check::options(file, false));
     let Some((plan, sites)) = compiled.plan.zip(sites) else {
@@ -186,6 +198,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let story = report.findings.iter().find_map(|finding| Some((finding, finding.story.as_ref()?)));
     if let Some((file, (finding, story))) = arguments.svg.as_ref().zip(story) {
         whole_file::put(file, story.svg(&finding.sentence).as_bytes()).context("writing the picture")?;
+    }
+    if let Some(folder) = &arguments.test {
+        crate::test::write(folder, &loaded, &report.findings)?;
     }
     if report.findings.iter().any(|finding| finding.verdict == Verdict::Fails) {
         return Err(Failure::Reported);
@@ -244,11 +259,17 @@ fn json(loaded: &Loaded, report: &Report) -> String {
     format!("{document:#}")
 }
 
-/// A story as an object: `{"steps": [{"cause", "effects", "events"}], "running", "stopping"}`.
+/// A story as an object: `{"steps": [{"cause", "effects", "events"}], "running", "stopping", "ended"}`.
 pub(crate) fn story(story: &Story) -> Value {
     let steps = story.steps.iter().map(|step| {
         let events: Vec<String> = step.events.iter().map(ToString::to_string).collect();
         json!({ "cause": step.cause, "effects": step.effects, "events": events })
     });
-    json!({ "steps": steps.collect::<Vec<_>>(), "running": story.running, "stopping": story.stopping })
+    let ended = story.ended.map(|ended| match ended {
+        Became::Done => "done",
+        Became::Failed => "failed",
+        Became::Stopped => "stopped",
+        Became::Active | Became::Stopping => "",
+    });
+    json!({ "steps": steps.collect::<Vec<_>>(), "running": story.running, "stopping": story.stopping, "ended": ended })
 }

@@ -1,0 +1,140 @@
+//! A test that `dca verify --test` writes and `dca test` runs: a mistake of a spec, and the story of how it comes to it.
+
+use language::Diagnostic;
+use language::plan::Plan;
+use language::sites::Sites;
+use verify::{Finding, Script, Verdict};
+
+/// A mistake that was found once, as its file says it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct StoryTest {
+    /// The spec, from the folder of the file.
+    pub(crate) spec: String,
+    /// The code of the mistake: `E0817`.
+    pub(crate) code: String,
+    /// What was said of it.
+    pub(crate) message: String,
+    /// The sentence that did not hold, as a block: `verify main { never a with b; }`.
+    pub(crate) block: Option<String>,
+    /// How it comes to it; none if there is nothing to tell.
+    pub(crate) script: Option<Script>,
+}
+
+impl StoryTest {
+    /// Makes the test of something that does not hold.
+    pub(crate) fn of(spec: &str, finding: &Finding, plan: &Plan, sites: &Sites) -> Option<Self> {
+        let diagnostic = finding.diagnostic.as_ref()?;
+        let is_it = |property: &&language::sites::Property| is_about(diagnostic, property, plan);
+        let block = sites.properties.iter().find(is_it).map(|property| {
+            let process = &plan.groups[property.group as usize].process;
+            format!("verify {process} {{ {}; }}", property.text)
+        });
+        Some(Self {
+            spec: spec.to_owned(),
+            code: diagnostic.code.to_string(),
+            message: diagnostic.message.clone(),
+            block,
+            script: finding.story.as_ref().and_then(Script::of),
+        })
+    }
+
+    /// Returns the file, with the story in words.
+    pub(crate) fn text(&self, story: &[String]) -> String {
+        let Self { spec, code, message, block, script } = self;
+        let mut text = format!(
+            "# A mistake that `dca verify` has found. `dca test` fails on this file as long as the spec has it, and passes once it is gone.\n\
+             spec: {spec}\nfound: {code} {message}\n"
+        );
+        if let Some(block) = block {
+            text += &format!("{block}\n");
+        }
+        text += "\n";
+        story.iter().for_each(|line| text += &format!("# {line}\n"));
+        script.iter().for_each(|script| text += &script.to_string());
+        text
+    }
+
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// For a person: what is wrong with it.
+    pub(crate) fn read(text: &str) -> Result<Self, String> {
+        let (mut spec, mut found, mut block, mut rest) = (None, None, None, String::new());
+        for line in text.lines() {
+            if let Some(name) = line.strip_prefix("spec:") {
+                spec = Some(name.trim().to_owned());
+            } else if let Some(mistake) = line.strip_prefix("found:") {
+                found = mistake.trim().split_once(' ').map(|(code, message)| (code.to_owned(), message.to_owned()));
+            } else if line.starts_with("verify ") {
+                block = Some(line.to_owned());
+            } else {
+                rest += line;
+            }
+            // Lines keep their numbers.
+            rest.push('\n');
+        }
+        let script: Script = rest.parse().map_err(|error: verify::ScriptError| error.to_string())?;
+        let (code, message) = found.ok_or("a line `found: CODE MESSAGE` is missing")?;
+        let spec = spec.ok_or("a line `spec: FILE` is missing")?;
+        let script = Some(script).filter(|script| !script.events.is_empty());
+        Ok(Self { spec, code, message, block, script })
+    }
+
+    /// Returns the answer to the same question among others; none if nobody asks it any more.
+    pub(crate) fn answer<'f>(&self, findings: &'f [Finding]) -> Option<&'f Finding> {
+        let is_it = |finding: &&Finding| {
+            let code = finding.diagnostic.as_ref().map(|diagnostic| diagnostic.code.to_string());
+            code.as_deref() == Some(&*self.code)
+                && match self.block {
+                    Some(_) => finding.sentence == self.message,
+                    None => names(&finding.sentence) == names(&self.message),
+                }
+        };
+        let fails = findings.iter().filter(|finding| finding.verdict == Verdict::Fails);
+        fails.into_iter().find(is_it).or_else(|| findings.iter().find(|finding| finding.verdict == Verdict::Open))
+    }
+
+    /// Whether a spec has the sentence already, as one of its properties.
+    pub(crate) fn is_stated(&self, plan: &Plan, sites: &Sites) -> bool {
+        let is_it = |property: &language::sites::Property| {
+            let process = &plan.groups[property.group as usize].process;
+            self.block.as_deref() == Some(&*format!("verify {process} {{ {}; }}", property.text))
+        };
+        sites.properties.iter().any(is_it)
+    }
+}
+
+/// Whether a mistake is that a property does not hold.
+fn is_about(diagnostic: &Diagnostic, property: &language::sites::Property, plan: &Plan) -> bool {
+    let path = &plan.groups[property.group as usize].path;
+    let name = path.strip_prefix("main/").unwrap_or(path);
+    diagnostic.primary.span == property.span && diagnostic.message.contains(&format!("`{name}`"))
+}
+
+/// The names between backquotes.
+fn names(text: &str) -> Vec<&str> {
+    text.split('`').skip(1).step_by(2).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_read_as_it_was_written() {
+        let script = "start main\nfails main/a\nruns b\nends failed\n".parse().expect("a script");
+        let mut test = StoryTest {
+            spec: "../a.dca".to_owned(),
+            code: "E0817".to_owned(),
+            message: "does not hold of `main`: b only after a.done".to_owned(),
+            block: Some("verify main { b only after a.done; }".to_owned()),
+            script: Some(script),
+        };
+        assert_eq!(StoryTest::read(&test.text(&["  1  `main` starts".to_owned()])), Ok(test.clone()));
+        (test.block, test.script) = (None, None);
+        assert_eq!(StoryTest::read(&test.text(&[])), Ok(test));
+        assert!(StoryTest::read("spec: a.dca\n").unwrap_err().contains("found"));
+        let wrong = StoryTest::read("spec: a.dca\nfound: E0811 stuck\nfly main\n").unwrap_err();
+        assert!(wrong.starts_with("line 3 "), "{wrong}");
+    }
+}

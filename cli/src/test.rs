@@ -1,0 +1,182 @@
+//! `dca test`: whether mistakes that `dca verify --test` has kept as files are in their specs again.
+
+use crate::io::{named_file, whole_file};
+use crate::logic::story_test::StoryTest;
+use crate::verify::{LimitArgs, Loaded, Refusal, compiled};
+use crate::{Controllers, check};
+use anyhow::{Context as _, anyhow};
+use language::Source;
+use node::console::{self, Failure};
+use node::logic::table::counted;
+use std::path::{Path, PathBuf};
+use verify::{Finding, PlayResult, Story, Verdict, told};
+
+/// How such files end.
+const EXTENSION: &str = "story";
+/// So many files of a folder are looked at.
+const FILES_MAX: usize = 10_000;
+
+/// The arguments of `dca test`.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// Files that `dca verify SPEC --test FOLDER` has written, or folders with them
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+    #[command(flatten)]
+    limits: LimitArgs,
+    #[command(flatten)]
+    controllers: Controllers,
+}
+
+/// How a test went.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Outcome {
+    Passed,
+    Failed,
+    Open,
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let mut outcomes = Vec::new();
+    for file in files(&arguments.files)? {
+        outcomes.push(one(&file, arguments)?);
+    }
+    if outcomes.is_empty() {
+        return Err(anyhow!(
+            "there is no file that ends with `.{EXTENSION}`: `dca verify SPEC --test FOLDER` writes them"
+        )
+        .into());
+    }
+    let count = |outcome| outcomes.iter().filter(|other| **other == outcome).count();
+    let (failed, open) = (count(Outcome::Failed), count(Outcome::Open));
+    let tests = counted(outcomes.len(), "test");
+    console::say(&format!("{tests}: {} passed, {failed} failed, {open} not decided\n", count(Outcome::Passed)));
+    match (failed, open) {
+        (0, 0) => Ok(()),
+        (0, _) => Err(Failure::Limited),
+        (_, _) => Err(Failure::Reported),
+    }
+}
+
+/// The files, and those of folders, by name.
+fn files(given: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
+    let mut files = Vec::new();
+    for path in given {
+        if !path.is_dir() {
+            files.push(path.clone());
+            continue;
+        }
+        let entries = std::fs::read_dir(path).with_context(|| format!("reading the folder `{}`", path.display()))?;
+        let all = entries.take(FILES_MAX).flatten().map(|entry| entry.path());
+        let mut own: Vec<PathBuf> = all.filter(|file| file.extension().is_some_and(|kind| kind == EXTENSION)).collect();
+        own.sort();
+        files.append(&mut own);
+    }
+    Ok(files)
+}
+
+/// Runs one test and says how it went.
+fn one(file: &Path, arguments: &Arguments) -> Result<Outcome, Failure> {
+    let name = file.display();
+    let text =
+        named_file::text(file, named_file::TEXT_MAX).with_context(|| format!("cannot read the test `{name}`"))?;
+    let test = StoryTest::read(&text).map_err(|why| anyhow!("`{name}` is no test: {why}"))?;
+    let path = file.parent().unwrap_or_else(|| Path::new("")).join(&test.spec);
+    let loaded = load(&test, &path, &arguments.controllers)?;
+    let report = arguments.limits.with(|limits| verify::verify(&loaded.plan, &loaded.sites, limits));
+    let played = test.script.as_ref().map(|script| script.play(&loaded.plan));
+    let ends = played.as_ref().map(|played| &played.result);
+    if let Some(PlayResult::Ends(error @ language::ReplayError::Unknown { .. })) = ends {
+        console::say(&format!(
+            "FAILED {name}: it does not fit the spec: {error}; write it anew with `dca verify --test`\n"
+        ));
+        return Ok(Outcome::Failed);
+    }
+    match test.answer(&report.findings) {
+        Some(finding) if finding.verdict == Verdict::Fails => {
+            let again = match ends {
+                Some(PlayResult::Same) => "it comes to the same again",
+                Some(PlayResult::Other(_) | PlayResult::Ends(_)) => "it comes to it in another way",
+                None => "it is there again",
+            };
+            let story = told(finding, &loaded.spec, &loaded.interfaces, check::style());
+            console::say(&format!("FAILED {name}: {again}\n{story}"));
+            Ok(Outcome::Failed)
+        }
+        Some(_) => {
+            console::say(&format!("NOT DECIDED {name}: a limit was reached: {}\n", test.message));
+            Ok(Outcome::Open)
+        }
+        None => {
+            let how = match ends {
+                Some(PlayResult::Ends(error)) => format!(" ({error})"),
+                Some(PlayResult::Other(how)) => format!(" ({how})"),
+                Some(PlayResult::Same) | None => String::new(),
+            };
+            console::say(&format!("passed {name}{how}\n"));
+            Ok(Outcome::Passed)
+        }
+    }
+}
+
+/// The spec, with the sentence of the test if it has it no more.
+fn load(test: &StoryTest, path: &Path, controllers: &Controllers) -> Result<Loaded, Failure> {
+    let spec = check::read(path)?;
+    let loaded = compiled(spec.clone(), path, controllers, Refusal::Text)?;
+    match &test.block {
+        Some(block) if !test.is_stated(&loaded.plan, &loaded.sites) => {
+            let text = format!("{}\n{block}\n", spec.text);
+            compiled(Source::new(spec.name, text), path, controllers, Refusal::Text)
+        }
+        Some(_) | None => Ok(loaded),
+    }
+}
+
+/// Writes a test for each finding that does not hold; says which.
+pub(crate) fn write(folder: &Path, loaded: &Loaded, findings: &[Finding]) -> Result<(), Failure> {
+    let fails: Vec<&Finding> = findings.iter().filter(|finding| finding.verdict == Verdict::Fails).collect();
+    if fails.is_empty() {
+        return Ok(());
+    }
+    std::fs::create_dir_all(folder).with_context(|| format!("making the folder `{}`", folder.display()))?;
+    let spec = Path::new(&loaded.spec.name);
+    let stem = spec.file_stem().map_or_else(|| "spec".to_owned(), |stem| stem.to_string_lossy().into_owned());
+    let way = from(folder, spec);
+    for (number, finding) in (1..).zip(fails) {
+        let Some(test) = StoryTest::of(&way, finding, &loaded.plan, &loaded.sites) else { continue };
+        let file = folder.join(format!("{stem}-{}-{number}.{EXTENSION}", test.code.to_lowercase()));
+        let lines = finding.story.as_ref().map(Story::lines).unwrap_or_default();
+        whole_file::put(&file, test.text(&lines).as_bytes()).context("writing a test")?;
+        console::note(&format!("written: {}", file.display()));
+    }
+    Ok(())
+}
+
+/// The way from a folder to a file: relative, where both are below the folder that the command runs in.
+fn from(folder: &Path, file: &Path) -> String {
+    let is_plain = |path: &Path| {
+        path.components().all(|part| matches!(part, std::path::Component::Normal(_) | std::path::Component::CurDir))
+    };
+    if !is_plain(folder) || !is_plain(file) {
+        let whole = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
+        return whole.display().to_string();
+    }
+    let up = folder.components().filter(|part| matches!(part, std::path::Component::Normal(_))).count();
+    format!("{}{}", "../".repeat(up), file.display())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_way_to_the_spec_is_short() {
+        for (folder, file, way) in
+            [("tests", "cups.dca", "../cups.dca"), ("a/b", "specs/c.dca", "../../specs/c.dca"), (".", "c.dca", "c.dca")]
+        {
+            assert_eq!(from(Path::new(folder), Path::new(file)), way);
+        }
+        assert!(from(Path::new("/t"), Path::new("c.dca")).ends_with("/c.dca"));
+    }
+}
