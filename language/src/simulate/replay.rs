@@ -80,9 +80,11 @@ impl<'a> Simulation<'a> {
     pub fn occur(&mut self, event: &TraceEvent) -> Result<(), ReplayError> {
         self.known(event)?;
         self.happens(event).map_err(|why| match event {
-            TraceEvent::Lost(_) | TraceEvent::Cut(_) | TraceEvent::Noted(_) => {
-                ReplayError::Unsupported { event: event.clone() }
-            }
+            TraceEvent::Lost(_)
+            | TraceEvent::Cut(_)
+            | TraceEvent::Noted(_)
+            | TraceEvent::Arrived(_)
+            | TraceEvent::Heard(_) => ReplayError::Unsupported { event: event.clone() },
             _ => ReplayError::Impossible { event: event.clone(), why },
         })
     }
@@ -143,6 +145,7 @@ impl<'a> Simulation<'a> {
                 self.escalates(group)
             }
             TraceEvent::Lost(_) | TraceEvent::Cut(_) | TraceEvent::Noted(_) => Err("a simulation has no hosts"),
+            TraceEvent::Arrived(_) | TraceEvent::Heard(_) => Err("a simulation has no messages between hosts"),
         }
     }
 
