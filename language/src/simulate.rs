@@ -292,6 +292,8 @@ impl<'a> Simulation<'a> {
             Command::Activate { member, activation, value } => {
                 let seat = ActivationRef { group, member, activation };
                 match self.plan.groups[group].members[member as usize].kind {
+                    MemberKind::Leaf(leaf) if self.is_sent(&self.plan.leaves[leaf as usize].path, seat, &value) => {}
+                    MemberKind::Group(inner) if self.is_sent(&self.plan.groups[inner as usize].path, seat, &value) => {}
                     MemberKind::Leaf(leaf) => {
                         if !self.pending.as_ref().is_some_and(|pending| pending.given_up.contains(&leaf)) {
                             self.note(self.plan.leaves[leaf as usize].path.clone(), Transition::Started);
@@ -351,7 +353,8 @@ impl<'a> Simulation<'a> {
             self.outcome = Some(transition);
             return;
         }
-        let Some(ActivationRef { group, member, activation }) = self.seats.remove(&group) else { return };
+        let own = group;
+        let Some(ActivationRef { group, member, activation }) = self.seats.remove(&own) else { return };
         let event = match outcome {
             Outcome::Done(value) => Event::Done { member, activation, value },
             Outcome::Aborted(reason) if reason.cause == Cause::StopUnconfirmed && self.pending.is_some() => {
@@ -363,7 +366,9 @@ impl<'a> Simulation<'a> {
             }
             Outcome::Stopped => Event::Stopped { member, activation },
         };
-        self.queue.push_back((group, event));
+        if !self.is_reported(own, &(group, event.clone())) {
+            self.queue.push_back((group, event));
+        }
     }
 
     fn explain(&self, group: usize, reason: &Reason) -> String {

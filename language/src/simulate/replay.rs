@@ -3,13 +3,13 @@
 //! A program that is asked to stop goes on until the story says that it has stopped; an order to stop reaches a group when the story
 //! says so; a timer runs out when the story says so, whatever the clock would say.
 
+mod way;
+
 use super::{ActivationRef, Ending, ProgramFault, Simulation, TraceEvent, Transition};
 use crate::algebra::{Cause, Event, Outcome, Reason, Value};
 use crate::plan::{MemberKind, Plan, Restart, Strategy};
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
-
-/// So many ways are tried to bring a group to an end that a story tells of, without saying what happens inside.
-const WAYS_MAX: usize = 2000;
+use std::collections::{BTreeMap, BTreeSet};
+use way::Goal;
 
 /// Why an event of a story could not happen.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -47,6 +47,12 @@ pub(super) struct Pending {
     pub(super) ordered: BTreeSet<usize>,
     /// The groups that stop because their programs have died too often: they will have failed.
     pub(super) escalating: BTreeSet<usize>,
+    /// The processes whose orders and reports travel between hosts.
+    travels: BTreeSet<String>,
+    /// The orders to start that are on their way, by path.
+    sent: BTreeMap<String, (ActivationRef, Value)>,
+    /// The reports of groups that have ended, on their way to their supervisors.
+    reports: BTreeMap<usize, (usize, Event)>,
     hung: BTreeSet<u32>,
     /// The leaves that have died and are started again.
     away: BTreeSet<u32>,
@@ -55,15 +61,16 @@ pub(super) struct Pending {
 }
 
 impl<'a> Simulation<'a> {
-    /// Prepares to play a story about a group; nothing has happened yet. [`Simulation::occur`] lets it happen.
+    /// Prepares to play a story about a group; nothing has happened yet. [`Simulation::occur`] lets it happen. Orders to start the
+    /// processes of `travels`, and the reports of their ends, arrive when the story says so, and others at once.
     ///
     /// # Errors
     /// The plan has no such group.
-    pub fn replay(plan: &'a Plan, group: &str) -> Result<Self, ReplayError> {
+    pub fn replay(plan: &'a Plan, group: &str, travels: &[String]) -> Result<Self, ReplayError> {
         let root = plan.groups.iter().position(|candidate| candidate.path == group);
         let root = root.ok_or_else(|| ReplayError::Unknown { path: group.to_owned() })?;
         let mut simulation = Self::idle(plan);
-        simulation.pending = Some(Pending { root, ..Pending::default() });
+        simulation.pending = Some(Pending { root, travels: travels.iter().cloned().collect(), ..Pending::default() });
         Ok(simulation)
     }
 
@@ -80,11 +87,9 @@ impl<'a> Simulation<'a> {
     pub fn occur(&mut self, event: &TraceEvent) -> Result<(), ReplayError> {
         self.known(event)?;
         self.happens(event).map_err(|why| match event {
-            TraceEvent::Lost(_)
-            | TraceEvent::Cut(_)
-            | TraceEvent::Noted(_)
-            | TraceEvent::Arrived(_)
-            | TraceEvent::Heard(_) => ReplayError::Unsupported { event: event.clone() },
+            TraceEvent::Lost(_) | TraceEvent::Cut(_) | TraceEvent::Noted(_) => {
+                ReplayError::Unsupported { event: event.clone() }
+            }
             _ => ReplayError::Impossible { event: event.clone(), why },
         })
     }
@@ -145,7 +150,14 @@ impl<'a> Simulation<'a> {
                 self.escalates(group)
             }
             TraceEvent::Lost(_) | TraceEvent::Cut(_) | TraceEvent::Noted(_) => Err("a simulation has no hosts"),
-            TraceEvent::Arrived(_) | TraceEvent::Heard(_) => Err("a simulation has no messages between hosts"),
+            TraceEvent::Arrived(path) => self.arrives(path),
+            TraceEvent::Heard(path) => {
+                let group = self.group(path).ok_or("it is no group")?;
+                let report = self.pending().reports.remove(&group).ok_or("no report of its end is on its way")?;
+                self.queue.push_back(report);
+                self.react();
+                Ok(())
+            }
         }
     }
 
@@ -293,15 +305,56 @@ impl<'a> Simulation<'a> {
     // ---- what supervisors do ----
 
     pub(super) fn is_asked(&mut self, leaf: u32) {
-        if let Some(seat) = self.leaves.remove(&leaf) {
+        let path = &self.plan.leaves[leaf as usize].path;
+        let sent = self.pending.as_ref().and_then(|pending| pending.sent.get(path)).map(|(seat, _)| *seat);
+        if let Some(seat) = self.leaves.remove(&leaf).or(sent) {
             self.note(self.plan.leaves[leaf as usize].path.clone(), Transition::Stopping);
             self.pending().stopping.insert(leaf, seat);
         }
     }
 
+    /// Whether the order to start a process has to travel; then it is on its way.
+    pub(super) fn is_sent(&mut self, path: &str, seat: ActivationRef, value: &Value) -> bool {
+        let Some(pending) = self.pending.as_mut().filter(|pending| pending.travels.contains(path)) else {
+            return false;
+        };
+        pending.sent.insert(path.to_owned(), (seat, value.clone()));
+        true
+    }
+
+    fn arrives(&mut self, path: &str) -> Result<(), &'static str> {
+        let (seat, value) = self.pending().sent.remove(path).ok_or("no order to start it is on its way")?;
+        self.note(path.to_owned(), Transition::Started);
+        match self.plan.groups[seat.group].members[seat.member as usize].kind {
+            // One that was asked to stop meanwhile answers that.
+            MemberKind::Leaf(leaf) if self.pending().stopping.contains_key(&leaf) => {}
+            MemberKind::Leaf(leaf) => {
+                self.leaves.insert(leaf, seat);
+            }
+            MemberKind::Group(inner) => {
+                self.seats.insert(inner as usize, seat);
+                self.queue.push_back((inner as usize, Event::Start(value)));
+                self.react();
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether the report that a group has ended has to travel; then it is on its way.
+    pub(super) fn is_reported(&mut self, group: usize, report: &(usize, Event)) -> bool {
+        let path = &self.plan.groups[group].path;
+        let Some(pending) = self.pending.as_mut().filter(|pending| pending.travels.contains(path)) else {
+            return false;
+        };
+        pending.reports.insert(group, report.clone());
+        true
+    }
+
     pub(super) fn is_ordered(&mut self, group: usize) {
-        self.note(self.plan.groups[group].path.clone(), Transition::Stopping);
-        if self.seats.contains_key(&group) {
+        let path = self.plan.groups[group].path.clone();
+        let is_under_way = self.pending().sent.contains_key(&path);
+        self.note(path, Transition::Stopping);
+        if is_under_way || self.seats.contains_key(&group) {
             self.pending().ordered.insert(group);
         }
     }
@@ -322,109 +375,5 @@ impl<'a> Simulation<'a> {
         pending.ordered.remove(&group);
         let tag = if let Outcome::Done(value) = outcome { value.tag().map(str::to_owned) } else { None };
         self.last_ends.insert(group, (transition.clone(), tag));
-    }
-
-    // ---- a group of which the story tells the end alone ----
-
-    /// Brings a group to an end by what its programs and timers may do: straight on, by what leads there, else the shortest way.
-    fn bring(&mut self, path: &str, goal: &Goal) -> Result<(), &'static str> {
-        let group = self.group(path).ok_or("it is no group")?;
-        self.seats.contains_key(&group).then_some(()).ok_or("it does not run")?;
-        let is_stopped = self.pending().ordered.contains(&group);
-        if matches!(goal, Goal::Stopped) && is_stopped {
-            self.reached(path)?;
-        }
-        let found = [true, false].into_iter().find_map(|is_straight| self.way((path, group), goal, is_straight));
-        *self = found.ok_or("it does not come to that")?;
-        Ok(())
-    }
-
-    /// A way to the end of a group.
-    fn way(&self, (path, group): (&str, usize), goal: &Goal, is_straight: bool) -> Option<Self> {
-        let mut ways = VecDeque::from([self.clone()]);
-        for _ in 0..WAYS_MAX {
-            let way = ways.pop_front()?;
-            if way.has_come(group, goal) {
-                return Some(way);
-            }
-            if !way.seats.contains_key(&group) {
-                continue;
-            }
-            let mut events = way.possible(path);
-            if is_straight {
-                events.retain(|event| goal.is_led_to_by(event));
-                // The first of them is tried first.
-                events.reverse();
-            }
-            for event in events {
-                let mut next = way.clone();
-                if next.happens(&event).is_err() || ways.len() >= WAYS_MAX {
-                    continue;
-                }
-                if is_straight { ways.push_front(next) } else { ways.push_back(next) }
-            }
-        }
-        None
-    }
-
-    fn has_come(&self, group: usize, goal: &Goal) -> bool {
-        match (self.last_ends.get(&group), goal) {
-            (Some((Transition::Done, tag)), Goal::Done(wanted)) => wanted.is_none() || tag == wanted,
-            (Some((Transition::Aborted(_), _)), Goal::Failed) => true,
-            (Some((Transition::Stopped, _)), Goal::Stopped) => true,
-            // Its stop came too late: it had ended.
-            (Some((Transition::Done, _)), Goal::Stopped) => self.pending.is_some(),
-            (_, _) => false,
-        }
-    }
-
-    /// What may happen below a group: answers first, then ends, then failures, then timers.
-    fn possible(&self, path: &str) -> Vec<TraceEvent> {
-        let prefix = format!("{path}/");
-        let is_below = |other: &&str| other.starts_with(&prefix);
-        let own = |group: usize| self.plan.groups[group].path.as_str();
-        let mut events = Vec::new();
-        let ordered = self.pending.iter().flat_map(|pending| &pending.ordered).map(|group| own(*group));
-        events.extend(ordered.filter(is_below).map(|path| TraceEvent::Reached(path.to_owned())));
-        events.extend(self.stopping().into_iter().filter(is_below).map(|path| TraceEvent::Stopped(path.to_owned())));
-        let running: Vec<&str> = self.running().into_iter().filter(is_below).collect();
-        for path in &running {
-            let Some(leaf) = self.leaf(path).filter(|leaf| !self.is_service(*leaf)) else { continue };
-            let tags = &self.plan.leaves[leaf as usize].outcomes;
-            events.extend(tags.iter().map(|tag| TraceEvent::Done((*path).to_owned(), Some(tag.clone()))));
-            if tags.is_empty() {
-                events.push(TraceEvent::Done((*path).to_owned(), None));
-            }
-        }
-        events.extend(running.iter().map(|path| TraceEvent::Fails((*path).to_owned())));
-        let is_own = |group: usize| own(group) == path || own(group).starts_with(&prefix);
-        let timers = self.timers.values().filter(|timer| is_own(timer.group));
-        events.extend(timers.map(|timer| TraceEvent::Elapsed(own(timer.group).to_owned(), timer.timer + 1)));
-        events
-    }
-
-    fn is_service(&self, leaf: u32) -> bool {
-        let seat = self.leaves.get(&leaf);
-        seat.is_some_and(|seat| self.plan.groups[seat.group].members[seat.member as usize].service)
-    }
-}
-
-/// How a group ends.
-#[derive(Clone, Debug)]
-enum Goal {
-    Done(Option<String>),
-    Failed,
-    Stopped,
-}
-
-impl Goal {
-    /// Whether an event inside a group leads to its end in this way, most often.
-    fn is_led_to_by(&self, event: &TraceEvent) -> bool {
-        match event {
-            TraceEvent::Stopped(_) | TraceEvent::Reached(_) => true,
-            TraceEvent::Done(..) => matches!(self, Self::Done(_)),
-            TraceEvent::Fails(_) => matches!(self, Self::Failed),
-            _ => false,
-        }
     }
 }

@@ -1,0 +1,111 @@
+//! A group of which a story tells the end alone, without saying what happens inside.
+
+use crate::simulate::{Simulation, TraceEvent, Transition};
+use std::collections::VecDeque;
+
+/// So many ways are tried to bring a group to its end.
+const WAYS_MAX: usize = 2000;
+
+impl Simulation<'_> {
+    /// Brings a group to an end by what its programs and timers may do: straight on, by what leads there, else the shortest way.
+    pub(super) fn bring(&mut self, path: &str, goal: &Goal) -> Result<(), &'static str> {
+        let group = self.group(path).ok_or("it is no group")?;
+        self.seats.contains_key(&group).then_some(()).ok_or("it does not run")?;
+        let is_stopped = self.pending().ordered.contains(&group);
+        if matches!(goal, Goal::Stopped) && is_stopped {
+            self.reached(path)?;
+        }
+        let found = [true, false].into_iter().find_map(|is_straight| self.way((path, group), goal, is_straight));
+        *self = found.ok_or("it does not come to that")?;
+        Ok(())
+    }
+
+    /// A way to the end of a group.
+    fn way(&self, (path, group): (&str, usize), goal: &Goal, is_straight: bool) -> Option<Self> {
+        let mut ways = VecDeque::from([self.clone()]);
+        for _ in 0..WAYS_MAX {
+            let way = ways.pop_front()?;
+            if way.has_come(group, goal) {
+                return Some(way);
+            }
+            if !way.seats.contains_key(&group) {
+                continue;
+            }
+            let mut events = way.possible(path);
+            if is_straight {
+                events.retain(|event| goal.is_led_to_by(event));
+                // The first of them is tried first.
+                events.reverse();
+            }
+            for event in events {
+                let mut next = way.clone();
+                if next.happens(&event).is_err() || ways.len() >= WAYS_MAX {
+                    continue;
+                }
+                if is_straight { ways.push_front(next) } else { ways.push_back(next) }
+            }
+        }
+        None
+    }
+
+    fn has_come(&self, group: usize, goal: &Goal) -> bool {
+        match (self.last_ends.get(&group), goal) {
+            (Some((Transition::Done, tag)), Goal::Done(wanted)) => wanted.is_none() || tag == wanted,
+            (Some((Transition::Aborted(_), _)), Goal::Failed) => true,
+            (Some((Transition::Stopped, _)), Goal::Stopped) => true,
+            // Its stop came too late: it had ended.
+            (Some((Transition::Done, _)), Goal::Stopped) => self.pending.is_some(),
+            (_, _) => false,
+        }
+    }
+
+    /// What may happen below a group: answers first, then ends, then failures, then timers.
+    fn possible(&self, path: &str) -> Vec<TraceEvent> {
+        let prefix = format!("{path}/");
+        let is_below = |other: &&str| other.starts_with(&prefix);
+        let own = |group: usize| self.plan.groups[group].path.as_str();
+        let mut events = Vec::new();
+        let ordered = self.pending.iter().flat_map(|pending| &pending.ordered).map(|group| own(*group));
+        events.extend(ordered.filter(is_below).map(|path| TraceEvent::Reached(path.to_owned())));
+        events.extend(self.stopping().into_iter().filter(is_below).map(|path| TraceEvent::Stopped(path.to_owned())));
+        let running: Vec<&str> = self.running().into_iter().filter(is_below).collect();
+        for path in &running {
+            let Some(leaf) = self.leaf(path).filter(|leaf| !self.is_service(*leaf)) else { continue };
+            let tags = &self.plan.leaves[leaf as usize].outcomes;
+            events.extend(tags.iter().map(|tag| TraceEvent::Done((*path).to_owned(), Some(tag.clone()))));
+            if tags.is_empty() {
+                events.push(TraceEvent::Done((*path).to_owned(), None));
+            }
+        }
+        events.extend(running.iter().map(|path| TraceEvent::Fails((*path).to_owned())));
+        let is_own = |group: usize| own(group) == path || own(group).starts_with(&prefix);
+        let timers = self.timers.values().filter(|timer| is_own(timer.group));
+        events.extend(timers.map(|timer| TraceEvent::Elapsed(own(timer.group).to_owned(), timer.timer + 1)));
+        events
+    }
+
+    fn is_service(&self, leaf: u32) -> bool {
+        let seat = self.leaves.get(&leaf);
+        seat.is_some_and(|seat| self.plan.groups[seat.group].members[seat.member as usize].service)
+    }
+}
+
+/// How a group ends.
+#[derive(Clone, Debug)]
+pub(super) enum Goal {
+    Done(Option<String>),
+    Failed,
+    Stopped,
+}
+
+impl Goal {
+    /// Whether an event inside a group leads to its end in this way, most often.
+    fn is_led_to_by(&self, event: &TraceEvent) -> bool {
+        match event {
+            TraceEvent::Stopped(_) | TraceEvent::Reached(_) => true,
+            TraceEvent::Done(..) => matches!(self, Self::Done(_)),
+            TraceEvent::Fails(_) => matches!(self, Self::Failed),
+            _ => false,
+        }
+    }
+}
