@@ -11,6 +11,8 @@ use std::str::FromStr;
 pub struct Script {
     /// What happens, in order; the first starts the whole.
     pub events: Vec<TraceEvent>,
+    /// The processes whose orders and reports take their time between hosts: paths.
+    pub travels: Vec<String>,
     /// What runs at the end: paths below `main`, of programs, and of groups of which the story tells no more.
     pub running: Vec<String>,
     /// What is being stopped at the end.
@@ -57,6 +59,7 @@ impl Script {
         let is_named = story.steps.iter().all(|step| !step.events.is_empty());
         (is_named && story.again.is_none_or(|again| again == story.steps.len())).then(|| Self {
             events: story.steps.iter().flat_map(|step| step.events.clone()).collect(),
+            travels: story.travels.clone(),
             running: story.running.clone(),
             stopping: story.stopping.clone(),
             ended: story.ended,
@@ -70,7 +73,7 @@ impl Script {
             Some(TraceEvent::Start(root)) => root.as_str(),
             _ => "main",
         };
-        let mut simulation = match Simulation::replay(plan, root) {
+        let mut simulation = match Simulation::replay(plan, root, &self.travels) {
             Ok(simulation) => simulation,
             Err(error) => return Played { lines, result: PlayResult::Ends(error) },
         };
@@ -149,6 +152,9 @@ fn line(number: usize, event: &TraceEvent, simulation: &mut Simulation<'_>) -> S
 
 impl fmt::Display for Script {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if !self.travels.is_empty() {
+            writeln!(f, "travels {}", self.travels.join(", "))?;
+        }
         self.events.iter().try_for_each(|event| writeln!(f, "{event}"))?;
         for (word, names) in [("runs", &self.running), ("stops", &self.stopping)] {
             if !names.is_empty() {
@@ -171,6 +177,7 @@ impl FromStr for Script {
             let names = |rest: &str| rest.split(", ").map(|name| name.trim().to_owned()).collect();
             match line.split_once(' ').unwrap_or((line, "")) {
                 ("", _) => {}
+                ("travels", rest) => script.travels = names(rest),
                 ("runs", rest) => script.running = names(rest),
                 ("stops", rest) => script.stopping = names(rest),
                 ("ends", word) => {

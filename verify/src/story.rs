@@ -61,6 +61,8 @@ pub struct Story {
     pub running: Vec<String>,
     /// What is being stopped at the end.
     pub stopping: Vec<String>,
+    /// The processes whose orders and reports take their time between hosts, as far as they are started in it: paths.
+    pub travels: Vec<String>,
     /// How the whole has ended; none if it has not.
     pub ended: Option<Became>,
 }
@@ -92,6 +94,8 @@ pub(crate) fn tell_run(system: &System<'_>, way: &[Label], again: Option<&[Label
         let cause = cause(system, label);
         stepper.apply(&mut frame, label, Some(&mut changes));
         let effects = effects(system, label, &changes);
+        let sent = changes.iter().filter(|change| change.what == Changed::Sent);
+        story.travels.extend(sent.filter_map(|change| event::path(system, change.unit, change.member?)));
         let event = event(system, label);
         let moves: Vec<Move> = changes.iter().filter_map(|change| move_of(system, change)).collect();
         match story.steps.last_mut() {
@@ -120,6 +124,8 @@ pub(crate) fn tell_run(system: &System<'_>, way: &[Label], again: Option<&[Label
         story.again = Some(story.steps.len());
     }
     (story.running, story.stopping) = running(system, &frame);
+    story.travels.sort();
+    story.travels.dedup();
     story.ended = match frame.phase {
         Phase::Done => Some(Became::Done),
         Phase::Aborted => Some(Became::Failed),

@@ -37,7 +37,7 @@ pub(super) fn event(system: &System<'_>, label: Label) -> Option<TraceEvent> {
 }
 
 /// The path of a member; none for a piece of a group.
-fn path(system: &System<'_>, unit: usize, member: u32) -> Option<String> {
+pub(super) fn path(system: &System<'_>, unit: usize, member: u32) -> Option<String> {
     let plan = system.model.plan;
     let group = &plan.groups[system.model.parts[system.units[unit].part].group as usize];
     Some(match group.members.get(member as usize)?.kind {

@@ -1,0 +1,30 @@
+//! What is offered to repair the known mistakes. Each was verified before it is offered; the list shows which, and what is changed.
+
+use language::{Options, Source};
+use std::path::Path;
+use verify::{Alone, Always, Limits, applied, repairs};
+
+const LIMITS: Limits<'static> = Limits { states: 100_000, memory: 64 << 20, threads: &Alone, goes_on: &Always };
+
+#[test]
+fn the_usual_mistakes_have_repairs() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/corpus/bad");
+    let files = std::fs::read_dir(&folder).expect("the folder is there").map(|file| file.expect("a file").path());
+    let mut files: Vec<_> = files.filter(|file| file.extension().is_some_and(|kind| kind == "dca")).collect();
+    files.sort();
+    let mut all = String::new();
+    for file in files {
+        let name = file.file_stem().expect("a name").to_string_lossy().into_owned();
+        let spec = Source::new(name.clone(), std::fs::read_to_string(&file).expect("a text"));
+        for repair in repairs(&spec, &[], &Options::named("spec"), &LIMITS) {
+            all += &format!("{name}: {}: {}\n", repair.sentence, repair.fix.title);
+            let new = applied(&spec, &repair.fix);
+            let (old, new): (Vec<&str>, Vec<&str>) = (spec.text.lines().collect(), new.text.lines().collect());
+            assert_eq!(old.len(), new.len(), "{name}: a repair changes lines, and adds none");
+            for (old, new) in old.iter().zip(&new).filter(|(old, new)| old != new) {
+                all += &format!("  - {}\n  + {}\n", old.trim(), new.trim());
+            }
+        }
+    }
+    expect_test::expect_file![Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/repairs.txt")].assert_eq(&all);
+}
