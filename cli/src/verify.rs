@@ -1,5 +1,7 @@
 //! `dca verify`: proves what holds of a spec in every order of events.
 
+mod repair;
+
 use crate::check::json::diagnostic;
 use crate::io::whole_file;
 use crate::{Controllers, check};
@@ -26,7 +28,7 @@ const SECONDS: u64 = 600;
 const THREADS_MAX: usize = 64;
 
 /// The arguments of `dca verify`.
-#[derive(Debug, clap::Args)]
+#[derive(Clone, Debug, clap::Args)]
 pub struct Arguments {
     /// The spec
     file: PathBuf,
@@ -40,6 +42,12 @@ pub struct Arguments {
     /// Draw the first story of what does not hold, a lane for each process; nothing is written if everything holds
     #[arg(long, value_name = "FILE", conflicts_with = "export")]
     svg: Option<PathBuf>,
+    /// Show edits that repair what does not hold; each was verified before it is shown
+    #[arg(long, conflicts_with_all = ["json", "export"])]
+    fix: bool,
+    /// Write these edits into the spec
+    #[arg(long, requires = "fix")]
+    write: bool,
     /// Write a test for each finding that does not hold: a file with its story, which `dca test` and `dca sim --replay` take
     #[arg(long, value_name = "FOLDER", conflicts_with = "export")]
     test: Option<PathBuf>,
@@ -190,11 +198,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         return export(&loaded, arguments.limits, format);
     }
     let report = arguments.limits.with(|limits| verify::verify(&loaded.plan, &loaded.sites, limits));
-    console::say(&if arguments.json {
-        json(&loaded, &report)
-    } else {
-        report.text(&loaded.spec, &loaded.interfaces, check::style())
-    });
+    let fails = report.findings.iter().any(|finding| finding.verdict == Verdict::Fails);
+    if arguments.json {
+        console::say(&json(&loaded, &report));
+    } else if !(fails && arguments.fix) {
+        console::say(&report.text(&loaded.spec, &loaded.interfaces, check::style()));
+    }
     let story = report.findings.iter().find_map(|finding| Some((finding, finding.story.as_ref()?)));
     if let Some((file, (finding, story))) = arguments.svg.as_ref().zip(story) {
         whole_file::put(file, story.svg(&finding.sentence).as_bytes()).context("writing the picture")?;
@@ -202,7 +211,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(folder) = &arguments.test {
         crate::test::write(folder, &loaded, &report.findings)?;
     }
-    if report.findings.iter().any(|finding| finding.verdict == Verdict::Fails) {
+    if fails && arguments.fix && !arguments.write {
+        arguments.limits.with(|limits| repair::show(&arguments.file, &loaded, limits));
+    }
+    if fails && arguments.write && arguments.limits.with(|limits| repair::write(&arguments.file, &loaded, limits))? {
+        return run(&Arguments { fix: false, write: false, svg: None, test: None, ..arguments.clone() });
+    }
+    if fails {
         return Err(Failure::Reported);
     }
     if report.is_limited { Err(Failure::Limited) } else { Ok(()) }
@@ -259,7 +274,7 @@ fn json(loaded: &Loaded, report: &Report) -> String {
     format!("{document:#}")
 }
 
-/// A story as an object: `{"steps": [{"cause", "effects", "events"}], "running", "stopping", "ended"}`.
+/// A story as an object: `{"steps": [{"cause", "effects", "events"}], "travels", "running", "stopping", "ended"}`.
 pub(crate) fn story(story: &Story) -> Value {
     let steps = story.steps.iter().map(|step| {
         let events: Vec<String> = step.events.iter().map(ToString::to_string).collect();
@@ -271,5 +286,5 @@ pub(crate) fn story(story: &Story) -> Value {
         Became::Stopped => "stopped",
         Became::Active | Became::Stopping => "",
     });
-    json!({ "steps": steps.collect::<Vec<_>>(), "running": story.running, "stopping": story.stopping, "ended": ended })
+    json!({ "steps": steps.collect::<Vec<_>>(), "travels": story.travels, "running": story.running, "stopping": story.stopping, "ended": ended })
 }

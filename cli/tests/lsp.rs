@@ -99,6 +99,27 @@ fn what_holds_stands_above_its_block() {
     assert!(editor.end().success());
 }
 
+/// What is offered was verified: the sentence holds once it is taken.
+#[test]
+fn a_repair_that_was_verified_is_offered() {
+    let mut editor = Editor::ready(NOBODY, &json!({"workspace": {"codeLens": {"refreshSupport": true}}}));
+    let uri = "untitled:repaired";
+    let text = PROVED.replace("a , b", "retry(2) (a ; b)").replace("never a with b", "a at most once");
+    editor.open(uri, &text);
+    let known = editor.lens(uri);
+    assert_eq!(known["command"]["title"], "1 of 2 does not hold: a at most once", "{known}");
+    let range = json!({"start": {"line": 4, "character": 30}, "end": {"line": 4, "character": 30}});
+    let asked = json!({"textDocument": {"uri": uri}, "range": range, "context": {"diagnostics": []}});
+    let actions = editor.ask("textDocument/codeAction", &asked);
+    let action = &actions["result"][0];
+    assert_eq!(action["title"], "try `b` again, and `a` only once (verified)", "{actions}");
+    let edit = &action["edit"]["changes"][uri][0];
+    assert_eq!(edit["newText"], "a ; retry(2) b", "{action}");
+    editor.change(uri, 2, &json!({"range": edit["range"], "text": edit["newText"]}));
+    assert_eq!(editor.lens(uri)["command"]["title"], "2 sentences hold");
+    assert!(editor.end().success());
+}
+
 #[test]
 fn nothing_that_is_said_ends_the_server() {
     let mut editor = Editor::start(NOBODY);

@@ -4,7 +4,7 @@ use super::convert::{self, range};
 use super::server::{Refusal, Server};
 use super::workspace::{Document, is_file};
 use language::ide::{Analysis, FileEdit, rename};
-use language::{Diagnostic, Origin, Source, Span, apply_fixes, format};
+use language::{Diagnostic, Edit, Fix, Origin, Source, Span, apply_fixes, format};
 use lsp_types::{
     CodeAction, CodeActionKind, CodeActionParams, CodeActionRequest, CodeActionResponse, CodeLensRequest,
     CompletionParams, CompletionRequest, CompletionResponse, Contents, Definition, DefinitionParams, DefinitionRequest,
@@ -17,6 +17,7 @@ use lsp_types::{
 };
 use serde_json::Value;
 use std::rc::Rc;
+use verify::Repair;
 
 /// Answers one kind of request.
 fn ask<R: Request>(
@@ -169,6 +170,13 @@ impl Server {
             wanted.is_none_or(|wanted| wanted.iter().any(|one| kind.to_string().starts_with(&one.to_string())))
         };
         let mut found: Vec<CodeAction> = here.filter_map(|found| self.quick_fix(found, &analysis)).collect();
+        if analysis.plan().is_some() {
+            let repairs = self.proofs.repairs(&params.text_document.uri.0, &analysis);
+            let is_here =
+                |repair: &&Repair| touches(repair.span) || repair.fix.edits.iter().any(|edit| touches(edit.span));
+            let repairs: Vec<Repair> = repairs.iter().filter(is_here).cloned().collect();
+            found.extend(repairs.iter().map(|repair| self.repair(repair, &analysis)));
+        }
         // Asked about nothing that is wrong, the editor gets it only when it asks for it.
         if !found.is_empty() || params.context.only.is_some() {
             found.extend(self.fix_all(&analysis));
@@ -179,13 +187,7 @@ impl Server {
 
     fn quick_fix(&self, found: &Diagnostic, analysis: &Analysis) -> Option<CodeAction> {
         let fix = found.fix.as_ref()?;
-        let edits = fix.edits.iter().map(|edit| FileEdit {
-            file: analysis.source(edit.span).name.clone(),
-            start: edit.span.start,
-            end: edit.span.end,
-            text: edit.text.clone(),
-        });
-        let edits: Vec<FileEdit> = edits.collect();
+        let edits = file_edits(fix, analysis);
         let document = self.workspace.open_from(&analysis.spec().name)?;
         let shown = convert::diagnostic(found, (analysis.spec(), &document.lines), Vec::new(), &self.client);
         Some(CodeAction {
@@ -196,6 +198,16 @@ impl Server {
             edit: Some(convert::workspace_edit(edits, &self.workspace, &self.client)),
             ..CodeAction::default()
         })
+    }
+
+    /// An edit after which a mistake was verified to be gone.
+    fn repair(&self, repair: &Repair, analysis: &Analysis) -> CodeAction {
+        CodeAction {
+            title: format!("{} (verified)", repair.fix.title),
+            kind: Some(CodeActionKind::QuickFix),
+            edit: Some(convert::workspace_edit(file_edits(&repair.fix, analysis), &self.workspace, &self.client)),
+            ..CodeAction::default()
+        }
     }
 
     /// All fixes at once, as `dca fix` does in its first round.
@@ -262,6 +274,17 @@ fn changed(old: &str, new: &str) -> (usize, usize, String) {
     let last = std::iter::zip(backwards(old_rest), backwards(new_rest)).take_while(|(one, other)| one == other);
     let tail: usize = last.map(|(one, _)| one.len()).sum();
     (start, old.len() - tail, new_rest[..new_rest.len() - tail].to_owned())
+}
+
+/// The edits of a fix, each in its file.
+fn file_edits(fix: &Fix, analysis: &Analysis) -> Vec<FileEdit> {
+    let edit = |edit: &Edit| FileEdit {
+        file: analysis.source(edit.span).name.clone(),
+        start: edit.span.start,
+        end: edit.span.end,
+        text: edit.text.clone(),
+    };
+    fix.edits.iter().map(edit).collect()
 }
 
 #[cfg(test)]

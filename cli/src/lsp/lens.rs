@@ -17,7 +17,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::SyncSender;
 use std::time::Duration;
-use verify::{Alone, Finding, GoesOn, Limits, Verdict};
+use verify::{Alone, Finding, GoesOn, Limits, Repair, Verdict};
 
 /// The most states and bytes of one exploration, and the longest time of all: less than `dca verify` spends.
 const STATES: u32 = 200_000;
@@ -34,7 +34,15 @@ type Titles = Vec<(Span, String)>;
 pub(super) struct ProofReply {
     uri: String,
     number: u64,
+    known: Known,
+}
+
+/// What is known of a text.
+#[derive(Debug, Default)]
+struct Known {
     titles: Titles,
+    /// Edits that were verified to repair something.
+    repairs: Vec<Repair>,
 }
 
 /// What is known of the blocks of one document.
@@ -44,7 +52,7 @@ struct Proof {
     number: u64,
     is_called_off: Arc<AtomicBool>,
     /// Nothing while it is being found out.
-    titles: Option<Titles>,
+    known: Option<Known>,
 }
 
 /// The proofs of all documents that an editor has asked for.
@@ -61,11 +69,16 @@ impl Proofs {
     }
 
     /// What is known of a text by now; what is not is being found out afterwards.
-    fn of(&mut self, uri: &str, analysis: &Rc<Analysis>) -> Option<&Titles> {
+    fn of(&mut self, uri: &str, analysis: &Rc<Analysis>) -> Option<&Known> {
         if !self.documents.get(uri).is_some_and(|known| Rc::ptr_eq(&known.of, analysis)) {
             self.begin(uri, analysis);
         }
-        self.documents.get(uri)?.titles.as_ref()
+        self.documents.get(uri)?.known.as_ref()
+    }
+
+    /// The repairs of a text that are known by now.
+    pub(super) fn repairs(&mut self, uri: &str, analysis: &Rc<Analysis>) -> &[Repair] {
+        self.of(uri, analysis).map_or(&[], |known| &known.repairs)
     }
 
     fn begin(&mut self, uri: &str, analysis: &Rc<Analysis>) {
@@ -76,20 +89,20 @@ impl Proofs {
         let (events, reply_to, off) = (self.events.clone(), uri.to_owned(), Arc::clone(&is_called_off));
         let (spec, others, blocks) = (analysis.spec().clone(), analysis.others().to_vec(), analysis.blocks_to_prove());
         let prove = move || {
-            let titles = titles(&spec, &others, &blocks, off);
+            let known = known(&spec, &others, &blocks, off);
             // Nobody listens any more when the editor is gone.
-            events.send(Event::Proof(ProofReply { uri: reply_to, number, titles })).unwrap_or_default();
+            events.send(Event::Proof(ProofReply { uri: reply_to, number, known })).unwrap_or_default();
         };
         // Nobody joins it: it ends within its limits.
         let is_begun = std::thread::Builder::new().name("prove".to_owned()).spawn(prove).is_ok();
-        let titles = (!is_begun).then(Vec::new);
-        self.documents.insert(uri.to_owned(), Proof { of: Rc::clone(analysis), number, is_called_off, titles });
+        let known = (!is_begun).then(Known::default);
+        self.documents.insert(uri.to_owned(), Proof { of: Rc::clone(analysis), number, is_called_off, known });
     }
 
     /// Takes in what a thread has found out; returns whether somebody still wants to know it.
     pub(super) fn take(&mut self, arrived: ProofReply) -> bool {
         let known = self.documents.get_mut(&arrived.uri).filter(|known| known.number == arrived.number);
-        known.map(|known| known.titles = Some(arrived.titles)).is_some()
+        known.map(|known| known.known = Some(arrived.known)).is_some()
     }
 
     /// Calls off what is being found out about a document.
@@ -117,7 +130,7 @@ impl Server {
             return Ok(None);
         }
         let under_way = || blocks.iter().map(|block| (*block, "being proved …".to_owned())).collect();
-        let titles = self.proofs.of(uri, &analysis).cloned().unwrap_or_else(under_way);
+        let titles = self.proofs.of(uri, &analysis).map(|known| known.titles.clone()).unwrap_or_else(under_way);
         let (document, analysis) = self.document(uri)?;
         let lens = |(block, title): (Span, String)| {
             let first = Span { end: block.start, ..block };
@@ -142,9 +155,10 @@ impl GoesOn for Until {
     }
 }
 
-fn titles(spec: &Source, others: &[Source], blocks: &[Span], is_called_off: Arc<AtomicBool>) -> Titles {
-    let (compiled, sites) = compile_with_sites(spec, others, &Options::named("spec"));
-    let Some((plan, sites)) = compiled.plan.zip(sites) else { return Vec::new() };
+fn known(spec: &Source, others: &[Source], blocks: &[Span], is_called_off: Arc<AtomicBool>) -> Known {
+    let options = Options::named("spec");
+    let (compiled, sites) = compile_with_sites(spec, others, &options);
+    let Some((plan, sites)) = compiled.plan.zip(sites) else { return Known::default() };
     let until = Until { end: clock::now() + TIME, is_called_off };
     let limits = Limits { states: STATES, memory: MEMORY, threads: &Alone, goes_on: &until };
     let found = verify::sentences(&plan, &sites, &limits);
@@ -152,7 +166,7 @@ fn titles(spec: &Source, others: &[Source], blocks: &[Span], is_called_off: Arc<
         let of_block: Vec<&(Span, Finding)> = found.iter().filter(|(span, _)| block.contains(*span)).collect();
         (*block, title(spec, &of_block))
     };
-    blocks.iter().map(title).collect()
+    Known { titles: blocks.iter().map(title).collect(), repairs: verify::repairs(spec, others, &options, &limits) }
 }
 
 /// `12 sentences hold`, `2 of 12 do not hold: never a with b; can finish`. A sentence about several groups holds of all of them.
