@@ -76,7 +76,10 @@ impl Module for Fake {
         self.looks += 1;
         if self.looks % TELL_EVERY == 0 {
             let lines = self.heard.iter().map(|(port, count)| format!("{port} {count}\n"));
-            fs::write(self.file("heard"), lines.collect::<String>()).unwrap_or_default();
+            // Read as a whole, or as it was.
+            let (file, draft) = (self.file("heard"), self.file("draft"));
+            let written = fs::write(&draft, lines.collect::<String>());
+            written.and_then(|()| fs::rename(&draft, &file)).unwrap_or_default();
         }
         let Some(order) = self.order() else { return Progress::Continue };
         let progress = match order.trim().split_once(' ').unwrap_or((order.trim(), "")) {

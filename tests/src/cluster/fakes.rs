@@ -25,7 +25,7 @@ impl<'c> Fakes<'c> {
     /// # Panics
     /// It cannot be written.
     pub fn new(cluster: &'c Cluster) -> Self {
-        for folder in ["orders", "heard"] {
+        for folder in ["orders", "heard", "draft"] {
             std::fs::create_dir_all(cluster.folder().join("fakes").join(folder)).expect("the folder is the test's own");
         }
         Self { cluster }
