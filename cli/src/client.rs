@@ -291,17 +291,24 @@ impl Client {
         Some((status.peers.into_iter().chain([status.host]).collect(), status.up))
     }
 
+    /// Returns the key of requests to a node. Where another one has the name of the node of this machine, this one is meant.
+    fn rpc(&self, host: &str) -> String {
+        let key = key::rpc(host, VERB);
+        let here = (self.local() == Some(host)).then(|| self.session.at_the_other_end(&key)).flatten();
+        here.unwrap_or(key)
+    }
+
     /// Asks a node something that has one answer.
     pub(crate) async fn ask(&self, host: &str, request: &Request, within: Duration) -> Result<Answer, Failure> {
         let bytes = codec::encode(request)?;
-        let reply = self.session.call(&key::rpc(host, VERB), bytes, within).await;
+        let reply = self.session.call(&self.rpc(host), bytes, within).await;
         read(host, &reply.map_err(|error| call_failure(host, error))?)
     }
 
     /// Asks a node something that has a stream of answers.
     pub(crate) fn ask_on(&self, host: &str, request: &Request) -> Result<Answers, Failure> {
         let bytes = codec::encode(request)?;
-        let replies = self.session.call_stream(&key::rpc(host, VERB), bytes, SILENCE_MAX);
+        let replies = self.session.call_stream(&self.rpc(host), bytes, SILENCE_MAX);
         Ok(Answers { host: host.to_owned(), replies: replies.map_err(|error| call_failure(host, error))? })
     }
 

@@ -205,6 +205,48 @@ async fn answers_that_are_complete_are_taken_before_a_session_closes() {
     client.close().await;
 }
 
+/// Two sessions may serve one key, as two nodes of one name do. A stream stays with the one that began it, and a client can mean
+/// the one that it is linked to.
+#[tokio::test(flavor = "multi_thread")]
+async fn of_two_servers_of_one_key_one_gives_all_answers_of_a_stream() {
+    const PIECES: u8 = 40;
+    let dir = Dir::new("same");
+    let (a, b) = (node(&dir, "a", &["b"]).await, node(&dir, "b", &["a"]).await);
+    let served = key::rpc_any("same");
+    let mut tasks = tokio::task::JoinSet::new();
+    for (session, first) in [(&a, 0), (&b, 100)] {
+        let mut server = session.serve(&served).unwrap();
+        tasks.spawn(async move {
+            while let Some(mut request) = server.next().await {
+                assert_eq!(request.key(), key::rpc("same", "count"));
+                for number in 0..PIECES {
+                    assert!(request.reply(vec![first + number; 5000]).await);
+                }
+                request.finish();
+            }
+        });
+    }
+    let _tokens = [a.announce(&key::live("a", 1)).unwrap(), b.announce(&key::live("b", 2)).unwrap()];
+    tokio::join!(appears(&a, "b"), appears(&b, "a"));
+    for (socket, first) in [("a", 0), ("b", 100)] {
+        let client = Session::open_client(&dir.socket(socket)).await.unwrap();
+        let called = key::rpc("same", "count");
+        let here = client.at_the_other_end(&called).unwrap();
+        for key in [&called, &here].repeat(20) {
+            let mut replies = client.call_stream(key, Vec::new(), LONG).unwrap();
+            let mut taken = Vec::new();
+            while let Some(answer) = replies.next().await {
+                taken.push(answer.unwrap()[0]);
+            }
+            let begun = if *key == here { first } else { taken[0] };
+            assert_eq!(taken, (begun..begun + PIECES).collect::<Vec<_>>());
+        }
+        client.close().await;
+    }
+    a.close().await;
+    b.close().await;
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn nodes_and_a_client() {
     let dir = Dir::new("calls");

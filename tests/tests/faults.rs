@@ -309,7 +309,7 @@ fn two_nodes_of_one_name_that_meet_after_a_cut() {
     drop((kept.ended(SOON), namesake.ended(SOON)));
     let is_free = || !other.ask(&["status"]).err.contains("two nodes are called");
     wait_until(SOON, is_free).expect("the name has one node again");
-    // Its mission goes on; a command that follows it may have been answered by the other node.
+    assert!(goes_on.is_running(), "{}", goes_on.ended(SOON));
     assert_eq!(first.ask(&["stop", "few"]).code, Some(0));
     drop(goes_on.ended(SOON));
     [node, third_node].iter().for_each(|node| node.signal(Signal::TERM));

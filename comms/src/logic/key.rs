@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! dca/n/<host>/rpc/<verb>            a call to a node
+//! <any key that is called>/s!/<session>  the same, to one of those that serve it
 //! dca/n/<host>/in                    messages from node to node
 //! dca/n/<host>/ping                  a node asks who is there
 //! dca/n/<host>/pong                  answers to it
@@ -30,6 +31,8 @@ use thiserror::Error;
 
 /// The longest host name. Source: RFC 1123, the length of one label.
 pub const HOST_NAME_SIZE_MAX: usize = 63;
+/// Stands between a key and a session that serves it; no name can hold it.
+const SESSION: &str = "/s!/";
 /// First words that a robot's name must not take.
 const RESERVED: [&str; 4] = ["n", "live", "d", "db"];
 
@@ -110,6 +113,16 @@ pub fn rpc_any(host: &str) -> String {
 pub fn parse_rpc(key: &str) -> Option<(String, String)> {
     let (host, verb) = key.strip_prefix("dca/n/")?.split_once("/rpc/")?;
     Some((unescape(host)?, unescape(verb)?))
+}
+
+/// Returns the key of calls to that one of those which serve `key` that has this session id.
+pub fn of_session(key: &str, session: &str) -> String {
+    format!("{key}{SESSION}{session}")
+}
+
+/// Returns the key that was called, whether or not a session was named.
+pub fn without_session(key: &str) -> &str {
+    key.split_once(SESSION).map_or(key, |(key, _)| key)
 }
 
 /// Returns the key of messages to a node from other nodes.
@@ -342,6 +355,10 @@ mod tests {
                 prop_assert!(!key.is_wild());
             }
             prop_assert_eq!(parse_rpc(&rpc(&a, &b)), Some((a.clone(), b.clone())));
+            let of_session = of_session(&rpc(&a, &b), "ff");
+            prop_assert!(!KeyExpr::try_from(of_session.as_str()).unwrap().is_wild());
+            prop_assert_eq!(without_session(&of_session), rpc(&a, &b));
+            prop_assert_eq!(without_session(&rpc(&a, &b)), rpc(&a, &b));
             prop_assert_eq!(parse_live(&live(&a, boot)), Some((a.clone(), boot)));
             prop_assert_eq!(parse_signals(&signals(&a, &b)), Some(b.clone()));
             prop_assert_eq!(inbox(&a) == inbox(&b), a == b);

@@ -11,6 +11,7 @@ mod peers;
 mod relay;
 
 pub use input::Input;
+use namesakes::Rivalry;
 use orders::Orders;
 
 use crate::logic::absence::Absence;
@@ -95,6 +96,7 @@ pub struct Agent {
     /// Until when a node of which nothing is left waits for others to acknowledge its last messages.
     lingers_until: Option<Time>,
     orders: Orders,
+    rivalry: Rivalry,
 }
 
 /// Programs that could not be ended when their deployment was.
@@ -145,6 +147,7 @@ impl Agent {
             adoptions: VecDeque::new(),
             lingers_until: None,
             orders: Orders::default(),
+            rivalry: Rivalry::default(),
         }
     }
 

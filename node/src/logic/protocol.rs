@@ -530,8 +530,9 @@ mod tests {
         assert_eq!(postcard::to_stdvec(&Request::Duplicates).unwrap(), [22]);
         let twice = Duplicate { host: "c1".into(), first: "a".into(), second: "b".into() };
         assert_eq!(postcard::to_stdvec(&Answer::Duplicates(vec![twice])).unwrap(), *b"\x12\x01\x02c1\x01a\x01b");
-        let namesake = Namesake { boot: 5, to_boot: 6, deployments: vec![(deployment.clone(), true)] };
-        assert_eq!(codec::encode(&namesake).unwrap(), *b"DC\x01\x00\x6a\x00\x05\x06\x01\x01d\x02\x01");
+        let (deployments, ended) = (vec![(deployment.clone(), true)], vec![deployment.clone()]);
+        let namesake = Namesake { boot: 5, to_boot: 6, deployments, ended };
+        assert_eq!(codec::encode(&namesake).unwrap(), *b"DC\x02\x00\x6a\x00\x05\x06\x01\x01d\x02\x01\x01\x01d\x02");
         let report = Report::Connected { host: "c2".into() };
         let event = Event { deployment, number: 300, host: "c2".into(), ago: heard, report };
         let bytes = *b"\x0c\x01\x01d\x02\xac\x02\x02c2\x03\x04\x02\x02c2";

@@ -20,12 +20,14 @@ struct Two {
     worlds: [World; 2],
     /// Whether the two hear of each other.
     meet: bool,
+    /// Whether the first does not hear what the second says to it.
+    is_deaf: bool,
     draw: Option<Draw>,
 }
 
 impl Two {
     fn new() -> Self {
-        Self { worlds: [World::new(&["c1", "c2"]), World::new(&["c0", "c1"])], meet: false, draw: None }
+        Self { worlds: [World::new(&["c1", "c2"]), World::new(&["c0", "c1"])], meet: false, is_deaf: false, draw: None }
     }
 
     /// Whether a word from one to the other arrives.
@@ -50,7 +52,8 @@ impl Two {
                 if self.arrives() {
                     self.worlds[to].give("c1", Input::Pong(Box::new(pong)));
                 }
-                for namesake in said {
+                let is_deaf = to == 0 && self.is_deaf;
+                for namesake in said.into_iter().filter(|_| !is_deaf) {
                     if self.arrives() {
                         self.worlds[to].give("c1", Input::Namesake(Box::new(namesake)));
                     }
@@ -68,16 +71,14 @@ impl Two {
         self.worlds.each_ref().map(|world| world.alive.len())
     }
 
-    /// Returns what each was told of deployments that run on both, without repetition.
+    /// Returns what each was told of deployments that run on both.
     fn twice(&self) -> [Vec<String>; 2] {
         self.worlds.each_ref().map(|world| {
             let told = world.changes.iter().filter_map(|(_, change)| match change {
                 Change::Twice { .. } => Some(change.to_string()),
                 _ => None,
             });
-            let mut told: Vec<String> = told.collect();
-            told.dedup();
-            told
+            told.collect()
         })
     }
 }
@@ -87,6 +88,23 @@ fn refusal(world: &World, call: u64) -> Option<String> {
         Answer::Report(Report::Refused { reasons }) => Some(reasons.join("; ")),
         _ => None,
     }
+}
+
+#[test]
+fn the_one_that_goes_on_is_told_however_late_it_hears_the_other() {
+    let mut two = Two::new();
+    two.deploy(0, "test");
+    two.deploy(1, "test");
+    two.run_for(2000);
+    (two.meet, two.is_deaf) = (true, true);
+    two.run_for(5000);
+    assert_eq!(two.alive(), [2, 0], "the second has heard the first, and has ended its part");
+    assert_eq!(two.twice()[0], Vec::<String>::new());
+    two.is_deaf = false;
+    two.run_for(3000);
+    let told = "`test@1` also runs on another node of this one's name (boot 2): it is ended there";
+    assert_eq!(two.twice()[0], [told]);
+    assert_eq!(two.alive(), [2, 0]);
 }
 
 #[test]

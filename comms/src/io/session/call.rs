@@ -11,10 +11,10 @@ use super::open::plain;
 use super::serve::REFUSED;
 use super::stream::{End, Incoming, Piece, Pull, Silence, StreamId};
 use crate::io::clock;
-use crate::logic::codec;
 use crate::logic::human::span;
 use crate::logic::pace::Pace;
 use crate::logic::time::Time;
+use crate::logic::{codec, key};
 use std::fmt;
 use std::pin::pin;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -150,6 +150,8 @@ struct PendingCall {
 #[derive(Debug)]
 pub struct Replies {
     key: String,
+    /// Where the next piece is asked for: several may serve one key, and the one that began goes on.
+    server: String,
     session: zenoh::Session,
     stream: StreamId,
     streams: Arc<AtomicUsize>,
@@ -173,6 +175,15 @@ enum Stream {
 }
 
 impl Session {
+    /// Returns the key of calls to that one of those which serve `key` that this session is linked to, if it has a single link, as
+    /// the session of a command line has. Others may serve the same key: two nodes of one name do.
+    pub fn at_the_other_end(&self, key: &str) -> Option<String> {
+        match &self.opened.linked_to()[..] {
+            [session] => Some(key::of_session(key, session)),
+            _ => None,
+        }
+    }
+
     /// Calls the server of `key` and returns its first answer.
     ///
     /// # Errors
@@ -182,15 +193,16 @@ impl Session {
     /// The request may be carried out all the same.
     pub async fn call(&self, key: &str, payload: Vec<u8>, within: Duration) -> Result<Vec<u8>, CallError> {
         let asked = ask(&self.opened.session, key, payload, None, within)?;
-        let timeout = || CallError::Timeout { key: key.to_owned(), within };
+        let called = || key::without_session(key).to_owned();
+        let timeout = || CallError::Timeout { key: called(), within };
         // Zenoh gives up at the same moment; ours is for the case that it does not.
         let slack = within + Duration::from_millis(500);
         let answer = tokio::time::timeout(slack, asked.answer).await.map_err(|_elapsed| timeout())?;
-        let Ok((reply, _)) = answer else { return Err(CallError::Unreachable { key: key.to_owned() }) };
+        let Ok((reply, _)) = answer else { return Err(CallError::Unreachable { key: called() }) };
         match reply.into_result() {
             Ok(sample) => Ok(sample.payload().to_bytes().into_owned()),
             Err(error) if *error.payload().to_bytes() == *b"Timeout" => Err(timeout()),
-            Err(error) => Err(refused(key, &error)),
+            Err(error) => Err(refused(&called(), &error)),
         }
     }
 
@@ -204,7 +216,8 @@ impl Session {
         let streams = Arc::clone(&self.calls.open);
         streams.fetch_add(1, Ordering::Relaxed);
         let mut replies = Replies {
-            key: key.to_owned(),
+            key: key::without_session(key).to_owned(),
+            server: key.to_owned(),
             session: self.opened.session.clone(),
             stream: StreamId { session: self.id(), number },
             streams,
@@ -229,7 +242,7 @@ fn ask(
     pull: Option<&Pull>,
     within: Duration,
 ) -> Result<PendingCall, CallError> {
-    let failed = |cause: String| CallError::Session { key: key.to_owned(), cause };
+    let failed = |cause: String| CallError::Session { key: key::without_session(key).to_owned(), cause };
     let (answer_tx, answer) = oneshot::channel();
     // The closure goes, and with it the sender, when the answer is in or the server is gone.
     let sink: Arc<Sink> = Arc::new(Mutex::new(Some(answer_tx)));
@@ -313,6 +326,9 @@ impl Replies {
         let reply = match answer {
             Ok((reply, at)) => {
                 let took = at - asked.at;
+                if let (Stream::Silent, Some(server)) = (&self.state, reply.replier_id()) {
+                    self.server = key::of_session(&self.key, &server.zid().to_string());
+                }
                 reply.into_result().map(|sample| (sample, took))
             }
             Err(_) if self.state == Stream::Silent => {
@@ -339,7 +355,7 @@ impl Replies {
         let (stream, size) = (self.stream.clone(), u32::try_from(self.size).unwrap_or(u32::MAX));
         let pull = if first.is_some() { Pull::First { stream, size } } else { Pull::Next { stream, size } };
         let payload = first.unwrap_or_default();
-        self.asked = Some(ask(&self.session, &self.key, payload, Some(&pull), PULL_TIMEOUT)?);
+        self.asked = Some(ask(&self.session, &self.server, payload, Some(&pull), PULL_TIMEOUT)?);
         self.silence = Silence::begin(clock::now());
         Ok(())
     }
@@ -371,7 +387,7 @@ impl Drop for Replies {
         }
         // The server need not keep what nobody takes; if it does not hear of it, it gives up by itself.
         let Ok(leave) = codec::encode(&Pull::Leave { stream: self.stream.clone() }) else { return };
-        let leaving = self.session.get(&self.key).attachment(leave).congestion_control(CongestionControl::Drop);
+        let leaving = self.session.get(&self.server).attachment(leave).congestion_control(CongestionControl::Drop);
         if let Err(error) = leaving.timeout(LEAVE_TIMEOUT).callback(drop).wait() {
             tracing::debug!(key = self.key, %error, "the server does not hear that nobody takes its answers");
         }

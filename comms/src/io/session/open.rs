@@ -198,6 +198,11 @@ impl Opened {
         self.session.zid().to_string()
     }
 
+    /// Returns the ids of the sessions that it is linked to now.
+    pub(crate) fn linked_to(&self) -> Vec<String> {
+        lock(&self.dialler.links).standing.iter().cloned().collect()
+    }
+
     /// Returns where the session listens.
     pub(crate) fn locators(&self) -> Vec<String> {
         let own = self.dialler.runtime.get_locators().into_iter().map(|locator| locator.to_string());

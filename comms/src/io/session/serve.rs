@@ -10,9 +10,9 @@ use super::open::plain;
 use super::stream::{End, Outgoing, Pull, StreamId};
 use crate::io::clock;
 use crate::io::queue::{self, Receiver, Sender};
-use crate::logic::codec;
 use crate::logic::port::{Policy, Pushed};
 use crate::logic::time::Time;
+use crate::logic::{codec, key};
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -40,7 +40,7 @@ pub struct Server {
     streams: Arc<Streams>,
     sending: JoinSet<()>,
     answering: watch::Sender<()>,
-    _queryable: Queryable<()>,
+    _queryables: [Queryable<()>; 2],
 }
 
 /// One call. Whoever asked for one answer has it with the first; a stream is complete only with [`Request::finish`], and
@@ -101,7 +101,8 @@ enum Turn {
 }
 
 impl Session {
-    /// Serves `key`, which may be an expression such as [`crate::logic::key::rpc_any`].
+    /// Serves `key`, which may be an expression such as [`crate::logic::key::rpc_any`]; a request may also name this session
+    /// ([`Session::at_the_other_end`]), since another one may serve the same key.
     ///
     /// Of requests that wait, 256 are kept; more are refused.
     ///
@@ -109,13 +110,16 @@ impl Session {
     /// If the session is closed.
     pub fn serve(&self, key: &str) -> Result<Server, CallError> {
         let (to_serve, requests) = queue::channel(Policy::reject(REQUESTS_MAX));
-        let streams = Arc::new(Streams::default());
-        let known = Arc::clone(&streams);
-        let on_query = move |query| known.hear(query, &to_serve);
-        let queryable = self.opened.session.declare_queryable(key).complete(true).callback(on_query).wait();
-        let queryable = queryable.map_err(|cause| CallError::Session { key: key.to_owned(), cause: plain(&cause) })?;
+        let (streams, to_serve) = (Arc::new(Streams::default()), Arc::new(to_serve));
+        let serve = |key: &str| {
+            let (known, to_serve) = (Arc::clone(&streams), Arc::clone(&to_serve));
+            let on_query = move |query| known.hear(query, &to_serve);
+            let queryable = self.opened.session.declare_queryable(key).complete(true).callback(on_query).wait();
+            queryable.map_err(|cause| CallError::Session { key: key.to_owned(), cause: plain(&cause) })
+        };
+        let queryables = [serve(key)?, serve(&key::of_session(key, &self.id()))?];
         let answering = self.answering.clone();
-        Ok(Server { requests, streams, sending: JoinSet::new(), answering, _queryable: queryable })
+        Ok(Server { requests, streams, sending: JoinSet::new(), answering, _queryables: queryables })
     }
 
     /// Waits until every caller of a stream that is complete has taken it.
@@ -326,7 +330,7 @@ impl Stream {
 impl Request {
     fn new(query: &Query, caller: Caller) -> Self {
         let payload = query.payload().map(|payload| payload.to_bytes().into_owned()).unwrap_or_default();
-        Self { key: query.key_expr().as_str().to_owned(), payload, caller }
+        Self { key: key::without_session(query.key_expr().as_str()).to_owned(), payload, caller }
     }
 
     /// Returns the key that was called.

@@ -8,7 +8,18 @@ use super::Agent;
 use crate::logic::effect::{Effect, Out};
 use crate::logic::nameserver::Change;
 use crate::logic::protocol::{Answer, Deployment, Namesake};
-use std::collections::BTreeMap;
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// What this node and others of its name have settled, while these are there.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct Rivalry {
+    /// What was ended here, and the boot at which it goes on. Repeated until that one leaves: a word may be lost, or come before
+    /// the other one knows of this one.
+    ended: BTreeMap<Deployment, u64>,
+    /// What was reported to run on both: the boot of the other, and the deployment.
+    reported: BTreeSet<(u64, Deployment)>,
+}
 
 impl Agent {
     /// Says why this node takes nothing on, where another one has its name.
@@ -27,10 +38,15 @@ impl Agent {
     }
 
     /// Tells others of this name what runs here.
-    pub(super) fn greet(&self, out: &mut Out<'_>) {
-        for (to_boot, _) in self.names.namesakes() {
+    pub(super) fn greet(&mut self, out: &mut Out<'_>) {
+        let there: BTreeSet<u64> = self.names.namesakes().map(|(boot, _)| boot).collect();
+        self.rivalry.ended.retain(|_, boot| there.contains(boot));
+        self.rivalry.reported.retain(|(boot, _)| there.contains(boot));
+        for to_boot in there {
             let deployments = self.own_deployments().into_iter().collect();
-            let namesake = Namesake { boot: self.identity.boot, to_boot, deployments };
+            let ended = self.rivalry.ended.iter().filter(|(_, boot)| **boot == to_boot);
+            let ended = ended.map(|(deployment, _)| deployment.clone()).collect();
+            let namesake = Namesake { boot: self.identity.boot, to_boot, deployments, ended };
             out.effects.push(Effect::Greet(Box::new(namesake)));
         }
     }
@@ -39,22 +55,33 @@ impl Agent {
     pub(super) fn greeted(&mut self, other: &Namesake, out: &mut Out<'_>) {
         let known = self.names.namesakes().find(|(boot, _)| *boot == other.boot);
         let Some((boot, is_elder)) = known.filter(|_| other.to_boot == self.identity.boot) else { return };
-        let place = self.names.place(boot).unwrap_or_default().to_owned();
-        for (deployment, reaches_home) in self.own_deployments() {
+        let own = self.own_deployments();
+        let is_ended_there = |one: &&Deployment| other.ended.iter().any(|theirs| theirs.name == one.name);
+        own.keys().filter(is_ended_there).for_each(|deployment| self.runs_twice(deployment, boot, true, out));
+        for (deployment, reaches_home) in own {
             let Some((theirs, reaches)) = other.deployments.iter().find(|(one, _)| one.name == deployment.name) else {
                 continue;
             };
             let keeps = (deployment.epoch, reaches_home, !is_elder) > (theirs.epoch, *reaches, is_elder);
-            let (name, place) = (deployment.to_string(), place.clone());
-            out.effects.push(Effect::Peer(Change::Twice { deployment: name, place: place.clone(), keeps }));
+            self.runs_twice(&deployment, boot, keeps, out);
             if keeps {
                 continue;
             }
+            self.rivalry.ended.insert(deployment.clone(), boot);
             if let Some(coordinator) = self.coordinators.get_mut(&deployment) {
+                let place = self.names.place(boot).unwrap_or_default().to_owned();
                 coordinator.preempt(place, out);
             } else if let Some(participant) = self.participants.get_mut(&deployment) {
                 participant.leave(out);
             }
+        }
+    }
+
+    /// Reports, once, that a deployment also runs on another node of this name, and whether it goes on here.
+    fn runs_twice(&mut self, deployment: &Deployment, boot: u64, keeps: bool, out: &mut Out<'_>) {
+        if self.rivalry.reported.insert((boot, deployment.clone())) {
+            let place = self.names.place(boot).unwrap_or_default().to_owned();
+            out.effects.push(Effect::Peer(Change::Twice { deployment: deployment.to_string(), place, keeps }));
         }
     }
 

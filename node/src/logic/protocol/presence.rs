@@ -46,6 +46,8 @@ pub struct Namesake {
     pub to_boot: u64,
     /// The deployments that it has a part of, and whether it reaches the home of each.
     pub deployments: Vec<(Deployment, bool)>,
+    /// The deployments that it has ended, since they go on at the other one.
+    pub ended: Vec<Deployment>,
 }
 
 /// A name that two nodes have.
@@ -61,7 +63,7 @@ pub struct Duplicate {
 
 impl Enveloped for Namesake {
     const KIND: Kind = Kind::Namesake;
-    const VERSION: u16 = 1;
+    const VERSION: u16 = 2;
     const SIZE_MAX: usize = 64 << 10;
 }
 
