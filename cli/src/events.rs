@@ -4,6 +4,7 @@ use crate::ConnectArgs;
 use crate::client::feed::{Feed, FeedItem, Mode, since_1970};
 use crate::logic::record::report_kind;
 use crate::logic::sentence::{change_text, date_and_time, report_text};
+use crate::reader::Reader;
 use anyhow::anyhow;
 use comms::io::clock;
 use node::console::{self, Failure, block_on};
@@ -11,7 +12,6 @@ use node::logic::protocol::{Event, Report};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::time::Duration;
-use tokio::signal::unix::{SignalKind, signal};
 
 /// The arguments of `dca events`.
 #[derive(Debug, clap::Args)]
@@ -56,18 +56,16 @@ struct Printer<'a> {
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut printer = Printer { arguments, waiting: Some(Vec::new()), lost: BTreeSet::new(), is_empty: true };
     let end = block_on(async {
-        let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
+        let mut reader = Reader::new()?;
         let mode = if arguments.follow { Mode::Follow } else { Mode::Snapshot };
         let mut feed = tokio::select! {
             feed = Feed::open(&arguments.connect, mode) => feed?,
-            _ = interrupt.recv() => return Ok(End::Interrupted),
-            _ = terminate.recv() => return Ok(End::Interrupted),
+            () = reader.left() => return Ok(End::Interrupted),
         };
         let end = loop {
             let end = tokio::select! {
                 said = feed.next() => printer.take(said)?,
-                _ = interrupt.recv() => Some(End::Interrupted),
-                _ = terminate.recv() => Some(End::Interrupted),
+                () = reader.left() => Some(End::Interrupted),
             };
             if let Some(end) = end {
                 break end;

@@ -38,6 +38,7 @@ pub mod object;
 pub mod output;
 pub(crate) mod outputs;
 pub mod param;
+pub(crate) mod reader;
 pub mod report;
 pub mod run;
 pub mod sim;

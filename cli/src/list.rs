@@ -9,6 +9,7 @@ use crate::io::taps::Taps;
 use crate::logic::object::{Listed, ListedKind, is_listed};
 use crate::object::exports_of;
 use crate::tapped::{locations, outputs_of};
+use anyhow::anyhow;
 use comms::logic::control::Dial;
 use node::console::{self, Failure, block_on};
 use node::logic::printable::printable;
@@ -32,7 +33,7 @@ pub struct Arguments {
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let mut rows = block_on(async {
+    let (mut rows, silent) = block_on(async {
         let clients = Clients::open(&arguments.connect).await?;
         let taps = Arc::new(Taps::open(clients.iter().find_map(Client::team)).await?);
         let listed = listed(&clients, &taps, arguments.instance.as_deref()).await;
@@ -46,20 +47,37 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     rows.dedup();
     if arguments.json {
         console::say(&serde_json::Value::Array(rows.iter().map(Listed::json).collect()).to_string());
-        return Ok(());
+        return whole(&silent);
     }
     let mut lines = vec![["PROCESS", "NAME", "KIND", "TYPE"].map(str::to_owned).to_vec()];
     lines.extend(rows.iter().map(|row| row.cells().map(|cell| printable(&cell).to_string()).to_vec()));
-    if rows.is_empty() {
+    if rows.is_empty() && silent.is_empty() {
         console::note("no program that runs has ports, procedures or states");
-    } else {
+    } else if !rows.is_empty() {
         console::say(&table(&lines));
     }
-    Ok(())
+    whole(&silent)
 }
 
-async fn listed(clients: &Clients, taps: &Arc<Taps>, instance: Option<&str>) -> Result<Vec<Listed>, Failure> {
+/// A list without those who have not answered is not the whole one.
+fn whole(silent: &BTreeSet<String>) -> Result<(), Failure> {
+    if silent.is_empty() {
+        return Ok(());
+    }
+    let silent = Vec::from_iter(silent.iter().map(String::as_str)).join(", ");
+    Err(Failure::Unreachable(anyhow!("that is not everything: {silent} did not answer")))
+}
+
+/// Returns what all programs have that are meant, and who did not answer.
+async fn listed(
+    clients: &Clients,
+    taps: &Arc<Taps>,
+    instance: Option<&str>,
+) -> Result<(Vec<Listed>, BTreeSet<String>), Failure> {
     let all = clients.statuses().await?;
+    let away = absent::ask(&all).await;
+    let hosts = away.hosts.iter().map(|one| &one.host).chain(&away.silent);
+    let mut silent: BTreeSet<String> = hosts.map(|host| format!("the node `{host}`")).collect();
     let (mut places, mut is_any, mut rows) = (BTreeSet::new(), false, Vec::new());
     let mut requests = JoinSet::new();
     for (client, statuses) in &all {
@@ -76,27 +94,30 @@ async fn listed(clients: &Clients, taps: &Arc<Taps>, instance: Option<&str>) -> 
                 }
             }
             let names = client.ask(&host, &Request::Names, crate::client::ANSWER_WITHIN).await;
-            if let Ok(Answer::Names(names)) = names {
-                let meant = names.ports.into_iter().filter(|port| !port.is_output && port.deployment == deployment);
-                let meant = meant.filter(|port| is_listed(instance, &deployment.name, &port.path));
-                rows.extend(meant.map(input));
-            }
+            let Ok(Answer::Names(names)) = names else {
+                silent.insert(format!("the node `{host}`"));
+                continue;
+            };
+            let meant = names.ports.into_iter().filter(|port| !port.is_output && port.deployment == deployment);
+            let meant = meant.filter(|port| is_listed(instance, &deployment.name, &port.path));
+            rows.extend(meant.map(input));
         }
     }
     if let (false, Some(instance)) = (is_any, instance) {
-        return Err(absent::missing(&format!("process `{instance}`"), &all).await);
+        return Err(absent::nowhere(&format!("process `{instance}`"), &away));
     }
     let mut exported = BTreeSet::new();
     while let Some(joined) = requests.join_next().await {
-        let (found, failures) = joined.map_err(anyhow::Error::from)?;
+        let (process, found, failures) = joined.map_err(anyhow::Error::from)?;
         failures.iter().for_each(|failure| console::note(failure));
+        silent.extend((!failures.is_empty()).then(|| format!("`{process}`")));
         exported.extend(found.iter().map(|row| (row.process.clone(), row.name.clone())));
         rows.extend(found);
     }
     // A procedure is the end of a connection, too.
     let is_input = |row: &Listed| row.kind == ListedKind::Input;
     rows.retain(|row| !is_input(row) || !exported.contains(&(row.process.clone(), row.name.clone())));
-    Ok(rows)
+    Ok((rows, silent))
 }
 
 fn input(port: PortName) -> Listed {
@@ -110,20 +131,25 @@ fn input(port: PortName) -> Listed {
     }
 }
 
-/// Asks one program; returns what it has, and what people have to know.
-async fn program(taps: Arc<Taps>, deployment: Deployment, path: String, dial: Dial) -> (Vec<Listed>, Vec<String>) {
+/// Asks one program; returns its name, what it has, and what people have to know.
+async fn program(
+    taps: Arc<Taps>,
+    deployment: Deployment,
+    path: String,
+    dial: Dial,
+) -> (String, Vec<Listed>, Vec<String>) {
     let (mut rows, mut failures) = (Vec::new(), Vec::new());
     let process = format!("{}:{path}", deployment.name);
     match exports_of(&taps, &deployment, &path, dial.clone()).await {
         Ok(exports) => rows.extend(exports.exports.into_iter().map(|exported| Listed::exported(&process, exported))),
         Err(failure) => {
             failures.push(format!("warning: `{process}`: {}", words(&failure)));
-            return (rows, failures);
+            return (process, rows, failures);
         }
     }
     match outputs_of(&taps, &deployment, &path, dial).await {
         Ok(outputs) => rows.extend(outputs.outputs.into_iter().map(|output| Listed::output(&process, output))),
         Err(failure) => failures.push(format!("warning: `{process}`: {}", words(&failure))),
     }
-    (rows, failures)
+    (process, rows, failures)
 }

@@ -6,6 +6,7 @@ use crate::client::{Answers, Clients, Statuses, unasked, words};
 use crate::follow::RUNS;
 use crate::io::recorder;
 use crate::logic::tap::is_path;
+use crate::reader::Reader;
 use crate::{ConnectArgs, absent};
 use anyhow::anyhow;
 use node::console::{self, Failure, block_on};
@@ -87,9 +88,10 @@ async fn from_nodes(arguments: &Arguments) -> Result<Option<NoOutput>, Failure> 
         clients.close().await;
         return listed.map(|()| None);
     }
+    let mut reader = Reader::new()?;
     let result = tokio::select! {
         result = print(&clients, arguments) => result,
-        _ = tokio::signal::ctrl_c() => Ok(None),
+        () = reader.left() => Ok(None),
     };
     clients.close().await;
     result

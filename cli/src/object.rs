@@ -5,6 +5,7 @@
 use crate::client::{Client, Clients};
 use crate::io::taps::Taps;
 use crate::logic::object::{ObjectName, argument, result};
+use crate::reader::Reader;
 use crate::tapped::locations;
 use crate::{ConnectArgs, absent};
 use anyhow::anyhow;
@@ -112,9 +113,10 @@ async fn with_taps(
     let clients = Clients::open(&arguments.connect).await?;
     let taps = Taps::open(clients.iter().find_map(Client::team)).await?;
     let taps = taps.within(Duration::from_secs_f64(arguments.within));
+    let mut reader = Reader::new()?;
     let done = tokio::select! {
         done = work(&clients, &taps) => done,
-        _ = tokio::signal::ctrl_c() => Ok(()),
+        () = reader.left() => Ok(()),
     };
     taps.close().await;
     clients.close().await;

@@ -6,6 +6,7 @@
 use crate::client::{ANSWER_WITHIN, Answers, Client, Clients, unasked, words};
 use crate::io::taps::Taps;
 use crate::logic::tap::{Wanted, message};
+use crate::reader::Reader;
 use crate::{ConnectArgs, absent};
 use anyhow::anyhow;
 use comms::io::clock;
@@ -16,7 +17,6 @@ use node::console::{self, Failure};
 use node::logic::protocol::{Answer, Change, Deployment, Report, Request, leaves};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
-use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::mpsc::{self, Receiver};
 
 /// How many values wait to be shown; more are left out, and counted as lost.
@@ -93,13 +93,12 @@ pub(crate) async fn follow(
     arguments: &TapArgs,
     mut take: impl FnMut(TapEvent) -> anyhow::Result<Option<End>>,
 ) -> Result<End, Failure> {
-    let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
+    let mut reader = Reader::new()?;
     let clients = Clients::open(&arguments.connect).await?;
     let mut taps = Taps::open(clients.iter().find_map(|client| client.team())).await?;
     let ended = tokio::select! {
         ended = follow_with(&clients, &mut taps, arguments, &mut take) => ended,
-        _ = interrupt.recv() => Ok(End::Interrupted),
-        _ = terminate.recv() => Ok(End::Interrupted),
+        () = reader.left() => Ok(End::Interrupted),
     };
     taps.close().await;
     clients.close().await;

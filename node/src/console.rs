@@ -11,6 +11,7 @@ use std::io::{self, Write};
 use std::process::ExitCode;
 use std::sync::OnceLock;
 use std::time::Duration;
+use tokio::sync::Notify;
 use tokio::task::JoinSet;
 
 /// The longest line of an error, in characters: what a command was given may stand in it, however long that is.
@@ -18,6 +19,8 @@ const ERROR_LINE_MAX: usize = 1000;
 
 /// Why a result could not be written, the first time.
 static FAILED: OnceLock<io::Error> = OnceLock::new();
+/// Told when a result could not be written, for whatever reason.
+static UNWRITTEN: Notify = Notify::const_new();
 
 /// Why a verb did not do what was asked; each has its exit code.
 #[derive(Debug)]
@@ -97,12 +100,20 @@ pub fn finish(result: Result<(), Failure>) -> ExitCode {
 /// Writes a result. When nobody reads it any more, nothing is said of it; any other failure is one of the command
 /// ([`failed`]).
 pub fn say(text: &str) {
-    if let Err(error) = write_result(&mut results(), text)
-        && error.kind() != io::ErrorKind::BrokenPipe
-    {
+    let Err(error) = write_result(&mut results(), text) else { return };
+    if error.kind() != io::ErrorKind::BrokenPipe {
         // The first reason is the one that helps.
         drop(FAILED.set(error));
     }
+    UNWRITTEN.notify_one();
+}
+
+/// Waits until a result could not be written: what goes on until somebody ends it need not go on.
+///
+/// # Cancellation
+/// Safe.
+pub async fn write_failed() {
+    UNWRITTEN.notified().await;
 }
 
 /// Writes a result to a stream, with a line feed if it has none.

@@ -124,3 +124,36 @@ fn a_program_behind_a_cut_link() {
     let told = "it may have been carried out all the same";
     assert!(ended.code == Some(3) && ended.err.contains(told), "{ended}");
 }
+
+/// What goes on until somebody ends it ends when nobody reads it any more, whether it has something to say or not; and when it
+/// cannot say it.
+#[test]
+fn what_nobody_reads_ends() {
+    let cluster = Cluster::new();
+    let (here, _running) = deployed(&cluster);
+    let dca = executable("dca").display().to_string();
+    let ended = |arguments: &[&str], reader: &str| {
+        // The limit of `timeout` is there for a command that does not end.
+        let script = format!("timeout 60 \"$@\" {reader}; exit ${{PIPESTATUS[0]}}");
+        let mut command = std::process::Command::new("bash");
+        command.args(["-c", &script, "bash", &dca]).args(arguments).arg("--run-dir").arg(here.run_dir());
+        let ended = command.output().expect("there is a shell");
+        (ended.status.code(), String::from_utf8_lossy(&ended.stderr).into_owned())
+    };
+    for arguments in [
+        &["get", "idle.place", "--watch"][..],
+        &["events", "-f"],
+        &["status", "--watch"],
+        &["logs", "-f", "main/idle"],
+        &["db", "watch", "team/nothing"],
+    ] {
+        for reader in ["| head -n 1", "| true"] {
+            if reader == "| true" || matches!(arguments[0], "get" | "events" | "status") {
+                let (code, said) = ended(arguments, reader);
+                assert_eq!(code, Some(0), "{arguments:?} {reader}: {said}");
+            }
+        }
+    }
+    let (code, said) = ended(&["get", "idle.place", "--watch"], "> /dev/full");
+    assert!(code == Some(1) && said.contains("standard output: No space left"), "{code:?} {said}");
+}

@@ -1,6 +1,7 @@
 //! `dca db watch`: prints every change of keys as it happens, also those of a time in which no robot could be reached.
 
 use super::databases::{ANSWER_WITHIN, DatabaseArgs, Databases, Replies, keys, refusal};
+use crate::reader::Reader;
 use anyhow::anyhow;
 use comms::io::clock;
 use dbmanager::logic::version_vector::VersionVector;
@@ -11,7 +12,6 @@ use dbmanager::logic::view::watch::{Event, Notification};
 use node::console::{self, Failure};
 use node::logic::database::question::{Question, Reply};
 use std::time::Duration;
-use tokio::signal::unix::{SignalKind, signal};
 
 /// How long a robot that has gone away is looked for before the next try.
 const AGAIN_AFTER: Duration = Duration::from_millis(500);
@@ -35,11 +35,10 @@ impl Watch {
         let keys = keys(self.key.clone())?;
         let mut told = self.from.clone();
         let result = self.database.with(async |databases| {
-            let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
+            let mut reader = Reader::new()?;
             tokio::select! {
                 result = self.follow(databases, keys, &mut told) => result,
-                _ = interrupt.recv() => Ok(()),
-                _ = terminate.recv() => Ok(()),
+                () = reader.left() => Ok(()),
             }
         });
         if let Some(told) = told.filter(|_| !self.database.json) {

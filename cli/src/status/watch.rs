@@ -9,6 +9,7 @@ use crate::client::Clients;
 use crate::client::feed::{Feed, Mode};
 use crate::logic::sentence::date_and_time;
 use crate::output;
+use crate::reader::Reader;
 use comms::io::clock;
 use comms::logic::time::Time;
 use node::console::{self, Failure, block_on};
@@ -17,7 +18,6 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::pin::pin;
 use std::time::Duration;
-use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::Notify;
 
 /// How often everything is looked at, and drawn, at least.
@@ -48,11 +48,10 @@ enum Shown {
 /// Watches until Ctrl-C.
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     block_on(async {
-        let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
+        let mut reader = Reader::new()?;
         let mut feed = tokio::select! {
             feed = Feed::open(&arguments.connect, Mode::Follow) => feed?,
-            _ = interrupt.recv() => return Ok(()),
-            _ = terminate.recv() => return Ok(()),
+            () = reader.left() => return Ok(()),
         };
         let mut shown = if arguments.json {
             Shown::Json(String::new())
@@ -79,8 +78,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
                         is_read = shown.show(&view, arguments.name.as_deref())?;
                     }
                 }
-                _ = interrupt.recv() => break,
-                _ = terminate.recv() => break,
+                () = reader.left() => break,
             }
         }
         feed.close().await;

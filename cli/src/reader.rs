@@ -1,0 +1,59 @@
+//! Who reads what a command prints that goes on until somebody ends it.
+
+use node::console;
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::io::Errno;
+use std::io;
+use tokio::signal::unix::{Signal, SignalKind, signal};
+use tokio::sync::oneshot;
+
+/// A person at a terminal, or a program at the other end of a pipe.
+#[derive(Debug)]
+pub(crate) struct Reader {
+    interrupt: Signal,
+    terminate: Signal,
+    /// Told once nobody reads standard output any more.
+    hung_up: oneshot::Receiver<()>,
+}
+
+impl Reader {
+    /// Looks for what a reader does from now on.
+    ///
+    /// # Errors
+    /// The system gives no signals, or no thread.
+    pub(crate) fn new() -> io::Result<Self> {
+        let (interrupt, terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
+        let (hung_up_tx, hung_up) = oneshot::channel();
+        // The thread ends with the process, or with the reader.
+        std::thread::Builder::new().name("dca-reader".to_owned()).spawn(|| wait_for_hang_up(hung_up_tx))?;
+        Ok(Self { interrupt, terminate, hung_up })
+    }
+
+    /// Waits until the reader has ended the command, by Ctrl-C or SIGTERM, reads it no more, or cannot be told anything.
+    ///
+    /// # Cancellation
+    /// Safe.
+    pub(crate) async fn left(&mut self) {
+        tokio::select! {
+            _ = self.interrupt.recv() => {}
+            _ = self.terminate.recv() => {}
+            Ok(()) = &mut self.hung_up => {}
+            () = console::write_failed() => {}
+        }
+    }
+}
+
+/// Blocks until the other end of standard output is closed. A file has no other end.
+fn wait_for_hang_up(hung_up: oneshot::Sender<()>) {
+    let stdout = io::stdout();
+    loop {
+        // Errors and the end are told whatever is asked for. Source: poll(2).
+        match poll(&mut [PollFd::new(&stdout, PollFlags::empty())], None) {
+            Ok(0) | Err(Errno::INTR) => {}
+            // Whoever waited may have left.
+            Ok(_) => return hung_up.send(()).unwrap_or_default(),
+            // It cannot look; the next word that is written fails.
+            Err(_) => std::thread::park(),
+        }
+    }
+}
