@@ -42,7 +42,9 @@ pub fn repairs(spec: &Source, interfaces: &[Source], options: &Options, limits: 
         let Some(diagnostic) = &finding.diagnostic else { continue };
         let candidates = candidates::of(spec, (&plan, &sites), diagnostic).into_iter().take(TRIED_MAX);
         let holds = |fix: &Fix| {
-            limits.goes_on.goes_on() && is_repaired(&report, finding, &applied(spec, fix), interfaces, options, limits)
+            limits.goes_on.goes_on()
+                && verified(&applied(spec, fix), interfaces, options, limits)
+                    .is_some_and(|(_, _, after)| is_repaired((&report, &after), finding))
         };
         repairs.extend(candidates.filter(holds).take(OFFERED_MAX).map(|fix| Repair {
             sentence: finding.sentence.clone(),
@@ -66,16 +68,8 @@ fn verified(
     Some((plan, sites, report))
 }
 
-/// Whether a mistake is gone from a changed spec, nothing new is in it, and all of it is decided that was.
-fn is_repaired(
-    before: &Report,
-    finding: &Finding,
-    changed: &Source,
-    interfaces: &[Source],
-    options: &Options,
-    limits: &Limits<'_>,
-) -> bool {
-    let Some((_, _, after)) = verified(changed, interfaces, options, limits) else { return false };
+/// Whether a mistake is gone from the second of two reports, nothing new is in it, and all of it is decided that was.
+fn is_repaired((before, after): (&Report, &Report), finding: &Finding) -> bool {
     let code = |finding: &Finding| finding.diagnostic.as_ref().map(|diagnostic| diagnostic.code);
     let is_same = |one: &Finding, other: &Finding| code(one) == code(other) && one.sentence == other.sentence;
     let was_there = |other: &Finding| before.findings.iter().any(|old| is_same(old, other));

@@ -86,11 +86,12 @@ impl<'a> Simulation<'a> {
     /// It cannot happen here; nothing has changed then.
     pub fn occur(&mut self, event: &TraceEvent) -> Result<(), ReplayError> {
         self.known(event)?;
-        self.happens(event).map_err(|why| match event {
-            TraceEvent::Lost(_) | TraceEvent::Cut(_) | TraceEvent::Noted(_) => {
-                ReplayError::Unsupported { event: event.clone() }
+        self.happens(event).map_err(|why| {
+            let event = event.clone();
+            match matches!(event, TraceEvent::Lost(_) | TraceEvent::Cut(_) | TraceEvent::Noted(_)) {
+                true => ReplayError::Unsupported { event },
+                false => ReplayError::Impossible { event, why },
             }
-            _ => ReplayError::Impossible { event: event.clone(), why },
         })
     }
 

@@ -24,6 +24,7 @@ struct Spec<'s> {
 }
 
 /// The edits that might repair a mistake, the most likely first.
+#[expect(clippy::wildcard_enum_match_arm, reason = "most codes are not the verifier's")]
 pub(super) fn of(spec: &Source, (plan, sites): (&Plan, &Sites), found: &Diagnostic) -> Vec<Fix> {
     let mut nodes = Vec::new();
     for (group, source) in plan.groups.iter().enumerate() {
@@ -104,7 +105,7 @@ impl Spec<'_> {
                 let more = resources.split(',').map(|name| name.trim().to_owned());
                 more.for_each(|name| {
                     if !taken.contains(&name) {
-                        taken.push(name)
+                        taken.push(name);
                     }
                 });
                 let end = inner.end - u32::try_from(body.len()).unwrap_or(0);
@@ -209,7 +210,15 @@ impl Spec<'_> {
             Sentence::StopsWithin(limit) => self.bounded_shields(&parts(*limit)),
             Sentence::FinishesWithin(limit) => self.limited(group, *limit),
             Sentence::On(Fault::Hang(Some(who)), _) => self.limited_step(*who),
-            _ => Vec::new(),
+            Sentence::NeverTogether(_)
+            | Sentence::Implies(..)
+            | Sentence::OnlyAfter(..)
+            | Sentence::After(..)
+            | Sentence::On(..)
+            | Sentence::Eventually(_)
+            | Sentence::CanFinish
+            | Sentence::Assume(..)
+            | Sentence::Holds(_) => Vec::new(),
         }
     }
 

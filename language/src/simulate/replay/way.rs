@@ -101,11 +101,12 @@ pub(super) enum Goal {
 impl Goal {
     /// Whether an event inside a group leads to its end in this way, most often.
     fn is_led_to_by(&self, event: &TraceEvent) -> bool {
-        match event {
-            TraceEvent::Stopped(_) | TraceEvent::Reached(_) => true,
-            TraceEvent::Done(..) => matches!(self, Self::Done(_)),
-            TraceEvent::Fails(_) => matches!(self, Self::Failed),
-            _ => false,
-        }
+        let is_answer = matches!(event, TraceEvent::Stopped(_) | TraceEvent::Reached(_));
+        let is_end = match self {
+            Self::Done(_) => matches!(event, TraceEvent::Done(..)),
+            Self::Failed => matches!(event, TraceEvent::Fails(_)),
+            Self::Stopped => false,
+        };
+        is_answer || is_end
     }
 }
