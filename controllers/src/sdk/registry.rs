@@ -13,9 +13,12 @@ pub struct Registry {
     types: BTreeMap<&'static str, Entry>,
 }
 
+/// Makes an instance of its arguments; says why it cannot.
+type Create = dyn Fn(&Arguments) -> Result<Box<dyn Module>, String> + Send + Sync;
+
 struct Entry {
     interface: Interface,
-    create: Box<dyn Fn(&Arguments) -> Result<Box<dyn Module>, String> + Send + Sync>,
+    create: Box<Create>,
 }
 
 /// Why an instance could not be made.
