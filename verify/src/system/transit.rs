@@ -23,7 +23,7 @@ const UNCONFIRMED: u8 = 5;
 /// to stop.
 const BYTES: usize = 4;
 /// Of these: what is under way, and the two places; the first one on a link has the place 1.
-const KIND: usize = 0;
+const WHAT: usize = 0;
 const VALUE: usize = 1;
 const MESSAGE: usize = 2;
 const STOP: usize = 3;
@@ -94,7 +94,7 @@ impl System<'_> {
     }
 
     fn message(&self, frame: &Frame, seat: (usize, u32)) -> u8 {
-        self.transit_of(seat).map_or(0, |place| frame.transit[BYTES * place + KIND])
+        self.transit_of(seat).map_or(0, |place| frame.transit[BYTES * place + WHAT])
     }
 
     /// Whether something is under way to or from a member: it does not run, although its supervisor takes it for active.
@@ -119,13 +119,13 @@ impl System<'_> {
 
     /// Whether anything is under way at all.
     pub(super) fn has_messages(&self, frame: &Frame) -> bool {
-        frame.transit.iter().skip(KIND).step_by(BYTES).any(|message| *message != 0)
+        frame.transit.iter().skip(WHAT).step_by(BYTES).any(|message| *message != 0)
     }
 
     pub(super) fn transit_labels(&self, frame: &Frame, labels: &mut Vec<Label>) {
         for (bytes, &(unit, member)) in frame.transit.chunks_exact(BYTES).zip(&self.transit.seats) {
             let (at, slot) = (small(unit), small(member as usize));
-            match bytes[KIND] {
+            match bytes[WHAT] {
                 _ if bytes[MESSAGE] != 1 => {}
                 START => labels.push(Label::Arrived(at, slot)),
                 _ => labels.push(Label::Heard(at, slot)),
@@ -148,7 +148,7 @@ impl System<'_> {
     fn on_link<'f>(&self, frame: &'f mut Frame, link: (u32, u32)) -> impl Iterator<Item = &'f mut u8> {
         let mut of_link = Vec::new();
         for (place, bytes) in frame.transit.chunks_exact_mut(BYTES).enumerate() {
-            let kind = bytes[KIND];
+            let kind = bytes[WHAT];
             for (of, byte) in bytes.iter_mut().enumerate().skip(MESSAGE) {
                 if *byte != 0 && self.way(place, of, kind) == link {
                     of_link.push(byte);
@@ -163,7 +163,7 @@ impl System<'_> {
         let last = self.on_link(frame, way).map(|other| *other).max().unwrap_or(0);
         let bytes = &mut frame.transit[BYTES * place..][..BYTES];
         if of == MESSAGE {
-            (bytes[KIND], bytes[VALUE]) = (kind, value);
+            (bytes[WHAT], bytes[VALUE]) = (kind, value);
         }
         bytes[of] = last.saturating_add(1);
     }
@@ -171,9 +171,9 @@ impl System<'_> {
     /// Takes something off its link.
     fn take(&self, frame: &mut Frame, (place, of): (usize, usize)) -> [u8; 2] {
         let bytes = &mut frame.transit[BYTES * place..][..BYTES];
-        let (kind, value, before) = (bytes[KIND], bytes[VALUE], std::mem::take(&mut bytes[of]));
+        let (kind, value, before) = (bytes[WHAT], bytes[VALUE], std::mem::take(&mut bytes[of]));
         if of == MESSAGE {
-            (bytes[KIND], bytes[VALUE]) = (0, 0);
+            (bytes[WHAT], bytes[VALUE]) = (0, 0);
         }
         if before != 0 {
             let way = self.way(place, of, kind);
@@ -239,7 +239,7 @@ impl System<'_> {
     pub(super) fn lose_messages(&self, frame: &mut Frame, is_lost: impl Fn((u32, u32)) -> bool) -> Vec<(usize, u32)> {
         let mut unreached = Vec::new();
         for (place, &seat) in self.transit.seats.iter().enumerate() {
-            let kind = frame.transit[BYTES * place + KIND];
+            let kind = frame.transit[BYTES * place + WHAT];
             if kind != 0 && is_lost(self.way(place, MESSAGE, kind)) {
                 self.take(frame, (place, MESSAGE));
                 if kind == START {
