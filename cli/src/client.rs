@@ -18,6 +18,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
+use team::program::ProgramIdentity;
 use tokio::task::JoinSet;
 
 /// How long a node has to answer a question that it can answer at once: the longest way there and back is 3 s.
@@ -196,6 +197,7 @@ impl Client {
         for (name, socket) in run_dir::running(folder)? {
             match Session::open_client(&socket).await {
                 Ok(session) => {
+                    let session = authenticated(session, &socket)?;
                     let signing = Signing::of(keys.clone());
                     return Ok(Some(Self { session, local: Some(name), base: Some(folder.to_owned()), signing }));
                 }
@@ -217,12 +219,8 @@ impl Client {
     pub(crate) async fn to_socket(socket: PathBuf) -> Result<Self, Failure> {
         let session =
             Session::open_client(&socket).await.with_context(|| format!("connecting to {}", socket.display()));
-        Ok(Self {
-            session: session.map_err(Failure::Unreachable)?,
-            local: None,
-            base: None,
-            signing: Signing::default(),
-        })
+        let session = authenticated(session.map_err(Failure::Unreachable)?, &socket)?;
+        Ok(Self { session, local: None, base: None, signing: Signing::default() })
     }
 
     /// Returns the node of this machine that it goes through, if it does.
@@ -391,6 +389,16 @@ impl Answers {
     }
 }
 
+/// Has answers of nodes in a team checked by what the node with this socket gives to all of its machine.
+fn authenticated(session: Session, socket: &Path) -> anyhow::Result<Session> {
+    let file = socket.with_file_name(run_dir::PROGRAMS);
+    if !file.is_file() {
+        return Ok(session);
+    }
+    let identity = ProgramIdentity::open(&file).context("reading what shows who is in the team")?;
+    Ok(session.authenticated_by(Arc::new(identity)))
+}
+
 /// Waits for a node to say how it is.
 async fn status(mut answers: Answers, deadline: Time) -> Result<NodeStatus, Failure> {
     let answer = answers.next_by(deadline).await;
@@ -429,6 +437,9 @@ fn call_failure(host: &str, error: CallError) -> Failure {
         CallError::Silent { silent, .. } => {
             Failure::Unreachable(anyhow!("the node `{host}` has said nothing for {}", span(silent)))
         }
+        CallError::Forged { why, .. } => Failure::Unreachable(anyhow!(
+            "the node `{host}` has not answered, but {why}: what that says is left out, and `dca team revoke` takes a member out"
+        )),
         CallError::Session { cause, .. } => Failure::Unreachable(anyhow!("the node `{host}` cannot be asked: {cause}")),
     }
 }
