@@ -357,20 +357,20 @@ impl Authenticator for Member {
     }
 
     fn forged(&self, claimed: &str, why: &str) {
-        self.refuse_message(claimed, why);
+        self.refuse_message(&format!("speak as `{claimed}`"), why);
     }
 }
 
 impl Member {
-    /// Takes note that a message was refused that says to be from `claimed`. Says whether that is worth a word: who goes on and
-    /// on fills no disk, with a line a minute for each reason.
-    pub fn refuse_message(&self, claimed: &str, why: &str) -> bool {
+    /// Takes note that a message was refused: what it was to do, and why it may not. Says whether that is worth a word: who goes on
+    /// and on fills no disk, with a line a minute for each reason.
+    pub fn refuse_message(&self, what: &str, why: &str) -> bool {
         let told = (why.to_owned(), crate::now().0 / 60);
         let before = self.forged.lock().unwrap_or_else(PoisonError::into_inner).replace(told.clone());
         let is_news = before != Some(told);
         if is_news {
-            tracing::warn!(claimed, why, "a message was refused");
-            let (who, what) = ("a member".to_owned(), format!("speak as `{claimed}`"));
+            tracing::warn!(what, why, "a message was refused");
+            let (who, what) = ("a member".to_owned(), what.to_owned());
             self.record(AuditEntry { decision: Decision::Refused, who, what, reason: why.to_owned() });
         }
         is_news

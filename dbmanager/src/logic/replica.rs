@@ -20,6 +20,7 @@
 //! comes along when it begins anew. Only this file brings them together.
 
 mod action;
+mod authors;
 mod branch;
 mod commit;
 mod contents;
@@ -40,6 +41,7 @@ use crate::logic::gc::Stable;
 use crate::logic::log::Log;
 use crate::logic::member::Members;
 use crate::logic::message::{Chunk, Message, Pull};
+use crate::logic::notary::Notary;
 use crate::logic::owner::Owners;
 use crate::logic::record::{OpenError, StoredRecords};
 use crate::logic::state::State;
@@ -51,6 +53,7 @@ use comms::logic::time::Time;
 use download::{Downloaded, Downloads, Offer};
 use ledger::Ledger;
 use peers::PeerTable;
+use std::sync::Arc;
 use tickets::Tickets;
 
 /// How many pulls may wait for an answer.
@@ -96,6 +99,18 @@ impl Replica {
         // The caller requested this, so no alarm.
         replica.rejoin(Time::ZERO, true, &mut Vec::new());
         Ok(replica)
+    }
+
+    /// Signs what it writes from now on, and takes over only what others have signed. An origin from before this robot had keys is
+    /// given up.
+    #[must_use]
+    pub fn signed_by(mut self, notary: Arc<dyn Notary>) -> Self {
+        self.ledger.sign_with(notary);
+        if self.is_member() && !self.ledger.authors.is_claimed(self.origin(), self.ledger.contents()) {
+            // The caller requested this, so no alarm.
+            self.rejoin(Time::ZERO, false, &mut Vec::new());
+        }
+        self
     }
 
     /// Takes one input.
@@ -220,6 +235,7 @@ impl Replica {
             effects.push(Effect::Broadcast(Message::Hello(hello::of(&self.ledger))));
             self.peers.said_hello(now, &mut self.random);
             self.ledger.release(now, effects);
+            self.ledger.retire_revoked(now, effects);
             self.ledger.gc();
             if self.is_member() {
                 let members = self.ledger.contents().members();
@@ -239,7 +255,7 @@ impl Replica {
             self.ledger.identity.asks(peer, &mut self.random);
             let size_max = u32::try_from(self.peers.asked(now, peer)).unwrap_or(u32::MAX);
             let (vector, pending) = (self.log().vector().clone(), self.ledger.pending().vector());
-            let pull = Pull { vector, pending, size_max, join: self.ledger.identity.join() };
+            let pull = Pull { vector, pending, size_max, join: self.ledger.join() };
             effects.push(Effect::Send(peer, Message::Pull(pull)));
         }
     }

@@ -41,6 +41,7 @@ impl Database {
                 "`{robot}` belongs to another team `{}`, which was begun apart from this one: neither has what the other writes",
                 self.team
             ),
+            Alarm::Forged { from, why } => format!("{} has passed on what nobody may write: {why}", robot(from)),
             Alarm::Rejoining { from } => {
                 format!("this replica has given up the name {from}, and goes on under another one")
             }
