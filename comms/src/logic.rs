@@ -13,6 +13,7 @@ pub mod pace;
 pub mod port;
 pub mod random;
 pub mod signals;
+pub mod switch;
 pub mod tap;
 pub mod time;
 pub mod tunnel;

@@ -8,7 +8,9 @@
 mod actions;
 mod fence;
 mod lost;
+mod members;
 mod supervision;
+mod switching;
 mod wires;
 
 use crate::logic::effect::{Out, earliest};
@@ -17,12 +19,15 @@ use crate::logic::timed::Timed;
 use comms::logic::time::Time;
 use fence::Fences;
 use language::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, StepRecord, Value, step};
-use language::plan::{Group, MemberKind, Plan};
+use language::plan::Plan;
+pub use members::{below_using, group_host, leaf_host, member_path};
+use members::{member_host, member_target};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 use supervision::Supervised;
 pub use supervision::wants_restarts;
+use switching::Switch;
 use wires::{Unconfirmed, consumers};
 
 /// How long producers have to confirm that wires are open; then the consumer runs anyway and its own freshness checks
@@ -86,6 +91,10 @@ pub struct Executer {
     failures: BTreeMap<u32, Failure>,
     fences: Fences,
     supervised: Supervised,
+    /// Switches that are not over, by generation.
+    switches: BTreeMap<u64, Switch>,
+    /// The open sets of members that a person has switched, by slot.
+    switched_to: BTreeMap<u32, Vec<u32>>,
     /// Steps that are not recorded yet, and how many came before them.
     steps: (u64, Vec<StepRecord>),
 }
@@ -125,6 +134,8 @@ impl Executer {
             failures: BTreeMap::new(),
             fences: Fences::new(declared, is_below),
             supervised: Supervised::default(),
+            switches: BTreeMap::new(),
+            switched_to: BTreeMap::new(),
             steps: (0, Vec::new()),
         })
     }
@@ -225,6 +236,7 @@ impl Executer {
     /// Does what is due. Returns how the group ended, if it did.
     pub fn tick(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
         self.activate_ready(context, out);
+        self.tick_switches(context, out);
         let due: Vec<_> = self.timers.iter().copied().take_while(|(due, ..)| *due <= out.now).collect();
         for (due, timer, number) in due {
             // An earlier one of them may have cancelled it.
@@ -241,7 +253,7 @@ impl Executer {
 
     /// Returns when [`Executer::tick`] wants to be called.
     pub fn deadline(&self) -> Option<Time> {
-        let timer = self.timers.first().map(|(due, ..)| *due);
+        let timer = earliest(self.timers.first().map(|(due, ..)| *due), self.switch_deadline());
         let open = self.waiting.iter().filter(|(slot, _)| self.fences.against(**slot).is_none());
         open.map(|(_, waiting)| Some(waiting.ready_at())).fold(timer, earliest)
     }
@@ -264,6 +276,7 @@ impl Executer {
         if outcome.is_some() || self.steps.1.len() >= STEPS_MAX {
             self.record(context, out);
         }
+        self.connect(&commands, context, out);
         for command in commands {
             self.carry_out(command, context, out);
         }
@@ -273,6 +286,7 @@ impl Executer {
     /// Says how the group has ended.
     fn conclude(&mut self, outcome: Outcome, context: ExecContext<'_>, out: &mut Out<'_>) -> Ending {
         self.running = false;
+        self.end_switches(context, out);
         self.pass_on_fences(context, out);
         let ending = match outcome {
             Outcome::Done(value) => Ending::Done(value.bytes().to_vec()),
@@ -320,8 +334,8 @@ impl Executer {
     fn carry_out(&mut self, command: Command, context: ExecContext<'_>, out: &mut Out<'_>) {
         let Some(group) = context.plan.groups.get(self.group as usize) else { return };
         match command {
-            Command::Connect { set } => self.switch(set, true, context, out),
-            Command::Disconnect { set } => self.switch(set, false, context, out),
+            // They were one switch, before all else.
+            Command::Connect { .. } | Command::Disconnect { .. } => {}
             Command::Activate { member, activation: Activation(activation), value } => {
                 let Some((target, _)) = member_target(context.plan, group, member) else { return };
                 self.active.insert(member, activation);
@@ -402,41 +416,5 @@ impl Executer {
 impl Waiting {
     fn ready_at(&self) -> Time {
         if self.wires.is_empty() { self.not_before } else { self.not_before.max(self.until) }
-    }
-}
-
-/// Returns the groups for which something is taken in a `using` of a group above.
-pub fn below_using(plan: &Plan) -> BTreeSet<u32> {
-    fence::below(plan)
-}
-
-/// Returns the name of the host of a leaf.
-pub fn leaf_host(plan: &Plan, leaf: u32) -> Option<&str> {
-    let host = plan.leaves.get(leaf as usize)?.host;
-    plan.hosts.get(host as usize).map(String::as_str)
-}
-
-/// Returns the name of the host of a group's supervisor.
-pub fn group_host(plan: &Plan, group: u32) -> Option<&str> {
-    let host = plan.groups.get(group as usize)?.host;
-    plan.hosts.get(host as usize).map(String::as_str)
-}
-
-fn member_target<'a>(plan: &'a Plan, group: &Group, slot: u32) -> Option<(Target, &'a str)> {
-    match group.members.get(slot as usize)?.kind {
-        MemberKind::Leaf(leaf) => Some((Target::Leaf(leaf), leaf_host(plan, leaf)?)),
-        MemberKind::Group(group) => Some((Target::Group(group), group_host(plan, group)?)),
-    }
-}
-
-fn member_host<'a>(plan: &'a Plan, group: &Group, slot: u32) -> Option<&'a str> {
-    member_target(plan, group, slot).map(|(_, host)| host)
-}
-
-/// Returns the absolute path of a member.
-pub fn member_path(plan: &Plan, group: &Group, slot: u32) -> Option<String> {
-    match group.members.get(slot as usize)?.kind {
-        MemberKind::Leaf(leaf) => plan.leaves.get(leaf as usize).map(|leaf| leaf.path.clone()),
-        MemberKind::Group(group) => plan.groups.get(group as usize).map(|group| group.path.clone()),
     }
 }
