@@ -252,7 +252,7 @@ impl Client {
     }
 
     async fn look(&self, wanted: &[String], within: Duration) -> Result<BTreeSet<String>, Failure> {
-        let mut watch = self.session.watch(&key::live_any()).map_err(unreachable)?;
+        let mut watch = self.session.watch(&key::live_any()).map_err(|error| Failure::Unreachable(error.into()))?;
         let (mut tokens, mut heard) = (BTreeSet::new(), BTreeSet::new());
         let deadline = clock::now() + within;
         let mut hosts_heard = Box::pin(self.heard_here(clock::now()));
@@ -446,10 +446,6 @@ pub(crate) fn words(failure: &Failure) -> String {
         Failure::Refused(error) | Failure::Unreachable(error) => format!("{error:#}"),
         Failure::Reported | Failure::Limited => String::new(),
     }
-}
-
-fn unreachable(error: impl Into<anyhow::Error>) -> Failure {
-    Failure::Unreachable(error.into())
 }
 
 #[cfg(test)]

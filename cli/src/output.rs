@@ -19,6 +19,11 @@ fn is_dumb() -> bool {
     std::env::var_os("TERM").is_some_and(|terminal| terminal == "dumb")
 }
 
+/// Returns standard output, to see whether anybody reads it.
+pub(crate) fn results() -> io::Stdout {
+    io::stdout()
+}
+
 fn columns(stream: impl std::os::fd::AsFd) -> usize {
     let columns = rustix::termios::tcgetwinsize(stream).map_or(0, |size| usize::from(size.ws_col));
     if columns == 0 { SCREEN_DEFAULT.1 } else { columns }

@@ -1,5 +1,6 @@
 //! Who reads what a command prints that goes on until somebody ends it.
 
+use crate::output;
 use node::console;
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::io::Errno;
@@ -45,10 +46,9 @@ impl Reader {
 
 /// Blocks until the other end of standard output is closed. A file has no other end.
 fn wait_for_hang_up(hung_up: oneshot::Sender<()>) {
-    let stdout = io::stdout();
     loop {
         // Errors and the end are told whatever is asked for. Source: poll(2).
-        match poll(&mut [PollFd::new(&stdout, PollFlags::empty())], None) {
+        match poll(&mut [PollFd::new(&output::results(), PollFlags::empty())], None) {
             Ok(0) | Err(Errno::INTR) => {}
             // Whoever waited may have left.
             Ok(_) => return hung_up.send(()).unwrap_or_default(),
