@@ -13,7 +13,7 @@ use tokio::sync::oneshot;
 pub(crate) struct Reader {
     interrupt: Signal,
     terminate: Signal,
-    /// Told once nobody reads standard output any more.
+    /// Has a word once nobody reads standard output any more.
     hung_up: oneshot::Receiver<()>,
 }
 

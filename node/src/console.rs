@@ -19,7 +19,7 @@ const ERROR_LINE_MAX: usize = 1000;
 
 /// Why a result could not be written, the first time.
 static FAILED: OnceLock<io::Error> = OnceLock::new();
-/// Told when a result could not be written, for whatever reason.
+/// Notified when a result could not be written, for whatever reason.
 static UNWRITTEN: Notify = Notify::const_new();
 
 /// Why a verb did not do what was asked; each has its exit code.

@@ -2,7 +2,7 @@
 
 use language::Diagnostic;
 use language::plan::Plan;
-use language::sites::Sites;
+use language::sites::{Property, Sites};
 use verify::{Finding, Script, Verdict};
 
 /// A mistake that was found once, as its file says it.
@@ -24,11 +24,8 @@ impl StoryTest {
     /// Makes the test of something that does not hold.
     pub(crate) fn of(spec: &str, finding: &Finding, plan: &Plan, sites: &Sites) -> Option<Self> {
         let diagnostic = finding.diagnostic.as_ref()?;
-        let is_it = |property: &&language::sites::Property| is_about(diagnostic, property, plan);
-        let block = sites.properties.iter().find(is_it).map(|property| {
-            let process = &plan.groups[property.group as usize].process;
-            format!("verify {process} {{ {}; }}", property.text)
-        });
+        let is_it = |property: &&Property| is_about(diagnostic, property, plan);
+        let block = sites.properties.iter().find(is_it).map(|property| block(property, plan));
         Some(Self {
             spec: spec.to_owned(),
             code: diagnostic.code.to_string(),
@@ -96,16 +93,17 @@ impl StoryTest {
 
     /// Whether a spec has the sentence already, as one of its properties.
     pub(crate) fn is_stated(&self, plan: &Plan, sites: &Sites) -> bool {
-        let is_it = |property: &language::sites::Property| {
-            let process = &plan.groups[property.group as usize].process;
-            self.block.as_deref() == Some(&*format!("verify {process} {{ {}; }}", property.text))
-        };
-        sites.properties.iter().any(is_it)
+        sites.properties.iter().any(|property| self.block.as_ref() == Some(&block(property, plan)))
     }
 }
 
+/// A property as a block of its own.
+fn block(property: &Property, plan: &Plan) -> String {
+    format!("verify {} {{ {}; }}", plan.groups[property.group as usize].process, property.text)
+}
+
 /// Whether a mistake is that a property does not hold.
-fn is_about(diagnostic: &Diagnostic, property: &language::sites::Property, plan: &Plan) -> bool {
+fn is_about(diagnostic: &Diagnostic, property: &Property, plan: &Plan) -> bool {
     let path = &plan.groups[property.group as usize].path;
     let name = path.strip_prefix("main/").unwrap_or(path);
     diagnostic.primary.span == property.span && diagnostic.message.contains(&format!("`{name}`"))
