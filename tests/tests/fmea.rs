@@ -7,6 +7,8 @@
 //! shims and the nodes are the real ones, and a step ends when the test says so. The rows of `own` are played with the door's own
 //! programs, those of `hosts` on three nodes in namespaces.
 
+#![expect(clippy::print_stdout, reason = "a test says how long what it has seen took")]
+
 mod fmea {
     pub(crate) mod hosts;
     pub(crate) mod own;

@@ -30,7 +30,9 @@ fn played(name: &str, story: &Story, plan: &language::plan::Plan) -> Result<bool
     match played.result {
         PlayResult::Same => Ok(true),
         PlayResult::Ends(ReplayError::Unsupported { .. }) => Ok(false),
-        result => Err(format!("{name}: {result:?}\n{}\n{}\n", story.lines().join("\n"), played.lines.join("\n"))),
+        result @ (PlayResult::Other(_) | PlayResult::Ends(_)) => {
+            Err(format!("{name}: {result:?}\n{}\n{}\n", story.lines().join("\n"), played.lines.join("\n")))
+        }
     }
 }
 

@@ -74,7 +74,7 @@ impl Module for Fake {
 
     fn calculate(&mut self, _: Time) -> Progress {
         self.looks += 1;
-        if self.looks % TELL_EVERY == 0 {
+        if self.looks.is_multiple_of(TELL_EVERY) {
             let lines = self.heard.iter().map(|(port, count)| format!("{port} {count}\n"));
             // Read as a whole, or as it was.
             let (file, draft) = (self.file("heard"), self.file("draft"));

@@ -48,6 +48,9 @@ impl<'c> Fakes<'c> {
     }
 
     /// Returns what each program has last said, by its path.
+    ///
+    /// # Panics
+    /// A program has said something at a time that is no number.
     pub fn said(&self) -> BTreeMap<String, Said> {
         let text = std::fs::read_to_string(self.cluster.folder().join("fakes/journal")).unwrap_or_default();
         let mut said = BTreeMap::new();

@@ -154,14 +154,24 @@ impl Game<'_> {
     pub(crate) fn before(&self, events: &[TraceEvent]) {
         for event in events {
             match event {
-                TraceEvent::Start(_) => {}
+                TraceEvent::Start(_) | TraceEvent::Reached(_) => {}
                 TraceEvent::Done(path, _) => self.done(path),
                 TraceEvent::Stopped(path) => {
                     let has_stopped = || !self.fakes.active().iter().any(|active| is_below(active, path));
                     wait_until(SOON, has_stopped).unwrap_or_else(|| panic!("{}: `{path}` goes on", self.row.name));
                 }
-                TraceEvent::Reached(_) => {}
-                other => panic!("{}: the driver cannot let `{other}` happen", self.row.name),
+                TraceEvent::Stop
+                | TraceEvent::Fails(_)
+                | TraceEvent::Elapsed(..)
+                | TraceEvent::Arrived(_)
+                | TraceEvent::Heard(_)
+                | TraceEvent::Struck(..)
+                | TraceEvent::Dies(_)
+                | TraceEvent::Back(_)
+                | TraceEvent::TooMany(_)
+                | TraceEvent::Lost(_)
+                | TraceEvent::Cut(_)
+                | TraceEvent::Noted(_) => panic!("{}: the driver cannot let `{event}` happen", self.row.name),
             }
         }
     }

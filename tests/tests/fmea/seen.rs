@@ -18,12 +18,10 @@ impl<'t> Seen<'t> {
     /// Everything from the first word about the end of a program on.
     pub(crate) fn since_the_end_of(trace: &'t Trace, program: &str) -> Self {
         let mut changes = trace.all_changes();
-        let is_end = |change: &Change| match change {
-            Change::Ended(Ending::Aborted(why)) => {
-                matches!(why.cause, FailureCause::Signal(_) | FailureCause::Watchdog(_))
-            }
-            Change::Ended(Ending::Unconfirmed) => true,
-            _ => false,
+        let is_fault = |cause: &FailureCause| matches!(cause, FailureCause::Signal(_) | FailureCause::Watchdog(_));
+        let is_end = |change: &Change| {
+            matches!(change, Change::Ended(Ending::Unconfirmed))
+                || matches!(change, Change::Ended(Ending::Aborted(why)) if is_fault(&why.cause))
         };
         let first = changes.iter().position(|(_, path, change)| *path == program && is_end(change));
         let first = first.unwrap_or_else(|| panic!("the record has no end of `{program}`: {changes:?}"));
