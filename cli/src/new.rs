@@ -39,7 +39,7 @@ opt-level = 2
 
 /// Names that Cargo, the program itself or DCA needs for something else: with crates and programs of DCA in its dependencies and on
 /// the search path, a second one of their name is built or started in their place.
-const TAKEN: [&str; 31] = [
+const TAKEN: [&str; 32] = [
     "alloc",
     "build",
     "cli",
@@ -51,6 +51,7 @@ const TAKEN: [&str; 31] = [
     "dca",
     "dca-controller",
     "dca-examples",
+    "dca-fakes",
     "dca-hanging",
     "dca-node",
     "dca-shim",
