@@ -112,8 +112,16 @@ impl Diagnostic {
 
 /// Returns the spec's text with every fix applied; of two fixes that overlap the first in the text wins.
 pub fn apply_fixes(text: &str, diagnostics: &[Diagnostic]) -> String {
-    let mut fixes: Vec<&Fix> = diagnostics.iter().filter_map(|diagnostic| diagnostic.fix.as_ref()).collect();
-    fixes.retain(|fix| fix.edits.iter().all(|edit| fits(text, edit)));
+    applied(text, diagnostics.iter().filter_map(|diagnostic| diagnostic.fix.as_ref()).collect())
+}
+
+/// Returns the spec's text with a fix applied; as it is if the fix is not of this text.
+pub fn apply_fix(text: &str, fix: &Fix) -> String {
+    applied(text, vec![fix])
+}
+
+fn applied(text: &str, mut fixes: Vec<&Fix>) -> String {
+    fixes.retain(|fix| fix.edits.iter().all(|edit| fits(text, edit)) && are_apart(&fix.edits));
     fixes.sort_by_key(|fix| fix.edits.iter().map(|edit| edit.span.start).min());
     let mut taken: Vec<&Edit> = Vec::new();
     for fix in fixes {
@@ -136,6 +144,11 @@ pub fn apply_fixes(text: &str, diagnostics: &[Diagnostic]) -> String {
 
 fn fits(text: &str, edit: &Edit) -> bool {
     edit.span.origin == Origin::Spec && text.get(edit.span.start as usize..edit.span.end as usize).is_some()
+}
+
+fn are_apart(edits: &[Edit]) -> bool {
+    let is_free = |(at, edit): (usize, &Edit)| edits[..at].iter().all(|other| !overlap(other.span, edit.span));
+    edits.iter().enumerate().all(is_free)
 }
 
 /// Keeps as many as there is room for, errors before warnings, in their order; returns how many are left out.

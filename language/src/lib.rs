@@ -47,7 +47,7 @@ mod source;
 pub mod syntax;
 mod unit;
 
-pub use diagnostic::{Code, Diagnostic, Edit, Fix, Label, Severity, Style, apply_fixes, render};
+pub use diagnostic::{Code, Diagnostic, Edit, Fix, Label, Severity, Style, apply_fix, apply_fixes, render};
 pub use fix::fix;
 pub use format::format;
 pub use gather::{Content, gather};

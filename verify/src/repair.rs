@@ -11,7 +11,7 @@ use crate::finding::{Finding, Verdict};
 use crate::{Report, verify};
 use language::plan::Plan;
 use language::sites::Sites;
-use language::{Code, Edit, Fix, Options, Source, Span, compile_with_sites};
+use language::{Code, Fix, Options, Source, Span, apply_fix, compile_with_sites};
 
 /// So many mistakes of a spec are looked at.
 const FINDINGS_MAX: usize = 20;
@@ -82,14 +82,5 @@ fn is_repaired((before, after): (&Report, &Report), finding: &Finding) -> bool {
 
 /// The spec with a fix applied.
 pub fn applied(spec: &Source, fix: &Fix) -> Source {
-    let mut edits: Vec<&Edit> = fix.edits.iter().collect();
-    edits.sort_by_key(|edit| std::cmp::Reverse(edit.span.start));
-    let mut text = spec.text.clone();
-    for edit in edits {
-        let range = edit.span.start as usize..edit.span.end as usize;
-        if text.get(range.clone()).is_some() {
-            text.replace_range(range, &edit.text);
-        }
-    }
-    Source::new(spec.name.clone(), text)
+    Source::new(spec.name.clone(), apply_fix(&spec.text, fix))
 }
