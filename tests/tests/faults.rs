@@ -315,8 +315,8 @@ fn two_nodes_of_one_name_that_meet_after_a_cut() {
     [node, third_node].iter().for_each(|node| node.signal(Signal::TERM));
 }
 
-/// Case 40: two users deploy the same name at the same time; 100 times with `DCA_TEST_ROUNDS=100`. One of them has it, the other
-/// is told so, and no program of the other runs.
+/// Case 40: two users deploy the same name at the same time; 100 times with `DCA_TEST_ROUNDS=100`. One of them has it. The other
+/// is told so, or came so late that its deployment changed what ran. What runs is what one of the two asked for.
 #[test]
 fn two_users_of_one_name_are_one_winner_and_one_refusal() {
     let cluster = Cluster::new();
@@ -332,20 +332,27 @@ fn two_users_of_one_name_are_one_winner_and_one_refusal() {
     for round in 0..rounds(5) {
         let [ann, bob] = ["ann", "bob"].map(|user| here.dca(&["deploy", "--no-record", &file(user)]));
         let has_begun = |user: &Program| user.text(Stream::Err).contains("started in");
+        let told = || format!("round {round}: {:?}\n{}{}", here.pids(), ann.text(Stream::Err), bob.text(Stream::Err));
         wait_until(SOON, || {
             [(&ann, &bob), (&bob, &ann)].iter().any(|(winner, loser)| has_begun(winner) && !loser.is_running())
         })
-        .unwrap_or_else(|| panic!("round {round}: {}{}", ann.text(Stream::Err), bob.text(Stream::Err)));
+        .unwrap_or_else(|| panic!("{}", told()));
         let is_anns = has_begun(&ann);
-        assert!(is_anns != has_begun(&bob), "round {round}: both have it");
-        wait_until(SOON, || here.pids().len() == if is_anns { 1 } else { 2 })
-            .unwrap_or_else(|| panic!("round {round}: {:?}", here.pids()));
+        assert!(is_anns != has_begun(&bob), "both have it: {}", told());
+        let loser = if is_anns { &bob } else { &ann };
+        let has_changed = loser.text(Stream::Out).contains("is changed");
+        let running = if is_anns == has_changed { 2 } else { 1 };
+        wait_until(SOON, || here.pids().len() == running).unwrap_or_else(|| panic!("{}", told()));
         let stop = here.ask(&["stop", "arm"]);
         assert_eq!(stop.code, Some(0), "round {round}: {stop}");
         let (winner, loser) = if is_anns { (ann, bob) } else { (bob, ann) };
         let (winner, loser) = (winner.ended(SOON), loser.ended(SOON));
-        assert_eq!((winner.code, loser.code), (Some(1), Some(1)), "round {round}: {winner}\n{loser}");
+        assert_eq!(winner.code, Some(1), "round {round}: {winner}\n{loser}");
         let said = format!("{}{}", loser.out, loser.err);
-        assert!(said.contains("is already deployed"), "round {round}: {loser}");
+        let is_told = match loser.code {
+            Some(0) => has_changed,
+            code => code == Some(1) && said.contains("is already deployed"),
+        };
+        assert!(is_told, "round {round}: {loser}");
     }
 }
