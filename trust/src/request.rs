@@ -24,6 +24,8 @@ pub const INTERACTIVE_MAX: u64 = 60;
 /// How long a deployment may be valid, in seconds: it may travel for days. 7 days; its epoch stops older ones.
 pub const DEPLOY_MAX: u64 = 7 * 24 * 3600;
 
+/// How far the number of a request may be above the time, in seconds: a day. Numbers are the time, or one more than the last.
+pub const AHEAD_MAX: u64 = crate::certificate::DAY;
 const REQUEST: &str = "dca request 1";
 
 /// To whom a request is.
@@ -110,6 +112,9 @@ pub enum Refusal {
     /// It has ended.
     #[error("the request came {0} s too late")]
     Late(u64),
+    /// Its number is more than [`AHEAD_MAX`] above the time. Accepted, it would be the highest one, and no other after it.
+    #[error("request number {0} of this signer is more than a day ahead of the clock")]
+    Ahead(u64),
     /// Its epoch is outdated.
     #[error("the request has epoch {found}, but {known} is known")]
     Epoch {
@@ -285,6 +290,9 @@ pub fn check(bytes: &[u8], body: &[u8], context: &Context<'_>, replays: &mut Rep
     let head = Head::of(bytes, body)?;
     head.request.check_address(context)?;
     head.request.check_time(context)?;
+    if head.request.sequence > context.judge.now.plus(AHEAD_MAX).0 {
+        return Err(Refusal::Ahead(head.request.sequence));
+    }
     replays.check(&head.signer, head.request.sequence).map_err(Refusal::Replay)?;
     let credential = head.verify(body, context)?;
     let write = replays.spend(head.signer, head.request.sequence).map_err(Refusal::Replay)?;

@@ -14,6 +14,7 @@
 use crate::io::named_file;
 use crate::io::whole_file::WholeFile;
 use anyhow::{Context as _, anyhow, bail, ensure};
+use node::console;
 use rustix::fs::{FlockOperation, flock};
 use rustix::termios::{LocalModes, OptionalActions, tcgetattr, tcsetattr};
 use std::fs::{self, DirBuilder};
@@ -23,6 +24,7 @@ use std::path::{Path, PathBuf};
 use trust::bundle::{BUNDLE_MAX, Bundle};
 use trust::locked::{LOCKED_MAX, LockedKeys, PASSPHRASE_MAX};
 use trust::name::{Name, UnixTime};
+use trust::request::AHEAD_MAX;
 use trust::revocation::RevokedSet;
 use zeroize::Zeroizing;
 
@@ -30,6 +32,8 @@ const TEAM: &str = "team";
 const ROOT: &str = "root.key";
 const OWN: &str = "own.key";
 const NUMBER: &str = "number";
+/// The longest file with a number, in bytes.
+const NUMBER_MAX: u64 = 32;
 
 /// The folder with the keys of teams.
 #[derive(Debug)]
@@ -141,15 +145,25 @@ impl Keyring {
     }
 
     /// Returns the number of the next request, which no request of this machine has had, and writes it down. It is the time in
-    /// seconds unless that is used: so a folder that was restored from a copy goes on above what it has forgotten.
+    /// seconds unless that is used: so a folder that was restored from a copy goes on above what it has forgotten. A file that says
+    /// nothing, or a number that no node would take, is written anew.
     pub(crate) fn next_number(&self, now: UnixTime) -> anyhow::Result<u64> {
         let path = self.0.join(NUMBER);
         let reading = || format!("reading `{}`", path.display());
         let turn = fs::File::open(&self.0).with_context(reading)?;
         flock(&turn, FlockOperation::LockExclusive).map_err(io::Error::from).with_context(reading)?;
-        let last =
-            if path.exists() { String::from_utf8_lossy(&read_private(&path, 32)?).trim().parse().ok() } else { None };
-        let next = last.map_or(0, |last: u64| last.saturating_add(1)).max(now.0);
+        let next = match path.symlink_metadata() {
+            Ok(there) if there.len() > NUMBER_MAX => next_after(b"", now),
+            Ok(_) => next_after(&read_private(&path, usize::try_from(NUMBER_MAX)?)?, now),
+            Err(_) => Ok(now.0),
+        };
+        if next.is_err() {
+            console::note(&format!(
+                "`{}` said nothing that can be the number of a request; it is written anew, from the time",
+                path.display()
+            ));
+        }
+        let next = next.unwrap_or(now.0);
         write_private(&path, format!("{next}\n").as_bytes())?;
         Ok(next)
     }
@@ -207,6 +221,13 @@ fn write_private(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
 fn locked(path: &Path) -> anyhow::Result<LockedKeys> {
     let bytes = read_private(path, LOCKED_MAX)?;
     LockedKeys::from_bytes(&bytes).with_context(|| format!("reading `{}`", path.display()))
+}
+
+/// Returns the number after the last one, and nothing if that cannot be one: nodes take none that is far ahead of the time.
+fn next_after(last: &[u8], now: UnixTime) -> Result<u64, ()> {
+    let last: u64 = std::str::from_utf8(last).ok().and_then(|text| text.trim().parse().ok()).ok_or(())?;
+    let next = last.saturating_add(1).max(now.0);
+    if next > now.plus(AHEAD_MAX / 2).0 { Err(()) } else { Ok(next) }
 }
 
 /// Reads a file that only its owner, who is this user or root, may read or write.
@@ -276,4 +297,20 @@ pub(crate) fn first_line(from: &mut dyn BufRead) -> anyhow::Result<Zeroizing<Str
     }
     let text = std::str::from_utf8(&bytes).map_err(|_no_text| anyhow!("the passphrase is no UTF-8 text"))?;
     Ok(Zeroizing::new(text.to_owned()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_number_file_that_is_nonsense_locks_nobody_out() {
+        let now = UnixTime(1_800_000_000);
+        let next = |last: &[u8]| next_after(last, now);
+        assert_eq!(next(b"1799999990\n"), Ok(1_800_000_000));
+        assert_eq!(next(b"1800000000\n"), Ok(1_800_000_001));
+        for nonsense in [&b""[..], b"-1", b"a", b"18446744073709551615\n", b"1800100000\n", b"\xff", b"1 2"] {
+            assert_eq!(next(nonsense), Err(()), "{nonsense:?}");
+        }
+    }
 }

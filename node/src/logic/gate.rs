@@ -111,6 +111,10 @@ fn hint(why: &request::Refusal) -> &'static str {
         request::Refusal::Trust(TrustError::Expired(_)) => " with `dca team user add`, then `dca team import`",
         request::Refusal::Trust(TrustError::Revoked(_)) => "; its owner makes another one, and an admin adds that",
         request::Refusal::Late(_) | request::Refusal::NotYet => "; compare the clocks with `dca clock`",
+        request::Refusal::Ahead(_) => {
+            ": compare the clocks with `dca clock`; if they are right, the file `number` in the folder with your keys is damaged: \
+             remove it"
+        }
         request::Refusal::Form(_)
         | request::Refusal::BodyTooLong
         | request::Refusal::OtherTeam

@@ -3,7 +3,7 @@
 use crate::world::{NOW, World, keys};
 use trust::identity::{KeyId, SecretKeys};
 use trust::name::Name;
-use trust::request::{Accepted, Audience, Context, Refusal, ReplayError, Replays, Request, check};
+use trust::request::{AHEAD_MAX, Accepted, Audience, Context, Refusal, ReplayError, Replays, Request, check};
 use trust::role::Action;
 use trust::team::{Credential, SKEW, TrustError};
 
@@ -66,6 +66,21 @@ fn each_wrong_request_has_its_refusal() {
     let bytes = good.sign(BODY, &world.deployer.0, &world.deployer.1);
     let other_body = check(&bytes, b"the pLan", &context(&world, None), &mut Replays::default());
     assert_eq!(other_body, Err(Refusal::Body));
+}
+
+#[test]
+fn a_number_far_ahead_of_the_time_is_refused_and_spends_nothing() {
+    let world = World::new();
+    let mut replays = Replays::default();
+    let mut ask = |sequence| {
+        let bytes = Request { sequence, ..request(&world) }.sign(BODY, &world.deployer.0, &world.deployer.1);
+        check(&bytes, BODY, &context(&world, None), &mut replays).map(|accepted| accepted.request.sequence)
+    };
+    let ahead = NOW.0 + AHEAD_MAX + 1;
+    assert_eq!(ask(u64::MAX), Err(Refusal::Ahead(u64::MAX)));
+    assert_eq!(ask(ahead), Err(Refusal::Ahead(ahead)));
+    assert_eq!(ask(NOW.0), Ok(NOW.0), "the signer is not locked out");
+    assert_eq!(ask(ahead - 1), Ok(ahead - 1));
 }
 
 #[test]
