@@ -1,15 +1,16 @@
 //! A command line's connection to the nodes: through a node of this machine when there is one, else over the network.
 
+mod failure;
 pub(crate) mod feed;
 pub(crate) mod signer;
 
 use crate::ConnectArgs;
 use anyhow::{Context, anyhow};
 use comms::io::clock;
-use comms::io::session::{CallError, OpenError, Presence, Replies, Session};
-use comms::logic::human::span;
+use comms::io::session::{OpenError, Presence, Replies, Session};
 use comms::logic::time::Time;
 use comms::logic::{codec, key};
+use failure::call_failure;
 use node::console::{self, Failure};
 use node::io::run_dir;
 use node::logic::protocol::{Answer, NodeStatus, Request, SILENCE_MAX};
@@ -18,6 +19,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
+use team::program::ProgramIdentity;
 use tokio::task::JoinSet;
 
 /// How long a node has to answer a question that it can answer at once: the longest way there and back is 3 s.
@@ -196,6 +198,7 @@ impl Client {
         for (name, socket) in run_dir::running(folder)? {
             match Session::open_client(&socket).await {
                 Ok(session) => {
+                    let session = authenticated(session, &socket)?;
                     let signing = Signing::of(keys.clone());
                     return Ok(Some(Self { session, local: Some(name), base: Some(folder.to_owned()), signing }));
                 }
@@ -217,12 +220,8 @@ impl Client {
     pub(crate) async fn to_socket(socket: PathBuf) -> Result<Self, Failure> {
         let session =
             Session::open_client(&socket).await.with_context(|| format!("connecting to {}", socket.display()));
-        Ok(Self {
-            session: session.map_err(Failure::Unreachable)?,
-            local: None,
-            base: None,
-            signing: Signing::default(),
-        })
+        let session = authenticated(session.map_err(Failure::Unreachable)?, &socket)?;
+        Ok(Self { session, local: None, base: None, signing: Signing::default() })
     }
 
     /// Returns the node of this machine that it goes through, if it does.
@@ -398,6 +397,16 @@ impl Answers {
     }
 }
 
+/// Has answers of nodes in a team checked by what the node with this socket gives to all of its machine.
+fn authenticated(session: Session, socket: &Path) -> anyhow::Result<Session> {
+    let file = socket.with_file_name(run_dir::PROGRAMS);
+    if !file.is_file() {
+        return Ok(session);
+    }
+    let identity = ProgramIdentity::open(&file).context("reading what shows who is in the team")?;
+    Ok(session.authenticated_by(Arc::new(identity)))
+}
+
 /// Waits for a node to say how it is.
 async fn status(mut answers: Answers, deadline: Time) -> Result<NodeStatus, Failure> {
     let answer = answers.next_by(deadline).await;
@@ -420,24 +429,6 @@ pub(crate) fn unasked(host: &str, answer: &Answer) -> Failure {
         return anyhow!("host `{host}`: {why}").into();
     }
     anyhow!("host `{host}` answered something that was not asked").into()
-}
-
-/// Says why a call has no answer: in the node's own words if it refused, else without the key that was called.
-fn call_failure(host: &str, error: CallError) -> Failure {
-    match error {
-        CallError::Refused { reason } => Failure::Refused(anyhow!("host `{host}`: {reason}")),
-        CallError::Broken { count, why, .. } => Failure::Unreachable(anyhow!(
-            "the answers of the node `{host}` broke off after {count}: {why}; what has come is not everything"
-        )),
-        CallError::Unreachable { .. } => Failure::Unreachable(anyhow!("the node `{host}` cannot be reached")),
-        CallError::Timeout { within, .. } => {
-            Failure::Unreachable(anyhow!("the node `{host}` has not answered within {}", span(within)))
-        }
-        CallError::Silent { silent, .. } => {
-            Failure::Unreachable(anyhow!("the node `{host}` has said nothing for {}", span(silent)))
-        }
-        CallError::Session { cause, .. } => Failure::Unreachable(anyhow!("the node `{host}` cannot be asked: {cause}")),
-    }
 }
 
 /// Returns what a failure says.
@@ -494,24 +485,5 @@ mod tests {
             containment: Containment::default(),
             network: Network::default(),
         }
-    }
-
-    #[test]
-    fn a_call_without_an_answer_is_told_with_the_host_and_without_the_key() {
-        let (key, within) = (|| key::rpc("c1", VERB), Duration::from_secs(3));
-        let check = |error, unreachable, text: &str| {
-            let failure = call_failure("c1", error);
-            assert_eq!((matches!(failure, Failure::Unreachable(_)), words(&failure).as_str()), (unreachable, text));
-        };
-        check(CallError::Refused { reason: "it is full".into() }, false, "host `c1`: it is full");
-        check(CallError::Unreachable { key: key() }, true, "the node `c1` cannot be reached");
-        check(CallError::Timeout { key: key(), within }, true, "the node `c1` has not answered within 3 s");
-        let silent = CallError::Silent { key: key(), silent: within };
-        check(silent, true, "the node `c1` has said nothing for 3 s");
-        let closed = CallError::Session { key: key(), cause: "closed".into() };
-        check(closed, true, "the node `c1` cannot be asked: closed");
-        let broken = CallError::Broken { key: key(), count: 3, why: "it went away".into() };
-        let text = "the answers of the node `c1` broke off after 3: it went away; what has come is not everything";
-        check(broken, true, text);
     }
 }

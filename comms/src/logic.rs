@@ -11,6 +11,7 @@ pub mod nearby;
 pub mod object;
 pub mod pace;
 pub mod port;
+pub mod proof;
 pub mod random;
 pub mod signals;
 pub mod tap;

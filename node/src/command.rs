@@ -66,6 +66,12 @@ fn reach(arguments: &Arguments, member: Option<&Arc<Member>>) -> anyhow::Result<
         return Ok(Reach::Lan);
     };
     let team = member.team().name();
+    let (name, certified) = (arguments.name.as_str(), member.name().as_str());
+    ensure!(
+        name == certified,
+        "this node is `{certified}` in the team `{team}`, and may not speak as `{name}`: start it with `--name {certified}`, or take \
+         `{name}` into the team as a node of its own"
+    );
     ensure!(
         !arguments.insecure_lan,
         "this node is in the team `{team}`, and opens to nobody else: leave out `--insecure-lan`"

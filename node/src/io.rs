@@ -1,5 +1,6 @@
 //! Processes, sockets, files and threads of a node.
 
+mod authors;
 mod calendar;
 pub mod caller;
 pub mod cgroup;

@@ -5,6 +5,7 @@
 //! ([`comms::io::session::Identity`]). [`join`] is how a robot comes into a team.
 
 pub mod audit;
+mod cards;
 pub mod folder;
 pub mod join;
 pub mod member;

@@ -10,20 +10,23 @@
 //! ```
 
 use crate::audit::{Audit, AuditEntry};
+use crate::cards::Cards;
 use crate::folder;
 use crate::program::ProgramIdentity;
 use anyhow::{Context as _, bail, ensure};
-use comms::io::session::{Identity, PublicKey};
+use comms::io::session::{Authenticator, Author, Digest, Identity, PublicKey};
+use comms::logic::proof::Proof;
 use std::collections::BTreeMap;
 use std::net::{IpAddr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
 use trust::audit::Decision;
-use trust::identity::{KeyId, SECRET_LEN, SecretKeys};
+use trust::identity::{KeyId, PublicKeys, SECRET_LEN, SIGNATURE_LEN, SecretKeys};
 use trust::name::Name;
 use trust::revocation::{Received, Revocations, RevokedSet, SET_MAX};
 use trust::role::Kind;
+use trust::statement;
 use trust::team::{CREDENTIAL_MAX, Credential, Judge, OFFLINE_GRACE, TEAM_MAX, Team};
 use zeroize::Zeroizing;
 
@@ -46,11 +49,15 @@ pub struct Member {
     team: Team,
     credential: Credential,
     revoked: Mutex<Revocations>,
+    /// What others have shown.
+    cards: Cards,
     changes: watch::Sender<()>,
     /// None where the disk takes none.
     audit: Option<Audit>,
     /// The last refusal that was logged, with its minute.
     told: Mutex<Option<(IpAddr, String, u64)>>,
+    /// The last message that was refused, with its minute.
+    forged: Mutex<Option<(String, u64)>>,
 }
 
 impl Member {
@@ -95,7 +102,8 @@ impl Member {
         let audit =
             audit.inspect_err(|error| tracing::error!(error = format!("{error:#}"), "there is no audit log")).ok();
         let (revoked, changes) = (Mutex::new(revoked), watch::Sender::new(()));
-        Ok(Some(Self { folder, keys, team, credential, revoked, changes, audit, told: Mutex::default() }))
+        let (cards, told, forged) = (Cards::default(), Mutex::default(), Mutex::default());
+        Ok(Some(Self { folder, keys, team, credential, revoked, cards, changes, audit, told, forged }))
     }
 
     /// Returns whether a node is in a team, without a look at anything else.
@@ -170,6 +178,33 @@ impl Member {
         last.replace(told.clone()) != Some(told)
     }
 
+    /// Signs a digest of something that this node writes.
+    pub fn state(&self, digest: &Digest) -> [u8; SIGNATURE_LEN] {
+        statement::sign(digest, &self.keys)
+    }
+
+    /// Returns the bytes of its credential.
+    pub fn shown(&self) -> Vec<u8> {
+        self.credential.to_bytes()
+    }
+
+    /// Returns the node of the team that has a credential, however old that is, and whether or not it was revoked since: what it has
+    /// written before stays written.
+    ///
+    /// # Errors
+    /// It is none of a node of the team; for a person.
+    pub fn node_of(&self, credential: &[u8]) -> Result<(String, PublicKeys), String> {
+        let credential = Credential::from_bytes(credential).map_err(|error| format!("a credential: {error}"))?;
+        let claims = credential.certificate().claims();
+        if credential.certificate().kind() != Kind::Node {
+            return Err(format!("`{}` is no node", claims.name));
+        }
+        let nobody = Revocations::default();
+        let then = Judge { team: &self.team, revoked: &nobody, now: claims.not_before, grace: 0 };
+        credential.check(&then).map_err(|error| error.to_string())?;
+        Ok((claims.name.to_string(), claims.keys))
+    }
+
     /// Has something written to the audit log.
     pub fn record(&self, entry: AuditEntry) {
         self.audit.iter().for_each(|audit| audit.record(entry.clone()));
@@ -204,6 +239,7 @@ impl Member {
         folder::write(&self.folder.join(REVOKED), &sets(&with))?;
         *revoked = with;
         drop(revoked);
+        self.cards.judge_again();
         let what = format!("revoke: number {number}, keys {count}");
         self.record(AuditEntry { decision: Decision::Done, who: "the team".to_owned(), what, reason: String::new() });
         self.changes.send_replace(());
@@ -270,6 +306,7 @@ impl Identity for Member {
         if credential.certificate().kind() != Kind::Node {
             return Err(format!("`{}` is no node", claims.name));
         }
+        self.cards.note(&credential);
         Ok(claims.name.to_string())
     }
 
@@ -298,6 +335,45 @@ impl Identity for Member {
         }
         let (who, what) = (from.to_string(), "link".to_owned());
         self.record(AuditEntry { decision: Decision::Refused, who, what, reason: why.to_owned() });
+    }
+}
+
+impl Authenticator for Member {
+    fn sign(&self, digest: &Digest, shows: bool) -> Option<Proof> {
+        let signature = statement::sign(digest, &self.keys).to_vec();
+        let credential = shows.then(|| self.credential.to_bytes());
+        Some(Proof { key: *self.keys.public().signing(), signature, credential })
+    }
+
+    fn check(&self, proof: &Proof, digest: &Digest) -> Author {
+        let own = self.keys.public();
+        if proof.key == *own.signing() && statement::is_signed(digest, own, &proof.signature) {
+            return Author::Member(self.name().to_string());
+        }
+        self.cards.check(proof, digest, |credential| {
+            let revoked = self.revoked();
+            credential.check(&self.by(&revoked)).map(drop).map_err(|error| error.to_string())
+        })
+    }
+
+    fn forged(&self, claimed: &str, why: &str) {
+        self.refuse_message(claimed, why);
+    }
+}
+
+impl Member {
+    /// Takes note that a message was refused that says to be from `claimed`. Says whether that is worth a word: who goes on and
+    /// on fills no disk, with a line a minute for each reason.
+    pub fn refuse_message(&self, claimed: &str, why: &str) -> bool {
+        let told = (why.to_owned(), crate::now().0 / 60);
+        let before = self.forged.lock().unwrap_or_else(PoisonError::into_inner).replace(told.clone());
+        let is_news = before != Some(told);
+        if is_news {
+            tracing::warn!(claimed, why, "a message was refused");
+            let (who, what) = ("a member".to_owned(), format!("speak as `{claimed}`"));
+            self.record(AuditEntry { decision: Decision::Refused, who, what, reason: why.to_owned() });
+        }
+        is_news
     }
 }
 

@@ -3,10 +3,12 @@
 //! The node writes it to a file of its run folder; each program of the node reads it. It has a key that was made when the node
 //! started, and never the node's own.
 
+use crate::cards::Cards;
 use crate::folder;
 use crate::member::{REVOKED_BYTES_MAX, judge, revocations};
 use anyhow::Context as _;
-use comms::io::session::{Identity, PublicKey};
+use comms::io::session::{Authenticator, Author, Digest, Identity, PublicKey};
+use comms::logic::proof::Proof;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use trust::delegation::Delegation;
@@ -26,6 +28,8 @@ pub struct ProgramIdentity {
     delegation: Delegation,
     /// Where the node writes down who is revoked.
     revoked: PathBuf,
+    /// What nodes have shown.
+    cards: Cards,
 }
 
 impl ProgramIdentity {
@@ -37,7 +41,7 @@ impl ProgramIdentity {
     ) -> anyhow::Result<Self> {
         let keys = SecretKeys::generate(&mut crate::random()?);
         let delegation = Delegation::sign(*keys.public().signing(), crate::now(), node, credential);
-        Ok(Self { keys, team: team.clone(), delegation, revoked: revoked.to_owned() })
+        Ok(Self { keys, team: team.clone(), delegation, revoked: revoked.to_owned(), cards: Cards::default() })
     }
 
     pub(crate) fn keep(&self, path: &Path) -> anyhow::Result<()> {
@@ -59,7 +63,7 @@ impl ProgramIdentity {
         let keys = SecretKeys::from_bytes(<&[u8; SECRET_LEN]>::try_from(&secret[..]).with_context(broken)?);
         let team = Team::from_bytes(&fields.1).with_context(broken)?;
         let delegation = Delegation::from_bytes(&fields.2).with_context(broken)?;
-        Ok(Self { keys, team, delegation, revoked: fields.3.into() })
+        Ok(Self { keys, team, delegation, revoked: fields.3.into(), cards: Cards::default() })
     }
 
     /// Returns who is revoked, as the node has written it down last. Somebody must not be trusted because that cannot be read.
@@ -99,5 +103,23 @@ impl Identity for ProgramIdentity {
 
     fn refused(&self, from: SocketAddr, why: &str) {
         tracing::warn!(%from, why, "somebody was refused");
+    }
+}
+
+/// A command line speaks for no node, and checks what nodes answer as a program of its machine would.
+impl Authenticator for ProgramIdentity {
+    fn sign(&self, _: &Digest, _: bool) -> Option<Proof> {
+        None
+    }
+
+    fn check(&self, proof: &Proof, digest: &Digest) -> Author {
+        self.cards.check(proof, digest, |credential| {
+            let revoked = self.revocations_now()?;
+            credential.check(&judge(&self.team, &revoked)).map(drop).map_err(|error| error.to_string())
+        })
+    }
+
+    fn forged(&self, claimed: &str, why: &str) {
+        tracing::debug!(claimed, why, "an answer was refused");
     }
 }

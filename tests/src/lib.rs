@@ -1,5 +1,6 @@
 //! Whole-system tests: what needs more than one room.
 
 pub mod cluster;
+pub mod made_team;
 pub mod simulation;
 pub mod survey;

@@ -8,6 +8,7 @@ use dbmanager::logic::key::Key;
 use dbmanager::logic::txn::Write;
 use dbmanager::logic::view::value::Datum;
 use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, wait_until};
+use dca_tests::made_team::{MadeTeam, keys};
 use language::plan::Plan;
 use language::{Options, Source, compile};
 use node::logic::database::question::{AckLevel, Commit, Question, Reply};
@@ -20,15 +21,13 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
-use team::member::Member;
 use tokio::runtime::Runtime;
-use trust::certificate::{Certificate, Claims, DAY};
 use trust::identity::{KeyId, SecretKeys};
 use trust::name::UnixTime;
 use trust::request;
 use trust::revocation::RevokedSet;
 use trust::role::{Action, Role};
-use trust::team::{Credential, Team};
+use trust::team::Credential;
 
 const SPEC: &str = r#"
 module Idle(host) { exec "sleep 3600"; plain; }
@@ -97,51 +96,26 @@ struct Attacked {
     host: Host,
     cluster: Cluster,
     _network: Network,
-    root: SecretKeys,
-    team: Team,
-}
-
-fn keys() -> SecretKeys {
-    SecretKeys::generate(&mut team::random().expect("the system has random bytes"))
+    team: MadeTeam,
 }
 
 impl Attacked {
     fn new() -> Option<Self> {
         let (cluster, network) = (Cluster::new(), Network::new(1)?);
         let host = cluster.host(&network, 1);
-        let root = keys();
-        let team = Team::found("acme".parse().expect("a name"), &root);
         let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build();
         let runtime = runtime.expect("threads");
-        let mut attacked = Self { runtime, node: None, host, cluster, _network: network, root, team };
-        let own = keys();
-        let credential = attacked.certify("c2", Role::Member, &own);
-        let state = attacked.host.state().join("c2");
-        fs::create_dir_all(&state).expect("a folder of ours");
-        Member::begin(&state, &own, &attacked.team, &credential).expect("a folder of ours");
+        let team = MadeTeam::default();
+        team.admit(&host, "c2");
+        let mut attacked = Self { runtime, node: None, host, cluster, _network: network, team };
         attacked.restart();
         Some(attacked)
     }
 
-    fn certify(&self, name: &str, role: Role, keys: &SecretKeys) -> Credential {
-        let now = UnixTime(team::now().0 - 10);
-        let claims = Claims {
-            team: self.team.id(),
-            name: name.parse().expect("a name"),
-            role,
-            keys: *keys.public(),
-            not_before: now,
-            not_after: now.plus(30 * DAY),
-            renewable_until: now.plus(365 * DAY),
-            serial: [8; 16],
-        };
-        Credential::new(Certificate::issue(claims, &self.root).expect("good claims"), None)
-    }
-
     fn user(&self, name: &str, role: Role) -> User {
         let keys = keys();
-        let credential = self.certify(name, role, &keys);
-        User { keys, credential, team: self.team.id(), number: AtomicU64::new(1) }
+        let credential = self.team.certify(name, role, &keys);
+        User { keys, credential, team: self.team.team.id(), number: AtomicU64::new(1) }
     }
 
     /// Kills the node, if it runs, and starts it.
@@ -219,7 +193,7 @@ fn what_is_not_signed_as_it_has_to_be_is_refused() {
     let [ann, dan, vic] =
         [("ann", Role::Admin), ("dan", Role::Deployer), ("vic", Role::Viewer)].map(|(name, role)| at.user(name, role));
     let Answer::Team(Some(team)) = at.ask(&Request::Team) else { panic!("it is in a team") };
-    assert_eq!((team.id, team.name.as_str(), team.node.as_str()), (at.team.id().0, "acme", "c2"));
+    assert_eq!((team.id, team.name.as_str(), team.node.as_str()), (at.team.team.id().0, "acme", "c2"));
     let found = Request::Database(Question::Found);
     at.call_refused(&found, "nobody has signed it");
     at.signed_refused(dan.sign(&found, "c2"), "`dan` is deployer, who may not decide who has the database");
@@ -250,7 +224,7 @@ fn what_is_not_signed_as_it_has_to_be_is_refused() {
     at.signed_refused(good, "was here before");
 
     let gone = BTreeMap::from([(dan.keys.public().id(), team::now())]);
-    let set = RevokedSet::sign(&at.team, 1, gone, &at.root, None).expect("a good set");
+    let set = RevokedSet::sign(&at.team.team, 1, gone, &at.team.root, None).expect("a good set");
     assert_eq!(at.ask(&Request::Revoke { set: set.to_bytes() }), Answer::Revoked { is_new: true });
     at.signed_refused(dan.sign(&write(), "c2"), "the key of `dan` is revoked");
     let get = Request::Database(Question::Get { key: Key::new("team/gain").expect("a key") });
@@ -275,14 +249,15 @@ const BOOT: u64 = 77;
 
 impl<'a> Liar<'a> {
     fn new(at: &'a Attacked) -> Self {
-        let session = at.session();
+        let member = at.team.member(&at.cluster.folder().join("liar"), "c1");
+        let session = at.session().authenticated_by(member as _);
         let pings = session.subscribe(&key::ping_any(), Policy::reject(64)).expect("it is open");
         let inbox = session.subscribe(&key::inbox("c1"), Policy::reject(64)).expect("it is open");
         Self { at, session, pings, inbox, sent: 0, heard: 0, boot_peer: 0 }
     }
 
     fn put(&self, key: &str, bytes: Vec<u8>) {
-        self.session.put(key, bytes).expect("it is open");
+        self.session.put_shown(key, bytes).expect("it is open");
     }
 
     fn pong(&mut self, bytes: &[u8]) {

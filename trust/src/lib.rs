@@ -53,6 +53,7 @@ pub mod request;
 pub mod revocation;
 pub mod role;
 pub mod seal;
+pub mod statement;
 pub mod team;
 mod text;
 mod wire;

@@ -8,12 +8,14 @@
 
 mod call;
 mod config;
+mod expect;
 mod interfaces;
 mod links;
 mod message;
 mod nearby;
 mod open;
 mod patience;
+mod proof;
 mod reach;
 mod serve;
 mod stream;
@@ -27,6 +29,7 @@ pub(crate) use interfaces::{dialled, locator};
 pub use message::{Presence, Subscription, Token, Watch};
 pub use nearby::discovery;
 pub(crate) use open::{Opened, Redial, Search, plain};
+pub use proof::{Authenticator, Author, Digest, relayed};
 pub use serve::{Request, Server};
 pub(crate) use tunnel::TunnelOptions;
 pub use tunnel::{Identity, PublicKey};
@@ -95,6 +98,8 @@ pub struct NodeOptions {
 pub struct Session {
     opened: Opened,
     calls: Calls,
+    /// In a team: signs what is said, and checks what is heard.
+    authenticator: Option<Arc<dyn Authenticator>>,
     /// Each stream of answers that somebody may still take has a receiver of it.
     answering: watch::Sender<()>,
 }
@@ -280,7 +285,14 @@ impl Session {
         // Zenoh blocks while it opens, and panics on a single-threaded runtime.
         let opening = on_thread("dca-open", move || Opened::open(settings, redial, search, tunnels));
         let opened = opening.await.ok_or(OpenError::NoThread)??;
-        Ok(Self { opened, calls: Calls::default(), answering: watch::Sender::new(()) })
+        Ok(Self { opened, calls: Calls::default(), authenticator: None, answering: watch::Sender::new(()) })
+    }
+
+    /// Signs from now on what is said, and checks what is heard. Before anything is said.
+    #[must_use]
+    pub fn authenticated_by(mut self, authenticator: Arc<dyn Authenticator>) -> Self {
+        self.authenticator = Some(authenticator);
+        self
     }
 
     /// Has everybody judged again who has come from another host of the team, after what makes them trusted has changed.

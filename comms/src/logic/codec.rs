@@ -59,6 +59,8 @@ pub enum Kind {
     Exports = 15,
     /// [`TypeForm`](crate::logic::object::TypeForm): what the consumer of a wire takes.
     TypeForm = 16,
+    /// [`Proof`](crate::logic::proof::Proof): who has said a message in a team.
+    Proof = 19,
     /// [`QueueRequest`](crate::logic::messaging::wire::QueueRequest): a message for a queue.
     QueueRequest = 20,
     /// [`QueueAnswer`](crate::logic::messaging::wire::QueueAnswer): what became of it.
@@ -85,6 +87,8 @@ pub enum Kind {
     Ping = 105,
     /// What a node says to another one of its own name.
     Namesake = 106,
+    /// What a node says to another one whose message it has refused.
+    Refusal = 107,
 }
 
 impl Kind {

@@ -8,6 +8,7 @@
 //! dca/n/<host>/pong                  answers to it
 //! dca/n/<host>/namesake              what nodes of one name say to each other
 //! dca/n/<host>/revoked               a node has heard of keys that its team has revoked
+//! dca/n/<host>/refused               others have refused what a node has said
 //! dca/live/<host>/<boot>             a node is up
 //! dca/d/<deployment>/<epoch>/w/<wire>  samples of one wire
 //! dca/d/<deployment>/<epoch>/w/<wire>/type  what its consumer takes
@@ -135,7 +136,12 @@ pub fn revoked(host: &str) -> String {
     format!("dca/n/{}/revoked", escape(host))
 }
 
-/// Returns the expression of all those keys.
+/// Returns the key on which a node hears that others have refused what it has said.
+pub fn refused(host: &str) -> String {
+    format!("dca/n/{}/refused", escape(host))
+}
+
+/// Returns the expression of all keys on which nodes tell the others who is revoked.
 pub fn revoked_any() -> String {
     "dca/n/*/revoked".to_owned()
 }

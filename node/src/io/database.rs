@@ -73,7 +73,7 @@ enum Arrival {
     /// From another machine.
     Elsewhere(u64, Question, Caller),
     Envelope(Envelope),
-    Asked(Request, Envelope),
+    Asked(Box<Request>, Envelope),
     Appeared,
     Leave,
 }
@@ -105,7 +105,7 @@ struct Worker {
     /// Where answers go, by number of the call.
     sinks: BTreeMap<u64, Caller>,
     /// Questions of other replicas that are not answered yet.
-    asked: BTreeMap<u64, Request>,
+    asked: BTreeMap<u64, Box<Request>>,
     asked_next: u64,
     /// Calls whose answers nobody takes any more.
     gone: Vec<u64>,

@@ -1,17 +1,20 @@
 //! The node's session with other nodes and with command lines: presence, frames and calls, as inputs for the agent.
 
+use crate::io::authors::Authors;
 use crate::io::calendar;
 use crate::io::caller::{Answers, Caller, answers};
 use crate::logic::agent::Input;
 use crate::logic::link::Frame;
-use crate::logic::protocol::{Answer, Namesake, Ping, Pong, Request, SILENCE_MAX, TeamOfNode};
+use crate::logic::protocol::{Answer, Body, Namesake, Ping, Pong, Request, SILENCE_MAX, TeamOfNode};
 use anyhow::Context;
 use comms::io::clock;
 use comms::io::session::{self, Identity as _, NodeOptions, Presence, Server, Session, Subscription, Token, Watch};
 use comms::logic::port::Policy;
 use comms::logic::time::Time;
 use comms::logic::{codec, key};
+use std::borrow::Cow;
 use std::collections::{BTreeMap, VecDeque};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use team::member::Member;
@@ -29,6 +32,10 @@ const REVOKED_MAX: usize = 64;
 const NAMESAKES_MAX: usize = 64;
 /// How many rounds of questions are remembered, to see how long answers take.
 const ROUNDS_MAX: usize = 64;
+/// How many words about what others have refused wait; they say it again.
+const REFUSED_MAX: usize = 16;
+/// In how many rounds a node of a team shows who it is after another one has come, and every how many rounds else.
+const SHOWN_ROUNDS: [u64; 2] = [5, 16];
 
 /// The open session of a node.
 #[derive(Debug)]
@@ -37,6 +44,7 @@ pub struct Peers {
     token: Token,
     calls: BTreeMap<u64, Caller>,
     own: Arc<Own>,
+    authors: Authors,
 }
 
 /// The answers of this node about itself. A task of its own gives them, so that a node whose driver is busy does not
@@ -51,6 +59,8 @@ struct Own {
     holders: Mutex<BTreeMap<String, u64>>,
     /// When the last rounds of questions went out.
     rounds: Mutex<VecDeque<(u64, Time)>>,
+    /// In how many rounds it still shows who it is.
+    shows: AtomicU64,
 }
 
 /// An event of the session.
@@ -77,6 +87,12 @@ impl Peers {
     ) -> anyhow::Result<Self> {
         let host = options.name.clone();
         let session = Session::open_node(options).await.with_context(|| format!("opening the node `{host}`"))?;
+        let session = match &member {
+            Some(member) => session.authenticated_by(Arc::clone(member) as _),
+            None => session,
+        };
+        let session = Arc::new(session);
+        let authors = Authors::new(member.clone(), &session, host.as_str());
         let inbox = session.subscribe(&key::inbox(host.as_str()), Policy::reject(FRAMES_MAX))?;
         let calls = session.serve(&key::rpc_any(host.as_str()))?;
         let (pings, pongs) = (key::ping_any(), key::pong(host.as_str()));
@@ -84,22 +100,24 @@ impl Peers {
         let pongs = session.subscribe(&pongs, Policy::reject(FRAMES_MAX))?;
         let presence = session.watch(&key::live_any())?;
         let namesakes = session.subscribe(&key::namesake(host.as_str()), Policy::reject(NAMESAKES_MAX))?;
-        tasks.spawn(hear_namesakes(namesakes, sink.clone()));
+        tasks.spawn(hear_namesakes(namesakes, (authors.clone(), host.as_str().to_owned()), sink.clone()));
         let token = session.announce(&key::live(host.as_str(), boot))?;
-        tasks.spawn(hear_frames(inbox, sink.clone()));
-        tasks.spawn(hear_presence(presence, sink.clone()));
+        tasks.spawn(hear_frames(inbox, authors.clone(), sink.clone()));
+        let refused = session.subscribe(&key::refused(host.as_str()), Policy::reject(REFUSED_MAX))?;
+        tasks.spawn(hear_refusals(refused, authors.clone()));
         let host = host.as_str().to_owned();
-        let (holders, rounds) = (Mutex::default(), Mutex::default());
-        let own = Arc::new(Own { host, boot, started, place: place(), holders, rounds });
-        let session = Arc::new(session);
-        tasks.spawn(answer_pings(pings, Arc::clone(&session), Arc::clone(&own), sink.clone()));
-        tasks.spawn(hear_pongs(pongs, Arc::clone(&session), Arc::clone(&own), sink.clone()));
+        let (holders, rounds, shows) = (Mutex::default(), Mutex::default(), AtomicU64::new(SHOWN_ROUNDS[0]));
+        let own = Arc::new(Own { host, boot, started, place: place(), holders, rounds, shows });
+        tasks.spawn(hear_presence(presence, Arc::clone(&own), sink.clone()));
+        let speaking = || (Arc::clone(&session), Arc::clone(&own), authors.clone());
+        tasks.spawn(answer_pings(pings, speaking(), sink.clone()));
+        tasks.spawn(hear_pongs(pongs, speaking(), sink.clone()));
         let revoked = session.subscribe(&key::revoked_any(), Policy::reject(REVOKED_MAX))?;
         if let Some(member) = &member {
             tasks.spawn(spread_revocations(Arc::clone(member), revoked, Arc::clone(&session), Arc::clone(&own)));
         }
         tasks.spawn(hear_calls(calls, Arc::clone(&session), member, sink));
-        Ok(Self { session, token, calls: BTreeMap::new(), own })
+        Ok(Self { session, token, calls: BTreeMap::new(), own, authors })
     }
 
     /// Asks all other nodes whether they are there.
@@ -111,7 +129,14 @@ impl Peers {
         rounds.drain(..old);
         drop(rounds);
         let sent = codec::encode(&ping).map_err(anyhow::Error::from);
-        let sent = sent.and_then(|bytes| Ok(self.session.put(&key::ping(&ping.from), bytes)?));
+        let sent = sent.and_then(|bytes| {
+            let key = key::ping(&ping.from);
+            Ok(if self.own.is_to_show(round) {
+                self.session.put_shown(&key, bytes)
+            } else {
+                self.session.put(&key, bytes)
+            }?)
+        });
         if let Err(error) = sent {
             tracing::warn!(error = format!("{error:#}"), "cannot ask who is there");
         }
@@ -133,7 +158,11 @@ impl Peers {
 
     /// Sends a frame; one that is lost is sent again by its link.
     pub fn send(&self, to: &str, frame: &Frame) {
-        let sent = codec::encode(frame).map_err(anyhow::Error::from);
+        let mut frame = Cow::Borrowed(frame);
+        if matches!(&frame.message, Some((_, message)) if matches!(message.body, Body::Relay(_))) {
+            self.authors.sign_relay(frame.to_mut());
+        }
+        let sent = codec::encode(&*frame).map_err(anyhow::Error::from);
         let sent = sent.and_then(|bytes| Ok(self.session.put(&key::inbox(to), bytes)?));
         if let Err(error) = sent {
             tracing::warn!(host = to, error = format!("{error:#}"), "cannot send to a node");
@@ -184,6 +213,12 @@ impl Own {
         self.rounds.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Returns whether a round shows who this node is.
+    fn is_to_show(&self, round: u64) -> bool {
+        let left = self.shows.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1));
+        left.is_ok() || round.is_multiple_of(SHOWN_ROUNDS[1])
+    }
+
     fn holders(&self) -> MutexGuard<'_, BTreeMap<String, u64>> {
         // A map of plain values is valid whatever happened to the thread that held it.
         self.holders.lock().unwrap_or_else(PoisonError::into_inner)
@@ -197,14 +232,18 @@ fn place() -> String {
     format!("on `{machine}`, process {}", std::process::id())
 }
 
+/// What it takes to answer, and to believe others.
+type Speaking = (Arc<Session>, Arc<Own>, Authors);
+
 /// Answers every other node that asks whether this one is there.
-async fn answer_pings(mut pings: Subscription, session: Arc<Session>, own: Arc<Own>, sink: Sender<Arrival>) {
-    while let Some((_, bytes)) = pings.next().await {
+async fn answer_pings(mut pings: Subscription, (session, own, authors): Speaking, sink: Sender<Arrival>) {
+    while let Some((key, bytes, author)) = pings.next_signed().await {
         let Ok(Ping { from, boot, round }) = codec::decode(&bytes) else {
             tracing::debug!("a node asks who is there in a way that cannot be read");
             continue;
         };
-        if from == own.host && boot == own.boot {
+        let is_own = from == own.host && boot == own.boot;
+        if is_own || key != key::ping(&from) || !authors.admits(&author, &from) {
             continue;
         }
         let pong = Pong {
@@ -227,9 +266,10 @@ async fn answer_pings(mut pings: Subscription, session: Arc<Session>, own: Arc<O
     }
 }
 
-async fn hear_pongs(mut pongs: Subscription, session: Arc<Session>, own: Arc<Own>, sink: Sender<Arrival>) {
-    while let Some((_, bytes)) = pongs.next().await {
+async fn hear_pongs(mut pongs: Subscription, (session, own, authors): Speaking, sink: Sender<Arrival>) {
+    while let Some((_, bytes, author)) = pongs.next_signed().await {
         match codec::decode::<Pong>(&bytes) {
+            Ok(pong) if !authors.admits(&author, &pong.from) => {}
             Ok(pong) => {
                 let asked = own.rounds().iter().find(|(round, _)| *round == pong.round).map(|(_, at)| *at);
                 if let Some(asked) = asked.filter(|_| pong.to_boot == own.boot) {
@@ -244,9 +284,10 @@ async fn hear_pongs(mut pongs: Subscription, session: Arc<Session>, own: Arc<Own
     }
 }
 
-async fn hear_namesakes(mut namesakes: Subscription, sink: Sender<Arrival>) {
-    while let Some((_, bytes)) = namesakes.next().await {
+async fn hear_namesakes(mut namesakes: Subscription, (authors, own): (Authors, String), sink: Sender<Arrival>) {
+    while let Some((_, bytes, author)) = namesakes.next_signed().await {
         match codec::decode::<Namesake>(&bytes) {
+            Ok(_) if !authors.admits(&author, &own) => {}
             Ok(namesake) => {
                 if sink.send(Arrival::Input(Input::Namesake(Box::new(namesake)))).await.is_err() {
                     return;
@@ -257,10 +298,12 @@ async fn hear_namesakes(mut namesakes: Subscription, sink: Sender<Arrival>) {
     }
 }
 
-async fn hear_frames(mut inbox: Subscription, sink: Sender<Arrival>) {
-    while let Some((_, bytes)) = inbox.next().await {
+async fn hear_frames(mut inbox: Subscription, authors: Authors, sink: Sender<Arrival>) {
+    while let Some((_, bytes, author)) = inbox.next_signed().await {
         match codec::decode::<Frame>(&bytes) {
-            Ok(frame) => {
+            Ok(frame) if !authors.admits(&author, &frame.from) => {}
+            Ok(mut frame) => {
+                authors.check_relay(&mut frame);
                 if sink.send(Arrival::Input(Input::Frame(Box::new(frame)))).await.is_err() {
                     return;
                 }
@@ -270,13 +313,23 @@ async fn hear_frames(mut inbox: Subscription, sink: Sender<Arrival>) {
     }
 }
 
-async fn hear_presence(mut watch: Watch, sink: Sender<Arrival>) {
+async fn hear_refusals(mut refused: Subscription, authors: Authors) {
+    while let Some((_, bytes, author)) = refused.next_signed().await {
+        authors.hear_refusal(&author, &bytes);
+    }
+}
+
+async fn hear_presence(mut watch: Watch, own: Arc<Own>, sink: Sender<Arrival>) {
     while let Some(presence) = watch.next().await {
         let (key, appeared) = match presence {
             Presence::Appeared(key) => (key, true),
             Presence::Vanished(key) => (key, false),
         };
         let Some((host, boot)) = key::parse_live(&key) else { continue };
+        if appeared {
+            // It has not met this node yet.
+            own.shows.store(SHOWN_ROUNDS[0], Ordering::Relaxed);
+        }
         let input = if appeared { Input::Appeared { host, boot } } else { Input::Vanished { host, boot } };
         if sink.send(Arrival::Input(input)).await.is_err() {
             return;

@@ -54,7 +54,7 @@ const PROOF: &str = "proof";
 const PROOF_MAX: usize = 64;
 
 /// The file with what programs show to those of other hosts.
-pub(crate) const PROGRAMS: &str = "programs";
+pub const PROGRAMS: &str = "programs";
 
 /// Why a folder cannot be used.
 #[derive(Debug, thiserror::Error)]

@@ -32,7 +32,7 @@ use language::plan::{MemberKind, Plan};
 pub use message::{Body, Message};
 pub use names::{DeviceName, Names, PortName};
 pub use parameters::{InstanceParameters, ParameterStatus};
-pub use presence::{Duplicate, Namesake, Ping, Pong};
+pub use presence::{Duplicate, Namesake, Ping, Pong, Refusal};
 pub use relay::{Relay, Relayed};
 pub use report::{Change, Report};
 use serde::{Deserialize, Serialize};

@@ -6,12 +6,17 @@
 //! then that it is still there ([`super::Request::still_here`]), which callers do not see, and a stream without a word for too
 //! long ends with an error.
 
+mod error;
+
+pub use error::CallError;
+
 use super::Session;
+use super::expect::Expect;
 use super::open::plain;
+use super::proof::Author;
 use super::serve::REFUSED;
 use super::stream::{End, Incoming, Piece, Pull, Silence, StreamId};
-use crate::io::clock;
-use crate::logic::human::span;
+use crate::io::{clock, entropy};
 use crate::logic::pace::Pace;
 use crate::logic::time::Time;
 use crate::logic::{codec, key};
@@ -21,13 +26,12 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::task::{Context, Waker};
 use std::time::Duration;
-use thiserror::Error;
 use tokio::sync::oneshot;
 use zenoh::Wait;
 use zenoh::bytes::Encoding;
 use zenoh::cancellation::CancellationToken;
 use zenoh::qos::{CongestionControl, Priority};
-use zenoh::query::{ConsolidationMode, Reply, ReplyError};
+use zenoh::query::{ConsolidationMode, QueryTarget, Reply, ReplyError};
 
 /// A server answers a pull when it has something; zenoh wants a limit all the same.
 const PULL_TIMEOUT: Duration = Duration::from_secs(365 * 24 * 3600);
@@ -39,57 +43,6 @@ const ON_THE_WAY_MAX: usize = 128 << 10;
 const LEAVE_TIMEOUT: Duration = Duration::from_secs(1);
 /// The least that a stream asks for, in bytes.
 const PIECE_SIZE_MIN: usize = 1 << 10;
-
-/// Why a call has no answer.
-#[derive(Clone, Debug, Error, PartialEq, Eq)]
-pub enum CallError {
-    /// Nobody serves the key, or the server vanished or gave up before its first answer.
-    #[error("nobody answers at `{key}`")]
-    Unreachable {
-        /// The host and the verb.
-        key: String,
-    },
-    /// No answer in time. The request may have been carried out.
-    #[error("no answer from `{key}` within {}", span(*.within))]
-    Timeout {
-        /// The host and the verb.
-        key: String,
-        /// The time given.
-        within: Duration,
-    },
-    /// The server of a stream has not said for so long that it is still there.
-    #[error("`{key}` has said nothing for {}", span(*.silent))]
-    Silent {
-        /// The host and the verb.
-        key: String,
-        /// How long.
-        silent: Duration,
-    },
-    /// The stream has ended without its mark, or its answers are not those that the mark counts.
-    #[error("the answers from `{key}` broke off after {count}: {why}")]
-    Broken {
-        /// The host and the verb.
-        key: String,
-        /// How many answers came.
-        count: u64,
-        /// For a person.
-        why: String,
-    },
-    /// The server's reason.
-    #[error("{reason}")]
-    Refused {
-        /// For a person.
-        reason: String,
-    },
-    /// The session is closed, or zenoh refuses.
-    #[error("cannot call `{key}`: {cause}")]
-    Session {
-        /// The host and the verb.
-        key: String,
-        /// Zenoh's words.
-        cause: String,
-    },
-}
 
 /// The receiver of the answer to a question, with the time of the answer. Taken once the question is answered, given up
 /// or closed.
@@ -155,6 +108,8 @@ pub struct Replies {
     session: zenoh::Session,
     stream: StreamId,
     streams: Arc<AtomicUsize>,
+    /// In a team, who has to answer.
+    expect: Option<Arc<Expect>>,
     silence_max: Duration,
     silence: Silence,
     incoming: Incoming,
@@ -192,18 +147,49 @@ impl Session {
     /// # Cancellation
     /// The request may be carried out all the same.
     pub async fn call(&self, key: &str, payload: Vec<u8>, within: Duration) -> Result<Vec<u8>, CallError> {
-        let asked = ask(&self.opened.session, key, payload, None, within)?;
-        let called = || key::without_session(key).to_owned();
-        let timeout = || CallError::Timeout { key: called(), within };
+        self.call_signed(key, payload, within).await.map(|(answer, _)| answer)
+    }
+
+    /// As [`Session::call`], with who has answered. In a team a node signs the question.
+    ///
+    /// # Errors
+    /// See [`CallError`].
+    ///
+    /// # Cancellation
+    /// The request may be carried out all the same.
+    pub async fn call_signed(
+        &self,
+        key: &str,
+        payload: Vec<u8>,
+        within: Duration,
+    ) -> Result<(Vec<u8>, Author), CallError> {
+        let (pull, expect) = self.one(key, &payload)?.unzip();
+        let options = AskOptions { pull, expect: expect.clone() };
+        let asked = ask(&self.opened.session, (key, payload), options, within)?;
+        let called = key::without_session(key);
+        let timeout = || CallError::Timeout { key: called.to_owned(), within };
         // Zenoh gives up at the same moment; ours is for the case that it does not.
         let slack = within + Duration::from_millis(500);
         let answer = tokio::time::timeout(slack, asked.answer).await.map_err(|_elapsed| timeout())?;
-        let Ok((reply, _)) = answer else { return Err(CallError::Unreachable { key: called() }) };
+        let Ok((reply, _)) = answer else { return Err(unanswered(called, expect.as_deref())) };
         match reply.into_result() {
-            Ok(sample) => Ok(sample.payload().to_bytes().into_owned()),
+            Ok(sample) => {
+                let author = expect.map_or(Author::Anybody, |expect| expect.author());
+                Ok((sample.payload().to_bytes().into_owned(), author))
+            }
             Err(error) if *error.payload().to_bytes() == *b"Timeout" => Err(timeout()),
-            Err(error) => Err(refused(&called(), &error)),
+            Err(error) => Err(refused(called, &error)),
         }
+    }
+
+    /// Returns what goes with a question with one answer in a team, and who has to answer it.
+    fn one(&self, key: &str, payload: &[u8]) -> Result<Option<(Pull, Arc<Expect>)>, CallError> {
+        let Some(authenticator) = &self.authenticator else { return Ok(None) };
+        let failed = |error: std::io::Error| CallError::Session { key: key.to_owned(), cause: error.to_string() };
+        let nonce = entropy::bytes().map_err(failed)?;
+        let expect = Expect::new(authenticator, key, &nonce, payload);
+        let proof = authenticator.sign(expect.question(), true);
+        Ok(Some((Pull::One { nonce, proof }, expect)))
     }
 
     /// Calls the server of `key`; the stream ends when the server has said everything, and with an error if the server is
@@ -214,13 +200,17 @@ impl Session {
     pub fn call_stream(&self, key: &str, payload: Vec<u8>, silence_max: Duration) -> Result<Replies, CallError> {
         let number = self.calls.made.fetch_add(1, Ordering::Relaxed);
         let streams = Arc::clone(&self.calls.open);
+        let stream = StreamId { session: self.id(), number };
+        let expected = self.authenticator.as_ref();
+        let expect = expected.map(|authenticator| Expect::new(authenticator, key, &stream.nonce(), &payload));
         streams.fetch_add(1, Ordering::Relaxed);
         let mut replies = Replies {
             key: key::without_session(key).to_owned(),
             server: key.to_owned(),
             session: self.opened.session.clone(),
-            stream: StreamId { session: self.id(), number },
+            stream,
             streams,
+            expect,
             silence_max,
             silence: Silence::begin(clock::now()),
             incoming: Incoming::default(),
@@ -234,12 +224,28 @@ impl Session {
     }
 }
 
+/// What goes with a question, and whose answers to it count.
+#[derive(Debug, Default)]
+struct AskOptions {
+    pull: Option<Pull>,
+    expect: Option<Arc<Expect>>,
+}
+
+/// Returns why a question has no answer that counts.
+fn unanswered(key: &str, expect: Option<&Expect>) -> CallError {
+    let key = key.to_owned();
+    match expect.and_then(Expect::why_not) {
+        None => CallError::Unreachable { key },
+        Some((true, reason)) => CallError::Refused { reason },
+        Some((false, why)) => CallError::Forged { key, why },
+    }
+}
+
 /// Asks the server of `key` for one answer.
 fn ask(
     session: &zenoh::Session,
-    key: &str,
-    payload: Vec<u8>,
-    pull: Option<&Pull>,
+    (key, payload): (&str, Vec<u8>),
+    AskOptions { pull, expect }: AskOptions,
     within: Duration,
 ) -> Result<PendingCall, CallError> {
     let failed = |cause: String| CallError::Session { key: key::without_session(key).to_owned(), cause };
@@ -247,7 +253,12 @@ fn ask(
     // The closure goes, and with it the sender, when the answer is in or the server is gone.
     let sink: Arc<Sink> = Arc::new(Mutex::new(Some(answer_tx)));
     let open = Open { token: CancellationToken::default(), sink: Arc::downgrade(&sink) };
+    // Who serves the same key must not be asked in the place of who is meant.
+    let target = if expect.is_some() { QueryTarget::All } else { QueryTarget::default() };
     let take = move |reply| {
+        if expect.as_ref().is_some_and(|expect| !expect.takes(&reply)) {
+            return;
+        }
         let sink = sink.lock().unwrap_or_else(PoisonError::into_inner).take();
         if let Some(sink) = sink {
             // Who has given up does not want it.
@@ -259,12 +270,16 @@ fn ask(
         .payload(payload)
         .consolidation(ConsolidationMode::None)
         .congestion_control(CongestionControl::Block)
+        .target(target)
         .timeout(within)
         .cancellation_token(open.token.clone());
     if let Some(pull) = pull {
-        let pull = codec::encode(pull).map_err(|error| failed(error.to_string()))?;
-        // What nodes say to each other goes before what somebody reads.
-        asking = asking.attachment(pull).priority(Priority::DataLow);
+        let attachment = codec::encode(&pull).map_err(|error| failed(error.to_string()))?;
+        asking = asking.attachment(attachment);
+        if !matches!(pull, Pull::One { .. }) {
+            // What nodes say to each other goes before what somebody reads.
+            asking = asking.priority(Priority::DataLow);
+        }
     }
     asking.callback(take).wait().map_err(|cause| failed(plain(&cause)))?;
     Ok(PendingCall { answer, at: clock::now(), _open: open })
@@ -332,7 +347,7 @@ impl Replies {
                 reply.into_result().map(|sample| (sample, took))
             }
             Err(_) if self.state == Stream::Silent => {
-                return Err(CallError::Unreachable { key: self.key.clone() });
+                return Err(unanswered(&self.key, self.expect.as_deref()));
             }
             Err(_) => return Err(self.broken("it went away in the middle, or the way to it did")),
         };
@@ -355,7 +370,8 @@ impl Replies {
         let (stream, size) = (self.stream.clone(), u32::try_from(self.size).unwrap_or(u32::MAX));
         let pull = if first.is_some() { Pull::First { stream, size } } else { Pull::Next { stream, size } };
         let payload = first.unwrap_or_default();
-        self.asked = Some(ask(&self.session, &self.server, payload, Some(&pull), PULL_TIMEOUT)?);
+        let options = AskOptions { pull: Some(pull), expect: self.expect.clone() };
+        self.asked = Some(ask(&self.session, (&self.server, payload), options, PULL_TIMEOUT)?);
         self.silence = Silence::begin(clock::now());
         Ok(())
     }
@@ -370,6 +386,7 @@ impl Replies {
             | CallError::Timeout { .. }
             | CallError::Silent { .. }
             | CallError::Broken { .. }
+            | CallError::Forged { .. }
             | CallError::Session { .. } => error,
         }
     }

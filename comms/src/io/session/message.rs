@@ -3,9 +3,12 @@
 use super::Session;
 use super::call::CallError;
 use super::open::plain;
+use super::proof::{self, Authenticator, Author};
 use crate::io::queue::{self, Receiver};
 use crate::logic::port::Policy;
+use std::sync::Arc;
 use zenoh::Wait;
+use zenoh::bytes::ZBytes;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
 use zenoh::qos::CongestionControl;
@@ -14,10 +17,14 @@ use zenoh::sample::{Sample, SampleKind};
 /// Appearances and departures that have not been taken yet.
 const PRESENCES_MAX: usize = 4096;
 
+/// A key, and what was put on it.
+type Message = (String, Vec<u8>);
+
 /// Receives what is put on a key until it is dropped.
 #[derive(Debug)]
 pub struct Subscription {
-    samples: Receiver<(String, Vec<u8>)>,
+    samples: Receiver<(Message, Option<ZBytes>)>,
+    authenticator: Option<Arc<dyn Authenticator>>,
     _subscriber: Subscriber<()>,
 }
 
@@ -50,7 +57,21 @@ impl Session {
     /// # Errors
     /// If the session is closed.
     pub fn put(&self, key: &str, bytes: Vec<u8>) -> Result<(), CallError> {
-        let put = self.opened.session.put(key, bytes).congestion_control(CongestionControl::Drop).express(true).wait();
+        self.put_signed(key, bytes, false)
+    }
+
+    /// As [`Session::put`]; in a team it also shows who this is, for those who have not met it.
+    ///
+    /// # Errors
+    /// If the session is closed.
+    pub fn put_shown(&self, key: &str, bytes: Vec<u8>) -> Result<(), CallError> {
+        self.put_signed(key, bytes, true)
+    }
+
+    fn put_signed(&self, key: &str, bytes: Vec<u8>, shows: bool) -> Result<(), CallError> {
+        let proof = proof::beside(self.authenticator.as_ref(), || proof::put(key, &bytes), shows);
+        let put = self.opened.session.put(key, bytes).congestion_control(CongestionControl::Drop).express(true);
+        let put = if let Some(proof) = proof { put.attachment(proof).wait() } else { put.wait() };
         put.map_err(|cause| session_error(key, &cause))
     }
 
@@ -61,11 +82,12 @@ impl Session {
     pub fn subscribe(&self, key: &str, policy: Policy) -> Result<Subscription, CallError> {
         let (sample_tx, samples) = queue::channel(policy);
         let on_sample = move |sample: Sample| {
-            sample_tx.push((sample.key_expr().as_str().to_owned(), sample.payload().to_bytes().into_owned()));
+            let message = (sample.key_expr().as_str().to_owned(), sample.payload().to_bytes().into_owned());
+            sample_tx.push((message, sample.attachment().cloned()));
         };
         let subscriber = self.opened.session.declare_subscriber(key).callback(on_sample).wait();
         let subscriber = subscriber.map_err(|cause| session_error(key, &cause))?;
-        Ok(Subscription { samples, _subscriber: subscriber })
+        Ok(Subscription { samples, authenticator: self.authenticator.clone(), _subscriber: subscriber })
     }
 
     /// Lets everyone who watches know that `key` is there.
@@ -103,7 +125,17 @@ impl Subscription {
     /// # Cancellation
     /// Safe.
     pub async fn next(&mut self) -> Option<(String, Vec<u8>)> {
-        self.samples.recv().await
+        self.samples.recv().await.map(|(message, _)| message)
+    }
+
+    /// As [`Subscription::next`], with who has said it.
+    ///
+    /// # Cancellation
+    /// Safe.
+    pub async fn next_signed(&mut self) -> Option<(String, Vec<u8>, Author)> {
+        let ((key, bytes), proof) = self.samples.recv().await?;
+        let author = proof::author(self.authenticator.as_ref(), proof.as_ref(), || proof::put(&key, &bytes));
+        Some((key, bytes, author))
     }
 
     /// Returns how many samples were lost because the queue was full.

@@ -4,13 +4,17 @@
 //! stream has a task that sends what was asked for as soon as there is something, so that nothing is sent from zenoh's
 //! threads.
 
+mod request;
+
 use super::Session;
 use super::call::CallError;
 use super::open::plain;
-use super::stream::{End, Outgoing, Pull, StreamId};
+use super::proof::{self, Authenticator, Digest};
+use super::stream::{Outgoing, Pull, StreamId};
 use crate::io::clock;
 use crate::io::queue::{self, Receiver, Sender};
 use crate::logic::port::{Policy, Pushed};
+use crate::logic::proof::Proof;
 use crate::logic::time::Time;
 use crate::logic::{codec, key};
 use std::collections::HashMap;
@@ -49,7 +53,16 @@ pub struct Server {
 pub struct Request {
     key: String,
     payload: Vec<u8>,
+    asked: Asked,
     caller: Caller,
+}
+
+/// A question, by which its answer names it, and who has signed it.
+#[derive(Debug)]
+struct Asked {
+    authenticator: Option<Arc<dyn Authenticator>>,
+    question: Digest,
+    proof: Option<Proof>,
 }
 
 #[derive(Debug)]
@@ -62,12 +75,18 @@ enum Caller {
 
 /// The streams of a server.
 #[derive(Debug, Default)]
-struct Streams(Mutex<HashMap<StreamId, Arc<Stream>>>);
+struct Streams {
+    known: Mutex<HashMap<StreamId, Arc<Stream>>>,
+    /// Signs answers, in a team.
+    authenticator: Option<Arc<dyn Authenticator>>,
+}
 
 /// A stream of answers between the one who gives them and the one who asks for them.
 #[derive(Debug)]
 struct Stream {
     id: StreamId,
+    question: Digest,
+    authenticator: Option<Arc<dyn Authenticator>>,
     state: Mutex<State>,
     /// Something has come from either side.
     changed: Notify,
@@ -88,12 +107,14 @@ struct State {
     is_dropped: bool,
     /// Nobody takes answers any more.
     is_left: bool,
+    /// The caller has been shown who answers.
+    is_shown: bool,
 }
 
 /// The next step of a stream.
 enum Turn {
-    /// Send this.
-    Send(Query, Vec<u8>),
+    /// Send this, with a proof.
+    Send(Query, Vec<u8>, Option<Vec<u8>>),
     /// Wait for something to change; for so long, where nobody asks.
     Wait(Option<Duration>),
     /// Nothing more.
@@ -110,7 +131,8 @@ impl Session {
     /// If the session is closed.
     pub fn serve(&self, key: &str) -> Result<Server, CallError> {
         let (to_serve, requests) = queue::channel(Policy::reject(REQUESTS_MAX));
-        let (streams, to_serve) = (Arc::new(Streams::default()), Arc::new(to_serve));
+        let streams = Streams { authenticator: self.authenticator.clone(), ..Streams::default() };
+        let (streams, to_serve) = (Arc::new(streams), Arc::new(to_serve));
         let serve = |key: &str| {
             let (known, to_serve) = (Arc::clone(&streams), Arc::clone(&to_serve));
             let on_query = move |query| known.hear(query, &to_serve);
@@ -154,18 +176,23 @@ impl Server {
 
 impl Streams {
     fn lock(&self) -> MutexGuard<'_, HashMap<StreamId, Arc<Stream>>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Takes what a caller says. Called from zenoh.
     fn hear(&self, query: Query, to_serve: &Sender<Request>) {
-        let Some(pull) = query.attachment() else {
-            return pass(Request::new(&query, Caller::One(Some(query.clone()))), to_serve);
+        let one = |nonce: &[u8], proof| {
+            let asked = self.asked(&query, nonce, proof);
+            pass(Request::new(&query, asked, Caller::One(Some(query.clone()))), to_serve);
         };
+        let Some(pull) = query.attachment() else { return one(&[], None) };
         match codec::decode(&pull.to_bytes()) {
+            Ok(Pull::One { nonce, proof }) => one(&nonce, proof),
             Ok(Pull::First { stream, size }) => {
-                let Some(made) = self.make(stream) else { return refuse(&query, "it answers too many already") };
-                let request = Request::new(&query, Caller::Stream(Arc::clone(&made)));
+                let asked = self.asked(&query, &stream.nonce(), None);
+                let made = self.make(stream, asked.question);
+                let Some(made) = made else { return refuse(&query, "it answers too many already") };
+                let request = Request::new(&query, asked, Caller::Stream(Arc::clone(&made)));
                 made.ask(query, size);
                 pass(request, to_serve);
             }
@@ -178,13 +205,19 @@ impl Streams {
         }
     }
 
+    fn asked(&self, query: &Query, nonce: &[u8], proof: Option<Proof>) -> Asked {
+        let payload = query.payload().map(|payload| payload.to_bytes()).unwrap_or_default();
+        let question = proof::question(key::without_session(query.key_expr().as_str()), nonce, &payload);
+        Asked { authenticator: self.authenticator.clone(), question, proof }
+    }
+
     fn find(&self, stream: &StreamId) -> Option<Arc<Stream>> {
         self.lock().get(stream).cloned()
     }
 
     /// Makes a stream, if there is room for one. Where there are too many, the one goes whose caller has asked for nothing
     /// for longest.
-    fn make(&self, id: StreamId) -> Option<Arc<Stream>> {
+    fn make(&self, id: StreamId, question: Digest) -> Option<Arc<Stream>> {
         let mut streams = self.lock();
         if streams.len() >= STREAMS_MAX {
             let idle = streams.values().filter_map(|stream| Some((stream.idle_since()?, stream)));
@@ -203,9 +236,12 @@ impl Streams {
             is_here: false,
             is_dropped: false,
             is_left: false,
+            is_shown: false,
         };
         let (changed, taken) = (Notify::new(), Notify::new());
-        let stream = Arc::new(Stream { id: id.clone(), state: Mutex::new(state), changed, taken });
+        let authenticator = self.authenticator.clone();
+        let state = Mutex::new(state);
+        let stream = Arc::new(Stream { id: id.clone(), question, authenticator, state, changed, taken });
         streams.insert(id, Arc::clone(&stream));
         Some(stream)
     }
@@ -219,9 +255,11 @@ fn pass(request: Request, to_serve: &Sender<Request>) {
 }
 
 /// Sends an answer on a thread of its own: zenoh waits while the link takes nothing.
-async fn send(query: Query, bytes: Vec<u8>) {
+async fn send(query: Query, bytes: Vec<u8>, proof: Option<Vec<u8>>) {
     let sending = tokio::task::spawn_blocking(move || {
-        if let Err(error) = query.reply(query.key_expr().clone(), bytes).wait() {
+        let reply = query.reply(query.key_expr().clone(), bytes);
+        let sent = if let Some(proof) = proof { reply.attachment(proof).wait() } else { reply.wait() };
+        if let Err(error) = sent {
             tracing::debug!(key = query.key_expr().as_str(), %error, "an answer was not sent");
         }
     });
@@ -283,8 +321,8 @@ impl Stream {
     async fn send(&self) {
         loop {
             match self.turn() {
-                Turn::Send(query, piece) => {
-                    send(query, piece).await;
+                Turn::Send(query, piece, proof) => {
+                    send(query, piece, proof).await;
                     self.taken.notify_one();
                 }
                 Turn::Wait(None) => self.changed.notified().await,
@@ -317,103 +355,15 @@ impl Stream {
         match codec::encode(&piece) {
             Ok(bytes) => {
                 state.is_left |= is_last;
-                Turn::Send(query, bytes)
+                let shows = !std::mem::replace(&mut state.is_shown, true);
+                let digest = || proof::answer(&self.question, &bytes);
+                let proof = proof::beside(self.authenticator.as_ref(), digest, shows);
+                Turn::Send(query, bytes, proof)
             }
             Err(error) => {
                 tracing::debug!(%error, "an answer cannot be written");
                 Turn::Over
             }
-        }
-    }
-}
-
-impl Request {
-    fn new(query: &Query, caller: Caller) -> Self {
-        let payload = query.payload().map(|payload| payload.to_bytes().into_owned()).unwrap_or_default();
-        Self { key: key::without_session(query.key_expr().as_str()).to_owned(), payload, caller }
-    }
-
-    /// Returns the key that was called.
-    pub fn key(&self) -> &str {
-        &self.key
-    }
-
-    /// Returns what was sent along.
-    pub fn payload(&self) -> &[u8] {
-        &self.payload
-    }
-
-    /// Answers, once or many times; waits for a caller that takes its answers more slowly than they come. Returns whether
-    /// somebody takes them.
-    ///
-    /// # Cancellation
-    /// The answer is lost.
-    pub async fn reply(&mut self, bytes: Vec<u8>) -> bool {
-        let stream = match &mut self.caller {
-            Caller::One(query) => {
-                let Some(query) = query.take() else { return false };
-                send(query, bytes).await;
-                return true;
-            }
-            Caller::Stream(stream) => stream,
-        };
-        loop {
-            if let Some(is_taken) = stream.give(&bytes) {
-                return is_taken;
-            }
-            stream.taken.notified().await;
-        }
-    }
-
-    /// Waits until nobody takes answers any more: the caller has said so, or has not asked for ten minutes.
-    ///
-    /// # Cancellation
-    /// Safe.
-    pub async fn left(&self) {
-        let Caller::Stream(stream) = &self.caller else { return std::future::pending().await };
-        while !stream.lock().is_left {
-            stream.taken.notified().await;
-        }
-    }
-
-    /// Says that more may come, without an answer.
-    pub fn still_here(&self) {
-        if let Caller::Stream(stream) = &self.caller {
-            stream.change(|state| state.is_here = true);
-        }
-    }
-
-    /// Says that this was everything.
-    pub fn finish(self) {
-        if let Caller::Stream(stream) = &self.caller {
-            stream.change(|state| state.outgoing.finish());
-        }
-    }
-
-    /// Says that this was not everything, and why, for a person.
-    pub fn break_off(self, why: &str) {
-        match &self.caller {
-            Caller::One(query) => query.iter().for_each(|query| refuse(query, why)),
-            Caller::Stream(stream) => stream.change(|state| state.outgoing.end(End::Broken(why.to_owned()))),
-        }
-    }
-
-    /// Answers with a reason for a person, and ends.
-    pub fn refuse(self, reason: &str) {
-        match &self.caller {
-            Caller::One(query) => query.iter().for_each(|query| refuse(query, reason)),
-            Caller::Stream(stream) => stream.change(|state| state.outgoing.end(End::Refused(reason.to_owned()))),
-        }
-    }
-}
-
-impl Drop for Request {
-    fn drop(&mut self) {
-        if let Caller::Stream(stream) = &self.caller {
-            stream.change(|state| {
-                state.is_dropped = true;
-                state.outgoing.abandon();
-            });
         }
     }
 }

@@ -8,6 +8,7 @@
 use super::tally::Tally;
 use crate::logic::codec::{Enveloped, Kind};
 use crate::logic::frame::{self, Decoder, FrameError};
+use crate::logic::proof::Proof;
 use crate::logic::time::Time;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
@@ -51,12 +52,26 @@ pub(super) enum Pull {
         /// The stream.
         stream: StreamId,
     },
+    /// Asks in a team for one answer, which is no stream.
+    One {
+        /// A random number, so that no two questions are one.
+        nonce: [u8; 16],
+        /// Who asks, if it is a node: over [`super::proof::question`].
+        proof: Option<Proof>,
+    },
+}
+
+impl StreamId {
+    /// Returns what tells it from every other one.
+    pub(super) fn nonce(&self) -> Vec<u8> {
+        [self.session.as_bytes(), &self.number.to_le_bytes()].concat()
+    }
 }
 
 impl Enveloped for Pull {
     const KIND: Kind = Kind::Pull;
     const VERSION: u16 = 1;
-    const SIZE_MAX: usize = 1 << 10;
+    const SIZE_MAX: usize = 4 << 10;
 }
 
 /// The answer to a [`Pull`].

@@ -27,7 +27,7 @@ pub(super) enum Outgoing {
     /// A question to one, and how long its answer is waited for.
     Ask(ReplicaId, Vec<u8>, Duration),
     /// The answer to a question.
-    Reply(Request, Vec<u8>),
+    Reply(Box<Request>, Vec<u8>),
     /// From now on this replica bears this name.
     Address(ReplicaId),
 }
@@ -132,7 +132,7 @@ async fn hear(mut envelopes: Subscription, handle: Handle) {
 async fn hear_questions(mut questions: Server, handle: Handle) {
     while let Some(request) = questions.next().await {
         match codec::decode::<Envelope>(request.payload()) {
-            Ok(envelope) => handle.offer(Arrival::Asked(request, envelope)),
+            Ok(envelope) => handle.offer(Arrival::Asked(Box::new(request), envelope)),
             Err(error) => request.refuse(&format!("the question cannot be read: {error}")),
         }
     }

@@ -12,7 +12,7 @@ impl Agent {
         out.effects.push(Effect::Ping { round: number });
         for (via, host) in through {
             let what = Relayed::Ping { boot: self.identity.boot, round: number };
-            let relay = Relay { from: self.identity.host.clone(), to: host, what };
+            let relay = Relay { from: self.identity.host.clone(), to: host, what, proof: Vec::new() };
             self.transmit(&via, Message::relay(relay), out);
         }
     }
@@ -25,7 +25,7 @@ impl Agent {
         let Frame { from, boot, boot_peer, acknowledged, message } = frame;
         let message = message.map(|(number, message)| (number, Box::new(message)));
         let what = Relayed::Frame { boot, boot_peer, acknowledged, message };
-        self.transmit(&via, Message::relay(Relay { from, to: to.to_owned(), what }), out);
+        self.transmit(&via, Message::relay(Relay { from, to: to.to_owned(), what, proof: Vec::new() }), out);
     }
 
     /// Takes what `via` has sent for somebody else, or has passed on.
@@ -44,7 +44,7 @@ impl Agent {
                 self.names.heard_of(out.now, &from, boot);
                 let holder = self.names.holder(&from).filter(|_| self.names.knows(&from));
                 let what = Relayed::Pong { boot: self.identity.boot, to_boot: boot, round, holder };
-                let answer = Relay { from: self.identity.host.clone(), to: from, what };
+                let answer = Relay { from: self.identity.host.clone(), to: from, what, proof: Vec::new() };
                 self.transmit(via, Message::relay(answer), out);
             }
             Relayed::Pong { boot, to_boot, round, holder } => {

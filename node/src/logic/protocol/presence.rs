@@ -50,6 +50,15 @@ pub struct Namesake {
     pub ended: Vec<Deployment>,
 }
 
+/// What a node says to another one whose message it has refused.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Refusal {
+    /// Name of the node that has refused it.
+    pub by: String,
+    /// Why, for a person.
+    pub why: String,
+}
+
 /// A name that two nodes have.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Duplicate {
@@ -65,6 +74,12 @@ impl Enveloped for Namesake {
     const KIND: Kind = Kind::Namesake;
     const VERSION: u16 = 2;
     const SIZE_MAX: usize = 64 << 10;
+}
+
+impl Enveloped for Refusal {
+    const KIND: Kind = Kind::Refusal;
+    const VERSION: u16 = 1;
+    const SIZE_MAX: usize = 4 << 10;
 }
 
 impl Enveloped for Ping {

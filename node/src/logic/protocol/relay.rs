@@ -12,6 +12,8 @@ pub struct Relay {
     pub to: String,
     /// The content.
     pub what: Relayed,
+    /// In a team the signature of who it is from: who passes it on does not speak for that one. Empty elsewhere.
+    pub proof: Vec<u8>,
 }
 
 /// The content of a relay.

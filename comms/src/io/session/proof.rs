@@ -1,0 +1,137 @@
+//! Who has said a message: sessions of a team sign what they say, and check what they hear.
+//!
+//! A tunnel shows who is at its other end, but zenoh does not say over which link a message has come, and a member may pass on
+//! what others say. So each message to nodes, and each of their answers, has a [`Proof`] beside it, over its key and its bytes. An
+//! answer is signed together with the question that it is for.
+
+use crate::logic::codec;
+use crate::logic::proof::Proof;
+use std::fmt;
+use std::sync::Arc;
+use zenoh::bytes::ZBytes;
+
+/// A digest of what is signed.
+pub type Digest = [u8; 32];
+
+/// Signs for this process, and checks signatures of others. It is asked from many tasks at once, and must not wait.
+pub trait Authenticator: fmt::Debug + Send + Sync {
+    /// Signs a digest; nothing if this process speaks for no node. `shows` adds the credential, for who may not know the key.
+    fn sign(&self, digest: &Digest, shows: bool) -> Option<Proof>;
+
+    /// Returns who has signed a digest.
+    fn check(&self, proof: &Proof, digest: &Digest) -> Author;
+
+    /// Hears that a message was refused that says to be from `claimed`, and why.
+    fn forged(&self, claimed: &str, why: &str);
+}
+
+/// Who has said a message.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Author {
+    /// This session is in no team, and believes everybody.
+    Anybody,
+    /// The member with this name in its certificate.
+    Member(String),
+    /// Nobody has shown that, and why.
+    Nobody(String),
+    /// Somebody whose key is not known here yet.
+    Stranger,
+}
+
+impl Author {
+    /// Returns why this is not a message of the member `claimed`, for a person; nothing if it is.
+    pub fn problem(&self, claimed: &str) -> Option<String> {
+        match self {
+            Self::Anybody => None,
+            Self::Member(name) if name == claimed => None,
+            Self::Member(name) => Some(format!("`{name}` speaks as `{claimed}`")),
+            Self::Nobody(why) => Some(format!("somebody speaks as `{claimed}`: {why}")),
+            Self::Stranger => Some(format!("somebody speaks as `{claimed}`: its key is not known here")),
+        }
+    }
+}
+
+/// Returns the digest of what is put on a key.
+pub(crate) fn put(key: &str, payload: &[u8]) -> Digest {
+    digest("dca put 1", &[key.as_bytes(), payload])
+}
+
+/// Returns the digest of a question with one answer, by which the answer names it.
+pub(crate) fn question(key: &str, nonce: &[u8], payload: &[u8]) -> Digest {
+    digest("dca question 1", &[key.as_bytes(), nonce, payload])
+}
+
+/// Returns the digest of an answer to a question.
+pub(crate) fn answer(question: &Digest, payload: &[u8]) -> Digest {
+    digest("dca answer 1", &[question, payload])
+}
+
+/// Returns the digest of what one node says to another by way of a third.
+pub fn relayed(from: &str, to: &str, what: &[u8]) -> Digest {
+    digest("dca relay 1", &[from.as_bytes(), to.as_bytes(), what])
+}
+
+/// No two lists of fields have one digest: each has its length before it.
+fn digest(context: &'static str, fields: &[&[u8]]) -> Digest {
+    let mut hasher = blake3::Hasher::new_derive_key(context);
+    for field in fields {
+        hasher.update(&(field.len() as u64).to_le_bytes()).update(field);
+    }
+    hasher.finalize().into()
+}
+
+/// Reads the proof beside a message, and says who has signed it.
+pub(super) fn author(
+    authenticator: Option<&Arc<dyn Authenticator>>,
+    proof: Option<&ZBytes>,
+    digest: impl FnOnce() -> Digest,
+) -> Author {
+    let Some(authenticator) = authenticator else { return Author::Anybody };
+    let Some(proof) = proof else { return Author::Nobody("it is not signed".to_owned()) };
+    match codec::decode::<Proof>(&proof.to_bytes()) {
+        Ok(proof) => authenticator.check(&proof, &digest()),
+        Err(error) => Author::Nobody(format!("its signature cannot be read: {error}")),
+    }
+}
+
+/// Returns the proof to put beside a message, if this session signs.
+pub(super) fn beside(
+    authenticator: Option<&Arc<dyn Authenticator>>,
+    digest: impl FnOnce() -> Digest,
+    shows: bool,
+) -> Option<Vec<u8>> {
+    let proof = authenticator?.sign(&digest(), shows)?;
+    codec::encode(&proof).inspect_err(|error| tracing::warn!(%error, "a signature cannot be written")).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_two_messages_have_one_digest() {
+        let all = [
+            put("ab", b"c"),
+            put("a", b"bc"),
+            put("", b"abc"),
+            question("a", b"b", b"c"),
+            question("a", b"", b"bc"),
+            answer(&[0; 32], b"c"),
+            answer(&[1; 32], b"c"),
+            relayed("a", "b", b"c"),
+            relayed("b", "a", b"c"),
+        ];
+        let different: std::collections::BTreeSet<&Digest> = all.iter().collect();
+        assert_eq!(different.len(), all.len());
+    }
+
+    #[test]
+    fn who_speaks_as_another_is_named() {
+        let c3 = Author::Member("c3".to_owned());
+        assert_eq!(c3.problem("c3"), None);
+        assert_eq!(c3.problem("c2").unwrap(), "`c3` speaks as `c2`");
+        assert_eq!(Author::Anybody.problem("c2"), None);
+        let nobody = Author::Nobody("it is not signed".to_owned());
+        assert_eq!(nobody.problem("c2").unwrap(), "somebody speaks as `c2`: it is not signed");
+    }
+}

@@ -1,0 +1,110 @@
+//! One call at its server: what was asked, by whom, and the answers to it.
+
+use super::super::proof::{self, Author};
+use super::super::stream::End;
+use super::{Asked, Caller, Request, refuse, send};
+use crate::logic::key;
+use zenoh::query::Query;
+
+impl Request {
+    pub(super) fn new(query: &Query, asked: Asked, caller: Caller) -> Self {
+        let payload = query.payload().map(|payload| payload.to_bytes().into_owned()).unwrap_or_default();
+        Self { key: key::without_session(query.key_expr().as_str()).to_owned(), payload, asked, caller }
+    }
+
+    /// Returns who asks. A command line is nobody: what it wants is signed by a user, where it has to be.
+    pub fn author(&self) -> Author {
+        let Asked { authenticator, question, proof } = &self.asked;
+        let Some(authenticator) = authenticator else { return Author::Anybody };
+        match proof {
+            Some(proof) => authenticator.check(proof, question),
+            None => Author::Nobody("it is not signed".to_owned()),
+        }
+    }
+
+    /// Returns the key that was called.
+    pub fn key(&self) -> &str {
+        &self.key
+    }
+
+    /// Returns what was sent along.
+    pub fn payload(&self) -> &[u8] {
+        &self.payload
+    }
+
+    /// Answers, once or many times; waits for a caller that takes its answers more slowly than they come. Returns whether
+    /// somebody takes them.
+    ///
+    /// # Cancellation
+    /// The answer is lost.
+    pub async fn reply(&mut self, bytes: Vec<u8>) -> bool {
+        let stream = match &mut self.caller {
+            Caller::One(query) => {
+                let Some(query) = query.take() else { return false };
+                let digest = || proof::answer(&self.asked.question, &bytes);
+                let proof = proof::beside(self.asked.authenticator.as_ref(), digest, true);
+                send(query, bytes, proof).await;
+                return true;
+            }
+            Caller::Stream(stream) => stream,
+        };
+        loop {
+            if let Some(is_taken) = stream.give(&bytes) {
+                return is_taken;
+            }
+            stream.taken.notified().await;
+        }
+    }
+
+    /// Waits until nobody takes answers any more: the caller has said so, or has not asked for ten minutes.
+    ///
+    /// # Cancellation
+    /// Safe.
+    pub async fn left(&self) {
+        let Caller::Stream(stream) = &self.caller else { return std::future::pending().await };
+        while !stream.lock().is_left {
+            stream.taken.notified().await;
+        }
+    }
+
+    /// Says that more may come, without an answer.
+    pub fn still_here(&self) {
+        if let Caller::Stream(stream) = &self.caller {
+            stream.change(|state| state.is_here = true);
+        }
+    }
+
+    /// Says that this was everything.
+    pub fn finish(self) {
+        if let Caller::Stream(stream) = &self.caller {
+            stream.change(|state| state.outgoing.finish());
+        }
+    }
+
+    /// Says that this was not everything, and why, for a person.
+    pub fn break_off(self, why: &str) {
+        match &self.caller {
+            Caller::One(query) => query.iter().for_each(|query| refuse(query, why)),
+            Caller::Stream(stream) => stream.change(|state| state.outgoing.end(End::Broken(why.to_owned()))),
+        }
+    }
+
+    /// Answers with a reason for a person, and ends.
+    pub fn refuse(self, reason: &str) {
+        match &self.caller {
+            Caller::One(query) => query.iter().for_each(|query| refuse(query, reason)),
+            Caller::Stream(stream) => stream.change(|state| state.outgoing.end(End::Refused(reason.to_owned()))),
+        }
+    }
+}
+
+impl Drop for Request {
+    fn drop(&mut self) {
+        if let Caller::Stream(stream) = &self.caller {
+            stream.change(|state| {
+                state.is_dropped = true;
+                state.outgoing.abandon();
+            });
+        }
+    }
+}

@@ -1,0 +1,92 @@
+//! Whether messages of other nodes are from whom they say. In a team each is signed with the key of a certificate, and the name in
+//! that is the only one under which its node speaks; elsewhere everybody is believed.
+
+use crate::logic::link::Frame;
+use crate::logic::protocol::{Body, Refusal, Relay};
+use comms::io::session::{Authenticator, Author, Session, relayed};
+use comms::logic::proof::Proof;
+use comms::logic::{codec, key};
+use std::sync::Arc;
+use team::member::Member;
+
+/// Lets through what is from whom it says.
+#[derive(Clone, Debug)]
+pub(crate) struct Authors {
+    member: Option<Arc<Member>>,
+    session: Arc<Session>,
+    host: String,
+}
+
+impl Authors {
+    pub(crate) fn new(member: Option<Arc<Member>>, session: &Arc<Session>, host: &str) -> Self {
+        Self { member, session: Arc::clone(session), host: host.to_owned() }
+    }
+
+    /// Returns whether a message is from `claimed`. If not, that is in the audit log, and who has said it is told.
+    pub(crate) fn admits(&self, author: &Author, claimed: &str) -> bool {
+        let Some((member, why)) = self.member.as_ref().zip(author.problem(claimed)) else { return true };
+        // Nobody has met it yet: it says so again.
+        if *author == Author::Stranger {
+            tracing::debug!(claimed, "a message of somebody who is not known yet is dropped");
+        } else if member.refuse_message(claimed, &why)
+            && let Author::Member(name) = author
+        {
+            self.tell(name, why);
+        }
+        false
+    }
+
+    fn tell(&self, name: &str, why: String) {
+        let refusal = Refusal { by: self.host.clone(), why };
+        let sent = codec::encode(&refusal).map_err(anyhow::Error::from);
+        let sent = sent.and_then(|bytes| Ok(self.session.put(&key::refused(name), bytes)?));
+        if let Err(error) = sent {
+            tracing::debug!(host = name, error = format!("{error:#}"), "a node is not told that it was refused");
+        }
+    }
+
+    /// Signs what this node has passed on to another one by way of the one that the frame is for.
+    pub(crate) fn sign_relay(&self, frame: &mut Frame) {
+        let Some((member, relay)) = self.member.as_ref().zip(relay(frame)) else { return };
+        if relay.from == self.host {
+            let proof = digest(relay).and_then(|digest| Authenticator::sign(&**member, &digest, false));
+            relay.proof = proof.and_then(|proof| codec::encode(&proof).ok()).unwrap_or_default();
+        }
+    }
+
+    /// Takes what is passed on to this node out of a frame, unless who it is from has signed it. The frame itself counts: its sender
+    /// would send it again for ever.
+    pub(crate) fn check_relay(&self, frame: &mut Frame) {
+        let Some((member, relay)) = self.member.as_ref().zip(relay(frame)) else { return };
+        if relay.to != self.host {
+            return;
+        }
+        let proof = codec::decode::<Proof>(&relay.proof).ok().zip(digest(relay));
+        let author = proof.map(|(proof, digest)| Authenticator::check(&**member, &proof, &digest));
+        let author = author.unwrap_or_else(|| Author::Nobody("it is not signed".to_owned()));
+        let from = relay.from.clone();
+        if !self.admits(&author, &from)
+            && let Some((_, message)) = &mut frame.message
+        {
+            message.body = Body::Tombstone;
+        }
+    }
+
+    /// Takes the word of another node that it has refused something which this one has said.
+    pub(crate) fn hear_refusal(&self, author: &Author, bytes: &[u8]) {
+        let Ok(Refusal { by, why }) = codec::decode(bytes) else { return };
+        if self.admits(author, &by) {
+            tracing::warn!(host = by, why, "another node has refused what this one has said");
+        }
+    }
+}
+
+fn relay(frame: &mut Frame) -> Option<&mut Relay> {
+    let (_, message) = frame.message.as_mut()?;
+    if let Body::Relay(relay) = &mut message.body { Some(relay) } else { None }
+}
+
+fn digest(relay: &Relay) -> Option<[u8; 32]> {
+    let what = postcard::to_stdvec(&relay.what).ok()?;
+    Some(relayed(&relay.from, &relay.to, &what))
+}

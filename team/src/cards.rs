@@ -1,0 +1,96 @@
+//! The credentials that others have shown, by the keys that sign: so that what they say later need not bring them along.
+
+use comms::io::session::{Author, Digest, PublicKey};
+use comms::logic::proof::Proof;
+use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use trust::name::UnixTime;
+use trust::role::Kind;
+use trust::statement;
+use trust::team::Credential;
+
+/// How many are kept. Only those of the team are, so there are no more of them than nodes.
+const CARDS_MAX: usize = 1024;
+/// For how many seconds somebody who was trusted is trusted without another look at the certificate.
+const JUDGED_FOR: u64 = 5;
+
+/// The credentials of others.
+#[derive(Debug, Default)]
+pub(crate) struct Cards(Mutex<BTreeMap<PublicKey, Card>>);
+
+#[derive(Debug)]
+struct Card {
+    credential: Credential,
+    /// When it was trusted last.
+    judged: Option<UnixTime>,
+}
+
+impl Cards {
+    /// Keeps the credential of a node that is trusted.
+    pub(crate) fn note(&self, credential: &Credential) {
+        let key = *credential.certificate().claims().keys.signing();
+        let mut cards = self.cards();
+        if cards.len() < CARDS_MAX || cards.contains_key(&key) {
+            cards.insert(key, Card { credential: credential.clone(), judged: Some(crate::now()) });
+        }
+    }
+
+    /// Has everybody judged again: somebody was revoked.
+    pub(crate) fn judge_again(&self) {
+        self.cards().values_mut().for_each(|card| card.judged = None);
+    }
+
+    /// Returns the node that has signed a digest.
+    pub(crate) fn check(
+        &self,
+        proof: &Proof,
+        digest: &Digest,
+        judge: impl Fn(&Credential) -> Result<(), String>,
+    ) -> Author {
+        match self.name(proof, digest, judge) {
+            Ok(Some(name)) => Author::Member(name),
+            Ok(None) => Author::Stranger,
+            Err(why) => Author::Nobody(why),
+        }
+    }
+
+    /// Returns its name; nothing if nobody has shown whose key it is.
+    fn name(
+        &self,
+        proof: &Proof,
+        digest: &Digest,
+        judge: impl Fn(&Credential) -> Result<(), String>,
+    ) -> Result<Option<String>, String> {
+        let now = crate::now();
+        if let Some(shown) = &proof.credential {
+            let credential = Credential::from_bytes(shown).map_err(|error| format!("its credential: {error}"))?;
+            let claims = credential.certificate().claims();
+            if *claims.keys.signing() != proof.key || credential.certificate().kind() != Kind::Node {
+                return Err("its credential is that of another key".to_owned());
+            }
+            if self.cards().get(&proof.key).is_none_or(|card| card.credential != credential) {
+                judge(&credential)?;
+                self.note(&credential);
+            }
+        }
+        let mut cards = self.cards();
+        let Some(card) = cards.get_mut(&proof.key) else { return Ok(None) };
+        if card.judged.is_none_or(|at| now.0.abs_diff(at.0) >= JUDGED_FOR) {
+            judge(&card.credential)?;
+            card.judged = Some(now);
+        }
+        let claims = card.credential.certificate().claims();
+        let (keys, name) = (claims.keys, claims.name.to_string());
+        drop(cards);
+        if statement::is_signed(digest, &keys, &proof.signature) {
+            Ok(Some(name))
+        } else {
+            Err(format!("its signature is not that of `{name}`"))
+        }
+    }
+
+    fn cards(&self) -> MutexGuard<'_, BTreeMap<PublicKey, Card>> {
+        // A card is put in as a whole.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

@@ -1,0 +1,82 @@
+//! A team whose keys a test has: it makes members and users as it likes, without the ceremonies.
+
+use crate::cluster::Host;
+use std::fs;
+use std::path::Path;
+use std::sync::Arc;
+use team::member::Member;
+use trust::certificate::{Certificate, Claims, DAY};
+use trust::identity::SecretKeys;
+use trust::name::UnixTime;
+use trust::role::Role;
+use trust::team::{Credential, Team};
+
+/// A team and its key.
+#[derive(Debug)]
+pub struct MadeTeam {
+    /// The key of the team.
+    pub root: SecretKeys,
+    /// The team.
+    pub team: Team,
+}
+
+/// Returns new keys.
+///
+/// # Panics
+/// If the system has no random bytes.
+pub fn keys() -> SecretKeys {
+    SecretKeys::generate(&mut team::random().expect("the system has random bytes"))
+}
+
+impl Default for MadeTeam {
+    fn default() -> Self {
+        let root = keys();
+        let team = Team::found("acme".parse().expect("a name"), &root);
+        Self { root, team }
+    }
+}
+
+impl MadeTeam {
+    /// Returns a certificate that is valid for a month.
+    ///
+    /// # Panics
+    /// If `name` is none.
+    pub fn certify(&self, name: &str, role: Role, keys: &SecretKeys) -> Credential {
+        let now = UnixTime(team::now().0 - 10);
+        let claims = Claims {
+            team: self.team.id(),
+            name: name.parse().expect("a name"),
+            role,
+            keys: *keys.public(),
+            not_before: now,
+            not_after: now.plus(30 * DAY),
+            renewable_until: now.plus(365 * DAY),
+            serial: [8; 16],
+        };
+        Credential::new(Certificate::issue(claims, &self.root).expect("good claims"), None)
+    }
+
+    /// Makes a node of this host a member, with the state that [`Host::node`] gives it.
+    ///
+    /// # Panics
+    /// If the folder of its state cannot be made.
+    pub fn admit(&self, host: &Host, name: &str) {
+        self.admit_at(&host.state().join(name), name);
+    }
+
+    /// Returns a member that a test itself speaks for, with its state in a folder.
+    ///
+    /// # Panics
+    /// If the folder cannot be made.
+    pub fn member(&self, state: &Path, name: &str) -> Arc<Member> {
+        self.admit_at(state, name);
+        Arc::new(Member::open(state).expect("a folder of ours").expect("it is in a team"))
+    }
+
+    fn admit_at(&self, state: &Path, name: &str) {
+        let own = keys();
+        let credential = self.certify(name, Role::Member, &own);
+        fs::create_dir_all(state).expect("a folder of ours");
+        Member::begin(state, &own, &self.team, &credential).expect("a folder of ours");
+    }
+}

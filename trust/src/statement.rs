@@ -1,0 +1,40 @@
+//! What a member says, signed: a digest of a message, made elsewhere. Whose key it is, a credential shows.
+
+use crate::identity::{PublicKeys, SIGNATURE_LEN, SecretKeys};
+use crate::wire::Writer;
+
+const STATEMENT: &str = "dca statement 1";
+
+/// Signs the digest of a message.
+pub fn sign(digest: &[u8; 32], keys: &SecretKeys) -> [u8; SIGNATURE_LEN] {
+    keys.sign(&form(digest))
+}
+
+/// Returns whether these keys have signed the digest of a message.
+pub fn is_signed(digest: &[u8; 32], keys: &PublicKeys, signature: &[u8]) -> bool {
+    <&[u8; SIGNATURE_LEN]>::try_from(signature).is_ok_and(|signature| keys.has_signed(&form(digest), signature))
+}
+
+fn form(digest: &[u8; 32]) -> Vec<u8> {
+    let mut writer = Writer::new(STATEMENT);
+    writer.fixed(digest);
+    writer.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identity::Entropy;
+
+    #[test]
+    fn a_statement_is_of_one_key_and_one_digest() {
+        let [own, other] = [1, 2].map(|seed| SecretKeys::generate(&mut Entropy::new(&[seed; 32])));
+        let signature = sign(&[3; 32], &own);
+        assert!(is_signed(&[3; 32], own.public(), &signature));
+        assert!(!is_signed(&[4; 32], own.public(), &signature));
+        assert!(!is_signed(&[3; 32], other.public(), &signature));
+        assert!(!is_signed(&[3; 32], own.public(), &signature[..63]));
+        // Signed as it is, and not with the name of its form before it, it is no statement.
+        assert!(!is_signed(&[3; 32], own.public(), &own.sign(&[3; 32])));
+    }
+}
