@@ -16,7 +16,7 @@ use serde_json::{Value, json};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use verify::{Became, Finding, GoesOn, Limits, Report, Story, Threads, Verdict, told};
+use verify::{Assumption, Became, Finding, GoesOn, Limits, Report, Story, Threads, Verdict, told};
 
 /// As many states of one exploration are looked at, unless the command line says otherwise.
 const STATES: u32 = 20_000_000;
@@ -245,9 +245,10 @@ fn say(text: &str) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The whole report for a program: `{"version", "spec", "findings": [{"verdict", "sentence", "diagnostic", "story"}], "states",
-/// "transitions", "assumed"}`. A verdict is `proved`, `fails` or `open`; diagnostics are those of `dca check --format json`; what
-/// a limit has left open has neither diagnostic nor story.
+/// The whole report for a program: `{"version", "spec", "findings": [{"verdict", "sentence", "diagnostic", "story", "assumes"}],
+/// "states", "transitions", "assumed"}`. `assumes` is what one proof rests on, `{"text", "story"}`. A verdict is
+/// `proved`, `fails` or `open`; diagnostics are those of `dca check --format json`; what a limit has left open has neither
+/// diagnostic nor story.
 fn json(loaded: &Loaded, report: &Report) -> String {
     let texts = Texts::new(&loaded.spec, &loaded.interfaces);
     let finding = |found: &Finding| {
@@ -261,6 +262,7 @@ fn json(loaded: &Loaded, report: &Report) -> String {
             "sentence": found.sentence,
             "diagnostic": found.diagnostic.as_ref().map(|found| diagnostic(found, &texts)),
             "story": found.story.as_ref().map(story),
+            "assumes": found.assumes.as_ref().map(assumption),
         })
     };
     let document = json!({
@@ -272,6 +274,10 @@ fn json(loaded: &Loaded, report: &Report) -> String {
         "assumed": report.assumptions,
     });
     format!("{document:#}")
+}
+
+fn assumption(assumes: &Assumption) -> Value {
+    json!({ "text": assumes.text, "story": assumes.story.as_ref().map(story) })
 }
 
 /// A story as an object: `{"steps": [{"cause", "effects", "events"}], "travels", "running", "stopping", "ended"}`.

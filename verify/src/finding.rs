@@ -26,20 +26,31 @@ pub struct Finding {
     pub diagnostic: Option<Diagnostic>,
     /// How it comes to that.
     pub story: Option<Story>,
+    /// What the proof rests on, beside what all of them do.
+    pub assumes: Option<Assumption>,
+}
+
+/// What a proof rests on: without it something else may happen.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Assumption {
+    /// What is assumed, and what may happen otherwise: "no host is lost: once `c2` is cut off, both may run".
+    pub text: String,
+    /// How that happens.
+    pub story: Option<Story>,
 }
 
 impl Finding {
     pub(crate) fn proved(sentence: impl Into<String>) -> Self {
-        Self { verdict: Verdict::Proved, sentence: sentence.into(), diagnostic: None, story: None }
+        Self { verdict: Verdict::Proved, sentence: sentence.into(), diagnostic: None, story: None, assumes: None }
     }
 
     pub(crate) fn open(sentence: impl Into<String>) -> Self {
-        Self { verdict: Verdict::Open, sentence: sentence.into(), diagnostic: None, story: None }
+        Self { verdict: Verdict::Open, sentence: sentence.into(), diagnostic: None, story: None, assumes: None }
     }
 
     pub(crate) fn fails(diagnostic: Diagnostic, story: Option<Story>) -> Self {
         let sentence = diagnostic.message.clone();
-        Self { verdict: Verdict::Fails, sentence, diagnostic: Some(diagnostic), story }
+        Self { verdict: Verdict::Fails, sentence, diagnostic: Some(diagnostic), story, assumes: None }
     }
 }
 

@@ -33,7 +33,7 @@ pub use conform::{Conformance, Coverage, Steps, conform};
 pub use explore::{Always, GoesOn, Limits, Reached};
 pub use export::{Transitions, transitions};
 pub use fault::{COLUMNS, Mission, Row, Severity, Table};
-pub use finding::{Finding, Verdict};
+pub use finding::{Assumption, Finding, Verdict};
 pub use flat::{Detail, Ending, Flat, flat};
 pub use machine::{jani, mcrl2};
 pub use model::Model;
@@ -75,11 +75,15 @@ pub fn verify(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Report {
     findings.extend(limits::check(&times, limits));
     findings.extend(property::check(&times, limits).into_iter().map(|(_, finding)| finding));
     let is_limited = findings.iter().any(|finding| finding.verdict == Verdict::Open);
-    let assumptions = vec![
+    let mut assumptions = vec![
         "a program that is asked to stop does so, or is killed".to_owned(),
         "a program that can end does so at some time, unless its `service;` says that it never does".to_owned(),
         "timers may run out in any order".to_owned(),
     ];
+    if plan.hosts.len() > 1 {
+        let lost = "no host is lost, where a sentence does not say so: `on loss of host(c1): ...`, and `dca fmea`";
+        assumptions.push(lost.to_owned());
+    }
     Report { findings, states: catalogue.states, transitions: catalogue.transitions, is_limited, assumptions }
 }
 

@@ -1,16 +1,16 @@
 //! The sentences of `verify` blocks: each is looked for in the smallest system that holds what it names.
 
 mod formula;
+mod loss;
 pub(crate) mod monitor;
 mod stops;
 mod watch;
 
 use crate::explore::{Found, Graph, Limits, explore, is_natural};
-use crate::fault::{NOTED_AFTER, torn};
 use crate::finding::{Finding, diagnostic, help};
 use crate::model::Model;
 use crate::story::{seconds, story, tell};
-use crate::system::{FaultKind, Frame, Injection, Label, Loss, LossKind, Mode, Phase, System, crashes, is_restarted};
+use crate::system::{FaultKind, Frame, Injection, Label, Mode, Phase, System, crashes, is_restarted};
 use crate::times::Times;
 use language::plan::MemberKind;
 use language::sites::{Consequence, Fault, Occurrence, ProcessRef, Property, Sentence};
@@ -38,7 +38,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         let rough = Mode { aborts: true, crashes: true, stops: true, ..Mode::default() };
         Some(match &self.property.sentence {
             Sentence::Assume(..) => return None,
-            Sentence::NeverTogether(all) => self.safe(rough, all, &Goal::Together(all.clone())),
+            Sentence::NeverTogether(all) => self.unless_lost(self.safe(rough, all, &Goal::Together(all.clone())), all),
             Sentence::Implies(a, b) => self.safe(rough, &[*a, *b], &Goal::Without(*a, *b)),
             Sentence::OnlyAfter(who, event) => self.safe(rough, &[*who, event.who], &Goal::Before(*who, event.clone())),
             Sentence::AtMost(who, times) => self.safe(rough, &[*who], &Goal::Often(*who, *times)),
@@ -180,15 +180,6 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         }
     }
 
-    /// Whether a stop that the loss of a host asks for may take longer, from the moment at which the host is gone.
-    fn stops_after_loss(&self, lost: &[ProcessRef], who: ProcessRef, limit: Duration) -> Option<Finding> {
-        let Some(rest) = limit.checked_sub(NOTED_AFTER) else {
-            let why = format!("it takes up to {} until a host counts as lost", seconds(NOTED_AFTER));
-            return Some(self.fails(&why, None));
-        };
-        lost.iter().find_map(|member| self.stops_after((*member, who), rest))
-    }
-
     fn after(&self, mode: Mode, event: &Occurrence, consequence: &Consequence) -> Finding {
         match consequence {
             Consequence::Stopped(who, limit) => {
@@ -315,76 +306,6 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
             None => model.leaves_of_group(self.property.group),
         };
         leaves.into_iter().filter_map(|leaf| place_of(model, leaf)).collect()
-    }
-
-    /// Every program on a host is lost at once, and reported one by one.
-    fn on_loss(&self, host: &str, consequence: &Consequence) -> Finding {
-        let model = self.times.model;
-        let Some(host) = (0_u32..).zip(&model.plan.hosts).find(|(_, name)| *name == host).map(|(host, _)| host) else {
-            return self.open("no such host");
-        };
-        let is_there = |&(group, slot): &(u32, u32)| match model.plan.groups[group as usize].members[slot as usize].kind
-        {
-            MemberKind::Leaf(leaf) => model.plan.leaves[leaf as usize].host == host,
-            MemberKind::Group(_) => false,
-        };
-        let lost = self
-            .struck(None)
-            .into_iter()
-            .filter(is_there)
-            .map(|(group, slot)| ProcessRef { group, member: Some(slot) });
-        let lost: Vec<ProcessRef> = lost.collect();
-        let (goal, other) = match consequence {
-            Consequence::Stopped(who, limit) => {
-                if let Some(found) = limit.and_then(|limit| self.stops_after_loss(&lost, *who, limit)) {
-                    return found;
-                }
-                (Goal::StillRuns(None, *who), *who)
-            }
-            Consequence::Never(other) => (Goal::Then(None, other.clone()), other.who),
-            Consequence::Eventually(other) => (Goal::Owed(None, other.clone()), other.who),
-        };
-        let whom: Vec<ProcessRef> = lost.into_iter().chain([other]).collect();
-        let mode = |kind| Mode { lost: Some(Loss { host, kind }), ..Mode::default() };
-        let mut system = self.system(&whom, mode(LossKind::Programs));
-        follow_starts(&mut system, &goal.begun());
-        let found = self.on_loss_in(&system, consequence, &goal);
-        found.or_else(|| self.on_loss_of_all(host, consequence)).unwrap_or_else(|| self.proved())
-    }
-
-    fn on_loss_in(&self, system: &System<'_>, consequence: &Consequence, goal: &Goal) -> Option<Finding> {
-        match consequence {
-            Consequence::Never(_) | Consequence::Stopped(..) => self.is_safe(system, goal),
-            Consequence::Eventually(_) => self.is_live(system, goal, &|_| true),
-        }
-    }
-
-    /// The host dies with its supervisors, or goes on where nobody reaches it: in both the sentence has to hold of the whole mission.
-    fn on_loss_of_all(&self, host: u32, consequence: &Consequence) -> Option<Finding> {
-        let model = self.times.model;
-        let seen = |who: ProcessRef| match (who.member, model.around[who.group as usize]) {
-            (None, Some((group, slot))) => ProcessRef { group, member: Some(slot) },
-            (_, _) => who,
-        };
-        let (goal, other) = match consequence {
-            Consequence::Stopped(who, _) => (Goal::StillRuns(None, seen(*who)), seen(*who)),
-            Consequence::Never(event) => {
-                let event = Occurrence { who: seen(event.who), kind: event.kind.clone() };
-                (Goal::Then(None, event.clone()), event.who)
-            }
-            Consequence::Eventually(event) => {
-                let event = Occurrence { who: seen(event.who), kind: event.kind.clone() };
-                (Goal::Owed(None, event.clone()), event.who)
-            }
-        };
-        let named = other.member.map(|slot| (other.group, slot));
-        [LossKind::Death, LossKind::Cut].into_iter().find_map(|kind| {
-            let mut system = torn(model, named.as_slice());
-            system.notes = 1;
-            follow_starts(&mut system, &goal.begun());
-            system.lose(Loss { host, kind });
-            self.on_loss_in(&system, consequence, &goal)
-        })
     }
 }
 

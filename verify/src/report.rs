@@ -22,7 +22,8 @@ impl Report {
 pub fn told(finding: &Finding, spec: &Source, interfaces: &[Source], style: Style) -> String {
     let Some(diagnostic) = &finding.diagnostic else {
         let word = if finding.verdict == Verdict::Proved { "proved" } else { "NOT DECIDED" };
-        return format!("{word}: {}\n", finding.sentence);
+        let assumes = finding.assumes.as_ref().map(|assumes| format!("  as long as {}\n", assumes.text));
+        return format!("{word}: {}\n{}", finding.sentence, assumes.unwrap_or_default());
     };
     let found = std::slice::from_ref(diagnostic);
     let mut text = format!("\n{}\n", render(found, spec, interfaces, style).trim_end());

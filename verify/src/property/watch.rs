@@ -11,6 +11,8 @@ use language::sites::{EventKind, Occurrence, ProcessRef};
 pub(super) enum Goal {
     /// Forbidden: two of them at the same time.
     Together(Vec<ProcessRef>),
+    /// Forbidden: two of them really run at the same time, whatever their supervisors know.
+    BesideEachOther(Vec<ProcessRef>),
     /// Forbidden: the first runs, and the second does not.
     Without(ProcessRef, ProcessRef),
     /// Forbidden: the process starts, and the event has never happened.
@@ -37,6 +39,7 @@ impl Goal {
             Self::Then(event, other) => event.iter().chain([other]).collect(),
             Self::Before(..)
             | Self::Together(_)
+            | Self::BesideEachOther(_)
             | Self::Without(..)
             | Self::Often(..)
             | Self::StillRuns(..)
@@ -53,7 +56,12 @@ impl Goal {
         match self {
             Self::Sometime(_) => note == 0,
             Self::Owed(..) | Self::Ending(..) | Self::StillRuns(..) => note == 1,
-            Self::Together(_) | Self::Without(..) | Self::Before(..) | Self::Often(..) | Self::Then(..) => false,
+            Self::Together(_)
+            | Self::BesideEachOther(_)
+            | Self::Without(..)
+            | Self::Before(..)
+            | Self::Often(..)
+            | Self::Then(..) => false,
         }
     }
 }
@@ -76,7 +84,7 @@ struct Seat {
 impl<'w> Watch<'w> {
     pub(super) fn new(system: &System<'_>, goal: &'w Goal) -> Self {
         let whom: Vec<ProcessRef> = match goal {
-            Goal::Together(all) => all.clone(),
+            Goal::Together(all) | Goal::BesideEachOther(all) => all.clone(),
             Goal::Without(a, b) => vec![*a, *b],
             Goal::Before(who, event) => vec![*who, event.who],
             Goal::Often(who, _) => vec![*who],
@@ -94,6 +102,11 @@ impl<'w> Watch<'w> {
         self.seats.is_active(system, frame, who)
     }
 
+    /// Whether a process really runs, or something in it.
+    fn is_there(&self, system: &System<'_>, frame: &Frame, who: ProcessRef) -> bool {
+        self.seats.seat(who).is_some_and(|seat| system.is_anything_there(frame, seat.at))
+    }
+
     fn is(&self, change: &Change, event: &Occurrence) -> bool {
         self.seats.is(change, event)
     }
@@ -101,6 +114,26 @@ impl<'w> Watch<'w> {
     /// Whether the event, or the fault, happens in a transition.
     fn happens(&self, is_fault: bool, changes: &[Change], event: Option<&Occurrence>) -> bool {
         event.map_or(is_fault, |event| changes.iter().any(|change| self.is(change, event)))
+    }
+}
+
+impl Watch<'_> {
+    /// Whether the other does not happen after the event, which has happened before if `is_over`.
+    fn is_still_allowed(
+        &self,
+        mut is_over: bool,
+        changes: &[Change],
+        (event, other): (Option<&Occurrence>, &Occurrence),
+        after: &mut Frame,
+    ) -> bool {
+        for change in changes {
+            if is_over && self.is(change, other) {
+                return false;
+            }
+            is_over |= event.is_some_and(|event| self.is(change, event));
+        }
+        after.notes[0] = u8::from(is_over);
+        true
     }
 }
 
@@ -152,6 +185,7 @@ impl Observer for Watch<'_> {
         let note = after.notes[0];
         match self.goal {
             Goal::Together(all) => all.iter().filter(|who| self.is_active(system, after, **who)).count() < 2,
+            Goal::BesideEachOther(all) => all.iter().filter(|who| self.is_there(system, after, **who)).count() < 2,
             Goal::Without(a, b) => !is_running(system, after, *a) || self.is_active(system, after, *b),
             Goal::Before(who, event) => {
                 let start = Occurrence { who: *who, kind: EventKind::Started };
@@ -184,15 +218,8 @@ impl Observer for Watch<'_> {
                 !is_running(system, after, *who)
             }
             Goal::Then(event, other) => {
-                let mut is_over = note == 1 || event.is_none() && self.happens(is_fault, changes, None);
-                for change in changes {
-                    if is_over && self.is(change, other) {
-                        return false;
-                    }
-                    is_over |= event.as_ref().is_some_and(|event| self.is(change, event));
-                }
-                after.notes[0] = u8::from(is_over);
-                true
+                let is_over = note == 1 || event.is_none() && self.happens(is_fault, changes, None);
+                self.is_still_allowed(is_over, changes, (event.as_ref(), other), after)
             }
             Goal::Owed(event, other) => {
                 if event.is_none() && note == 0 && self.happens(is_fault, changes, None) {

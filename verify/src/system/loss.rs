@@ -222,6 +222,17 @@ impl System<'_> {
         !self.is_out(frame, rift.seats[unit][member as usize]) && (flags & ORPHAN != 0 || is_active && has_begun)
     }
 
+    /// Whether a member is really running or stopping, or anything in it.
+    pub(crate) fn is_anything_there(&self, frame: &Frame, seat: (usize, u32)) -> bool {
+        match self.units[seat.0].seats[seat.1 as usize] {
+            Occupant::Box(_) => self.is_there(frame, seat),
+            Occupant::Unit(inner) => {
+                let slots = (0_u32..).zip(&self.units[inner].seats).map(|(slot, _)| slot);
+                slots.into_iter().any(|slot| self.is_anything_there(frame, (inner, slot)))
+            }
+        }
+    }
+
     /// Whether a member is on the host that may be lost.
     pub(crate) fn is_on_lost(&self, (unit, member): (usize, u32)) -> bool {
         let host = self.rift.as_ref().map(|rift| rift.seats[unit][member as usize]);

@@ -1,0 +1,129 @@
+//! The sentences about the loss of a host, and what the loss of one does to the others.
+
+use super::watch::Goal;
+use super::{Question, follow_starts};
+use crate::fault::{NOTED_AFTER, torn};
+use crate::finding::{Assumption, Finding, Verdict};
+use crate::story::seconds;
+use crate::system::{Loss, LossKind, Mode, System};
+use language::plan::MemberKind;
+use language::sites::{Consequence, Occurrence, ProcessRef};
+use std::time::Duration;
+
+impl<'m> Question<'_, 'm, '_> {
+    /// Adds to the proof that some never run at the same time what it rests on, if they may once a host is lost: whether what runs
+    /// there has stopped nobody knows.
+    pub(super) fn unless_lost(&self, found: Finding, all: &[ProcessRef]) -> Finding {
+        let hosts = &self.times.model.plan.hosts;
+        if found.verdict != Verdict::Proved || hosts.len() < 2 {
+            return found;
+        }
+        // What is seen from the home comes first.
+        let home = self.times.model.plan.groups[0].host;
+        let mut losses: Vec<(Loss, &String)> = Vec::new();
+        for (host, name) in (0_u32..).zip(hosts) {
+            losses.extend([LossKind::Death, LossKind::Cut].map(|kind| (Loss { host, kind }, name)));
+        }
+        losses.sort_by_key(|(loss, _)| loss.host == home);
+        let assumed = losses.into_iter().find_map(|(loss, name)| {
+            let found = self.beside_each_other(loss, all)?;
+            let once = if loss.kind == LossKind::Cut { "is cut off" } else { "is lost" };
+            let text = match (found.verdict, all.len()) {
+                (Verdict::Open, _) => "no host is lost: what holds then was not decided".to_owned(),
+                (_, 2) => format!("no host is lost: once `{name}` {once}, both may run"),
+                (_, _) => format!("no host is lost: once `{name}` {once}, two of them may run"),
+            };
+            Some(Assumption { text, story: found.story })
+        });
+        Finding { assumes: assumed, ..found }
+    }
+
+    /// How two of these come to run at the same time after a loss, as a finding.
+    fn beside_each_other(&self, loss: Loss, all: &[ProcessRef]) -> Option<Finding> {
+        let named: Vec<(u32, u32)> = all.iter().filter_map(|who| Some((who.group, who.member?))).collect();
+        let mut system = torn(self.times.model, &named);
+        system.notes = 1;
+        follow_starts(&mut system, &[]);
+        system.lose(loss);
+        self.is_safe(&system, &Goal::BesideEachOther(all.to_vec()))
+    }
+
+    /// Whether a stop that the loss of a host asks for may take longer, from the moment at which the host is gone.
+    fn stops_after_loss(&self, lost: &[ProcessRef], who: ProcessRef, limit: Duration) -> Option<Finding> {
+        let Some(rest) = limit.checked_sub(NOTED_AFTER) else {
+            let why = format!("it takes up to {} until a host counts as lost", seconds(NOTED_AFTER));
+            return Some(self.fails(&why, None));
+        };
+        lost.iter().find_map(|member| self.stops_after((*member, who), rest))
+    }
+
+    /// Every program on a host is lost at once, and reported one by one.
+    pub(super) fn on_loss(&self, host: &str, consequence: &Consequence) -> Finding {
+        let model = self.times.model;
+        let Some(host) = (0_u32..).zip(&model.plan.hosts).find(|(_, name)| *name == host).map(|(host, _)| host) else {
+            return self.open("no such host");
+        };
+        let is_there = |&(group, slot): &(u32, u32)| match model.plan.groups[group as usize].members[slot as usize].kind
+        {
+            MemberKind::Leaf(leaf) => model.plan.leaves[leaf as usize].host == host,
+            MemberKind::Group(_) => false,
+        };
+        let lost = self
+            .struck(None)
+            .into_iter()
+            .filter(is_there)
+            .map(|(group, slot)| ProcessRef { group, member: Some(slot) });
+        let lost: Vec<ProcessRef> = lost.collect();
+        let (goal, other) = match consequence {
+            Consequence::Stopped(who, limit) => {
+                if let Some(found) = limit.and_then(|limit| self.stops_after_loss(&lost, *who, limit)) {
+                    return found;
+                }
+                (Goal::StillRuns(None, *who), *who)
+            }
+            Consequence::Never(other) => (Goal::Then(None, other.clone()), other.who),
+            Consequence::Eventually(other) => (Goal::Owed(None, other.clone()), other.who),
+        };
+        let whom: Vec<ProcessRef> = lost.into_iter().chain([other]).collect();
+        let mode = |kind| Mode { lost: Some(Loss { host, kind }), ..Mode::default() };
+        let mut system = self.system(&whom, mode(LossKind::Programs));
+        follow_starts(&mut system, &goal.begun());
+        let found = self.on_loss_in(&system, consequence, &goal);
+        found.or_else(|| self.on_loss_of_all(host, consequence)).unwrap_or_else(|| self.proved())
+    }
+
+    fn on_loss_in(&self, system: &System<'_>, consequence: &Consequence, goal: &Goal) -> Option<Finding> {
+        match consequence {
+            Consequence::Never(_) | Consequence::Stopped(..) => self.is_safe(system, goal),
+            Consequence::Eventually(_) => self.is_live(system, goal, &|_| true),
+        }
+    }
+
+    /// The host dies with its supervisors, or goes on where nobody reaches it: in both the sentence has to hold of the whole mission.
+    fn on_loss_of_all(&self, host: u32, consequence: &Consequence) -> Option<Finding> {
+        let model = self.times.model;
+        let seen = |who: ProcessRef| match (who.member, model.around[who.group as usize]) {
+            (None, Some((group, slot))) => ProcessRef { group, member: Some(slot) },
+            (_, _) => who,
+        };
+        let (goal, other) = match consequence {
+            Consequence::Stopped(who, _) => (Goal::StillRuns(None, seen(*who)), seen(*who)),
+            Consequence::Never(event) => {
+                let event = Occurrence { who: seen(event.who), kind: event.kind.clone() };
+                (Goal::Then(None, event.clone()), event.who)
+            }
+            Consequence::Eventually(event) => {
+                let event = Occurrence { who: seen(event.who), kind: event.kind.clone() };
+                (Goal::Owed(None, event.clone()), event.who)
+            }
+        };
+        let named = other.member.map(|slot| (other.group, slot));
+        [LossKind::Death, LossKind::Cut].into_iter().find_map(|kind| {
+            let mut system = torn(model, named.as_slice());
+            system.notes = 1;
+            follow_starts(&mut system, &goal.begun());
+            system.lose(Loss { host, kind });
+            self.on_loss_in(&system, consequence, &goal)
+        })
+    }
+}
