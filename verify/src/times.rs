@@ -9,18 +9,23 @@ use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-/// How long an expression takes: from its start to its normal end at the least, to any end at the most.
+/// How long an expression takes: from its start to its normal end, and to any end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Span {
     /// The least time until it is done; none if it is never done.
     pub(crate) done: Option<Duration>,
+    /// The most time until it is done, if it ever is; none if nothing bounds it.
+    done_most: Option<Duration>,
+    /// The least time until it has ended in whatever way; none if it never ends by itself.
+    end_least: Option<Duration>,
     /// The most time until it has ended; none if nothing bounds it.
     pub(crate) end: Option<Duration>,
     /// The most time that a stop of it takes; none if nothing bounds it.
     pub(crate) stop: Option<Duration>,
 }
 
-const NOW: Span = Span { done: Some(Duration::ZERO), end: Some(Duration::ZERO), stop: Some(Duration::ZERO) };
+const ZERO: Option<Duration> = Some(Duration::ZERO);
+const NOW: Span = Span { done: ZERO, done_most: ZERO, end_least: ZERO, end: ZERO, stop: ZERO };
 
 /// The durations that are known, and those that were asked for and are not.
 pub(crate) struct Times<'m, 'a> {
@@ -58,19 +63,22 @@ impl Times<'_, '_> {
                 let stop = Some(self.model.plan.leaves[leaf as usize].stop_within);
                 let takes = self.model.sites.leaves[leaf as usize].takes.filter(|_| !member.service);
                 let done = if member.service { None } else { Some(takes.map_or(Duration::ZERO, |(least, _)| least)) };
-                Span { done, end: takes.map(|(_, most)| most), stop }
+                let most = takes.map(|(_, most)| most);
+                Span { done, done_most: most, end_least: ZERO, end: most, stop }
             }
         };
         // One that dies and is started again begins anew, any number of times.
         if let MemberKind::Leaf(leaf) = member.kind {
             span.end = span.end.filter(|_| !is_restarted(self.model, leaf));
+            span.done_most = span.done_most.filter(|_| !is_restarted(self.model, leaf));
             span.done = span.done.filter(|_| !is_never_done(self.model, leaf));
         }
         if let Some(&(least, most)) = self.assumed.get(&(group, slot)) {
-            (span.done, span.end) = (span.done.map(|_| least), Some(most));
+            (span.done, span.done_most, span.end) = (span.done.map(|_| least), Some(most), Some(most));
         }
         if let MemberKind::Leaf(leaf) = member.kind {
             span.end = span.end.filter(|_| !self.endless.contains(&leaf));
+            span.done_most = span.done_most.filter(|_| !self.endless.contains(&leaf));
             span.done = span.done.filter(|_| !self.hung.contains(&leaf));
         }
         span
@@ -128,42 +136,46 @@ impl Times<'_, '_> {
         match expression {
             Expression::Run { member, .. } => self.of_member(group, *member),
             Expression::Skip => NOW,
-            Expression::Never => Span { done: None, end: None, ..NOW },
+            Expression::Never => Span { done: None, end_least: None, end: None, ..NOW },
             Expression::Fail(_) => Span { done: None, ..NOW },
-            Expression::Wait(time) => Span { done: Some(*time), end: Some(*time), ..NOW },
-            Expression::Sequence(..) | Expression::Conditional(..) => {
-                let span = in_turn(&parts, stop);
-                // What is never done is followed by nothing.
-                if parts[0].done.is_none() { Span { end: parts[0].end, ..span } } else { span }
+            Expression::Wait(time) => {
+                let time = Some(*time);
+                Span { done: time, done_most: time, end_least: time, end: time, ..NOW }
             }
-            Expression::Finally(..) => {
-                let after = add(parts[0].stop, parts[1].end);
-                Span { stop: after, ..in_turn(&parts, stop) }
+            Expression::Sequence(..) | Expression::Conditional(..) => in_turn(&parts, stop),
+            Expression::Finally(..) => Span {
+                end: add(parts[0].end, parts[1].end),
+                stop: add(parts[0].stop, parts[1].end),
+                ..in_turn(&parts, stop)
+            },
+            Expression::Recurrent(..) | Expression::Asynchronous { .. } => {
+                Span { done: None, done_most: None, end_least: parts[0].end_least, end: None, stop }
             }
-            Expression::Recurrent(..) | Expression::Asynchronous { .. } => Span { done: None, end: None, stop },
             Expression::Otherwise(..) => {
-                let done = parts.iter().filter_map(|part| part.done).min();
-                Span { done, end: in_turn(&parts, stop).end, stop }
+                let done_most = add(parts[0].end, parts[1].done_most);
+                let done_most = if parts[1].done.is_some() { done_most } else { parts[0].done_most };
+                let end = add(parts[0].end, parts[1].end);
+                Span { done: soonest(&parts), done_most, end_least: parts[0].end_least, end, stop }
             }
             Expression::Concurrent(of) => self.concurrent(source, of, &parts),
             Expression::FailFast(_) => {
+                let done_most = longest(parts.iter().map(|part| part.done_most));
                 let done = all(parts.iter().map(|part| part.done));
-                Span { done, end: add(longest(parts.iter().map(|part| part.end)), stop), stop }
+                let end = add(longest(parts.iter().map(|part| part.end)), stop);
+                Span { done, done_most, end_least: first(&parts), end, stop }
             }
             Expression::AnyOf { count, .. } => {
                 let mut done: Vec<Duration> = parts.iter().filter_map(|part| part.done).collect();
                 done.sort_unstable();
                 let done = done.get((*count as usize).saturating_sub(1)).copied();
-                Span { done, end: add(longest(parts.iter().map(|part| part.end)), stop), stop }
+                let end = add(longest(parts.iter().map(|part| part.end)), stop);
+                Span { done, done_most: end, end_least: first(&parts), end, stop }
             }
-            Expression::Disable(_) => {
-                let done = parts.iter().filter_map(|part| part.done).min();
-                let end = parts.iter().filter_map(|part| part.end).min();
-                Span { done: done.filter(|done| end.is_none_or(|end| *done <= end)), end: add(end, stop), stop }
-            }
+            Expression::Disable(_) => disable(&parts, stop),
             Expression::Match(_) => {
-                let done = parts.iter().filter_map(|part| part.done).min();
-                Span { done, end: longest(parts.iter().map(|part| part.end)), stop }
+                let done_most = longest(parts.iter().filter(|part| part.done.is_some()).map(|part| part.done_most));
+                let end = longest(parts.iter().map(|part| part.end));
+                Span { done: soonest(&parts), done_most, end_least: first(&parts), end, stop }
             }
             Expression::Shield { bound, .. } => {
                 let held = match (bound, parts[0].end) {
@@ -175,7 +187,9 @@ impl Times<'_, '_> {
                 Span { stop: held, ..parts[0] }
             }
             Expression::Using { .. } => {
-                Span { end: add(self.turn((group, source), expression), parts[0].end), ..parts[0] }
+                let turn = self.turn((group, source), expression);
+                let (done_most, end) = (add(turn, parts[0].done_most), add(turn, parts[0].end));
+                Span { done_most, end, ..parts[0] }
             }
             Expression::Tagged { .. } => parts[0],
         }
@@ -193,8 +207,13 @@ impl Times<'_, '_> {
         let stop = longest(parts.iter().map(|part| part.stop));
         let done = all(tasks().map(|part| part.done));
         let end = longest(tasks().map(|part| part.end));
-        // Tasks alone are waited for; with a service something is stopped at the end.
-        Span { done, end: if services.contains(&true) { add(end, stop) } else { end }, stop }
+        // Tasks alone are waited for; with a service something is stopped at the end: the services, or all if one of them fails.
+        let waited = is_service || !services.contains(&true);
+        let left = longest(parts.iter().zip(&services).filter(|(_, service)| **service).map(|(part, _)| part.stop));
+        let done_most = longest(tasks().map(|part| part.done_most));
+        let done_most = if waited { done_most } else { add(done_most, left) };
+        let end = if services.contains(&true) { add(end, stop) } else { end };
+        Span { done, done_most, end_least: first(parts), end, stop }
     }
 }
 
@@ -211,9 +230,48 @@ fn all(times: impl Iterator<Item = Option<Duration>>) -> Option<Duration> {
     longest(times)
 }
 
+/// The least time until one of them is done.
+fn soonest(parts: &[Span]) -> Option<Duration> {
+    parts.iter().filter_map(|part| part.done).min()
+}
+
+/// The least time until one of them has ended.
+fn first(parts: &[Span]) -> Option<Duration> {
+    parts.iter().filter_map(|part| part.end_least).min()
+}
+
+/// The second begins once the first is done: one that fails is followed by nothing.
 fn in_turn(parts: &[Span], stop: Option<Duration>) -> Span {
-    let sum = |time: fn(&Span) -> Option<Duration>| {
-        parts.iter().map(time).try_fold(Duration::ZERO, |sum, time| Some(sum.saturating_add(time?)))
+    let [one, other] = parts else { return NOW };
+    let after = add(one.done_most, other.end);
+    Span {
+        done: add(one.done, other.done),
+        done_most: add(one.done_most, other.done_most),
+        end_least: one.end_least,
+        end: if one.done.is_some() { longest([one.end, after].into_iter()) } else { one.end },
+        stop,
+    }
+}
+
+/// The first to end stops the others. Who takes longer at the least than another at the most is never the first.
+fn disable(parts: &[Span], stop: Option<Duration>) -> Span {
+    let most = parts.iter().filter_map(|part| part.end).min();
+    let is_first = |least: Option<Duration>| least.is_some_and(|least| most.is_none_or(|most| least <= most));
+    let others = |own: usize| {
+        let others = parts.iter().enumerate().filter(|(other, _)| *other != own);
+        longest(others.map(|(_, part)| part.stop))
     };
-    Span { done: sum(|part| part.done), end: sum(|part| part.end), stop }
+    let winners =
+        |least: fn(&Span) -> Option<Duration>| parts.iter().enumerate().filter(move |(_, part)| is_first(least(part)));
+    let done_most = |(own, part): (usize, &Span)| {
+        let most = [part.done_most, most].into_iter().flatten().min();
+        add(most, others(own))
+    };
+    Span {
+        done: soonest(parts).filter(|done| is_first(Some(*done))),
+        done_most: longest(winners(|part| part.done).map(done_most)),
+        end_least: first(parts),
+        end: most.and_then(|_| longest(winners(|part| part.end_least).map(|(own, _)| add(most, others(own))))),
+        stop,
+    }
 }

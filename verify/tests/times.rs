@@ -1,0 +1,75 @@
+//! How long a mission takes at the most: `finishes within` holds for that time, and for no shorter one.
+
+use language::{Options, Source, compile_with_sites};
+use verify::{Alone, Always, Limits, Verdict};
+
+const LIMITS: Limits<'static> = Limits { states: 100_000, memory: 64 << 20, threads: &Alone, goes_on: &Always };
+
+/// `a`, `b`: nobody knows how long, 2 s to stop; `quick` and `slow` know it; `watch` is a service that takes 3 s to stop.
+fn holds(expression: &str, limit: &str) -> bool {
+    let text = format!(
+        "module Step {{ done; stop within 2 s; }}
+        module Quick {{ done; duration 1 s .. 3 s; stop within 2 s; }}
+        module Slow {{ done; duration 8 s .. 9 s; stop within 1 s; }}
+        module Watch {{ service; stop within 3 s; }}
+        process main(){{
+            host{{c1}}
+            instantiated_processes{{
+                a instof Step(c1); b instof Step(c1); quick instof Quick(c1); slow instof Slow(c1); watch instof Watch(c1);
+            }}
+            internal_event_actions{{ {expression} }}
+            verify{{ finishes within {limit}; }}
+        }}"
+    );
+    let source = Source::new("test.dca", text);
+    let (compiled, sites) = compile_with_sites(&source, &[], &Options::named("test"));
+    let (plan, sites) = compiled.plan.zip(sites).unwrap_or_else(|| panic!("{:?}", compiled.diagnostics));
+    let found = verify::sentences(&plan, &sites, &LIMITS);
+    found.iter().all(|(_, finding)| finding.verdict == Verdict::Proved)
+}
+
+#[test]
+fn it_finishes_within_what_it_takes_and_not_sooner() {
+    let cases = [
+        ("quick", 3),
+        // It is done before the limit passes, so nothing is stopped.
+        ("quick within 5 s", 3),
+        // The limit passes, and the step takes its time to stop.
+        ("a within 5 s", 7),
+        ("quick within 2 s", 4),
+        // What passes its limit fails, and is followed by nothing.
+        ("a within 5 s ; b within 5 s", 12),
+        ("a within 5 s ; quick", 8),
+        ("a within 5 s ; skip", 7),
+        // It fails at once, or at the limit, and the other begins then.
+        ("a within 5 s else quick", 10),
+        ("(a within 5 s else quick) ; quick", 13),
+        ("(a within 5 s) finally quick", 10),
+        // The slow one may fail before the other is done, which is stopped then.
+        ("quick # slow", 5),
+        // Before that it is never done.
+        ("(quick # slow) ; quick", 7),
+        ("a # wait(5 s)", 7),
+        ("(quick # wait(5 s)) ; quick", 6),
+        // At the end the service is stopped; if it fails, so is the step.
+        ("watch, quick", 6),
+        ("(watch, quick) ; quick", 9),
+        ("quick, slow", 9),
+        ("quick & slow", 11),
+        ("any 1 of (quick, slow)", 11),
+        ("shield(4 s) (a within 5 s) ; quick", 8),
+    ];
+    for (expression, most) in cases {
+        assert!(holds(expression, &format!("{most} s")), "`{expression}` takes at most {most} s");
+        assert!(!holds(expression, &format!("{} ms", 1000 * most - 1)), "`{expression}` may take {most} s");
+    }
+}
+
+#[test]
+fn nothing_bounds_what_has_no_limit() {
+    for expression in
+        ["a", "a ; quick", "a, quick", "never # never", "a # b", "quick ;; quick", "watch", "a else quick"]
+    {
+        assert!(!holds(expression, "9000 s"), "{expression}");
+    }
+}
