@@ -116,3 +116,39 @@ fn a_success_that_was_none_is_a_deviation() {
     record.last_mut().expect("there are steps").outcome = Some(Outcome::Done(Value::EMPTY));
     assert_eq!(compare(&plan, &sites, record).deviations.len(), 1);
 }
+
+/// The steps of a run, with the verdict on a formula.
+fn on_formula(formula: &str, events: &[Event]) -> (Verdict, Option<usize>) {
+    let text = SPEC.replace("can finish;", &format!("holds ltl \"{formula}\";"));
+    let (compiled, sites) = compile_with_sites(&Source::new("test.dca", text), &[], &Options::named("test"));
+    let (plan, sites) = compiled.plan.zip(sites).unwrap_or_else(|| panic!("{:?}", compiled.diagnostics));
+    let found = compare(&plan, &sites, steps(&plan, events, |_| false));
+    let last = found.sentences.last().expect("it is a sentence");
+    (last.verdict, last.story.as_ref().map(|story| story.steps.len()))
+}
+
+#[test]
+fn a_formula_that_can_be_broken_is_decided_by_a_run() {
+    let failed = |member| Event::Aborted { member, activation: Activation(1), report: Value::EMPTY };
+    let with_failure = [Event::Start(Value::EMPTY), failed(0), stopped(1)];
+    let again = [&whole()[..], &[Event::Start(Value::EMPTY)]].concat();
+    let cases: [(&str, &[Event], Verdict, Option<usize>); 11] = [
+        ("G !(arm & back)", &whole(), Verdict::Proved, None),
+        ("!back.started W watch.ended", &whole(), Verdict::Proved, None),
+        ("G (watch.done -> G !arm.running)", &whole(), Verdict::Proved, None),
+        // Broken at its first, second and third position.
+        ("G !arm", &whole(), Verdict::Fails, Some(1)),
+        ("G !watch.done", &whole(), Verdict::Fails, Some(2)),
+        ("!back W watch.aborted", &whole(), Verdict::Fails, Some(3)),
+        ("!back W watch.aborted", &with_failure, Verdict::Proved, None),
+        // Another start is another run.
+        ("G (done -> G !arm)", &again, Verdict::Proved, None),
+        // What has to come no run shows; what has broken it does.
+        ("F done", &whole(), Verdict::Open, None),
+        ("G !(arm & back) & F done", &whole(), Verdict::Open, None),
+        ("G !watch.done & F done", &whole(), Verdict::Fails, Some(2)),
+    ];
+    for (formula, events, verdict, steps) in cases {
+        assert_eq!(on_formula(formula, events), (verdict, steps), "{formula}");
+    }
+}

@@ -6,6 +6,7 @@
 
 mod automaton;
 mod run;
+mod trace;
 
 use super::watch::Seats;
 use super::{Question, is_running};
@@ -16,6 +17,7 @@ use crate::system::{Change, Frame, Label, Mode, System};
 use automaton::{Automaton, Parts};
 use language::sites::{Atom, EventKind, Formula, ProcessRef};
 use run::{Run, Seen};
+pub(super) use trace::{Breaks, Followed};
 
 /// What a larger formula is answered.
 const TOO_LARGE: &str = "the formula is too large: write several sentences, or fewer `U`, `F` and `W` in one";
@@ -130,6 +132,12 @@ struct Letters<'l> {
 }
 
 impl Letters<'_> {
+    /// The atoms that are true at a position.
+    fn at(&self, system: &System<'_>, changes: &[Change], frame: &Frame) -> u32 {
+        let is_true = |(_, atom): &(u32, &Atom)| self.is_true(system, atom, changes, frame);
+        (0_u32..).zip(self.atoms).filter(is_true).fold(0, |letter, (bit, _)| letter | 1 << bit)
+    }
+
     fn is_true(&self, system: &System<'_>, atom: &Atom, changes: &[Change], frame: &Frame) -> bool {
         match atom {
             Atom::Active(who) => self.seats.is_active(system, frame, *who),

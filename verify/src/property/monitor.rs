@@ -1,15 +1,16 @@
 //! Sentences looked for in a recorded run, instead of in every order of events.
 //!
 //! The order of the events of one supervisor is known, that of two is not. So a sentence is seen if it names members of its own
-//! group, and says what never happens.
+//! group, and says what never happens; a formula, as far as it can be broken at some position.
 
+use super::formula::{Breaks, Followed};
 use super::watch::{Goal, Watch};
 use crate::conform::{Follower, Steps};
 use crate::explore::Observer;
 use crate::finding::{Finding, diagnostic};
 use crate::model::Model;
 use crate::story::tell;
-use crate::system::{Label, Mode, System};
+use crate::system::{Change, Frame, Label, Mode, System};
 use language::Code;
 use language::algebra::Event;
 use language::sites::{Consequence, ProcessRef, Property, Sentence};
@@ -25,7 +26,7 @@ pub(crate) fn check(model: &Model<'_>, records: &[Vec<Steps>]) -> Vec<Finding> {
 
 fn monitor(model: &Model<'_>, property: &Property, records: &[Vec<Steps>]) -> Finding {
     let said = format!("{}: {}", model.group_name(property.group), property.text);
-    let Some((goal, whom)) = goal(&property.sentence) else {
+    let Some((wanted, whom)) = wanted(&property.sentence) else {
         return Finding::open(format!("{said}: it says what may or must come, which a single run cannot show"));
     };
     if whom.iter().any(|who| who.group != property.group) {
@@ -34,7 +35,10 @@ fn monitor(model: &Model<'_>, property: &Property, records: &[Vec<Steps>]) -> Fi
     let mut system = System::new(model, property.group as usize, &|_| false);
     system.mode = Mode { aborts: true, stops: true, ..Mode::default() };
     system.notes = 1;
-    let watch = Watch::new(&system, &goal);
+    let mut eye = match &wanted {
+        Wanted::Never(goal) => Eye::Watch(Watch::new(&system, goal)),
+        Wanted::Unbroken(breaks) => Eye::Formula(breaks.follow(&system)),
+    };
     let (mut follower, mut stepper) = (Follower::new(&system), system.stepper());
     let (mut frame, mut changes, mut way) = (system.initial(), Vec::new(), Vec::<Label>::new());
     let mut is_lost = false;
@@ -45,6 +49,7 @@ fn monitor(model: &Model<'_>, property: &Property, records: &[Vec<Steps>]) -> Fi
         }
         if matches!(step.event, Event::Start(_)) {
             way.clear();
+            eye.begins();
         }
         match follower.label(&mut frame, step) {
             Ok(None) => {}
@@ -52,7 +57,7 @@ fn monitor(model: &Model<'_>, property: &Property, records: &[Vec<Steps>]) -> Fi
             Ok(Some(label)) => {
                 stepper.apply(&mut frame, label, Some(&mut changes));
                 way.push(label);
-                if !watch.sees(&system, false, &changes, &mut frame) {
+                if !eye.sees(&system, &changes, &mut frame) {
                     let message = format!(
                         "did not hold in this run of `{}`: {}",
                         model.group_name(property.group),
@@ -67,8 +72,51 @@ fn monitor(model: &Model<'_>, property: &Property, records: &[Vec<Steps>]) -> Fi
     }
     match is_lost {
         true => Finding::open(format!("{said}: something happened that no verification counts on")),
+        false if matches!(&wanted, Wanted::Unbroken(breaks) if breaks.is_partial) => {
+            Finding::open(format!("{said}: a part of it says what must come, which a single run cannot show"))
+        }
         false => Finding::proved(said),
     }
+}
+
+/// What a run can break.
+enum Wanted {
+    Never(Goal),
+    Unbroken(Breaks),
+}
+
+/// The same while a run is followed.
+enum Eye<'w> {
+    Watch(Watch<'w>),
+    Formula(Followed<'w>),
+}
+
+impl Eye<'_> {
+    /// The group is started.
+    fn begins(&mut self) {
+        if let Self::Formula(followed) = self {
+            followed.begins();
+        }
+    }
+
+    /// Returns whether nothing is broken by what has happened.
+    fn sees(&mut self, system: &System<'_>, changes: &[Change], frame: &mut Frame) -> bool {
+        match self {
+            Self::Watch(watch) => watch.sees(system, false, changes, frame),
+            Self::Formula(followed) => followed.sees(system, changes, frame),
+        }
+    }
+}
+
+/// What must not be broken, and whom it names; none for a sentence that one run cannot break.
+fn wanted(sentence: &Sentence) -> Option<(Wanted, Vec<ProcessRef>)> {
+    if let Sentence::Holds(formula) = sentence {
+        let breaks = Breaks::of(formula);
+        let whom = breaks.processes();
+        return (!whom.is_empty()).then_some((Wanted::Unbroken(breaks), whom));
+    }
+    let (goal, whom) = goal(sentence)?;
+    Some((Wanted::Never(goal), whom))
 }
 
 /// What must never be seen, and whom it names; none for a sentence that one run cannot break.

@@ -1,0 +1,85 @@
+//! A formula looked for in a recorded run: one that can only be broken at some position is decided by it.
+
+use super::automaton::{Automaton, Parts};
+use super::{Letters, process};
+use crate::property::watch::Seats;
+use crate::system::{Change, Frame, System};
+use language::sites::{Formula, ProcessRef};
+use std::collections::BTreeSet;
+
+/// The parts of a formula that `&` joins, as far as a run can break them.
+#[derive(Debug, Default)]
+pub(in crate::property) struct Breaks {
+    parts: Vec<(Parts, Automaton)>,
+    /// Whether some part promises something, or is too large: a run does not decide it.
+    pub(in crate::property) is_partial: bool,
+}
+
+/// The same while a run is followed.
+pub(in crate::property) struct Followed<'b> {
+    parts: Vec<(Letters<'b>, &'b Automaton, BTreeSet<u16>)>,
+    /// Whether the next position is the first.
+    is_first: bool,
+}
+
+impl Breaks {
+    /// Takes a formula apart.
+    pub(in crate::property) fn of(formula: &Formula) -> Self {
+        let (mut breaks, mut open) = (Self::default(), vec![formula]);
+        while let Some(part) = open.pop() {
+            if let Formula::And(p, q) = part {
+                open.extend([&**q, &**p]);
+                continue;
+            }
+            let mut parts = Parts::default();
+            let (holds, fails) = parts.add(part);
+            let automaton = Automaton::of(&parts, fails).filter(|_| parts.is_safe(holds));
+            breaks.is_partial |= automaton.is_none();
+            breaks.parts.extend(automaton.map(|automaton| (parts, automaton)));
+        }
+        breaks
+    }
+
+    /// The processes that are named in what a run can break.
+    pub(in crate::property) fn processes(&self) -> Vec<ProcessRef> {
+        self.parts.iter().flat_map(|(parts, _)| parts.atoms.iter().map(process)).collect()
+    }
+
+    /// Looks for them in a run of a system.
+    pub(in crate::property) fn follow(&self, system: &System<'_>) -> Followed<'_> {
+        let follow = |(parts, automaton): &'_ (Parts, Automaton)| {
+            let seats = Seats::new(system, &parts.atoms.iter().map(process).collect::<Vec<_>>());
+            (seats, automaton.first.iter().copied().collect())
+        };
+        let parts = self.parts.iter().map(|part| {
+            let (seats, first) = follow(part);
+            (Letters { atoms: &part.0.atoms, seats }, &part.1, first)
+        });
+        Followed { parts: parts.collect(), is_first: true }
+    }
+}
+
+impl Followed<'_> {
+    /// The group is started, once more perhaps: what comes is another run.
+    pub(in crate::property) fn begins(&mut self) {
+        for (_, automaton, states) in &mut self.parts {
+            *states = automaton.first.iter().copied().collect();
+        }
+        self.is_first = true;
+    }
+
+    /// Takes the next position. Returns whether nothing is broken there.
+    pub(in crate::property) fn sees(&mut self, system: &System<'_>, changes: &[Change], frame: &Frame) -> bool {
+        let is_first = std::mem::take(&mut self.is_first);
+        self.parts.iter_mut().all(|(letters, automaton, states)| {
+            let letter = letters.at(system, changes, frame);
+            let state = |state: u16| &automaton.states[usize::from(state)];
+            let open: BTreeSet<u16> = match is_first {
+                true => states.clone(),
+                false => states.iter().flat_map(|from| state(*from).next.iter().copied()).collect(),
+            };
+            *states = open.into_iter().filter(|to| state(*to).fits(letter)).collect();
+            !states.iter().any(|at| state(*at).is_free)
+        })
+    }
+}
