@@ -8,6 +8,9 @@
 mod actions;
 mod fence;
 mod lost;
+mod places;
+#[cfg(test)]
+mod planted;
 mod supervision;
 mod wires;
 
@@ -17,7 +20,9 @@ use crate::logic::timed::Timed;
 use comms::logic::time::Time;
 use fence::Fences;
 use language::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, StepRecord, Value, step};
-use language::plan::{Group, MemberKind, Plan};
+use language::plan::Plan;
+pub use places::{group_host, leaf_host, member_path};
+use places::{member_host, member_target};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -88,6 +93,10 @@ pub struct Executer {
     supervised: Supervised,
     /// Steps that are not recorded yet, and how many came before them.
     steps: (u64, Vec<StepRecord>),
+    /// What its tests make it do wrong.
+    #[cfg(test)]
+    #[serde(skip)]
+    planted: Option<planted::Fault>,
 }
 
 impl Timed for Executer {
@@ -126,6 +135,8 @@ impl Executer {
             fences: Fences::new(declared, is_below),
             supervised: Supervised::default(),
             steps: (0, Vec::new()),
+            #[cfg(test)]
+            planted: None,
         })
     }
 
@@ -260,6 +271,8 @@ impl Executer {
     fn react(&mut self, event: Event, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
         let mut commands = Vec::new();
         let outcome = step(&self.program, &mut self.state, event.clone(), &mut commands);
+        #[cfg(test)]
+        let outcome = self.go_wrong(&event, &mut commands, outcome);
         self.steps.1.push(StepRecord::new(event, commands.clone(), outcome.clone()));
         if outcome.is_some() || self.steps.1.len() >= STEPS_MAX {
             self.record(context, out);
@@ -408,35 +421,4 @@ impl Waiting {
 /// Returns the groups for which something is taken in a `using` of a group above.
 pub fn below_using(plan: &Plan) -> BTreeSet<u32> {
     fence::below(plan)
-}
-
-/// Returns the name of the host of a leaf.
-pub fn leaf_host(plan: &Plan, leaf: u32) -> Option<&str> {
-    let host = plan.leaves.get(leaf as usize)?.host;
-    plan.hosts.get(host as usize).map(String::as_str)
-}
-
-/// Returns the name of the host of a group's supervisor.
-pub fn group_host(plan: &Plan, group: u32) -> Option<&str> {
-    let host = plan.groups.get(group as usize)?.host;
-    plan.hosts.get(host as usize).map(String::as_str)
-}
-
-fn member_target<'a>(plan: &'a Plan, group: &Group, slot: u32) -> Option<(Target, &'a str)> {
-    match group.members.get(slot as usize)?.kind {
-        MemberKind::Leaf(leaf) => Some((Target::Leaf(leaf), leaf_host(plan, leaf)?)),
-        MemberKind::Group(group) => Some((Target::Group(group), group_host(plan, group)?)),
-    }
-}
-
-fn member_host<'a>(plan: &'a Plan, group: &Group, slot: u32) -> Option<&'a str> {
-    member_target(plan, group, slot).map(|(_, host)| host)
-}
-
-/// Returns the absolute path of a member.
-pub fn member_path(plan: &Plan, group: &Group, slot: u32) -> Option<String> {
-    match group.members.get(slot as usize)?.kind {
-        MemberKind::Leaf(leaf) => plan.leaves.get(leaf as usize).map(|leaf| leaf.path.clone()),
-        MemberKind::Group(group) => plan.groups.get(group as usize).map(|group| group.path.clone()),
-    }
 }
