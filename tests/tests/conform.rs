@@ -138,6 +138,89 @@ fn real_runs_with_kills_conform_and_a_planted_deviation_is_found() {
     assert!(compared.code == Some(1) && compared.err.contains("`main/cell` differs"), "{compared}");
 }
 
+/// Where the parts of a record begin, and where it ends: each has a byte for its kind and eight for its length.
+fn boundaries(bytes: &[u8]) -> Vec<usize> {
+    let (mut at, mut all) = (8, vec![0, 8]);
+    while let Some(length) = bytes.get(at + 1..at + 9).and_then(|length| <[u8; 8]>::try_from(length).ok()) {
+        let Ok(length) = usize::try_from(u64::from_le_bytes(length)) else { break };
+        at += 9 + length;
+        all.push(at.min(bytes.len()));
+    }
+    all
+}
+
+/// A record that was cut, or in which a bit was turned, is never called compared, and never a deviation.
+#[test]
+fn a_damaged_record_is_not_decided() {
+    let cluster = Cluster::new();
+    let file = cluster.file("cell.dca", ROUNDS);
+    let done = cluster.here().ask(&["run", &file]);
+    assert!(done.code == Some(0), "{done}");
+    let bytes = std::fs::read(cluster.folder().join("runs/cell-1").join(recorder::FILE)).expect("it is recorded");
+    let damaged = cluster.folder().join("damaged.mcap");
+    let conform = |bytes: &[u8]| {
+        std::fs::write(&damaged, bytes).expect("a test can write in its own folder");
+        cluster.here().ask(&["conform", &damaged.display().to_string(), &file])
+    };
+    let boundaries = boundaries(&bytes);
+    assert!(boundaries.len() > 8, "{boundaries:?}");
+    let near = boundaries.iter().flat_map(|at| [at.saturating_sub(1), *at, at + 1, at + 5, at + 9, at + 20]);
+    let mut cuts: Vec<usize> = near.chain([3]).filter(|cut| *cut < bytes.len()).collect();
+    cuts.sort_unstable();
+    cuts.dedup();
+    let (mut without_steps, mut reasons) = (0, 0);
+    for cut in thinned(&cuts) {
+        let compared = conform(&bytes[..cut]);
+        assert_eq!(compared.code, Some(4), "cut at {cut} of {}: {compared}", bytes.len());
+        assert!(!compared.err.contains("earlier version") && !compared.out.contains("earlier version"), "{compared}");
+        without_steps += usize::from(compared.out.contains("not decided: the record has no step of a supervisor"));
+        reasons += usize::from(compared.out.contains("not decided: ") || compared.err.contains("is not whole: "));
+    }
+    assert!(without_steps > 0 && reasons > 0, "{without_steps} without steps, {reasons} with a reason");
+    for at in thinned(&cuts).filter(|at| *at >= 8) {
+        let mut turned = bytes.clone();
+        turned[at] ^= 0x10;
+        let compared = conform(&turned);
+        assert!([Some(0), Some(4)].contains(&compared.code), "a bit of byte {at} turned: {compared}");
+    }
+    assert_eq!(conform(&bytes).code, Some(0));
+    assert_eq!(conform(b"another file").code, Some(1));
+}
+
+/// Not all of many: each is a program that is run.
+fn thinned(cuts: &[usize]) -> impl Iterator<Item = usize> {
+    let step = (cuts.len() / rounds(30)).max(1);
+    cuts.iter().copied().step_by(step)
+}
+
+/// Another host, program, argument or policy is another version of the spec.
+#[test]
+fn a_record_of_another_deployment_is_told_by_what_differs() {
+    let cluster = Cluster::new();
+    let text = ROUNDS.replace("cell instof Cell(\"c1\")", "cell instof Cell(\"c2\")");
+    let file = cluster.file("cell.dca", &text);
+    let done = cluster.here().ask(&["run", &file]);
+    assert!(done.code == Some(0), "{done}");
+    let record = cluster.folder().join("runs/cell-1").display().to_string();
+    let cases = [
+        ("Cell(\"c2\")", "Cell(\"c1\")", "`main/cell` differs in its host: `c2` in the record, `c1` in the spec"),
+        ("sleep 0.2", "sleep 0.3", "differs in its exec: `sleep 0.2` in the record, `sleep 0.3` in the spec"),
+        ("restart transient", "restart permanent", "`main/home` differs in its restart: `transient` in the record"),
+        (
+            "watch instof Watch(there)",
+            "watch instof Watch(there) { memory 1 GB; }",
+            "`main/cell/watch` differs in its limits",
+        ),
+        ("retry(2)", "retry(3)", "`main` differs in its event actions"),
+    ];
+    for (from, to, expected) in cases {
+        let other = cluster.file("other.dca", &text.replace(from, to));
+        let compared = cluster.here().ask(&["conform", &record, &other]);
+        assert!(compared.code == Some(1) && compared.err.contains(expected), "{from} -> {to}: {compared}");
+    }
+    assert_eq!(cluster.here().ask(&["conform", &record, &file]).code, Some(0));
+}
+
 /// What is not proved does not run.
 #[test]
 fn a_spec_that_is_not_proved_is_not_started() {

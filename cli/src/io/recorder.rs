@@ -69,6 +69,16 @@ pub enum RecordError {
     },
 }
 
+impl RecordError {
+    /// Whether it is about a record that is there and cannot be read as a whole: damaged, cut, or of a later version.
+    pub fn is_of_a_record(&self) -> bool {
+        match self {
+            Self::Read { cause, .. } => !matches!(cause, ReadError::Foreign(_)),
+            Self::Create { .. } | Self::Write { .. } | Self::Open { .. } => false,
+        }
+    }
+}
+
 /// Returns the system's words where there are some, which the library leaves out.
 fn reason(error: &McapError) -> String {
     if let McapError::Io(error) = error { cause(error) } else { error.to_string() }

@@ -291,10 +291,16 @@ fn other_files_are_refused_with_a_reason() {
     let path = folder.0.join("x.mcap");
     let missing = read(&path).unwrap_err().to_string();
     assert!(missing.starts_with("reading the record `") && missing.contains("No such file"), "{missing}");
-    for bytes in [&b""[..], b"hello", mcap::MAGIC] {
+    for (bytes, expected) in [
+        (&b"hello"[..], "not the record of a run: "),
+        (&b""[..], "the record does not say what was run: "),
+        (&mcap::MAGIC[..5], "the record does not say what was run: "),
+        (mcap::MAGIC, "the record does not say what was run: "),
+    ] {
         fs::write(&path, bytes).unwrap();
-        let error = read(&path).unwrap_err().to_string();
-        assert!(error.contains("not the record of a run: "), "{error}");
+        let error = read(&path).unwrap_err();
+        assert!(error.to_string().contains(expected), "{error}");
+        assert_eq!(error.is_of_a_record(), expected.starts_with("the record"), "{error}");
     }
 }
 

@@ -17,9 +17,12 @@ use std::time::Duration;
 /// Why bytes are no record.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
-    /// They are something else, or end before they say what was run.
+    /// They are something else.
     #[error("not the record of a run: {0}")]
     Foreign(String),
+    /// They are the beginning of a record, or a damaged one, and do not say what was run.
+    #[error("the record does not say what was run: {0}")]
+    Damaged(String),
     /// A later version of DCA wrote them.
     #[error("the record has version {0}; this program reads up to version {VERSION}")]
     Newer(u16),
@@ -35,9 +38,10 @@ impl Run {
     /// damaged, everything is read that is whole.
     ///
     /// # Errors
-    /// When it does not even say what was run.
+    /// When it does not even say what was run: it is none, or nothing of that is left.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, ReadError> {
         let mut reading = RecordReader { bytes, ..RecordReader::default() };
+        let is_record = bytes.starts_with(mcap::MAGIC) || mcap::MAGIC.starts_with(bytes);
         if bytes.starts_with(mcap::MAGIC) {
             reading.all();
         } else {
@@ -45,7 +49,10 @@ impl Run {
         }
         reading.date();
         let damage = reading.damage();
-        let foreign = || ReadError::Foreign(damage.clone().unwrap_or_else(|| "its spec is not in it".to_owned()));
+        let foreign = || {
+            let why = damage.clone().unwrap_or_else(|| "its spec is not in it".to_owned());
+            if is_record { ReadError::Damaged(why) } else { ReadError::Foreign(why) }
+        };
         let about = reading.about.as_ref().ok_or_else(foreign)?;
         if about.version > VERSION {
             return Err(ReadError::Newer(about.version));
