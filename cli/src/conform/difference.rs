@@ -72,12 +72,10 @@ fn groups(recorded: &Plan, spec: &Plan) -> Option<String> {
     recorded.groups.iter().find_map(|one| {
         let other = spec.groups.iter().find(|other| other.path == one.path)?;
         let hosts = (&host(recorded, one.host), &host(spec, other.host));
-        let expressions = (&actions(one), &actions(other));
-        let found = differs("process", (&one.process, &other.process))
-            .filter(|_| expressions.0 != expressions.1)
-            .or_else(|| said("host", hosts, String::clone))
+        let are_same = is_same((one, &one.expression), (other, &other.expression));
+        let found = said("host", hosts, String::clone)
             .or_else(|| differs("instances", (&members(one), &members(other))))
-            .or_else(|| differs("event actions", expressions))
+            .or_else(|| differs("event actions", (&true, &are_same)))
             .or_else(|| differs("connections", (&sets(recorded, one), &sets(spec, other))))
             .or_else(|| said("supervision", (&one.supervision, &other.supervision), supervision));
         found.map(|found| found.of(&one.path))
@@ -90,44 +88,30 @@ fn members(group: &Group) -> BTreeMap<&str, (bool, bool)> {
     group.members.iter().map(|one| (one.name.as_str(), member(one))).collect()
 }
 
-/// The event actions with the names of members and sets for their numbers.
-fn actions(group: &Group) -> Vec<String> {
-    let mut words = Vec::new();
-    written(group, &group.expression, &mut words);
-    words
-}
-
-fn written(group: &Group, expression: &Expression, words: &mut Vec<String>) {
-    if let Expression::Run { member, sets } = expression {
-        let name = group.members.get(*member as usize).map_or("", |member| member.name.as_str());
-        let label = |set: &u32| group.sets.get(*set as usize).map(|set| (set.label.clone(), owner(group, set.owner)));
-        words.push(format!("{name} {:?}", sets.iter().map(label).collect::<Vec<_>>()));
-        return;
-    }
-    let operands = expression.operands();
-    let own = match expression {
-        Expression::Wait(time) => format!("wait {time:?}"),
-        Expression::Fail(why) => format!("fail {why}"),
-        Expression::AnyOf { count, .. } => format!("any {count}"),
-        Expression::Match(arms) => format!("match {:?}", arms.iter().map(|arm| &arm.tag).collect::<Vec<_>>()),
-        Expression::Shield { bound, .. } => format!("shield {bound:?}"),
-        Expression::Using { resources, .. } => format!("using {resources:?}"),
-        Expression::Tagged { tag, .. } => format!("as {tag}"),
-        Expression::Run { .. } => String::new(),
-        Expression::Skip => "skip".to_owned(),
-        Expression::Never => "never".to_owned(),
-        Expression::Concurrent(_) => ",".to_owned(),
-        Expression::FailFast(_) => "&".to_owned(),
-        Expression::Disable(_) => "#".to_owned(),
-        Expression::Sequence(..) => ";".to_owned(),
-        Expression::Conditional(..) => ":".to_owned(),
-        Expression::Recurrent(..) => ";;".to_owned(),
-        Expression::Otherwise(..) => "else".to_owned(),
-        Expression::Asynchronous { .. } => "::".to_owned(),
-        Expression::Finally(..) => "finally".to_owned(),
+/// Whether the event actions of two groups are the same, with the names of members and sets for their numbers.
+fn is_same((one, p): (&Group, &Expression), (other, q): (&Group, &Expression)) -> bool {
+    let name = |group: &Group, member: u32| group.members.get(member as usize).map(|member| member.name.clone());
+    let label =
+        |group: &Group, set: u32| group.sets.get(set as usize).map(|set| (set.label.clone(), owner(group, set.owner)));
+    let labels = |group: &Group, sets: &[u32]| sets.iter().map(|set| label(group, *set)).collect::<Vec<_>>();
+    let is_alike = match (p, q) {
+        (Expression::Run { member, sets }, Expression::Run { member: theirs, sets: others }) => {
+            name(one, *member) == name(other, *theirs) && labels(one, sets) == labels(other, others)
+        }
+        (Expression::Wait(time), Expression::Wait(theirs)) => time == theirs,
+        (Expression::Fail(why), Expression::Fail(theirs)) => why == theirs,
+        (Expression::AnyOf { count, .. }, Expression::AnyOf { count: theirs, .. }) => count == theirs,
+        (Expression::Match(arms), Expression::Match(theirs)) => {
+            arms.iter().map(|arm| &arm.tag).eq(theirs.iter().map(|arm| &arm.tag))
+        }
+        (Expression::Shield { bound, .. }, Expression::Shield { bound: theirs, .. }) => bound == theirs,
+        (Expression::Using { resources, .. }, Expression::Using { resources: theirs, .. }) => resources == theirs,
+        (Expression::Tagged { tag, .. }, Expression::Tagged { tag: theirs, .. }) => tag == theirs,
+        (_, _) => std::mem::discriminant(p) == std::mem::discriminant(q),
     };
-    words.push(format!("{own} of {}", operands.len()));
-    operands.into_iter().for_each(|operand| written(group, operand, words));
+    let (operands, others) = (p.operands(), q.operands());
+    let mut pairs = operands.iter().zip(&others);
+    is_alike && operands.len() == others.len() && pairs.all(|(p, q)| is_same((one, p), (other, q)))
 }
 
 fn owner(group: &Group, owner: Option<u32>) -> Option<String> {

@@ -97,31 +97,27 @@ impl World<'_> {
             ExecContext { deployment: &self.deployment, home: "c1", plan: self.plan, since_go: Duration::ZERO };
         self.has_ended |= act(&mut self.executer, context, &mut out).is_some();
         for (_, message) in messages {
-            match message.body {
-                Body::Coordinator(ToCoordinator::Stepped { steps, .. }) => self.steps.extend(steps),
-                Body::Participant(message) => self.obey(message),
-                _ => {}
+            if let Body::Coordinator(ToCoordinator::Stepped { steps, .. }) = message.body {
+                self.steps.extend(steps);
+            } else if let Body::Participant(message) = message.body {
+                self.obey(message);
             }
         }
     }
 
     fn obey(&mut self, message: ToParticipant) {
-        match message {
-            ToParticipant::Activate { target: Target::Leaf(leaf), activation, .. } => {
-                self.programs.push((leaf, activation, false));
-            }
-            ToParticipant::Stop { target: Target::Leaf(leaf), activation } => {
-                let is_it = |program: &&mut (u32, u32, bool)| (program.0, program.1) == (leaf, activation);
-                self.programs.iter_mut().filter(is_it).for_each(|program| program.2 = true);
-            }
-            ToParticipant::Switch { generation, .. } => self.let_it(|executer, at, out| {
+        if let ToParticipant::Activate { target: Target::Leaf(leaf), activation, .. } = message {
+            self.programs.push((leaf, activation, false));
+        } else if let ToParticipant::Stop { target: Target::Leaf(leaf), activation } = message {
+            let is_it = |program: &&mut (u32, u32, bool)| (program.0, program.1) == (leaf, activation);
+            self.programs.iter_mut().filter(is_it).for_each(|program| program.2 = true);
+        } else if let ToParticipant::Switch { generation, .. } = message {
+            self.let_it(|executer, at, out| {
                 executer.switched(generation, at, out);
                 None
-            }),
-            ToParticipant::Ended { target: Target::Leaf(leaf), activation, ending } => {
-                self.ends(leaf, activation, ending)
-            }
-            _ => {}
+            });
+        } else if let ToParticipant::Ended { target: Target::Leaf(leaf), activation, ending } = message {
+            self.ends(leaf, activation, ending);
         }
     }
 
@@ -266,10 +262,7 @@ const FAULTS: [(&str, Fault); 20] = [
     }),
     ("it takes an event twice", |step| {
         if matches!(step.event, Event::Elapsed { .. } | Event::Start(_)) {
-            let again = match step.event {
-                Event::Start(_) => Event::Stop,
-                event => event.clone(),
-            };
+            let again = if matches!(step.event, Event::Start(_)) { Event::Stop } else { step.event.clone() };
             *step.outcome = language_step(step, again).or(step.outcome.take());
         }
     }),
