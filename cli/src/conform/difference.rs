@@ -118,8 +118,11 @@ fn owner(group: &Group, owner: Option<u32>) -> Option<String> {
     group.members.get(owner? as usize).map(|member| member.name.clone())
 }
 
-/// The connection sets of a group: the owner, the label, whether it is always open, and what is in it.
-fn sets(plan: &Plan, group: &Group) -> BTreeSet<(Option<String>, Option<String>, bool, Vec<String>)> {
+/// A connection set: the owner, the label, whether it is always open, and what is in it.
+type Set = (Option<String>, Option<String>, bool, Vec<String>);
+
+/// The connection sets of a group.
+fn sets(plan: &Plan, group: &Group) -> BTreeSet<Set> {
     let set = |(number, set): (u32, &language::plan::ConnectionSet)| {
         let wires = set.wires.iter().filter_map(|wire| plan.wires.get(*wire as usize));
         let mut wires: Vec<String> = wires.map(|wire| ends(plan, wire)).collect();
