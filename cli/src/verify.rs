@@ -212,9 +212,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         crate::test::write(folder, &loaded, &report.findings)?;
     }
     if fails && arguments.fix && !arguments.write {
-        arguments.limits.with(|limits| repair::show(&arguments.file, &loaded, limits));
+        arguments.limits.with(|limits| repair::show(&arguments.file, &loaded, &report, limits));
     }
-    if fails && arguments.write && arguments.limits.with(|limits| repair::write(&arguments.file, &loaded, limits))? {
+    let write = |limits: &Limits<'_>| repair::write(&arguments.file, &loaded, &report, limits);
+    if fails && arguments.write && arguments.limits.with(write)? {
         return run(&Arguments { fix: false, write: false, svg: None, test: None, ..arguments.clone() });
     }
     if fails {

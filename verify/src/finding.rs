@@ -28,6 +28,8 @@ pub struct Finding {
     pub story: Option<Story>,
     /// What the proof rests on, beside what all of them do.
     pub assumes: Option<Assumption>,
+    /// Where the sentence stands that it answers; none if it is a question of the catalogue.
+    pub place: Option<Span>,
 }
 
 /// What a proof rests on: without it something else may happen.
@@ -41,16 +43,30 @@ pub struct Assumption {
 
 impl Finding {
     pub(crate) fn proved(sentence: impl Into<String>) -> Self {
-        Self { verdict: Verdict::Proved, sentence: sentence.into(), diagnostic: None, story: None, assumes: None }
+        Self {
+            verdict: Verdict::Proved,
+            sentence: sentence.into(),
+            diagnostic: None,
+            story: None,
+            assumes: None,
+            place: None,
+        }
     }
 
     pub(crate) fn open(sentence: impl Into<String>) -> Self {
-        Self { verdict: Verdict::Open, sentence: sentence.into(), diagnostic: None, story: None, assumes: None }
+        Self {
+            verdict: Verdict::Open,
+            sentence: sentence.into(),
+            diagnostic: None,
+            story: None,
+            assumes: None,
+            place: None,
+        }
     }
 
     pub(crate) fn fails(diagnostic: Diagnostic, story: Option<Story>) -> Self {
         let sentence = diagnostic.message.clone();
-        Self { verdict: Verdict::Fails, sentence, diagnostic: Some(diagnostic), story, assumes: None }
+        Self { verdict: Verdict::Fails, sentence, diagnostic: Some(diagnostic), story, assumes: None, place: None }
     }
 }
 

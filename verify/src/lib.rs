@@ -37,14 +37,13 @@ pub use finding::{Assumption, Finding, Verdict};
 pub use flat::{Detail, Ending, Flat, flat};
 pub use machine::{jani, mcrl2};
 pub use model::Model;
-pub use repair::{Repair, applied, repairs};
+pub use repair::{Repair, Verified, applied, repairs};
 pub use report::told;
 pub use script::{PlayResult, Played, Script, ScriptError};
 pub use story::{Became, Move, Step, Story, seconds};
 pub use system::FaultKind;
 pub use threads::{Alone, Threads};
 
-use language::Span;
 use language::plan::Plan;
 use language::sites::{Sentence, Sites};
 use std::collections::BTreeMap;
@@ -73,7 +72,7 @@ pub fn verify(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Report {
     let times = times(&model);
     findings.extend(wires::check(&model, limits));
     findings.extend(limits::check(&times, limits));
-    findings.extend(property::check(&times, limits).into_iter().map(|(_, finding)| finding));
+    findings.extend(property::check(&times, limits));
     let is_limited = findings.iter().any(|finding| finding.verdict == Verdict::Open);
     let mut assumptions = vec![
         "a program that is asked to stop does so, or is killed".to_owned(),
@@ -87,8 +86,8 @@ pub fn verify(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Report {
     Report { findings, states: catalogue.states, transitions: catalogue.transitions, is_limited, assumptions }
 }
 
-/// Answers the sentences of `verify` blocks alone, each with its place.
-pub fn sentences(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Vec<(Span, Finding)> {
+/// Answers the sentences of `verify` blocks alone.
+pub fn sentences(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Vec<Finding> {
     let mut model = Model::new(plan, sites);
     // How a group inside can end comes of looking at it.
     catalogue::explore_parts(&mut model, limits);

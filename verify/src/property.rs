@@ -12,16 +12,19 @@ use crate::model::Model;
 use crate::story::{seconds, story, tell};
 use crate::system::{FaultKind, Frame, Injection, Label, Mode, Phase, System, crashes, is_restarted};
 use crate::times::Times;
+use language::Code;
 use language::plan::MemberKind;
 use language::sites::{Consequence, Fault, Occurrence, ProcessRef, Property, Sentence};
-use language::{Code, Span};
 use std::time::Duration;
 use watch::{Goal, Watch};
 
-/// Answers every sentence, each with its place.
-pub(crate) fn check(times: &Times<'_, '_>, limits: &Limits<'_>) -> Vec<(Span, Finding)> {
+/// Answers every sentence.
+pub(crate) fn check(times: &Times<'_, '_>, limits: &Limits<'_>) -> Vec<Finding> {
     let properties = times.model.sites.properties.iter();
-    let answer = |property: &Property| Some((property.span, Question { times, limits, property }.answer()?));
+    let answer = |property: &Property| {
+        let found = Question { times, limits, property }.answer()?;
+        Some(Finding { place: Some(property.span), ..found })
+    };
     properties.filter_map(answer).collect()
 }
 

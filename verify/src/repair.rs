@@ -9,9 +9,10 @@ mod text;
 use crate::explore::Limits;
 use crate::finding::{Finding, Verdict};
 use crate::{Report, verify};
-use language::plan::Plan;
+use language::plan::{Member, Plan};
 use language::sites::Sites;
 use language::{Code, Fix, Options, Source, Span, apply_fix, compile_with_sites};
+use std::collections::BTreeMap;
 
 /// So many mistakes of a spec are looked at.
 const FINDINGS_MAX: usize = 20;
@@ -32,19 +33,40 @@ pub struct Repair {
     pub fix: Fix,
 }
 
+/// A spec, and what was found out about it.
+#[derive(Clone, Copy, Debug)]
+pub struct Verified<'v> {
+    /// Its text.
+    pub spec: &'v Source,
+    /// The plan of this text.
+    pub plan: &'v Plan,
+    /// Where everything stands.
+    pub sites: &'v Sites,
+    /// What `verify` says of this plan.
+    pub report: &'v Report,
+}
+
 /// Returns the repairs of what does not hold of a spec: those after which it was verified to hold, and nothing else fails that
 /// did not fail before.
-pub fn repairs(spec: &Source, interfaces: &[Source], options: &Options, limits: &Limits<'_>) -> Vec<Repair> {
-    let Some((plan, sites, report)) = verified(spec, interfaces, options, limits) else { return Vec::new() };
-    let fails = report.findings.iter().filter(|finding| finding.verdict == Verdict::Fails);
+pub fn repairs(before: &Verified<'_>, interfaces: &[Source], options: &Options, limits: &Limits<'_>) -> Vec<Repair> {
+    let fails = before.report.findings.iter().filter(|finding| finding.verdict == Verdict::Fails);
     let mut repairs = Vec::new();
     for finding in fails.take(FINDINGS_MAX) {
         let Some(diagnostic) = &finding.diagnostic else { continue };
-        let candidates = candidates::of(spec, (&plan, &sites), diagnostic).into_iter().take(TRIED_MAX);
+        let candidates =
+            candidates::of(before.spec, (before.plan, before.sites), diagnostic).into_iter().take(TRIED_MAX);
         let holds = |fix: &Fix| {
-            limits.goes_on.goes_on()
-                && verified(&applied(spec, fix), interfaces, options, limits)
-                    .is_some_and(|(_, _, after)| is_repaired((&report, &after), finding))
+            if !limits.goes_on.goes_on() {
+                return false;
+            }
+            let spec = applied(before.spec, fix);
+            let (compiled, sites) = compile_with_sites(&spec, interfaces, options);
+            let Some((plan, sites)) = compiled.plan.zip(sites) else { return false };
+            // What is not asked any more is not proved.
+            if questions(before.plan, before.sites) != questions(&plan, &sites) {
+                return false;
+            }
+            is_repaired((before.report, &verify(&plan, &sites, limits)), finding)
         };
         repairs.extend(candidates.filter(holds).take(OFFERED_MAX).map(|fix| Repair {
             sentence: finding.sentence.clone(),
@@ -56,19 +78,28 @@ pub fn repairs(spec: &Source, interfaces: &[Source], options: &Options, limits: 
     repairs
 }
 
-fn verified(
-    spec: &Source,
-    interfaces: &[Source],
-    options: &Options,
-    limits: &Limits<'_>,
-) -> Option<(Plan, Sites, Report)> {
-    let (compiled, sites) = compile_with_sites(spec, interfaces, options);
-    let (plan, sites) = compiled.plan.zip(sites)?;
-    let report = verify(&plan, &sites, limits);
-    Some((plan, sites, report))
+/// All that a proof of a spec is about: its sentences, each with its group; its processes; and its wires.
+fn questions(plan: &Plan, sites: &Sites) -> BTreeMap<String, usize> {
+    let group = |index: u32| plan.groups.get(index as usize).map_or("", |group| &group.path);
+    let path = |leaf: u32| plan.leaves.get(leaf as usize).map_or("", |leaf| &leaf.path);
+    let sentences = sites.properties.iter().map(|property| format!("{}: {}", group(property.group), property.text));
+    let members = plan.groups.iter().flat_map(|group| {
+        let name = |member: &Member| format!("{}/{}", group.path, member.name);
+        group.members.iter().map(name)
+    });
+    let wires = plan.wires.iter().map(|wire| {
+        let (from, to) = (&wire.from, &wire.to);
+        format!("{}, {} -> {}, {}", path(from.leaf), from.port, path(to.leaf), to.port)
+    });
+    let mut questions = BTreeMap::new();
+    for question in sentences.chain(members).chain(wires) {
+        *questions.entry(question).or_default() += 1;
+    }
+    questions
 }
 
-/// Whether a mistake is gone from the second of two reports, nothing new is in it, and all of it is decided that was.
+/// Whether a mistake is gone from the second of two reports about the same questions, nothing new is in it, and all of it is decided
+/// that was.
 fn is_repaired((before, after): (&Report, &Report), finding: &Finding) -> bool {
     let code = |finding: &Finding| finding.diagnostic.as_ref().map(|diagnostic| diagnostic.code);
     let is_same = |one: &Finding, other: &Finding| code(one) == code(other) && one.sentence == other.sentence;
@@ -83,4 +114,50 @@ fn is_repaired((before, after): (&Report, &Report), finding: &Finding) -> bool {
 /// The spec with a fix applied.
 pub fn applied(spec: &Source, fix: &Fix) -> Source {
     Source::new(spec.name.clone(), apply_fix(&spec.text, fix))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Alone, Always};
+
+    const LIMITS: Limits<'static> = Limits { states: 10_000, memory: 16 << 20, threads: &Alone, goes_on: &Always };
+
+    fn of(spec: &Source) -> (Plan, Sites) {
+        let (compiled, sites) = compile_with_sites(spec, &[], &Options::named("spec"));
+        compiled.plan.zip(sites).expect("a plan")
+    }
+
+    fn questions_of(text: &str) -> BTreeMap<String, usize> {
+        let (plan, sites) = of(&Source::new("spec.dca", text));
+        questions(&plan, &sites)
+    }
+
+    const SPEC: &str = "module Step(host: Host) { done; }
+        process main(){
+            host{c1}
+            instantiated_processes{ a instof Step(c1); b instof Step(c1); }
+            internal_event_actions{ a, b }
+            verify{ b only after a.done; can finish; can finish; }
+        }";
+
+    #[test]
+    fn a_sentence_that_has_gone_is_not_repaired() {
+        let known = questions_of(SPEC);
+        assert_eq!(known, questions_of(&SPEC.replace("a, b }", "a ; b }")), "the same is asked of other event actions");
+        assert_ne!(known, questions_of(&SPEC.replace("b only after a.done; ", "")));
+        assert_ne!(known, questions_of(&SPEC.replace("b only after", "a only after")));
+        assert_ne!(known, questions_of(&SPEC.replacen("can finish; ", "", 1)), "it was asked twice");
+        let without = SPEC.replace(" b instof Step(c1);", "").replace("a, b", "a").replace("b only after a.done; ", "");
+        assert_ne!(known, questions_of(&without), "nothing is proved of a process that is not there");
+    }
+
+    #[test]
+    fn repairs_are_of_the_report_that_they_are_given() {
+        let spec = Source::new("spec.dca", SPEC.replace("b only after a.done", "eventually b"));
+        let (plan, sites) = of(&spec);
+        let report = Report { findings: Vec::new(), ..verify(&plan, &sites, &LIMITS) };
+        let before = Verified { spec: &spec, plan: &plan, sites: &sites, report: &report };
+        assert_eq!(repairs(&before, &[], &Options::named("spec"), &LIMITS), Vec::new());
+    }
 }

@@ -1,8 +1,8 @@
 //! What is offered to repair the known mistakes. Each was verified before it is offered; the list shows which, and what is changed.
 
-use language::{Options, Source};
+use language::{Options, Source, compile_with_sites};
 use std::path::Path;
-use verify::{Alone, Always, Limits, applied, repairs};
+use verify::{Alone, Always, Limits, Verified, applied, repairs};
 
 const LIMITS: Limits<'static> = Limits { states: 100_000, memory: 64 << 20, threads: &Alone, goes_on: &Always };
 
@@ -16,7 +16,11 @@ fn the_usual_mistakes_have_repairs() {
     for file in files {
         let name = file.file_stem().expect("a name").to_string_lossy().into_owned();
         let spec = Source::new(name.clone(), std::fs::read_to_string(&file).expect("a text"));
-        for repair in repairs(&spec, &[], &Options::named("spec"), &LIMITS) {
+        let (compiled, sites) = compile_with_sites(&spec, &[], &Options::named("spec"));
+        let (plan, sites) = compiled.plan.zip(sites).expect("a plan");
+        let report = verify::verify(&plan, &sites, &LIMITS);
+        let before = Verified { spec: &spec, plan: &plan, sites: &sites, report: &report };
+        for repair in repairs(&before, &[], &Options::named("spec"), &LIMITS) {
             all += &format!("{name}: {}: {}\n", repair.sentence, repair.fix.title);
             let new = applied(&spec, &repair.fix);
             let (old, new): (Vec<&str>, Vec<&str>) = (spec.text.lines().collect(), new.text.lines().collect());

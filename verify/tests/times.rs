@@ -25,7 +25,7 @@ fn holds(expression: &str, limit: &str) -> bool {
     let (compiled, sites) = compile_with_sites(&source, &[], &Options::named("test"));
     let (plan, sites) = compiled.plan.zip(sites).unwrap_or_else(|| panic!("{:?}", compiled.diagnostics));
     let found = verify::sentences(&plan, &sites, &LIMITS);
-    found.iter().all(|(_, finding)| finding.verdict == Verdict::Proved)
+    found.iter().all(|finding| finding.verdict == Verdict::Proved)
 }
 
 #[test]

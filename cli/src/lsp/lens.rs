@@ -29,20 +29,20 @@ const NAMED_MAX: usize = 3;
 /// A line for each block.
 type Titles = Vec<(Span, String)>;
 
-/// A thread has found out what holds.
+/// A thread has found out something about a text.
 #[derive(Debug)]
 pub(super) struct ProofReply {
     uri: String,
     number: u64,
-    known: Known,
+    found: Found,
 }
 
-/// What is known of a text.
-#[derive(Debug, Default)]
-struct Known {
-    titles: Titles,
-    /// Edits that were verified to repair something.
-    repairs: Vec<Repair>,
+#[derive(Debug)]
+enum Found {
+    /// What holds.
+    Titles(Titles),
+    /// Edits that were verified to repair what does not. They take longer, so they come later.
+    Repairs(Vec<Repair>),
 }
 
 /// What is known of the blocks of one document.
@@ -52,7 +52,8 @@ struct Proof {
     number: u64,
     is_called_off: Arc<AtomicBool>,
     /// Nothing while it is being found out.
-    known: Option<Known>,
+    titles: Option<Titles>,
+    repairs: Vec<Repair>,
 }
 
 /// The proofs of all documents that an editor has asked for.
@@ -69,11 +70,11 @@ impl Proofs {
     }
 
     /// What is known of a text by now; what is not is being found out afterwards.
-    fn of(&mut self, uri: &str, analysis: &Rc<Analysis>) -> Option<&Known> {
+    fn of(&mut self, uri: &str, analysis: &Rc<Analysis>) -> Option<&Proof> {
         if !self.documents.get(uri).is_some_and(|known| Rc::ptr_eq(&known.of, analysis)) {
             self.begin(uri, analysis);
         }
-        self.documents.get(uri)?.known.as_ref()
+        self.documents.get(uri)
     }
 
     /// The repairs of a text that are known by now.
@@ -89,20 +90,28 @@ impl Proofs {
         let (events, reply_to, off) = (self.events.clone(), uri.to_owned(), Arc::clone(&is_called_off));
         let (spec, others, blocks) = (analysis.spec().clone(), analysis.others().to_vec(), analysis.blocks_to_prove());
         let prove = move || {
-            let known = known(&spec, &others, &blocks, off);
-            // Nobody listens any more when the editor is gone.
-            events.send(Event::Proof(ProofReply { uri: reply_to, number, known })).unwrap_or_default();
+            find_out(&spec, &others, &blocks, off, |found| {
+                let reply = ProofReply { uri: reply_to.clone(), number, found };
+                // Nobody listens any more when the editor is gone.
+                events.send(Event::Proof(reply)).unwrap_or_default();
+            });
         };
         // Nobody joins it: it ends within its limits.
         let is_begun = std::thread::Builder::new().name("prove".to_owned()).spawn(prove).is_ok();
-        let known = (!is_begun).then(Known::default);
-        self.documents.insert(uri.to_owned(), Proof { of: Rc::clone(analysis), number, is_called_off, known });
+        let titles = (!is_begun).then(Titles::new);
+        let proof = Proof { of: Rc::clone(analysis), number, is_called_off, titles, repairs: Vec::new() };
+        self.documents.insert(uri.to_owned(), proof);
     }
 
     /// Takes in what a thread has found out; returns whether somebody still wants to know it.
     pub(super) fn take(&mut self, arrived: ProofReply) -> bool {
         let known = self.documents.get_mut(&arrived.uri).filter(|known| known.number == arrived.number);
-        known.map(|known| known.known = Some(arrived.known)).is_some()
+        let Some(known) = known else { return false };
+        match arrived.found {
+            Found::Titles(titles) => known.titles = Some(titles),
+            Found::Repairs(repairs) => known.repairs = repairs,
+        }
+        true
     }
 
     /// Calls off what is being found out about a document.
@@ -130,7 +139,7 @@ impl Server {
             return Ok(None);
         }
         let under_way = || blocks.iter().map(|block| (*block, "being proved …".to_owned())).collect();
-        let titles = self.proofs.of(uri, &analysis).map(|known| known.titles.clone()).unwrap_or_else(under_way);
+        let titles = self.proofs.of(uri, &analysis).and_then(|known| known.titles.clone()).unwrap_or_else(under_way);
         let (document, analysis) = self.document(uri)?;
         let lens = |(block, title): (Span, String)| {
             let first = Span { end: block.start, ..block };
@@ -155,24 +164,36 @@ impl GoesOn for Until {
     }
 }
 
-fn known(spec: &Source, others: &[Source], blocks: &[Span], is_called_off: Arc<AtomicBool>) -> Known {
+/// Verifies a text, and then what would repair it.
+fn find_out(
+    spec: &Source,
+    others: &[Source],
+    blocks: &[Span],
+    is_called_off: Arc<AtomicBool>,
+    mut tell: impl FnMut(Found),
+) {
     let options = Options::named("spec");
     let (compiled, sites) = compile_with_sites(spec, others, &options);
-    let Some((plan, sites)) = compiled.plan.zip(sites) else { return Known::default() };
+    let Some((plan, sites)) = compiled.plan.zip(sites) else { return tell(Found::Titles(Titles::new())) };
     let until = Until { end: clock::now() + TIME, is_called_off };
     let limits = Limits { states: STATES, memory: MEMORY, threads: &Alone, goes_on: &until };
-    let found = verify::sentences(&plan, &sites, &limits);
+    let report = verify::verify(&plan, &sites, &limits);
     let title = |block: &Span| {
-        let of_block: Vec<&(Span, Finding)> = found.iter().filter(|(span, _)| block.contains(*span)).collect();
-        (*block, title(spec, &of_block))
+        let is_of_block = |finding: &&Finding| finding.place.is_some_and(|place| block.contains(place));
+        (*block, title(spec, &report.findings.iter().filter(is_of_block).collect::<Vec<_>>()))
     };
-    Known { titles: blocks.iter().map(title).collect(), repairs: verify::repairs(spec, others, &options, &limits) }
+    tell(Found::Titles(blocks.iter().map(title).collect()));
+    let before = verify::Verified { spec, plan: &plan, sites: &sites, report: &report };
+    let repairs = verify::repairs(&before, others, &options, &limits);
+    if !repairs.is_empty() {
+        tell(Found::Repairs(repairs));
+    }
 }
 
 /// `12 sentences hold`, `2 of 12 do not hold: never a with b; can finish`. A sentence about several groups holds of all of them.
-fn title(spec: &Source, found: &[&(Span, Finding)]) -> String {
+fn title(spec: &Source, found: &[&Finding]) -> String {
     let of = |verdict: Verdict| -> BTreeSet<Span> {
-        found.iter().filter(|(_, finding)| finding.verdict == verdict).map(|(span, _)| *span).collect()
+        found.iter().filter(|finding| finding.verdict == verdict).filter_map(|finding| finding.place).collect()
     };
     let (proved, fails, open) = (of(Verdict::Proved), of(Verdict::Fails), of(Verdict::Open));
     let all = proved.union(&fails).chain(&open).collect::<BTreeSet<_>>().len();

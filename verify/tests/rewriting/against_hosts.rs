@@ -93,7 +93,7 @@ pub(crate) fn compare(seed: u64) -> Compared {
     let limits = Limits { states: 200_000, memory: 64 << 20, threads: &Alone, goes_on: &Always };
     let found = verify::sentences(&plan, &sites, &limits);
     let (mut hold, mut fail, mut differences) = (0, 0, Vec::new());
-    for (((form, a, b), words), (_, finding)) in asked.iter().zip(&words).zip(&found) {
+    for (((form, a, b), words), finding) in asked.iter().zip(&words).zip(&found) {
         let holds = holds(*form, seats(*a), seats(*b), &graph);
         match (holds, finding.verdict) {
             (true, Verdict::Proved) => hold += 1,
