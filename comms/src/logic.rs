@@ -14,6 +14,7 @@ pub mod port;
 pub mod proof;
 pub mod random;
 pub mod signals;
+pub mod switch;
 pub mod tap;
 pub mod time;
 pub mod tunnel;

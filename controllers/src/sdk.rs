@@ -104,7 +104,7 @@ pub use controller::{About, Configured, Controller, Outcome, Progress, Schedule,
 pub use export::{Activity, CallInterface, ExportInterface, Exports, RawReply, Reply};
 pub use interface::{Binding, Device, Direction, Interface, PortInterface};
 pub use module::{Delivery, DeliveryError, Module};
-pub use port::{AnyIn, AnyOut, In, InputPort, InputSet, Message, Out, OutputPort, OutputSet};
+pub use port::{AnyIn, AnyOut, Every, In, InputPort, InputSet, Message, Out, OutputPort, OutputSet};
 pub use quantity::Quantity;
 pub use random::Random;
 pub use registry::{CreateError, Registry};

@@ -122,6 +122,12 @@ pub struct ConnectionSet {
     pub wires: Vec<u32>,
 }
 
+/// Returns the labelled connection sets of which a member is the owner: number and label.
+pub fn owned_sets(group: &Group, slot: u32) -> Vec<(u32, &str)> {
+    let owned = (0..).zip(&group.sets).filter(|(_, set)| set.owner == Some(slot));
+    owned.filter_map(|(number, set)| Some((number, set.label.as_deref()?))).collect()
+}
+
 /// A controller module or a plain program.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Leaf {

@@ -42,6 +42,8 @@ mod scale;
 mod starting;
 #[path = "agents/supervision.rs"]
 mod supervision;
+#[path = "agents/switching.rs"]
+mod switching;
 #[path = "agents/unended.rs"]
 mod unended;
 #[path = "agents/world.rs"]

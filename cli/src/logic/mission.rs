@@ -257,6 +257,8 @@ impl Mission {
             Change::Restarting { cause, count } => (restarting_text(cause, *count), cause.output()),
             Change::Held { .. } | Change::HeldBy { .. } => (change.held_text().unwrap_or_default(), &[][..]),
             Change::EndedLate => (ENDED_LATE.to_owned(), &[][..]),
+            Change::Switched(how) if how.is_smooth() => return,
+            Change::Switched(how) => (how.text(), &[][..]),
             Change::Configured { parameter, value } => (configured_text(parameter, value.as_deref()), &[][..]),
             Change::Reverting { cause } => (reverting_text(cause), cause.output()),
             Change::Replacing => ("is replaced".to_owned(), &[][..]),

@@ -45,6 +45,7 @@ pub(crate) fn change_text(change: &Change) -> String {
         Change::Resumed => "activated again".to_owned(),
         Change::Held { .. } | Change::HeldBy { .. } => change.held_text().unwrap_or_default(),
         Change::EndedLate => ENDED_LATE.to_owned(),
+        Change::Switched(how) => how.text(),
         Change::Configured { parameter, value } => configured_text(parameter, value.as_deref()),
         Change::Replacing => "is replaced".to_owned(),
         Change::Reverting { cause } => reverting_text(cause),

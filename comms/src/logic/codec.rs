@@ -59,6 +59,8 @@ pub enum Kind {
     Exports = 15,
     /// [`TypeForm`](crate::logic::object::TypeForm): what the consumer of a wire takes.
     TypeForm = 16,
+    /// [`Boundary`](crate::logic::switch::Boundary): a word between the values of a wire.
+    Boundary = 17,
     /// [`Proof`](crate::logic::proof::Proof): who has said a message in a team.
     Proof = 19,
     /// [`QueueRequest`](crate::logic::messaging::wire::QueueRequest): a message for a queue.
@@ -264,6 +266,7 @@ mod tests {
     use super::*;
     use crate::logic::control::{CallRoute, Device, Dial, Incoming, Location, Outgoing, Shape, VERSION};
     use crate::logic::signals::{Peak, Signal};
+    use crate::logic::switch::{Boundary, Expect, Flip, Opening};
     use crate::logic::tap::OutputType;
     use crate::logic::time::Time;
     use proptest::prelude::*;
@@ -285,23 +288,28 @@ mod tests {
         let devices = vec![Device { device: "arm".into(), owner: dial() }];
         check(
             &Order::Connect { robot: "r".into(), incoming: vec![incoming], outgoing: vec![outgoing], devices },
-            "444305000100000172010102496e016b02613101016c0001ac02034f7574016a01010361726d02613101016c",
+            "444306000100000172010102496e016b02613101016c0001ac02034f7574016a01010361726d02613101016c",
         );
-        check(&Order::Open { wires: vec![1, 2], generation: 3 }, "4443050001000102010203");
-        check(&Order::Close { wires: vec![], generation: 1 }, "444305000100020001");
-        check(&Order::Activate { activation: 9, value: vec![1] }, "44430500010003090101");
-        check(&Order::Stop { activation: 9 }, "4443050001000409");
-        check(&Order::Exit, "44430500010005");
+        check(&Order::Open { wires: vec![1, 2], generation: 3 }, "4443060001000102010203");
+        check(&Order::Close { wires: vec![], generation: 1 }, "444306000100020001");
+        check(&Order::Activate { activation: 9, value: vec![1] }, "44430600010003090101");
+        check(&Order::Stop { activation: 9 }, "4443060001000409");
+        check(&Order::Exit, "44430600010005");
         let parameters = vec![("a".to_owned(), "1".to_owned())];
-        check(&Order::Configure { parameters }, "444305000100060101610131");
+        check(&Order::Configure { parameters }, "444306000100060101610131");
         let shape = Shape { wire: 1, latch: true, queue: Some(5), period_min: Some(Duration::from_millis(100)) };
-        check(&Order::Shape { wires: vec![shape] }, "444305000100070101010105010080c2d72f");
-        check(&Order::Rejoin, "44430500010008");
-        check(&Order::Relink { lost: "b".into(), found: dial() }, "44430500010009016202613101016c");
-        check(&Order::Resumed { notices: 300 }, "4443050001000aac02");
+        check(&Order::Shape { wires: vec![shape] }, "444306000100070101010105010080c2d72f");
+        check(&Order::Rejoin, "44430600010008");
+        check(&Order::Relink { lost: "b".into(), found: dial() }, "44430600010009016202613101016c");
+        check(&Order::Resumed { notices: 300 }, "4443060001000aac02");
         let (call, path, name) = ("Grip".into(), "m".into(), "G".into());
         let calls = vec![CallRoute { wire: 300, call, server: dial(), path, name }];
-        check(&Order::Calls { calls }, "4443050001000b01ac02044772697002613101016c016d0147");
+        check(&Order::Calls { calls }, "4443060001000b01ac02044772697002613101016c016d0147");
+        let open = vec![Opening { wire: 4, after: vec![3] }];
+        let flip = Flip { generation: 300, close: vec![3], open };
+        check(&Order::Flip { ticket: 2, flip: flip.clone() }, "4443060001000c02ac02010301040103");
+        let expect = Expect { generation: 300, close: vec![3], open: vec![4] };
+        check(&Order::Expect { ticket: 2, expect, then: Some(flip) }, "4443060001000d02ac020103010401ac02010301040103");
     }
 
     #[test]
@@ -315,19 +323,28 @@ mod tests {
             needs: vec!["ft".into()],
             signals: true,
         };
-        check(&hello, "4443050002000005016d01016101017500000102667401");
-        check(&Notice::Connected, "44430500020001");
-        check(&Notice::ConnectFailed { reason: "x".into() }, "444305000200020178");
-        check(&Notice::Switched { generation: 7 }, "4443050002000307");
-        check(&Notice::Running { activation: 1 }, "4443050002000401");
-        check(&Notice::Done { activation: 1, value: vec![] }, "444305000200050100");
-        check(&Notice::Aborted { activation: 1, reason: "x".into() }, "44430500020006010178");
-        check(&Notice::Stopped { activation: 1 }, "4443050002000701");
+        check(&hello, "4443060002000006016d01016101017500000102667401");
+        check(&Notice::Connected, "44430600020001");
+        check(&Notice::ConnectFailed { reason: "x".into() }, "444306000200020178");
+        check(&Notice::Switched { generation: 7 }, "4443060002000307");
+        check(&Notice::Running { activation: 1 }, "4443060002000401");
+        check(&Notice::Done { activation: 1, value: vec![] }, "444306000200050100");
+        check(&Notice::Aborted { activation: 1, reason: "x".into() }, "44430600020006010178");
+        check(&Notice::Stopped { activation: 1 }, "4443060002000701");
         let resume = Notice::Resume { version: VERSION, instance: "m".into(), orders: 300 };
-        check(&resume, "4443050002000805016dac02");
+        check(&resume, "4443060002000806016dac02");
+        check(&Notice::Expecting { ticket: 2 }, "4443060002000902");
+        let taken = Notice::Taken { ticket: 2, lost: 300, late: 1, missing: vec![4] };
+        check(&taken, "4443060002000a02ac02010104");
         assert!(hello.is_counted() && !resume.is_counted());
         assert!(Order::Exit.is_counted() && !Order::Resumed { notices: 0 }.is_counted());
         assert!(!Order::Configure { parameters: vec![] }.is_counted());
+    }
+
+    #[test]
+    fn golden_boundaries() {
+        check(&Boundary::Opened { generation: 300, after: vec![3] }, "44430100110000ac020103");
+        check(&Boundary::Closed { generation: 1, sent: 300 }, "4443010011000101ac02");
     }
 
     #[test]

@@ -12,12 +12,13 @@
 //! both count orders and notices from the program's start, over all its channels: all but those that only concern a channel
 //! ([`Order::is_counted`], [`Notice::is_counted`]).
 
+use crate::logic::switch::{Expect, Flip};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
 /// Version of this protocol: one more with every order, notice or field that is appended. Node and program must be of the
 /// same one. Of any other they understand no more than [`Notice::Hello`] and [`Notice::Resume`] say at their beginning, so that each can be told.
-pub const VERSION: u16 = 5;
+pub const VERSION: u16 = 6;
 
 /// Where a program's data session can be dialled.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -177,6 +178,22 @@ pub enum Order {
         /// The routes, all closed unless they were open before.
         calls: Vec<CallRoute>,
     },
+    /// Flip these outgoing wires between two values, then answer [`Notice::Switched`].
+    Flip {
+        /// Echoed in the answer.
+        ticket: u64,
+        /// The wires.
+        flip: Flip,
+    },
+    /// Expect a switch of inputs: answer [`Notice::Expecting`] at once, and [`Notice::Taken`] when it has come.
+    Expect {
+        /// Echoed in the answers.
+        ticket: u64,
+        /// The inputs.
+        expect: Expect,
+        /// Outgoing wires to flip once all that came before the switch has had its calculation.
+        then: Option<Flip>,
+    },
 }
 
 impl Order {
@@ -249,6 +266,22 @@ pub enum Notice {
         instance: String,
         /// How many counted orders the program has taken since its start.
         orders: u64,
+    },
+    /// A switch is expected.
+    Expecting {
+        /// As ordered.
+        ticket: u64,
+    },
+    /// A switch that was expected has come, or is not waited for any longer.
+    Taken {
+        /// As ordered.
+        ticket: u64,
+        /// How many values of closed wires were sent and have not arrived, or found no room while they were held back.
+        lost: u64,
+        /// How many values came after they had been given up, and were dropped.
+        late: u64,
+        /// Wires that nothing was heard of in time.
+        missing: Vec<u32>,
     },
 }
 

@@ -6,6 +6,7 @@ use super::port_interface::PortInterface;
 use comms::logic::time::Time;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use std::collections::VecDeque;
 use std::fmt::Debug;
 use std::time::Duration;
 
@@ -97,6 +98,35 @@ impl<T: Message> In<T> {
     }
 }
 
+/// How many values an [`Every`] keeps at most; the oldest gives way.
+const EVERY_MAX: usize = 8192;
+
+/// An input that keeps every value that has arrived since the last calculation, in order: for what counts, and not only as it is
+/// now. How many wait before that is said in the spec, `queue 1000`.
+#[derive(Debug)]
+pub struct Every<T> {
+    values: VecDeque<T>,
+    lost: u64,
+}
+
+impl<T> Default for Every<T> {
+    fn default() -> Self {
+        Self { values: VecDeque::new(), lost: 0 }
+    }
+}
+
+impl<T: Message> Every<T> {
+    /// Returns the values that have arrived since the last calculation, the oldest first.
+    pub fn iter(&self) -> impl Iterator<Item = &T> {
+        self.values.iter()
+    }
+
+    /// Returns how many values found no room in this activation.
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+}
+
 /// An output: holds the value of one calculation until it is sent.
 #[derive(Debug)]
 pub struct Out<T> {
@@ -121,7 +151,7 @@ impl<T> Out<T> {
     }
 }
 
-/// An input whatever its type. Implemented by [`In`]; used by [`super::Module`].
+/// An input whatever its type. Implemented by [`In`] and [`Every`]; used by [`super::Module`].
 pub trait AnyIn {
     /// Takes an encoded value.
     ///
@@ -151,6 +181,26 @@ impl<T: Message> AnyIn for In<T> {
     }
 }
 
+impl<T: Message> AnyIn for Every<T> {
+    fn deliver(&mut self, bytes: &[u8], _: Time) -> Result<(), postcard::Error> {
+        let value = postcard::from_bytes(bytes)?;
+        if self.values.len() >= EVERY_MAX {
+            self.values.pop_front();
+            self.lost += 1;
+        }
+        self.values.push_back(value);
+        Ok(())
+    }
+
+    fn mark_seen(&mut self) {
+        self.values.clear();
+    }
+
+    fn clear(&mut self) {
+        *self = Self::default();
+    }
+}
+
 /// An output whatever its type. Implemented by [`Out`]; used by [`super::Module`].
 pub trait AnyOut {
     /// Takes the encoded value that waits, if any.
@@ -164,11 +214,11 @@ impl<T: Message> AnyOut for Out<T> {
     }
 }
 
-/// A field of a struct of inputs: [`In`] alone.
+/// A field of a struct of inputs: [`In`] or [`Every`].
 #[diagnostic::on_unimplemented(
     message = "`{Self}` is no input port",
     label = "expected `In<T>`, where `T` is a message",
-    note = "a field of a struct with `#[derive(Inputs)]` is an `In<T>`"
+    note = "a field of a struct with `#[derive(Inputs)]` is an `In<T>` or an `Every<T>`"
 )]
 pub trait InputPort: AnyIn + Default {
     /// The message type.
@@ -176,6 +226,10 @@ pub trait InputPort: AnyIn + Default {
 }
 
 impl<T: Message> InputPort for In<T> {
+    type Message = T;
+}
+
+impl<T: Message> InputPort for Every<T> {
     type Message = T;
 }
 
@@ -260,6 +314,19 @@ mod tests {
         fn stamp(&self) -> Option<Time> {
             Some(self.stamp)
         }
+    }
+
+    #[test]
+    fn every_value_is_kept_until_a_calculation_has_seen_it() {
+        let mut input = Every::<Sample>::default();
+        for nanos in 1..=3 {
+            input
+                .deliver(&postcard::to_stdvec(&Sample { stamp: Time::from_nanos(nanos) }).unwrap(), Time::ZERO)
+                .unwrap();
+        }
+        assert!(input.iter().map(|sample| sample.stamp).eq((1..=3).map(Time::from_nanos)));
+        input.mark_seen();
+        assert_eq!((input.iter().count(), input.lost()), (0, 0));
     }
 
     #[test]

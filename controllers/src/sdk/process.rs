@@ -13,7 +13,6 @@
 
 mod agreement;
 mod cycle;
-mod flow;
 mod heartbeat;
 mod inbox;
 mod links;
@@ -21,6 +20,7 @@ mod node_line;
 mod objects;
 mod peaks;
 mod taps;
+mod wire;
 
 use super::arguments::Arguments;
 use super::interface::Interface;
@@ -232,6 +232,14 @@ impl Program {
             Order::Close { wires, generation } => {
                 links.switch(&wires, false);
                 self.notices.send(&Notice::Switched { generation })?;
+            }
+            Order::Flip { ticket, flip } => {
+                links.flip(&flip);
+                self.notices.send(&Notice::Switched { generation: ticket })?;
+            }
+            Order::Expect { ticket, expect, then } => {
+                inbox.expect(ticket, expect, then);
+                self.notices.send(&Notice::Expecting { ticket })?;
             }
             Order::Activate { activation, value } => {
                 hand_over(inbox, Command::Activate { activation, value })?;

@@ -100,7 +100,9 @@ async fn hear(
         | Notice::Running { .. }
         | Notice::Done { .. }
         | Notice::Aborted { .. }
-        | Notice::Stopped { .. } => anyhow::bail!("a program did not say who it is"),
+        | Notice::Stopped { .. }
+        | Notice::Expecting { .. }
+        | Notice::Taken { .. } => anyhow::bail!("a program did not say who it is"),
     };
     // Who cannot tell the driver need not hear any more: it is gone.
     if events.send(event).await.is_err() {

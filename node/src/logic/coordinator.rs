@@ -11,19 +11,20 @@
 //! of the deployment is left on any host that can be reached.
 
 mod change;
+mod processes;
 mod rejoin;
 mod start;
+mod switching;
 
 use crate::logic::effect::{Effect, Out, earliest};
 use crate::logic::history::History;
 use crate::logic::protocol::{
-    Answer, Change, Deployment, Ending, Failure, FailureCause, Report, Signed, StopReply, Target, ToCoordinator,
-    ToParticipant, Why,
+    Answer, Deployment, Ending, Failure, FailureCause, Report, Signed, StopReply, Target, ToCoordinator, ToParticipant,
+    Why,
 };
 use crate::logic::wiring::Registrations;
 use change::Changing;
 use comms::logic::time::Time;
-use language::algebra::StepRecord;
 use language::plan::Plan;
 use rejoin::Rejoins;
 use serde::{Deserialize, Serialize};
@@ -91,6 +92,8 @@ pub struct Coordinator {
     /// Numbers the changes.
     changes: u32,
     rejoins: Rejoins,
+    /// Calls that wait for a switch of connection sets, and until when.
+    switches: BTreeMap<u64, Time>,
     history: History,
 }
 
@@ -135,6 +138,7 @@ impl Coordinator {
             change: None,
             changes: 0,
             rejoins: Rejoins::default(),
+            switches: BTreeMap::new(),
         };
         let (deployment, hosts) = (coordinator.deployment.clone(), coordinator.hosts.clone());
         out.effects.push(Effect::PersistEpoch { deployment, hosts });
@@ -204,6 +208,7 @@ impl Coordinator {
             }
             ToCoordinator::Happened { target, change } => self.happened(target, change, out),
             ToCoordinator::Change(reply) => self.change_reply(reply, from, out),
+            ToCoordinator::SetsSwitched { call, switched } => self.sets_switched(call, switched, out),
             ToCoordinator::Stepped { group, number, steps } => self.stepped(group, (number, steps), out),
         }
     }
@@ -332,6 +337,7 @@ impl Coordinator {
     /// Does what is due.
     pub fn tick(&mut self, out: &mut Out<'_>) {
         self.tick_change(out);
+        self.tick_calls_to_switch(out);
         self.tick_rejoins(out);
         if self.deadline.is_none_or(|at| at > out.now) {
             return;
@@ -356,26 +362,9 @@ impl Coordinator {
     /// Returns when [`Coordinator::tick`] wants to be called.
     pub fn deadline(&self) -> Option<Time> {
         let change = self.change.as_ref().map(Changing::deadline);
-        [change, self.rejoin_deadline()].into_iter().fold(self.deadline, earliest)
-    }
-
-    fn happened(&mut self, target: Target, change: Change, out: &mut Out<'_>) {
-        let process = match target {
-            Target::Leaf(leaf) => self.plan.leaves.get(leaf as usize).map(|leaf| (leaf.path.clone(), leaf.host)),
-            Target::Group(group) => self.plan.groups.get(group as usize).map(|group| (group.path.clone(), group.host)),
-        };
-        if let Some((path, host)) = process {
-            let at = self.go_at.map_or(Duration::ZERO, |go| out.now - go);
-            self.report_of(host, Report::Process { path, change, at }, out);
-        }
-    }
-
-    fn stepped(&mut self, group: u32, (number, steps): (u64, Vec<StepRecord>), out: &mut Out<'_>) {
-        if let Some(group) = self.plan.groups.get(group as usize) {
-            let at = self.go_at.map_or(Duration::ZERO, |go| out.now - go);
-            let (path, host) = (group.path.clone(), group.host);
-            self.report_of(host, Report::Stepped { path, number, steps, at }, out);
-        }
+        [change, self.rejoin_deadline(), self.switches.values().min().copied()]
+            .into_iter()
+            .fold(self.deadline, earliest)
     }
 
     fn end(&mut self, ending: Option<Ending>, out: &mut Out<'_>) {
@@ -386,6 +375,7 @@ impl Coordinator {
         self.ending = ending;
         self.rejoins = Rejoins::default();
         self.abandon_change(out);
+        self.abandon_switches(out);
         let slowest = self.plan.leaves.iter().map(|leaf| leaf.stop_within).max().unwrap_or_default();
         self.deadline = Some(out.now + slowest + RELEASE_WITHIN);
         // A node that left has said so before, and does not hear this any more.

@@ -12,6 +12,7 @@ mod places;
 #[cfg(test)]
 mod planted;
 mod supervision;
+mod switching;
 mod wires;
 
 use crate::logic::effect::{Out, earliest};
@@ -28,6 +29,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 use supervision::Supervised;
 pub use supervision::wants_restarts;
+use switching::Switch;
 use wires::{Unconfirmed, consumers};
 
 /// How long producers have to confirm that wires are open; then the consumer runs anyway and its own freshness checks
@@ -91,6 +93,10 @@ pub struct Executer {
     failures: BTreeMap<u32, Failure>,
     fences: Fences,
     supervised: Supervised,
+    /// Switches that are not over, by generation.
+    switches: BTreeMap<u64, Switch>,
+    /// The open sets of members that a person has switched, by slot.
+    switched_to: BTreeMap<u32, Vec<u32>>,
     /// Steps that are not recorded yet, and how many came before them.
     steps: (u64, Vec<StepRecord>),
     /// What its tests make it do wrong.
@@ -134,6 +140,8 @@ impl Executer {
             failures: BTreeMap::new(),
             fences: Fences::new(declared, is_below),
             supervised: Supervised::default(),
+            switches: BTreeMap::new(),
+            switched_to: BTreeMap::new(),
             steps: (0, Vec::new()),
             #[cfg(test)]
             planted: None,
@@ -236,6 +244,7 @@ impl Executer {
     /// Does what is due. Returns how the group ended, if it did.
     pub fn tick(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
         self.activate_ready(context, out);
+        self.tick_switches(context, out);
         let due: Vec<_> = self.timers.iter().copied().take_while(|(due, ..)| *due <= out.now).collect();
         for (due, timer, number) in due {
             // An earlier one of them may have cancelled it.
@@ -252,7 +261,7 @@ impl Executer {
 
     /// Returns when [`Executer::tick`] wants to be called.
     pub fn deadline(&self) -> Option<Time> {
-        let timer = self.timers.first().map(|(due, ..)| *due);
+        let timer = earliest(self.timers.first().map(|(due, ..)| *due), self.switch_deadline());
         let open = self.waiting.iter().filter(|(slot, _)| self.fences.against(**slot).is_none());
         open.map(|(_, waiting)| Some(waiting.ready_at())).fold(timer, earliest)
     }
@@ -277,6 +286,7 @@ impl Executer {
         if outcome.is_some() || self.steps.1.len() >= STEPS_MAX {
             self.record(context, out);
         }
+        self.connect(&commands, context, out);
         for command in commands {
             self.carry_out(command, context, out);
         }
@@ -286,6 +296,7 @@ impl Executer {
     /// Says how the group has ended.
     fn conclude(&mut self, outcome: Outcome, context: ExecContext<'_>, out: &mut Out<'_>) -> Ending {
         self.running = false;
+        self.end_switches(context, out);
         self.pass_on_fences(context, out);
         let ending = match outcome {
             Outcome::Done(value) => Ending::Done(value.bytes().to_vec()),
@@ -333,8 +344,8 @@ impl Executer {
     fn carry_out(&mut self, command: Command, context: ExecContext<'_>, out: &mut Out<'_>) {
         let Some(group) = context.plan.groups.get(self.group as usize) else { return };
         match command {
-            Command::Connect { set } => self.switch(set, true, context, out),
-            Command::Disconnect { set } => self.switch(set, false, context, out),
+            // They were one switch, before all else.
+            Command::Connect { .. } | Command::Disconnect { .. } => {}
             Command::Activate { member, activation: Activation(activation), value } => {
                 let Some((target, _)) = member_target(context.plan, group, member) else { return };
                 self.active.insert(member, activation);

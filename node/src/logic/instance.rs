@@ -11,18 +11,20 @@
 //! is started again, its supervisor hears nothing.
 
 mod activation;
+mod note;
 mod program;
 mod replace;
 mod restarts;
 pub mod watchdog;
 
 use crate::logic::effect::{Effect, SpawnOrder, earliest};
-use crate::logic::protocol::{Change, Ending, FailureCause, LeafFacts};
+use crate::logic::protocol::{Change, FailureCause};
 use crate::logic::timed::Timed;
 use activation::Current;
 use comms::logic::control::Order;
 use comms::logic::time::Time;
 use language::plan::{LeafKind, LinkLoss};
+pub use note::Note;
 use replace::Probation;
 pub use replace::Start;
 use restarts::Restarts;
@@ -88,39 +90,6 @@ enum Stage {
         /// Whether its activation was to stop.
         is_stopping: bool,
     },
-}
-
-/// A report of an instance to its deployment.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Note {
-    /// The program is up and has told where it is.
-    Prepared(LeafFacts),
-    /// The program cannot take part, and why.
-    Refused(String),
-    /// Its links stand.
-    Connected,
-    /// The program has switched the wires of this generation.
-    Switched(u64),
-    /// An activation ended.
-    Ended(u32, Ending),
-    /// The program of an activation has ended, which nobody could confirm when that was stopped.
-    EndedLate(u32),
-    /// For those who watch.
-    Changed(Change),
-    /// The program was started again and is somewhere else now.
-    Moved(LeafFacts),
-    /// The program was started again and its links stand; its wires are closed.
-    Rejoined,
-    /// Links that were added while it runs stand, or why not.
-    Linked(Result<(), String>),
-    /// The replacement of a program is up.
-    Replaced,
-    /// The replacement of a program has stayed healthy through its probation.
-    Healthy,
-    /// The replacement of a program has failed, and why.
-    Unhealthy(String),
-    /// Nothing of the program is left.
-    Gone,
 }
 
 /// One program.

@@ -11,6 +11,7 @@ mod links;
 mod loss;
 mod report;
 mod status;
+mod switching;
 mod unended;
 
 use crate::logic::claims::Claims;
@@ -22,6 +23,7 @@ use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, 
 use crate::logic::timed::TimedMap;
 use crate::logic::wiring::Registrations;
 use change::Changing;
+use coming::supervisors;
 use comms::logic::control::Notice;
 use comms::logic::time::Time;
 use language::plan::{Leaf, Plan};
@@ -32,6 +34,7 @@ use shim::protocol::ShimReport;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
+use switching::Expecting;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 enum Phase {
@@ -65,6 +68,8 @@ pub struct Participant {
     /// Open wires whose producers are here.
     open: BTreeSet<u32>,
     switching: BTreeMap<u64, Switching>,
+    /// Switches that programs of this host are to expect, by the number of the order.
+    expecting: BTreeMap<u64, Expecting>,
     ticket: u64,
     loss: Loss,
     /// The wires that are linked: those of the connection sets, and during a change also those of before.
@@ -112,6 +117,7 @@ impl Participant {
             registrations: Registrations::default(),
             open: BTreeSet::new(),
             switching: BTreeMap::new(),
+            expecting: BTreeMap::new(),
             ticket: 0,
             loss: Loss::default(),
         };
@@ -158,6 +164,11 @@ impl Participant {
                     executer.switched(generation, at, out);
                     None
                 });
+            }
+            ToParticipant::Flip { group, generation, flip } => self.flip(flip, (group, generation, from), out),
+            ToParticipant::Expect { group, leaf, expect } => self.expect((group, leaf, from), expect, out),
+            ToParticipant::Expecting { .. } | ToParticipant::Taken { .. } | ToParticipant::SwitchSets { .. } => {
+                self.follow_switch(message, out);
             }
             ToParticipant::Loose { target, hosts } => {
                 let Some(&(group, slot)) = self.supervisors.get(&target) else { return };
@@ -364,6 +375,8 @@ impl Participant {
                 self.report_connected(out);
             }
             Note::Switched(ticket) => self.confirm_switch(leaf, ticket, out),
+            Note::Expecting(ticket) => self.confirm_expecting(ticket, out),
+            Note::Taken { ticket, lost, late, missing } => self.confirm_taken(ticket, (lost, late, missing), out),
             Note::Ended(activation, ending) => {
                 self.happened(target, Change::Ended(ending.clone()), out);
                 self.tell_supervisor(target, activation, ending, out);
@@ -431,15 +444,4 @@ impl Participant {
 
 fn spawn_order(process: ProcessId, command: Vec<String>, leaf: &Leaf) -> SpawnOrder {
     SpawnOrder { process, path: leaf.path.clone(), command, kind: leaf.kind, policy: leaf.policy.clone() }
-}
-
-/// For each process, the group and slot that supervise it.
-fn supervisors(plan: &Plan) -> BTreeMap<Target, (u32, u32)> {
-    let mut supervisors = BTreeMap::new();
-    for (group, members) in (0_u32..).zip(plan.groups.iter().map(|group| &group.members)) {
-        for (slot, member) in (0_u32..).zip(members) {
-            supervisors.insert(member.kind.into(), (group, slot));
-        }
-    }
-    supervisors
 }

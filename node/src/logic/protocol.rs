@@ -6,6 +6,7 @@
 mod absent;
 mod change;
 mod clock;
+mod deploying;
 mod event;
 mod facts;
 mod failure;
@@ -24,17 +25,17 @@ pub use change::{ChangeOrder, ChangeReply, ChangeRequest, Revision};
 pub use clock::{ClockKeeping, ClockReading};
 use comms::logic::codec::{Enveloped, Kind};
 use comms::logic::control::Dial;
+pub use deploying::{ToCoordinator, ToParticipant};
 pub use event::Event;
 pub use facts::LeafFacts;
 pub use failure::{Failure, FailureCause, ProgramEnd, signal_name};
-use language::algebra::StepRecord;
 use language::plan::{MemberKind, Plan};
 pub use message::{Body, Message};
 pub use names::{DeviceName, Names, PortName};
 pub use parameters::{InstanceParameters, ParameterStatus};
 pub use presence::{Duplicate, Namesake, Ping, Pong, Refusal};
 pub use relay::{Relay, Relayed};
-pub use report::{Change, Report};
+pub use report::{Change, Report, SetsSwitched};
 use serde::{Deserialize, Serialize};
 pub use signed::{Order, Ordered, Signed, TeamOfNode};
 pub use status::{Containment, DeploymentStatus, LeafStatus, Network, NodeStatus, ProcessStatus, leaves};
@@ -42,7 +43,7 @@ use std::fmt;
 use std::time::Duration;
 
 /// Version of these messages.
-pub const VERSION: u16 = 8;
+pub const VERSION: u16 = 9;
 
 /// How long a node that has more to say may be silent: it says several times in that time that it is still there.
 pub const SILENCE_MAX: Duration = Duration::from_secs(8);
@@ -81,167 +82,6 @@ impl From<MemberKind> for Target {
             MemberKind::Group(group) => Self::Group(group),
         }
     }
-}
-
-/// From a host that takes part in a deployment to its home.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum ToCoordinator {
-    /// Every program is started and has told where it is.
-    Prepared {
-        /// One entry for each leaf of the host.
-        facts: Vec<LeafFacts>,
-        /// Names the machine and its network: programs with the same one reach each other's Unix sockets.
-        machine: String,
-    },
-    /// Not possible, with every reason at once.
-    Refused {
-        /// Sentences for a person.
-        reasons: Vec<String>,
-    },
-    /// Every link of the host's programs stands, all closed.
-    Connected,
-    /// Nothing of it is left here.
-    Released,
-    /// `main` has ended.
-    MainEnded {
-        /// How it ended.
-        ending: Ending,
-    },
-    /// For the people who watch.
-    Happened {
-        /// The process.
-        target: Target,
-        /// The change.
-        change: Change,
-    },
-    /// Everything was done to end it here, and something may be left.
-    Unconfirmed,
-    /// To a step of a change while it runs.
-    Change(ChangeReply),
-    /// For the record: what a supervisor has done about some events.
-    Stepped {
-        /// Its group.
-        group: u32,
-        /// The number of the first step, from 0 on.
-        number: u64,
-        /// The events, and what it did.
-        steps: Vec<StepRecord>,
-    },
-}
-
-/// From the home of a deployment, or a supervisor of it, to a host that takes part.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum ToParticipant {
-    /// Start every program of yours, idle.
-    Prepare {
-        /// The whole plan of the deployment.
-        plan: Plan,
-    },
-    /// Make the links.
-    Connect {
-        /// Facts of every leaf of the deployment.
-        facts: Vec<LeafFacts>,
-        /// The machine of each host of the plan, in the plan's order.
-        machines: Vec<String>,
-    },
-    /// The whole tree is confirmed; from now on activations may come.
-    Go,
-    /// End every program and forget the deployment.
-    Release,
-    /// Run a process.
-    Activate {
-        /// The process.
-        target: Target,
-        /// Echoed in the ending.
-        activation: u32,
-        /// For its `Init`.
-        value: Vec<u8>,
-    },
-    /// Stop a process.
-    Stop {
-        /// The process.
-        target: Target,
-        /// The number of the activation.
-        activation: u32,
-    },
-    /// A process that you supervise has ended: exactly one for each activation.
-    Ended {
-        /// The process.
-        target: Target,
-        /// The number of the activation.
-        activation: u32,
-        /// How it ended.
-        ending: Ending,
-    },
-    /// Open or close wires whose producers are yours.
-    Switch {
-        /// Indices into `Plan::wires`.
-        wires: Vec<u32>,
-        /// Open or close.
-        open: bool,
-        /// The group whose supervisor asks, and its number for this, echoed.
-        group: u32,
-        /// The generation of the order.
-        generation: u64,
-    },
-    /// The wires that a group of yours asked for are switched.
-    Switched {
-        /// The group whose supervisor gave the order.
-        group: u32,
-        /// The generation of the order.
-        generation: u64,
-    },
-    /// A program of the sender was started again: programs of yours dial it.
-    Moved {
-        /// The facts of the new program.
-        facts: LeafFacts,
-    },
-    /// A group that you supervise has ended, or ends with the next message, and lost hosts may still do something for it:
-    /// what was taken for it is not free. The latest counts.
-    Loose {
-        /// The group.
-        target: Target,
-        /// The hosts; none when all is known.
-        hosts: Vec<String>,
-    },
-    /// Nothing of the deployment is left on a host that was lost, or has left.
-    Cleared {
-        /// The host.
-        host: String,
-    },
-    /// A step of a change while it runs.
-    Change(ChangeOrder),
-    /// The program of a process that you supervise has died, and is started again.
-    Restarted {
-        /// Which process.
-        target: Target,
-        /// Of what it has died.
-        cause: FailureCause,
-    },
-    /// Start these programs of yours anew, with one that has died.
-    Renew {
-        /// Indices into `Plan::leaves`.
-        leaves: Vec<u32>,
-        /// Absolute path of the one that has died.
-        with: String,
-    },
-    /// Start every program of yours again, idle: you were lost, or have left, and nothing of the deployment is left at yours.
-    Rejoin {
-        /// The whole plan of the deployment as it is now.
-        plan: Plan,
-        /// Which time this is for the deployment, from 1. Your supervisors number what they order from it on, so that nothing
-        /// is taken for an answer that was on its way when you were lost.
-        number: u32,
-        /// Since GO at the home.
-        since_go: Duration,
-    },
-    /// A host has its programs up again: open the wires again that they produce.
-    Reopen {
-        /// The host.
-        host: String,
-    },
-    /// An order that starts something, by the request of a user: what nodes in a team take.
-    Ordered(Box<Ordered>),
 }
 
 impl Deployment {
@@ -368,6 +208,20 @@ pub enum Request {
     Signed(Box<Signed>),
     /// Answered by [`Answer::Duplicates`].
     Duplicates,
+    /// Switches a process that runs to other connection sets of its own, on the home of the deployment. Answered by
+    /// [`Answer::Switched`].
+    Switch(SwitchRequest),
+}
+
+/// A request to switch connection sets.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SwitchRequest {
+    /// The deployment.
+    pub name: String,
+    /// An absolute path of a process, or the end of one.
+    pub process: String,
+    /// Labels of sets that it owns: all that are to be open.
+    pub labels: Vec<String>,
 }
 
 /// An element of the answer to a [`Request`].
@@ -419,6 +273,8 @@ pub enum Answer {
     Team(Option<TeamOfNode>),
     /// To `Duplicates`: names that two nodes have which the node can reach, its own among them.
     Duplicates(Vec<Duplicate>),
+    /// To `Switch`: how it went, or why nothing was switched.
+    Switched(Result<SetsSwitched, String>),
 }
 
 impl Enveloped for Request {

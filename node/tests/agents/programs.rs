@@ -93,6 +93,8 @@ impl World {
                 self.wires_open.retain(|wire| !wires.contains(wire));
                 self.notice(2, host, process, Notice::Switched { generation });
             }
+            Order::Flip { ticket, flip } => self.flip(host, process, ticket, flip),
+            Order::Expect { ticket, expect, .. } => self.expect(host, process, ticket, expect),
             Order::Activate { activation, .. } => {
                 let hangs = self.commands[process].get(2).is_some_and(|way| way == "hangs");
                 if !hangs {

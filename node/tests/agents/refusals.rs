@@ -73,7 +73,7 @@ fn a_program_of_another_version_is_refused_with_both_versions() {
     world.run_for(Duration::from_secs(20));
     let Report::Refused { reasons } = world.last_report(call) else { panic!("not refused") };
     let expected = "`main/pair/sensor` (and 1 other) cannot take part on `c1`: it speaks version 1 of the control protocol, this \
-                    node version 5; ";
+                    node version 6; ";
     assert!(reasons.len() == 2 && reasons.iter().any(|reason| reason.starts_with(expected)), "{reasons:?}");
     assert_eq!(world.alive, BTreeSet::new());
 }

@@ -1,6 +1,7 @@
 //! Several agents on virtual time, the frames between them, and programs that behave as a script says.
 
 use super::adoption::Written;
+use super::switching::{Data, Traffic};
 use comms::logic::control::Notice;
 use comms::logic::time::Time;
 use language::plan::{Plan, Policy};
@@ -35,6 +36,8 @@ pub(super) enum Coming {
     Notice(ProcessId, u32, Notice),
     /// The end of an activation, if it is still running in the same program.
     Finish(ProcessId, u32, u32),
+    /// Something of the data that goes from program to program.
+    Data(Data),
 }
 
 #[derive(Debug, Default)]
@@ -112,6 +115,8 @@ pub(super) struct World {
     pub(super) judged: Vec<(String, Deployment)>,
     /// Why what others order is refused.
     pub(super) verdict: Option<String>,
+    /// The data between programs.
+    pub(super) traffic: Traffic,
     /// The version of the control protocol that programs speak, if it is another.
     pub(super) version: Option<u16>,
 }
@@ -216,12 +221,16 @@ impl World {
     }
 
     fn happen(&mut self, host: &str, coming: Coming) {
+        if let Coming::Data(data) = coming {
+            return self.data(host, data);
+        }
         if let Some(held) = self.down.get_mut(host) {
             // What programs and shims have to say waits for the next node; everything else is lost.
             let is_kept = !matches!(coming, Coming::Input(ref input) if !matches!(input, Input::Shim { .. } | Input::Control { .. }));
             return held.extend(Some(coming).filter(|_| is_kept));
         }
         match coming {
+            Coming::Data(_) => {}
             Coming::Input(input) => self.give(host, input),
             Coming::Notice(process, life, notice) => {
                 if self.lives[&process] == life {

@@ -50,6 +50,7 @@ impl Late {
             | Change::Held { .. }
             | Change::HeldBy { .. }
             | Change::EndedLate
+            | Change::Switched(_)
             | Change::Configured { .. }
             | Change::Replacing
             | Change::Renewing { .. }

@@ -103,6 +103,7 @@ impl Phase {
             | Change::Held { .. }
             | Change::HeldBy { .. }
             | Change::EndedLate
+            | Change::Switched(_)
             | Change::Configured { .. }
             | Change::Replacing
             | Change::Renewing { .. }
@@ -167,6 +168,7 @@ impl Phases {
             | Change::Held { .. }
             | Change::HeldBy { .. }
             | Change::EndedLate
+            | Change::Switched(_)
             | Change::Configured { .. }
             | Change::Replacing
             | Change::Renewing { .. }

@@ -138,6 +138,7 @@ fn after(state: State, change: &Change, leaf: bool) -> State {
         | Change::Held { .. }
         | Change::HeldBy { .. }
         | Change::EndedLate
+        | Change::Switched(_)
         | Change::Configured { .. } => state,
     }
 }
@@ -177,6 +178,7 @@ fn mark(lane: &Lane<'_>, at: Duration, change: &Change, top: f64, axis: &TimeAxi
         | Change::Stopping
         | Change::Started { .. }
         | Change::EndedLate
+        | Change::Switched(_)
         | Change::Resumed => return String::new(),
     };
     format!(

@@ -280,6 +280,7 @@ pub(crate) fn kind(report: &Report) -> &'static str {
             Change::Resumed => "resumed",
             Change::Held { .. } | Change::HeldBy { .. } => "held",
             Change::EndedLate => "ended_late",
+            Change::Switched(_) => "switched",
             Change::Configured { .. } => "configured",
             Change::Replacing => "replacing",
             Change::Reverting { .. } => "reverting",

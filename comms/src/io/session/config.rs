@@ -54,6 +54,8 @@ impl Settings {
     pub(crate) fn data() -> Self {
         // Programs of one host notice a crash by the closed socket; the lease is for peers that are suspended.
         Self::new("peer", LEASE_MS)
+            // What can go goes at once. What cannot shares a batch with what comes next.
+            .set("transport/link/tx/queue/batching/time_limit", "0")
     }
 
     /// A command line, through the node at `locator`.

@@ -1,10 +1,11 @@
 //! The control loop: the one thread that calls the controller, on absolute deadlines or when a trigger sample arrives.
 
 use super::heartbeat::{Heartbeat, Spends};
-use super::inbox::{Arrived, Command, Inbox, ToServe};
-use super::links::{Links, fetch_all};
+use super::inbox::{Arrived, Command, Inbox, Item, TakenSwitch, ToServe};
+use super::links::Links;
 use super::node_line::NoticeLog;
 use super::peaks::Watch;
+use super::wire::fetch_all;
 use crate::sdk::arguments::Arguments;
 use crate::sdk::controller::{Progress, Schedule, Stopping};
 use crate::sdk::export::Activity;
@@ -50,6 +51,8 @@ pub(super) struct Cycle {
     phase: Phase,
     /// The samples that came over latched wires while nothing ran, one for each input.
     latched: Vec<Arrived>,
+    /// Switches of inputs that are done after the next calculation.
+    switches: Vec<TakenSwitch>,
     activation: u32,
     due: Time,
     signals_due: Time,
@@ -72,6 +75,7 @@ impl Cycle {
             signals_every: about.signals_every,
             phase: Phase::Idle,
             latched: Vec::new(),
+            switches: Vec::new(),
             activation: 0,
             due: Time::ZERO,
             signals_due: Time::ZERO,
@@ -109,12 +113,13 @@ impl Cycle {
                     self.heartbeat.enter(Spends::Waiting);
                     return self.inbox.leave();
                 }
-                self.wait(None);
+                self.wait(self.inbox.deadline());
                 continue;
             }
             let time = now();
             if time < self.due && !triggered {
-                self.wait(Some(self.due));
+                let given_up = self.inbox.deadline();
+                self.wait(Some(given_up.map_or(self.due, |at| at.min(self.due))));
                 continue;
             }
             self.arm(time, triggered);
@@ -220,12 +225,24 @@ impl Cycle {
     /// sample of each latched wire waits for its next activation.
     fn take_samples(&mut self) -> bool {
         let mut triggered = false;
-        for sample in self.inbox.take_samples() {
-            if !matches!(self.phase, Phase::Idle) {
-                triggered |= self.deliver(&sample);
-            } else if sample.is_latched {
-                self.latched.retain(|other| other.port != sample.port);
-                self.latched.push(sample);
+        for item in self.inbox.take_items() {
+            match item {
+                Item::Sample(sample) if !matches!(self.phase, Phase::Idle) => triggered |= self.deliver(&sample),
+                Item::Sample(sample) if sample.is_latched => {
+                    self.latched.retain(|other| other.port != sample.port);
+                    self.latched.push(sample);
+                }
+                Item::Sample(_) => {}
+                Item::Taken(switch) => {
+                    if triggered && matches!(self.phase, Phase::Running) {
+                        // What came before the switch has its calculation before anything that comes after it.
+                        let time = now();
+                        self.arm(time, true);
+                        self.work(time);
+                        triggered = false;
+                    }
+                    self.take_switch(switch);
+                }
             }
         }
         for ((activation, call, number), result) in self.inbox.take_answers() {
@@ -236,6 +253,27 @@ impl Cycle {
             }
         }
         triggered && matches!(self.phase, Phase::Running)
+    }
+
+    /// Does what a switch of inputs asks for: at once, or after the next calculation if outputs follow from what came before.
+    fn take_switch(&mut self, switch: TakenSwitch) {
+        let waits = switch.then.is_some() && self.schedule.trigger.is_none() && matches!(self.phase, Phase::Running);
+        if waits {
+            return self.switches.push(switch);
+        }
+        if let Some(flip) = &switch.then {
+            self.links.flip(flip);
+        }
+        self.tell(&switch.notice);
+    }
+
+    fn finish_switches(&mut self) {
+        for switch in std::mem::take(&mut self.switches) {
+            if let Some(flip) = &switch.then {
+                self.links.flip(flip);
+            }
+            self.tell(&switch.notice);
+        }
     }
 
     fn deliver(&mut self, sample: &Arrived) -> bool {
@@ -293,6 +331,7 @@ impl Cycle {
         }
         let Some(progress) = self.call(|module| module.calculate(time)) else { return };
         self.send();
+        self.finish_switches();
         self.show(time);
         match progress {
             Progress::Continue => {}
@@ -303,6 +342,7 @@ impl Cycle {
 
     fn ended(&mut self) {
         let Phase::Stopping { ending, .. } = std::mem::replace(&mut self.phase, Phase::Idle) else { return };
+        self.finish_switches();
         self.links.callers().cancel_all();
         // The last values count, and the peaks since the last sample.
         self.signals_due = Time::ZERO;

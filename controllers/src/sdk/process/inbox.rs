@@ -5,8 +5,9 @@ use crate::sdk::arguments::Arguments;
 use crate::sdk::export::RawReply;
 use comms::io::clock::{Wakeup, now};
 use comms::io::data::{DataSession, IncomingCall};
-use comms::logic::control::Shape;
+use comms::logic::control::{Notice, Shape};
 use comms::logic::object::{Admission, CallId, CallTable, Next, ObjectError};
+use comms::logic::switch::{Arrival, Expect, Flip, Intake, Passed};
 use comms::logic::time::Time;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -61,10 +62,39 @@ impl Hold {
     }
 }
 
+/// What waits for the loop, in order.
+#[derive(Debug)]
+pub(super) enum Item {
+    Sample(Arrived),
+    /// A switch of inputs has come: all samples before it came before the switch.
+    Taken(TakenSwitch),
+}
+
+/// A switch of inputs that has come, for the node and for outputs.
+#[derive(Debug)]
+pub(super) struct TakenSwitch {
+    /// What the node hears of it.
+    pub(super) notice: Notice,
+    /// Outputs to flip with it.
+    pub(super) then: Option<Flip>,
+}
+
+/// A sample before it is known whether it has to wait for others.
+#[derive(Debug)]
+struct Sample {
+    port: &'static str,
+    bytes: Vec<u8>,
+    hold: Hold,
+}
+
 #[derive(Debug, Default)]
 struct Waiting {
     commands: VecDeque<Command>,
-    samples: VecDeque<Arrived>,
+    items: VecDeque<Item>,
+    /// The order of samples that switches of wires ask for.
+    intake: Intake<Sample>,
+    /// By generation, the switches that are expected: the number of the order, and outputs to flip.
+    expected: BTreeMap<u64, (u64, Option<Flip>)>,
     /// Calls that others make.
     calls: CallTable<(IncomingCall, Weak<DataSession>)>,
     /// Those that the loop has taken, and may still answer: whether somebody waits.
@@ -108,17 +138,42 @@ impl Inbox {
         room
     }
 
+    /// Takes a sample that no switch has a say in.
     pub(super) fn sample(&self, port: &'static str, bytes: Vec<u8>, hold: Hold) {
-        let arrived = Arrived { port, bytes, at: now(), is_latched: hold.is_latched };
-        {
-            let mut waiting = self.lock();
-            let same = |other: &Arrived| other.port == port;
-            if waiting.samples.iter().filter(|other| same(other)).count() >= hold.count_max {
-                let oldest = waiting.samples.iter().position(same);
-                oldest.and_then(|oldest| waiting.samples.remove(oldest));
-            }
-            waiting.samples.push_back(arrived);
-        }
+        self.lock().push(Sample { port, bytes, hold });
+        self.wakeup.wake();
+    }
+
+    /// Takes what has come over a wire.
+    pub(super) fn arrive(&self, wire: u32, (port, hold): (&'static str, Hold), arrival: Arrival<Vec<u8>>) {
+        let arrival = match arrival {
+            Arrival::Value(bytes) => Arrival::Value(Sample { port, bytes, hold }),
+            Arrival::Boundary(boundary) => Arrival::Boundary(boundary),
+        };
+        self.pass(|intake, out| intake.arrive(now(), (wire, hold.count_max), arrival, out));
+    }
+
+    /// Expects a switch of inputs; `ticket` is the number of the order.
+    pub(super) fn expect(&self, ticket: u64, expect: Expect, then: Option<Flip>) {
+        self.lock().expected.insert(expect.generation, (ticket, then));
+        self.pass(|intake, out| intake.expect(now(), expect, out));
+    }
+
+    /// Forgets wires that are not linked any more.
+    pub(super) fn forget(&self, wires: impl IntoIterator<Item = u32>) {
+        self.pass(|intake, out| wires.into_iter().for_each(|wire| intake.forget(wire, out)));
+    }
+
+    /// Returns when something that is waited for is given up.
+    pub(super) fn deadline(&self) -> Option<Time> {
+        self.lock().intake.deadline()
+    }
+
+    fn pass(&self, act: impl FnOnce(&mut Intake<Sample>, &mut Vec<Passed<Sample>>)) {
+        let (mut waiting, mut out) = (self.lock(), Vec::new());
+        act(&mut waiting.intake, &mut out);
+        out.into_iter().for_each(|passed| waiting.passed(passed));
+        drop(waiting);
         self.wakeup.wake();
     }
 
@@ -180,8 +235,14 @@ impl Inbox {
         self.lock().commands.pop_front()
     }
 
-    pub(super) fn take_samples(&self) -> VecDeque<Arrived> {
-        std::mem::take(&mut self.lock().samples)
+    pub(super) fn take_items(&self) -> VecDeque<Item> {
+        let (mut waiting, now) = (self.lock(), now());
+        if waiting.intake.deadline().is_some_and(|due| due <= now) {
+            let mut out = Vec::new();
+            waiting.intake.tick(now, &mut out);
+            out.into_iter().for_each(|passed| waiting.passed(passed));
+        }
+        std::mem::take(&mut waiting.items)
     }
 
     /// Says that the cycle runs no more.
@@ -201,6 +262,28 @@ impl Inbox {
     }
 }
 
+impl Waiting {
+    fn push(&mut self, Sample { port, bytes, hold }: Sample) {
+        let same = |item: &Item| matches!(item, Item::Sample(other) if other.port == port);
+        if self.items.iter().filter(|item| same(item)).count() >= hold.count_max {
+            let oldest = self.items.iter().position(same);
+            oldest.and_then(|oldest| self.items.remove(oldest));
+        }
+        self.items.push_back(Item::Sample(Arrived { port, bytes, at: now(), is_latched: hold.is_latched }));
+    }
+
+    fn passed(&mut self, passed: Passed<Sample>) {
+        match passed {
+            Passed::Value(sample) => self.push(sample),
+            Passed::Taken(taken) => {
+                let Some((ticket, then)) = self.expected.remove(&taken.generation) else { return };
+                let notice = Notice::Taken { ticket, lost: taken.lost, late: taken.late, missing: taken.missing };
+                self.items.push_back(Item::Taken(TakenSwitch { notice, then }));
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -213,7 +296,8 @@ mod tests {
             inbox.sample("In", vec![number], short);
             inbox.sample("Other", vec![number], Hold::default());
         }
-        let taken = inbox.take_samples();
+        let sample = |item| if let Item::Sample(sample) = item { sample } else { panic!("it is no sample") };
+        let taken: Vec<Arrived> = inbox.take_items().into_iter().map(sample).collect();
         let of =
             |port| taken.iter().filter(|sample| sample.port == port).map(|sample| sample.bytes[0]).collect::<Vec<_>>();
         assert_eq!((of("In"), of("Other")), (vec![2, 3], vec![0, 1, 2, 3]));

@@ -1,10 +1,10 @@
 //! The data links of one program: dials the producers of its inputs, and opens and closes the wires of its outputs.
 
 use super::agreement;
-use super::flow::Flow;
 use super::inbox::{Hold, Inbox};
 use super::objects::{Callers, Serving};
 use super::taps::Taps;
+use super::wire::{Fetch, Transport, Wire, hear, port, put, subscribe, wire};
 use crate::sdk::interface::{Binding, Direction, Interface, PortInterface};
 use comms::io::clock::now;
 use comms::io::data::{DataError, DataSession, Payload, Priority, Publisher, Responder, Subscription};
@@ -12,6 +12,7 @@ use comms::logic::codec::{self, Enveloped};
 use comms::logic::control::{CallRoute, Device, Dial, Incoming, Outgoing, Shape};
 use comms::logic::human::span;
 use comms::logic::key::{self, Channel};
+use comms::logic::switch::{Boundary, Flip, Opening};
 use comms::logic::time::Time;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -31,32 +32,6 @@ pub(super) struct LinkOrders {
     pub(super) incoming: Vec<Incoming>,
     pub(super) outgoing: Vec<Outgoing>,
     pub(super) devices: Vec<Device>,
-}
-
-/// An output's way to one consumer.
-#[derive(Debug)]
-struct Wire {
-    port: &'static str,
-    flow: Flow,
-    way: Transport,
-}
-
-#[derive(Debug)]
-enum Transport {
-    Push(Publisher),
-    /// The latest value, for the consumer to fetch; kept only while the wire is open.
-    Pull {
-        latest: Arc<Mutex<Option<Vec<u8>>>>,
-        _answering: Responder,
-    },
-}
-
-/// A pull wire's other end.
-#[derive(Debug)]
-pub(super) struct Fetch {
-    pub(super) port: &'static str,
-    key: String,
-    session: Arc<DataSession>,
 }
 
 #[derive(Debug, Default)]
@@ -187,7 +162,7 @@ impl Links {
             } else {
                 let hold = Hold::of(&self.shape_of(number));
                 let declared = agreement::declare(session, &incoming.key, input).map_err(|error| error.to_string())?;
-                made.inputs.insert(number, (declared, subscribe(session, &incoming.key, (port, hold), inbox)?));
+                made.inputs.insert(number, (declared, hear(session, incoming, (port, hold), inbox)?));
             }
         }
         let calls = self.told().calls.clone();
@@ -208,22 +183,45 @@ impl Links {
         for outgoing in orders.outgoing.iter().filter(|outgoing| made.is_heard(outgoing.wire)) {
             agreement::check(session, &outgoing.key, port(interface, &outgoing.port, Direction::Out)?)?;
         }
-        self.lock().take(made, &orders, is_first);
+        inbox.forget(self.lock().take(made, &orders, is_first));
         self.are_made.store(true, Ordering::Release);
         Ok(())
     }
 
-    /// Opens or closes wires. What was sent before is not delivered late, but for the last value of a latched wire.
+    /// Opens or closes wires outside of a switch.
     pub(super) fn switch(&self, wires: &[u32], open: bool) {
-        self.callers.switch(wires, open);
+        let flip = if open {
+            let open = wires.iter().map(|wire| Opening { wire: *wire, after: Vec::new() }).collect();
+            Flip { open, ..Flip::default() }
+        } else {
+            Flip { close: wires.to_vec(), ..Flip::default() }
+        };
+        self.flip(&flip);
+    }
+
+    /// Closes and opens wires between two values. What was sent before is not delivered late, but for the last value of a latched
+    /// wire. Done once more, it only says the same once more.
+    pub(super) fn flip(&self, flip: &Flip) {
+        let Flip { generation, close, open } = flip;
+        let opened: Vec<u32> = open.iter().map(|opening| opening.wire).collect();
+        self.callers.switch(close, false);
+        self.callers.switch(&opened, true);
         let (mut made, now) = (self.lock(), now());
-        for wire in wires {
+        for wire in close {
             let Some(wire) = made.wires.get_mut(wire) else { continue };
-            let last = wire.flow.switch(open, now);
+            let sent = wire.flow.close();
+            wire.way.mark(&Boundary::Closed { generation: *generation, sent });
+            wire.way.keep(None);
+        }
+        for Opening { wire, after } in open {
+            let Some(wire) = made.wires.get_mut(wire) else { continue };
+            let (was_open, last) = (wire.flow.is_open(), wire.flow.open(now));
+            wire.way.mark(&Boundary::Opened { generation: *generation, after: after.clone() });
             match (&wire.way, last) {
-                (Transport::Pull { latest, .. }, last) => *latest.lock().unwrap_or_else(PoisonError::into_inner) = last,
                 (Transport::Push(publisher), Some(last)) => put(publisher, last.into()),
                 (Transport::Push(_), None) => {}
+                (Transport::Pull { .. }, _) if was_open => {}
+                (Transport::Pull { .. }, last) => wire.way.keep(last),
             }
         }
     }
@@ -236,8 +234,8 @@ impl Links {
         for (&number, wire) in made.wires.iter_mut().filter(|(_, wire)| wire.port == port) {
             if wire.flow.offer(&bytes, now) {
                 passing.push(number);
-                if let Transport::Pull { latest, .. } = &wire.way {
-                    *latest.lock().unwrap_or_else(PoisonError::into_inner) = Some(bytes.clone());
+                if matches!(wire.way, Transport::Pull { .. }) {
+                    wire.way.keep(Some(bytes.clone()));
                 }
             }
         }
@@ -293,23 +291,6 @@ impl DialBudget {
     }
 }
 
-/// Fetches the latest values of several producers at once, in their order; none for a wire that is closed, or for a producer
-/// that does not answer within the time that all of them have together.
-pub(super) fn fetch_all(fetches: &[Arc<Fetch>], within: Duration) -> Vec<(&'static str, Vec<u8>)> {
-    let until = now() + within;
-    let asked: Vec<_> = fetches.iter().map(|fetch| (fetch.port, fetch.session.ask(&fetch.key, within))).collect();
-    let answered = asked.into_iter().map(|(port, asked)| (port, asked.and_then(|asked| asked.answer(until))));
-    answered
-        .filter_map(|(port, answer)| match answer {
-            Ok(bytes) => Some((port, bytes?)),
-            Err(error) => {
-                tracing::debug!(port, %error, "a value cannot be fetched");
-                None
-            }
-        })
-        .collect()
-}
-
 impl Made {
     /// Returns whether a new wire has a consumer that listens.
     fn is_heard(&self, wire: u32) -> bool {
@@ -322,21 +303,22 @@ impl Made {
         self.fetches.contains_key(&wire) || self.inputs.contains_key(&wire)
     }
 
-    /// Takes on new links, and drops those that the orders do not name.
-    fn take(&mut self, new: Self, orders: &LinkOrders, is_first: bool) {
+    /// Takes on new links, and drops those that the orders do not name. Returns the inputs that it drops.
+    fn take(&mut self, new: Self, orders: &LinkOrders, is_first: bool) -> Vec<u32> {
         let (outgoing, incoming): (BTreeSet<u32>, BTreeSet<u32>) = (
             orders.outgoing.iter().map(|outgoing| outgoing.wire).collect(),
             orders.incoming.iter().map(|incoming| incoming.wire).collect(),
         );
         self.wires.retain(|wire, _| outgoing.contains(wire));
         self.fetches.retain(|wire, _| incoming.contains(wire));
-        self.inputs.retain(|wire, _| incoming.contains(wire));
+        let dropped = self.inputs.extract_if(.., |wire, _| !incoming.contains(wire)).map(|(wire, _)| wire).collect();
         self.wires.extend(new.wires);
         self.fetches.extend(new.fetches);
         self.inputs.extend(new.inputs);
         if is_first {
             self.devices = new.devices;
         }
+        dropped
     }
 }
 
@@ -383,45 +365,9 @@ impl Devices {
     }
 }
 
-fn subscribe(
-    session: &DataSession,
-    key: &str,
-    (port, hold): (&'static str, Hold),
-    inbox: &Arc<Inbox>,
-) -> Result<Subscription, String> {
-    let inbox = Arc::clone(inbox);
-    let subscription = session.on_sample(key, move |bytes| inbox.sample(port, bytes.into_owned(), hold));
-    subscription.map_err(|error| error.to_string())
-}
-
-fn wire(session: &DataSession, interface: &Interface, outgoing: &Outgoing, shape: Shape) -> Result<Wire, String> {
-    let port = port(interface, &outgoing.port, Direction::Out)?.name;
-    let failed = |error: DataError| format!("output `{port}`: {error}");
-    let way = if outgoing.pull {
-        let latest: Arc<Mutex<Option<Vec<u8>>>> = Arc::default();
-        let theirs = Arc::clone(&latest);
-        let answer = move || theirs.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        Transport::Pull { latest, _answering: session.answer(&outgoing.key, answer).map_err(failed)? }
-    } else {
-        Transport::Push(session.publisher(&outgoing.key, Priority::Wire).map_err(failed)?)
-    };
-    Ok(Wire { port, flow: Flow::new(shape), way })
-}
-
-fn port<'a>(interface: &'a Interface, name: &str, direction: Direction) -> Result<&'a PortInterface, String> {
-    let found = interface.port(name).filter(|port| port.direction == direction && port.binding == Binding::Wire);
-    let word = if direction == Direction::In { "input" } else { "output" };
-    found.ok_or_else(|| format!("`{}` has no {word} `{name}`", interface.type_name))
-}
-
-fn put(publisher: &Publisher, payload: Payload) {
-    if let Err(error) = publisher.put(payload) {
-        tracing::debug!(%error, "a sample was not sent");
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::wire::fetch_all;
     use super::*;
     use comms::io::clock::Wakeup;
     use comms::io::session::Reach;

@@ -57,6 +57,14 @@ impl Agent {
                 answer(call, revision.unwrap_or_else(|| Answer::Refused(format!("`{name}` does not run here"))), out);
             }
             Request::Change(request) => return self.change(call, *request, signed, out),
+            Request::Switch(request) => {
+                let home = self.coordinators.iter_mut().find(|(deployment, _)| deployment.name == request.name);
+                if let Some((_, home)) = home {
+                    return home.switch(call, &request, out);
+                }
+                let why = format!("`{}` does not run here", request.name);
+                answer(call, Answer::Switched(Err(why)), out);
+            }
             Request::Duplicates => answer(call, self.duplicates(), out),
             Request::Names => answer(call, Answer::Names(self.given_names()), out),
             Request::Events { follow } => {

@@ -243,7 +243,13 @@ fn answer_of_absent(message: ToParticipant, cause: FailureCause) -> Option<ToPar
             };
             Some(ToParticipant::Ended { target, activation, ending })
         }
-        ToParticipant::Switch { group, generation, .. } => Some(ToParticipant::Switched { group, generation }),
+        ToParticipant::Switch { group, generation, .. } | ToParticipant::Flip { group, generation, .. } => {
+            Some(ToParticipant::Switched { group, generation })
+        }
+        ToParticipant::Expect { group, leaf, expect } => {
+            let (generation, missing) = (expect.generation, Vec::new());
+            Some(ToParticipant::Taken { group, leaf, generation, lost: 0, late: 0, missing })
+        }
         ToParticipant::Prepare { .. }
         | ToParticipant::Connect { .. }
         | ToParticipant::Go
@@ -258,6 +264,9 @@ fn answer_of_absent(message: ToParticipant, cause: FailureCause) -> Option<ToPar
         | ToParticipant::Rejoin { .. }
         | ToParticipant::Reopen { .. }
         | ToParticipant::Ordered(_)
+        | ToParticipant::Expecting { .. }
+        | ToParticipant::Taken { .. }
+        | ToParticipant::SwitchSets { .. }
         | ToParticipant::Change(_) => None,
     }
 }

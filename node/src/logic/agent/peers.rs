@@ -115,6 +115,7 @@ impl Agent {
             | ToCoordinator::MainEnded { .. }
             | ToCoordinator::Happened { .. }
             | ToCoordinator::Stepped { .. }
+            | ToCoordinator::SetsSwitched { .. }
             | ToCoordinator::Change(_) => {}
         }
     }

@@ -78,6 +78,7 @@ impl Executer {
         context: ExecContext<'_>,
         out: &mut Out<'_>,
     ) -> Option<Ending> {
+        self.connect(&carried.ended, context, out);
         for command in carried.ended {
             self.carry_out(command, context, out);
         }
@@ -86,6 +87,7 @@ impl Executer {
             timers.into_iter().filter_map(|(due, timer, number)| Some((due, *carried.timers.get(&timer)?, number)));
         self.timers = kept.collect();
         (self.program, self.state) = (next, carried.state);
+        self.connect(&carried.begun, context, out);
         for command in carried.begun {
             self.carry_out(command, context, out);
         }

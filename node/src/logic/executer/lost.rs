@@ -18,6 +18,8 @@ impl Executer {
     pub fn rejoins(&mut self, number: u32) {
         self.state = State::numbered_from(&self.program, Activation(number << NUMBERS));
         self.generation = u64::from(number) << 32;
+        self.switches.clear();
+        self.switched_to.clear();
     }
 
     /// Opens the wires of its open sets again whose producers are on a host that has rejoined.
@@ -25,11 +27,12 @@ impl Executer {
         let producer = |wire: u32| leaf_host(context.plan, context.plan.wires.get(wire as usize)?.from.leaf);
         let open = self.open.iter().filter(|(_, count)| **count > 0).map(|(wire, _)| *wire);
         let theirs: Vec<u32> = open.filter(|wire| producer(*wire) == Some(host)).collect();
-        self.flip(&theirs, true, context, out);
+        self.order_flips((&[], &theirs, &[]), 0, context, out);
     }
 
     /// Takes the loss of a host: its members fail, and nobody waits for it any more.
     pub fn host_lost(&mut self, host: &str, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
+        self.switch_without(host, context, out);
         let theirs = self.unconfirmed.iter().filter(|(_, wires)| wires.host == host).map(|(number, _)| *number);
         self.confirm(&theirs.collect());
         let group = context.plan.groups.get(self.group as usize)?;

@@ -1,9 +1,14 @@
 //! The wires of a group: which of its connection sets are open, and which wires their producers have not confirmed yet.
+//!
+//! What one event closes and opens is one switch: each producer flips its wires between two values, and a wire that stays in use
+//! stays open.
 
 use super::{ExecContext, Executer, leaf_host};
 use crate::logic::effect::Out;
 use crate::logic::protocol::ToParticipant;
-use language::plan::{Group, Plan};
+use comms::logic::switch::{Flip, Opening};
+use language::algebra::Command;
+use language::plan::{Group, Plan, Transfer};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -16,11 +21,27 @@ pub(super) struct Unconfirmed {
     pub(super) consumers: BTreeSet<u32>,
 }
 
+/// Sets and wires that one switch closes and opens.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Difference {
+    pub(super) sets_closed: Vec<u32>,
+    pub(super) sets_opened: Vec<u32>,
+    pub(super) close: Vec<u32>,
+    pub(super) open: Vec<u32>,
+}
+
+impl Difference {
+    pub(super) fn is_empty(&self) -> bool {
+        self.close.is_empty() && self.open.is_empty()
+    }
+}
+
 impl Executer {
     /// Notes that the producers of a generation of wires are switched.
     pub fn switched(&mut self, generation: u64, context: ExecContext<'_>, out: &mut Out<'_>) {
         self.confirm(&BTreeSet::from([generation]));
         self.activate_ready(context, out);
+        self.flipped(generation, context, out);
     }
 
     /// Takes note that generations of wires need not be waited for any more.
@@ -31,63 +52,119 @@ impl Executer {
         }
     }
 
-    /// Opens or closes the wires of a set that no other open set holds.
-    pub(super) fn switch(&mut self, set: u32, open: bool, context: ExecContext<'_>, out: &mut Out<'_>) {
-        let group = context.plan.groups.get(self.group as usize);
-        let Some(wires) = group.and_then(|group| group.sets.get(set as usize)).map(|set| &set.wires) else { return };
-        let count = self.open_sets.entry(set).or_default();
-        *count = if open { *count + 1 } else { count.saturating_sub(1) };
-        let mut flipped = Vec::new();
-        for &wire in wires {
-            let count = self.open.entry(wire).or_default();
-            let flips = if open { *count == 0 } else { *count == 1 };
-            *count = if open { *count + 1 } else { count.saturating_sub(1) };
-            flipped.extend(Some(wire).filter(|_| flips));
+    /// Switches to the sets that the commands of one event leave open.
+    pub(super) fn connect(&mut self, commands: &[Command], context: ExecContext<'_>, out: &mut Out<'_>) {
+        let Some(group) = context.plan.groups.get(self.group as usize) else { return };
+        let (mut close, mut open) = (Vec::new(), Vec::new());
+        for command in commands {
+            if let Command::Disconnect { set } = command {
+                close.push(*set);
+            } else if let Command::Connect { set } = command {
+                open.push(*set);
+            }
         }
-        self.flip(&flipped, open, context, out);
+        if close.is_empty() && open.is_empty() {
+            return;
+        }
+        let owners = close.iter().filter_map(|set| group.sets.get(*set as usize)?.owner).collect::<BTreeSet<_>>();
+        owners.into_iter().for_each(|slot| self.forget_switch(slot, context, out));
+        let close = self.instead_of(close, group);
+        let difference = self.difference(close, open, context.plan);
+        self.begin_switch(difference, context, out);
+    }
+
+    /// Counts sets as closed and open. Returns what of that flips: a wire flips if no other open set holds it.
+    pub(super) fn difference(&mut self, close: Vec<u32>, open: Vec<u32>, plan: &Plan) -> Difference {
+        let before = self.open_wires();
+        let Some(group) = plan.groups.get(self.group as usize) else { return Difference::default() };
+        let wires = |set: &u32| group.sets.get(*set as usize).map_or(&[][..], |set| &set.wires);
+        for set in &close {
+            let count = self.open_sets.entry(*set).or_default();
+            *count = count.saturating_sub(1);
+            for wire in wires(set) {
+                let count = self.open.entry(*wire).or_default();
+                *count = count.saturating_sub(1);
+            }
+        }
+        for set in &open {
+            *self.open_sets.entry(*set).or_default() += 1;
+            wires(set).iter().for_each(|wire| *self.open.entry(*wire).or_default() += 1);
+        }
+        let after = self.open_wires();
+        let (sets_closed, sets_opened) = (close, open);
+        let (close, open) = (&before - &after, &after - &before);
+        Difference { sets_closed, sets_opened, close: close.into_iter().collect(), open: open.into_iter().collect() }
+    }
+
+    pub(super) fn open_wires(&self) -> BTreeSet<u32> {
+        self.open.iter().filter(|(_, count)| **count > 0).map(|(wire, _)| *wire).collect()
     }
 
     /// Uses the connection sets as the plan has them now: opens and closes the wires by which open sets have changed.
     pub fn rewire(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
         let Some(group) = context.plan.groups.get(self.group as usize) else { return };
         self.consumers = consumers(context.plan, group);
+        let before = self.open_wires();
         let mut counts: BTreeMap<u32, u32> = BTreeMap::new();
         for (set, count) in &self.open_sets {
             for wire in group.sets.get(*set as usize).map_or(&[][..], |set| &set.wires) {
                 *counts.entry(*wire).or_default() += count;
             }
         }
-        let before = std::mem::replace(&mut self.open, counts);
-        let is_open = |counts: &BTreeMap<u32, u32>, wire: &u32| counts.get(wire).is_some_and(|count| *count > 0);
-        let (opened, closed): (Vec<u32>, Vec<u32>) = (
-            self.open.keys().copied().filter(|wire| is_open(&self.open, wire) && !is_open(&before, wire)).collect(),
-            before.keys().copied().filter(|wire| is_open(&before, wire) && !is_open(&self.open, wire)).collect(),
-        );
-        self.flip(&opened, true, context, out);
-        self.flip(&closed, false, context, out);
+        self.open = counts;
+        let after = self.open_wires();
+        let (close, open) = (&before - &after, &after - &before);
+        let (close, open) = (close.into_iter().collect(), open.into_iter().collect());
+        self.begin_switch(Difference { close, open, ..Difference::default() }, context, out);
     }
 
-    /// Opens or closes wires, one message to each host of producers.
-    pub(super) fn flip(&mut self, flipped: &[u32], open: bool, context: ExecContext<'_>, out: &mut Out<'_>) {
-        let mut by_host: BTreeMap<&str, (Vec<u32>, BTreeSet<u32>)> = BTreeMap::new();
-        for &wire in flipped {
-            let Some(ends) = context.plan.wires.get(wire as usize) else { continue };
-            if let Some(host) = leaf_host(context.plan, ends.from.leaf) {
-                let (wires, consumers) = by_host.entry(host).or_default();
-                wires.push(wire);
-                consumers.extend(self.consumers.get(&ends.to.leaf));
-            }
+    /// Orders the producers to flip wires of the switch `generation`. What comes over new wires waits for the end of those that the
+    /// switch `ends`. Returns the numbers by which their hosts confirm.
+    pub(super) fn order_flips(
+        &mut self,
+        (close, open, ends): (&[u32], &[u32], &[u32]),
+        generation: u64,
+        context: ExecContext<'_>,
+        out: &mut Out<'_>,
+    ) -> BTreeSet<u64> {
+        let plan = context.plan;
+        let mut by_host: BTreeMap<&str, Flip> = BTreeMap::new();
+        let host = |wire: u32| leaf_host(plan, plan.wires.get(wire as usize)?.from.leaf);
+        for &wire in close {
+            let Some(host) = host(wire) else { continue };
+            by_host.entry(host).or_default().close.push(wire);
         }
-        for (host, (wires, consumers)) in by_host {
+        for &wire in open {
+            let Some(host) = host(wire) else { continue };
+            let after = ends.iter().copied().filter(|closed| *closed != wire && are_of_one_input(plan, *closed, wire));
+            let opening = Opening { wire, after: after.collect() };
+            by_host.entry(host).or_default().open.push(opening);
+        }
+        let mut numbers = BTreeSet::new();
+        for (host, flip) in by_host {
+            let flip = Flip { generation, ..flip };
             self.generation += 1;
-            let generation = self.generation;
-            if open {
-                self.unconfirmed.insert(generation, Unconfirmed { host: host.to_owned(), consumers });
+            let number = self.generation;
+            numbers.insert(number);
+            if !flip.open.is_empty() {
+                let ends = flip.open.iter().filter_map(|opening| plan.wires.get(opening.wire as usize));
+                let consumers = ends.filter_map(|ends| self.consumers.get(&ends.to.leaf)).copied().collect();
+                self.unconfirmed.insert(number, Unconfirmed { host: host.to_owned(), consumers });
             }
-            let order = ToParticipant::Switch { wires, open, group: self.group, generation };
+            let order = ToParticipant::Flip { group: self.group, generation: number, flip };
             out.send(host, context.deployment.to_participant(order));
         }
+        numbers
     }
+}
+
+/// Returns whether two wires push values to one program.
+pub(super) fn are_of_one_input(plan: &Plan, one: u32, other: u32) -> bool {
+    let consumer = |wire: u32| {
+        let wire = plan.wires.get(wire as usize)?;
+        (wire.transfer == Transfer::Push).then_some(wire.to.leaf)
+    };
+    consumer(one).is_some_and(|leaf| consumer(other) == Some(leaf))
 }
 
 /// Returns the member that each leaf at the end of a wire of this group is, or is below of.

@@ -13,7 +13,7 @@ const KEYS_MAX: usize = 4;
 /// Returns what the signer of a request has to be allowed; nothing for a request that changes nothing, or proves itself.
 pub fn action(request: &Request) -> Option<Action> {
     match request {
-        Request::Deploy { .. } | Request::Change(_) => Some(Action::Deploy),
+        Request::Deploy { .. } | Request::Change(_) | Request::Switch(_) => Some(Action::Deploy),
         Request::Stop { .. } | Request::Forget { .. } => Some(Action::Stop),
         Request::Database(question) | Request::Here { question, .. } => of_question(question),
         // The set of the revoked is signed itself.
@@ -75,6 +75,7 @@ pub fn subject(request: &Request) -> String {
         Request::Deploy { plan, .. } => format!("deploy `{}`", plan.name),
         Request::Change(change) => format!("change `{}@{}`", change.name, change.epoch),
         Request::Stop { name } => format!("stop `{name}`"),
+        Request::Switch(switch) => format!("switch `{}` of `{}`", switch.process, switch.name),
         Request::Forget { deployment } => format!("forget `{deployment}`"),
         Request::Database(question) | Request::Here { question, .. } => subject_of(question),
         _ => "look".to_owned(),

@@ -37,6 +37,10 @@ impl Instance {
             Notice::Connected if self.is_linked() => context.notes.push(Note::Linked(Ok(()))),
             Notice::ConnectFailed { reason } if self.is_linked() => context.notes.push(Note::Linked(Err(reason))),
             Notice::Switched { generation } => context.notes.push(Note::Switched(generation)),
+            Notice::Expecting { ticket } => context.notes.push(Note::Expecting(ticket)),
+            Notice::Taken { ticket, lost, late, missing } => {
+                context.notes.push(Note::Taken { ticket, lost, late, missing });
+            }
             Notice::Done { activation, value } => {
                 let ending = if value.len() <= VALUE_MAX {
                     Ending::Done(value)

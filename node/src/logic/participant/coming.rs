@@ -4,13 +4,14 @@
 //! of its group activate it. One that is taken away has been stopped by its supervisor when it adopted the change; it leaves
 //! once the change has held everywhere, and so it is there again at once if the change is taken back.
 
-use super::{Participant, supervisors};
+use super::Participant;
 use crate::logic::effect::Out;
 use crate::logic::executer::{Executer, below_using, group_host};
 use crate::logic::instance::{Instance, InstanceContext, Start};
-use crate::logic::protocol::LeafFacts;
+use crate::logic::protocol::{LeafFacts, Target};
 use crate::logic::wiring::{links, shapes};
 use language::plan::{LeafKind, Plan};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 impl Participant {
@@ -118,4 +119,15 @@ impl Participant {
             self.claims = self.claims_now();
         }
     }
+}
+
+/// For each process, the group and slot that supervise it.
+pub(super) fn supervisors(plan: &Plan) -> BTreeMap<Target, (u32, u32)> {
+    let mut supervisors = BTreeMap::new();
+    for (group, members) in (0_u32..).zip(plan.groups.iter().map(|group| &group.members)) {
+        for (slot, member) in (0_u32..).zip(members) {
+            supervisors.insert(member.kind.into(), (group, slot));
+        }
+    }
+    supervisors
 }

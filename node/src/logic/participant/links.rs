@@ -13,6 +13,7 @@ use crate::logic::instance::Instance;
 use crate::logic::protocol::{LeafFacts, ToParticipant};
 use crate::logic::wiring::{calls, dialers, links, relink, shapes};
 use comms::logic::control::Order;
+use comms::logic::switch::{Flip, Opening};
 use language::plan::LeafKind;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -120,28 +121,38 @@ impl Participant {
         self.with_instance(leaf, out, |instance, moment| instance.resume(open, moment));
     }
 
-    /// Flips wires whose producers are here; confirms when every producer that is alive has.
+    /// Opens or closes wires whose producers are here, outside of a switch.
     pub(super) fn switch(&mut self, wires: &[u32], open: bool, asked: Asked<'_>, out: &mut Out<'_>) {
-        let mut by_leaf: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
-        for &wire in wires {
-            if let Some(route) = self.plan.wires.get(wire as usize) {
-                by_leaf.entry(route.from.leaf).or_default().push(wire);
-                if open {
-                    self.open.insert(wire)
-                } else {
-                    self.open.remove(&wire)
-                };
-            }
+        let flip = if open {
+            let open = wires.iter().map(|wire| Opening { wire: *wire, after: Vec::new() }).collect();
+            Flip { open, ..Flip::default() }
+        } else {
+            Flip { close: wires.to_vec(), ..Flip::default() }
+        };
+        self.flip(flip, asked, out);
+    }
+
+    /// Flips wires whose producers are here; confirms when every producer that is alive has.
+    pub(super) fn flip(&mut self, flip: Flip, asked: Asked<'_>, out: &mut Out<'_>) {
+        let mut by_leaf: BTreeMap<u32, Flip> = BTreeMap::new();
+        let Flip { generation: of_switch, close, open } = flip;
+        let new = || Flip { generation: of_switch, ..Flip::default() };
+        let producer = |wire: u32| self.plan.wires.get(wire as usize).map(|wire| wire.from.leaf);
+        for wire in close {
+            let Some(leaf) = producer(wire) else { continue };
+            self.open.remove(&wire);
+            by_leaf.entry(leaf).or_insert_with(new).close.push(wire);
+        }
+        for opening in open {
+            let Some(leaf) = producer(opening.wire) else { continue };
+            self.open.insert(opening.wire);
+            by_leaf.entry(leaf).or_insert_with(new).open.push(opening);
         }
         self.ticket += 1;
         let ticket = self.ticket;
         let mut waiting = BTreeSet::new();
-        for (leaf, wires) in by_leaf {
-            let order = if open {
-                Order::Open { wires, generation: ticket }
-            } else {
-                Order::Close { wires, generation: ticket }
-            };
+        for (leaf, flip) in by_leaf {
+            let order = Order::Flip { ticket, flip };
             self.with_instance(leaf, out, |instance, moment| {
                 if instance.switch(order, moment) {
                     waiting.insert(leaf);
@@ -167,6 +178,7 @@ impl Participant {
                 switching.waiting.remove(&leaf);
             }
             self.confirm_switches(out);
+            self.forget_expecting(leaf, out);
         }
     }
 

@@ -157,6 +157,53 @@ pub enum Change {
     },
     /// Its program has ended after all, which nobody could confirm when it was stopped: what it held is free.
     EndedLate,
+    /// Connection sets of the group were switched, from one set of a consumer to another.
+    Switched(SetsSwitched),
+}
+
+/// How a switch of connection sets has gone.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SetsSwitched {
+    /// The sets that were closed, each with the path of its owner: `main/hit/force[lbl1]`.
+    pub closed: Vec<String>,
+    /// The sets that were opened.
+    pub opened: Vec<String>,
+    /// From the order to the last confirmation.
+    #[serde(with = "comms::logic::human::seconds")]
+    pub took: Duration,
+    /// Values that were sent over closed wires and have not arrived, or found no room while they were held back.
+    pub lost: u64,
+    /// Values that came over wires that had been given up, and were dropped.
+    pub late: u64,
+    /// Absolute paths of programs that have not confirmed in time; they do it once they can.
+    pub unconfirmed: Vec<String>,
+}
+
+impl SetsSwitched {
+    /// Returns whether every value has arrived, in its order, and everybody has confirmed.
+    pub fn is_smooth(&self) -> bool {
+        (self.lost, self.late) == (0, 0) && self.unconfirmed.is_empty()
+    }
+
+    /// Returns how it went, for a person.
+    pub fn text(&self) -> String {
+        let list = |sets: &[String]| if sets.is_empty() { "nothing".to_owned() } else { sets.join(", ") };
+        let mut text = format!(
+            "connections switched from {} to {} in {:.2} ms",
+            list(&self.closed),
+            list(&self.opened),
+            self.took.as_secs_f64() * 1000.0
+        );
+        for (count, what) in [(self.lost, "lost"), (self.late, "late, and dropped")] {
+            if count > 0 {
+                text = format!("{text}; {count} {} {what}", if count == 1 { "value" } else { "values" });
+            }
+        }
+        if !self.unconfirmed.is_empty() {
+            text = format!("{text}; not confirmed by `{}`", self.unconfirmed.join("`, `"));
+        }
+        text
+    }
 }
 
 impl Change {

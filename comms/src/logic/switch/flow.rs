@@ -1,28 +1,30 @@
-//! The gate of a wire at its producer. It passes nothing while closed, keeps the rate limit, and repeats the last value when it
-//! opens.
+//! The producer's end of a wire, without the way itself. It passes nothing while closed, keeps the rate limit, and repeats the last
+//! value when it opens.
 
-use comms::logic::control::Shape;
-use comms::logic::time::Time;
+use crate::logic::control::Shape;
+use crate::logic::time::Time;
 
-/// The producer's end of a wire, without the way itself.
+/// The producer's end of a wire.
 #[derive(Debug, Default)]
-pub(super) struct Flow {
+pub struct Flow {
     shape: Shape,
     open: bool,
     /// When the last value passed since the wire was opened.
     passed: Option<Time>,
+    /// How many values have passed since then.
+    sent: u64,
     /// Kept for who is connected later.
     last: Option<Vec<u8>>,
 }
 
 impl Flow {
     /// Returns a closed wire.
-    pub(super) fn new(shape: Shape) -> Self {
+    pub fn new(shape: Shape) -> Self {
         Self { shape, ..Self::default() }
     }
 
     /// Takes a value that is to be sent; says whether it passes.
-    pub(super) fn offer(&mut self, bytes: &[u8], now: Time) -> bool {
+    pub fn offer(&mut self, bytes: &[u8], now: Time) -> bool {
         if self.shape.latch {
             self.last = Some(bytes.to_vec());
         }
@@ -30,17 +32,30 @@ impl Flow {
         let passes = self.open && !self.shape.period_min.is_some_and(is_soon);
         if passes {
             self.passed = Some(now);
+            self.sent += 1;
         }
         passes
     }
 
-    /// Opens or closes the wire; returns what is to be sent at once.
-    pub(super) fn switch(&mut self, open: bool, now: Time) -> Option<Vec<u8>> {
-        let opens = open && !self.open;
-        self.open = open;
-        let last = self.last.clone().filter(|_| opens);
-        self.passed = last.is_some().then_some(now);
+    /// Returns whether the wire is open.
+    pub fn is_open(&self) -> bool {
+        self.open
+    }
+
+    /// Opens the wire; returns what is to be sent at once. Nothing changes on a wire that is open.
+    pub fn open(&mut self, now: Time) -> Option<Vec<u8>> {
+        if self.open {
+            return None;
+        }
+        let last = self.last.clone();
+        (self.open, self.passed, self.sent) = (true, last.is_some().then_some(now), u64::from(last.is_some()));
         last
+    }
+
+    /// Closes the wire; returns how many values have passed since it was opened. Closed again it says the same.
+    pub fn close(&mut self) -> u64 {
+        self.open = false;
+        self.sent
     }
 }
 
@@ -57,31 +72,31 @@ mod tests {
     fn a_wire_without_a_shape_is_open_or_closed() {
         let mut flow = Flow::new(Shape::default());
         assert!(!flow.offer(b"a", at(0)));
-        assert_eq!(flow.switch(true, at(1)), None);
+        assert_eq!(flow.open(at(1)), None);
         assert!(flow.offer(b"b", at(1)) && flow.offer(b"c", at(1)));
-        assert_eq!(flow.switch(false, at(2)), None);
+        assert_eq!((flow.close(), flow.close()), (2, 2));
         assert!(!flow.offer(b"d", at(3)));
     }
 
     #[test]
     fn a_latched_wire_sends_its_last_value_when_it_is_opened() {
         let mut flow = Flow::new(Shape { latch: true, ..Shape::default() });
-        assert_eq!(flow.switch(true, at(0)), None);
+        assert_eq!(flow.open(at(0)), None);
         assert!(flow.offer(b"a", at(1)));
-        assert_eq!(flow.switch(true, at(1)), None, "it is open already");
-        flow.switch(false, at(2));
+        assert_eq!(flow.open(at(1)), None, "it is open already");
+        flow.close();
         assert!(!flow.offer(b"b", at(3)));
-        assert_eq!(flow.switch(true, at(4)), Some(b"b".to_vec()));
+        assert_eq!((flow.open(at(4)), flow.close()), (Some(b"b".to_vec()), 1));
     }
 
     #[test]
     fn values_keep_their_distance() {
         let mut flow = Flow::new(Shape { period_min: Some(Duration::from_millis(10)), ..Shape::default() });
-        flow.switch(true, at(0));
+        flow.open(at(0));
         let passed: Vec<u64> = (0..40).step_by(4).filter(|&millis| flow.offer(b"v", at(millis))).collect();
         assert_eq!(passed, [0, 12, 24, 36]);
-        flow.switch(false, at(40));
-        flow.switch(true, at(41));
+        flow.close();
+        flow.open(at(41));
         assert!(flow.offer(b"v", at(41)), "what comes first after an opening passes");
     }
 }
