@@ -45,6 +45,7 @@ pub mod sim;
 pub mod status;
 pub mod stop;
 pub(crate) mod stored;
+mod switch;
 pub(crate) mod tapped;
 pub mod team;
 pub mod test;
@@ -84,6 +85,8 @@ enum Verb {
     Add(component::AddArguments),
     /// Take a process away from a deployment while it runs
     Remove(component::RemoveArguments),
+    /// Switch a process that runs to other connection sets of its own
+    Switch(switch::Arguments),
     /// Check a spec and print its diagnostics
     Check(check::Arguments),
     /// Prove what holds of a spec in every order of events, and show how what does not hold fails
@@ -212,6 +215,7 @@ pub fn main() -> ExitCode {
         Verb::Replace(arguments) => change::replace(&arguments),
         Verb::Add(arguments) => component::add(&arguments),
         Verb::Remove(arguments) => component::remove(&arguments),
+        Verb::Switch(arguments) => switch::run(&arguments),
         Verb::Check(arguments) => check::run(&arguments),
         Verb::Verify(arguments) => verify::run(&arguments),
         Verb::Test(arguments) => test::run(&arguments),

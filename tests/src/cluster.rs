@@ -268,7 +268,7 @@ impl Host {
         command.args(arguments);
         let asks_nodes = [
             "run", "deploy", "plan", "replace", "attach", "nodes", "status", "logs", "stop", "db", "param", "events",
-            "names", "echo", "hz", "call", "get", "list", "clock", "add", "remove",
+            "names", "echo", "hz", "call", "get", "list", "clock", "add", "remove", "switch",
         ];
         if arguments.first().is_some_and(|verb| asks_nodes.contains(verb)) {
             command.arg("--run-dir").arg(&self.run_dir);

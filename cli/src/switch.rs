@@ -1,0 +1,144 @@
+//! `dca switch`: other connection sets for a process that runs.
+
+use crate::ConnectArgs;
+use crate::change::revision;
+use crate::client::{Clients, unasked};
+use crate::stop::{Located, locate};
+use anyhow::anyhow;
+use language::plan::{Plan, Wire};
+use node::console::{self, Failure, block_on};
+use node::logic::protocol::{Answer, Request, SetsSwitched, SwitchRequest};
+use std::str::FromStr;
+use std::time::Duration;
+
+/// How long the home of the deployment has to answer; it waits for 8 s itself.
+const ANSWER_WITHIN: Duration = Duration::from_secs(12);
+
+/// The arguments of `dca switch`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// The deployment
+    name: String,
+    /// The process, as an absolute path or the end of one, and all labels of it that are to be open: `hit/force[lbl2]`
+    #[arg(value_name = "PROCESS[LABEL,...]")]
+    process: Labelled,
+    /// Print how it went as JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    connect: ConnectArgs,
+}
+
+/// A process and labels of its connection sets.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Labelled {
+    process: String,
+    labels: Vec<String>,
+}
+
+impl FromStr for Labelled {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parts = text.strip_suffix(']').and_then(|text| text.rsplit_once('['));
+        let Some((process, labels)) = parts.filter(|(process, _)| !process.is_empty()) else {
+            return Err("give a process and its labels, such as `hit/force[lbl2]`; `hit/force[]` closes all".to_owned());
+        };
+        let labels = labels.split(',').map(|label| label.trim().to_owned()).filter(|label| !label.is_empty());
+        Ok(Self { process: process.to_owned(), labels: labels.collect() })
+    }
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    block_on(async {
+        let clients = Clients::open(&arguments.connect).await?;
+        let switched = switch(&clients, arguments).await;
+        clients.close().await;
+        switched
+    })
+}
+
+async fn switch(clients: &Clients, arguments: &Arguments) -> Result<(), Failure> {
+    let Located { client, deployment, home } = locate(clients.statuses().await?, &arguments.name).await?;
+    let plan = revision(client, &home, &deployment.name).await?.map(|revision| revision.plan);
+    let Labelled { process, labels } = arguments.process.clone();
+    let request = Request::Switch(SwitchRequest { name: deployment.name.clone(), process, labels });
+    let request = client.signed(&home, request, deployment.epoch).await?;
+    let switched = match client.ask(&home, &request, ANSWER_WITHIN).await? {
+        Answer::Switched(Ok(switched)) => switched,
+        Answer::Switched(Err(why)) => return Err(anyhow!("`{}` is not switched: {why}", arguments.name).into()),
+        other => return Err(unasked(&home, &other)),
+    };
+    if arguments.json {
+        let json = serde_json::to_string(&switched).map_err(|error| anyhow!(error))?;
+        console::say(&json);
+    } else {
+        console::say(&text(plan.as_ref(), &switched));
+    }
+    if switched.unconfirmed.is_empty() {
+        return Ok(());
+    }
+    let silent = switched.unconfirmed.join("`, `");
+    Err(anyhow!("`{silent}` did not confirm the switch in time; what they send and take changes once they go on")
+        .into())
+}
+
+/// Returns what was switched, one line for each wire, and how long it took.
+fn text(plan: Option<&Plan>, switched: &SetsSwitched) -> String {
+    let SetsSwitched { closed, opened, .. } = switched;
+    if closed.is_empty() && opened.is_empty() {
+        return "these sets are open: nothing changes".to_owned();
+    }
+    let mut lines = Vec::new();
+    for (word, sets, others) in [("disconnect", closed, opened), ("connect   ", opened, closed)] {
+        let kept = wires(plan, others);
+        let changed = wires(plan, sets).into_iter().filter(|wire| !kept.contains(wire));
+        lines.extend(changed.map(|wire| format!("  {word} {wire}")));
+    }
+    lines.push(switched.text());
+    lines.join("\n")
+}
+
+/// Returns the wires of sets that are named `path[label]`.
+fn wires(plan: Option<&Plan>, sets: &[String]) -> Vec<String> {
+    let Some(plan) = plan else { return Vec::new() };
+    let mut wires = Vec::new();
+    for group in &plan.groups {
+        for set in &group.sets {
+            let owner = set.owner.and_then(|slot| group.members.get(slot as usize));
+            let name =
+                owner.zip(set.label.as_ref()).map(|(owner, label)| format!("{}/{}[{label}]", group.path, owner.name));
+            if name.is_some_and(|name| sets.contains(&name)) {
+                wires.extend(
+                    set.wires.iter().filter_map(|wire| plan.wires.get(*wire as usize)).map(|wire| ends(plan, wire)),
+                );
+            }
+        }
+    }
+    wires
+}
+
+fn ends(plan: &Plan, wire: &Wire) -> String {
+    let path = |leaf: u32| plan.leaves.get(leaf as usize).map_or("?", |leaf| leaf.path.as_str());
+    format!("{}, {} -> {}, {}", path(wire.from.leaf), wire.from.port, path(wire.to.leaf), wire.to.port)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_process_is_followed_by_its_labels() {
+        let check = |text: &str, process: &str, labels: &[&str]| {
+            let labels = labels.iter().map(|label| (*label).to_owned()).collect();
+            assert_eq!(text.parse(), Ok(Labelled { process: process.to_owned(), labels }));
+        };
+        check("hit/force[lbl2]", "hit/force", &["lbl2"]);
+        check("force[a, b]", "force", &["a", "b"]);
+        check("force[]", "force", &[]);
+        for wrong in ["force", "[a]", "force[a", "force]"] {
+            assert!(wrong.parse::<Labelled>().is_err(), "{wrong}");
+        }
+    }
+}
