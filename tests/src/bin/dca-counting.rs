@@ -1,0 +1,200 @@
+//! Controllers for tests that count: a source of numbers at 1 kHz, a sink that writes down which of them it has got, a filter in
+//! between, and one that is done after a while.
+
+use controllers::sdk::{
+    About, Arguments, Controller, Every, Inputs, Kind, Message, Out, Outputs, Parameter, Progress, Registry, Stopping,
+    Tick, process,
+};
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+use std::process::ExitCode;
+use std::time::Duration;
+
+const PERIOD: Duration = Duration::from_millis(1);
+
+/// Numbers, in order; several where one calculation has had several.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Numbers {
+    numbers: Vec<u64>,
+}
+
+impl Message for Numbers {
+    const TYPE: &'static str = "Numbers";
+}
+
+#[derive(Outputs)]
+struct SourceOutputs {
+    #[port("Out")]
+    out: Out<Numbers>,
+}
+
+/// Counts from 1 on.
+struct Source {
+    number: u64,
+}
+
+impl Controller for Source {
+    type Inputs = ();
+    type Outputs = SourceOutputs;
+    const TYPE: &'static str = "Source";
+
+    fn about() -> About {
+        About::service("Counts at 1 kHz.").every(PERIOD)
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self { number: 0 })
+    }
+
+    fn main_calc(&mut self, _: Tick, (): &(), outputs: &mut SourceOutputs) -> Progress {
+        self.number += 1;
+        outputs.out.send(Numbers { numbers: vec![self.number] });
+        Progress::Continue
+    }
+}
+
+#[derive(Inputs)]
+struct SinkInputs {
+    #[port("In")]
+    first: Every<Numbers>,
+    #[port("Other")]
+    second: Every<Numbers>,
+}
+
+/// Merges two sequences that keep their order.
+fn merged(mut first: VecDeque<u64>, mut second: VecDeque<u64>) -> impl Iterator<Item = u64> {
+    std::iter::from_fn(move || match (first.front(), second.front()) {
+        (Some(one), Some(other)) if one > other => second.pop_front(),
+        (None, _) => second.pop_front(),
+        (Some(_), _) => first.pop_front(),
+    })
+}
+
+/// Writes down the runs of numbers that it has got, in their order: `1-70 1-3`.
+struct Sink {
+    file: String,
+    runs: Vec<(u64, u64)>,
+}
+
+impl Sink {
+    fn take(&mut self, number: u64) {
+        match self.runs.last_mut() {
+            Some((_, last)) if *last + 1 == number => *last = number,
+            _ => self.runs.push((number, number)),
+        }
+    }
+}
+
+impl Controller for Sink {
+    type Inputs = SinkInputs;
+    type Outputs = ();
+    const TYPE: &'static str = "Sink";
+
+    fn about() -> About {
+        const FILE: &[Parameter] = &[Parameter::new("file", Kind::Text(&[]))];
+        About::service("Writes down the runs of numbers that it has got.").every(PERIOD).with(FILE)
+    }
+
+    fn new(arguments: &Arguments) -> Result<Self, String> {
+        Ok(Self { file: arguments.text("file").to_owned(), runs: Vec::new() })
+    }
+
+    fn main_calc(&mut self, _: Tick, inputs: &SinkInputs, (): &mut ()) -> Progress {
+        // One calculation may see several switches. Which of its inputs had something first it cannot see.
+        let both =
+            [&inputs.first, &inputs.second].map(|input| input.iter().flat_map(|one| one.numbers.clone()).collect());
+        let [first, second]: [VecDeque<u64>; 2] = both;
+        merged(first, second).for_each(|number| self.take(number));
+        Progress::Continue
+    }
+
+    fn stop(&mut self, _: Tick, _: &SinkInputs, (): &mut ()) -> Stopping {
+        let runs: Vec<String> = self.runs.iter().map(|(first, last)| format!("{first}-{last}")).collect();
+        std::fs::write(&self.file, runs.join(" ")).expect("the folder is the test's own");
+        Stopping::Finished
+    }
+}
+
+#[derive(Inputs)]
+struct PassInputs {
+    #[port("In")]
+    input: Every<Numbers>,
+}
+
+#[derive(Outputs)]
+struct PassOutputs {
+    #[port("Out")]
+    out: Out<Numbers>,
+}
+
+/// Passes on what it gets.
+struct Pass {
+    fails_at: u64,
+}
+
+impl Controller for Pass {
+    type Inputs = PassInputs;
+    type Outputs = PassOutputs;
+    const TYPE: &'static str = "Pass";
+
+    fn about() -> About {
+        const FAILS: &[Parameter] = &[Parameter::new("fails_at", Kind::Number(0.0, 1e9))];
+        About::service("Passes numbers on, and aborts after so many, if any.")
+            .every(PERIOD * 100)
+            .triggered_by("In")
+            .with(FAILS)
+    }
+
+    fn new(arguments: &Arguments) -> Result<Self, String> {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "it is small and positive")]
+        Ok(Self { fails_at: arguments.number("fails_at") as u64 })
+    }
+
+    fn main_calc(&mut self, _: Tick, inputs: &PassInputs, outputs: &mut PassOutputs) -> Progress {
+        let numbers: Vec<u64> = inputs.input.iter().flat_map(|one| one.numbers.clone()).collect();
+        if numbers.is_empty() {
+            return Progress::Continue;
+        }
+        outputs.out.send(Numbers { numbers });
+        self.fails_at = self.fails_at.saturating_sub(u64::from(self.fails_at > 1));
+        if self.fails_at == 1 { Progress::Aborted("it was to fail".to_owned()) } else { Progress::Continue }
+    }
+}
+
+/// Is done after a while.
+struct Pulse {
+    left: u32,
+}
+
+impl Controller for Pulse {
+    type Inputs = ();
+    type Outputs = ();
+    const TYPE: &'static str = "Pulse";
+
+    fn about() -> About {
+        About::task("Is done after 10 ms.").every(PERIOD)
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self { left: 0 })
+    }
+
+    fn init(&mut self, _: &[u8]) -> Result<(), String> {
+        self.left = 10;
+        Ok(())
+    }
+
+    fn main_calc(&mut self, _: Tick, (): &(), (): &mut ()) -> Progress {
+        self.left = self.left.saturating_sub(1);
+        if self.left == 0 { Progress::Done(Vec::new()) } else { Progress::Continue }
+    }
+}
+
+fn main() -> ExitCode {
+    let mut registry = Registry::default();
+    registry.add::<Source>();
+    registry.add::<Sink>();
+    registry.add::<Pass>();
+    registry.add::<Pulse>();
+    process::run(&registry)
+}

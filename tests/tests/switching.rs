@@ -1,0 +1,154 @@
+//! Connection sets that are switched while a source counts at 1 kHz: no number is lost, doubled or late.
+//!
+//! `DCA_TEST_ROUNDS=10000 cargo test --test switching` switches 10,000 times in each test, which takes some minutes.
+
+use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, Stream, executable, rounds, wait_until};
+use serde_json::Value;
+use std::time::Duration;
+
+/// How long a round of the event actions takes at most, on a busy machine.
+const ROUND: Duration = Duration::from_millis(100);
+
+/// A source, two sinks, and a pulse whose sets lead from one input or sink to another.
+fn spec(cluster: &Cluster, sinks: &str, expression: &str) -> String {
+    let program = executable("dca-counting").display().to_string();
+    let file = |name: &str| cluster.folder().join(name).display().to_string();
+    let (one, other) = (file("one"), file("other"));
+    let text = format!(
+        "module Source(host: Host) {{ exec \"'{program}' Source\"; out Out: Numbers; service; }}
+        module Sink(host: Host, file: Text) {{ exec \"'{program}' Sink\"; in In: Numbers; in Other: Numbers; service; }}
+        module Pulse(host: Host) {{ exec \"'{program}' Pulse\"; done; }}
+        process main() {{
+            host {{ c1 }}
+            instantiated_processes {{
+                source instof Source(c1);
+                one instof Sink({sinks}, file = \"{one}\");
+                other instof Sink({sinks}, file = \"{other}\");
+                pulse instof Pulse(c1);
+                gate instof Source(c1);
+            }}
+            internal_connections(pulse, a) {{ source, Out -> one, In queue 8000; }}
+            internal_connections(pulse, b) {{ source, Out -> one, Other queue 8000; }}
+            internal_connections(gate, a) {{ source, Out -> one, In queue 8000; }}
+            internal_connections(gate, b) {{ source, Out -> one, Other queue 8000; }}
+            internal_connections(gate, c) {{ source, Out -> other, In queue 8000; }}
+            internal_event_actions {{ {expression} }}
+        }}"
+    );
+    cluster.file("count.dca", &text)
+}
+
+/// The runs of numbers that a sink has got.
+fn runs(cluster: &Cluster, name: &str) -> Vec<(u64, u64)> {
+    let text = std::fs::read_to_string(cluster.folder().join(name)).expect("the sink has stopped");
+    let run = |run: &str| {
+        let (first, last) = run.split_once('-').expect("a run has two ends");
+        (first.parse().expect("it is a number"), last.parse().expect("it is a number"))
+    };
+    text.split_whitespace().map(run).collect()
+}
+
+/// Prints percentiles of times in milliseconds.
+fn print(what: &str, mut times: Vec<f64>) {
+    times.sort_by(f64::total_cmp);
+    let at = |percent: usize| times[(times.len() - 1) * percent / 100];
+    println!("{what}: {} switches, p50 {:.2} ms, p99 {:.2} ms, max {:.2} ms", times.len(), at(50), at(99), at(100));
+}
+
+/// Returns what was told of switches.
+fn told(events: &str) -> Vec<Value> {
+    let objects = events.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
+    let switched = objects.filter_map(|object| {
+        let found = object.to_string().contains("\"Switched\"");
+        found.then(|| object.pointer("/report/Process/change/Switched").cloned().unwrap_or(object))
+    });
+    switched.collect()
+}
+
+fn start(here: &Host, file: &str) -> Program {
+    let mission = here.dca(&["deploy", "--no-record", file]);
+    mission.wait_for(Stream::Err, "▸", SOON);
+    mission
+}
+
+/// Labels in turn, as fast as the event actions go.
+fn in_turn(cluster: &Cluster, here: &Host, sinks: &str, what: &str) {
+    let count = rounds(300);
+    let file = spec(cluster, sinks, "source, one, other, gate, (pulse[a] ;; pulse[b])");
+    let events = here.dca(&["events", "-f", "--json"]);
+    let mission = start(here, &file);
+    let within = SOON + ROUND * u32::try_from(count).expect("it is small");
+    let is_enough = || told(&events.text(Stream::Out)).len() >= count;
+    assert!(wait_until(within, is_enough).is_some(), "{}", events.text(Stream::Out));
+    let stop = here.ask(&["stop", "count"]);
+    assert_eq!(stop.code, Some(0), "{stop}");
+    assert_eq!(mission.ended(SOON).code, Some(1));
+    let switched = told(&events.text(Stream::Out));
+    let zero = |one: &&Value| one["lost"] == 0 && one["late"] == 0;
+    let rough: Vec<&Value> = switched.iter().filter(|one| !zero(one)).collect();
+    assert!(rough.is_empty(), "{rough:?}");
+    print(what, switched.iter().map(|one| one["took"].as_f64().expect("it is a time") * 1000.0).collect());
+    let runs = runs(cluster, "one");
+    assert_eq!(runs.len(), 1, "numbers were lost, doubled or late: {runs:?}");
+    println!("{what}: {} numbers, all in order", runs[0].1 - runs[0].0 + 1);
+}
+
+#[test]
+fn sets_in_turn_lose_nothing_on_one_host() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    in_turn(&cluster, &here, "c1", "on one host");
+}
+
+#[test]
+fn sets_in_turn_lose_nothing_between_two_hosts() {
+    let Some(network) = Network::new(2) else { return };
+    let cluster = Cluster::new();
+    let (here, there) = (cluster.host(&network, 1), cluster.host(&network, 2));
+    let _nodes = [here.node("c1", &["--insecure-lan"]), there.node("c2", &["--insecure-lan"])];
+    in_turn(&cluster, &here, "c2", "between two hosts");
+}
+
+/// `dca switch`: from input to input, and from sink to sink.
+#[test]
+fn a_person_switches_what_runs() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    let mission = start(&here, &spec(&cluster, "c1", "source, one, other, gate[a]"));
+    let mut times = Vec::new();
+    for round in 0..20 {
+        let label = ["gate[b]", "gate[c]", "main/gate[a]"][round % 3];
+        let switched = here.ask(&["switch", "count", label, "--json"]);
+        assert_eq!(switched.code, Some(0), "{switched}");
+        let json: Value = serde_json::from_str(&switched.out).expect("it is JSON");
+        assert!(json["lost"] == 0 && json["late"] == 0, "{json}");
+        times.push(json["took"].as_f64().expect("it is a time") * 1000.0);
+    }
+    print("dca switch", times);
+    let plain = here.ask(&["switch", "count", "gate[b]"]);
+    let lines = [
+        "disconnect main/source, Out -> main/other, In",
+        "connect    main/source, Out -> main/one, Other",
+        "connections switched from main/gate[c] to main/gate[b] in ",
+    ];
+    assert!(plain.code == Some(0) && lines.iter().all(|line| plain.out.contains(line)), "{plain}");
+    let same = here.ask(&["switch", "count", "gate[b]"]);
+    assert!(same.code == Some(0) && same.out.contains("nothing changes"), "{same}");
+    for (process, why) in [
+        ("gate[z]", "has no connection set `z`; it has `a`, `b`, `c`"),
+        ("pulse[a]", "`main/pulse` does not run at this moment"),
+        ("gates[a]", "`count` has no process `gates`"),
+    ] {
+        let refused = here.ask(&["switch", "count", process]);
+        assert!(refused.code == Some(1) && refused.err.contains(why), "{refused}");
+    }
+    assert_eq!(here.ask(&["switch", "count", "gate"]).code, Some(2));
+    assert_eq!(here.ask(&["stop", "count"]).code, Some(0));
+    assert_eq!(mission.ended(SOON).code, Some(1));
+    let mut all = runs(&cluster, "one");
+    all.extend(runs(&cluster, "other"));
+    all.sort_unstable();
+    assert!(all.windows(2).all(|pair| pair[1].0 == pair[0].1 + 1), "numbers were lost or doubled: {all:?}");
+}
