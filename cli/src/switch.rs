@@ -65,11 +65,9 @@ async fn switch(clients: &Clients, arguments: &Arguments) -> Result<(), Failure>
     let Labelled { process, labels } = arguments.process.clone();
     let request = Request::Switch(SwitchRequest { name: deployment.name.clone(), process, labels });
     let request = client.signed(&home, request, deployment.epoch).await?;
-    let switched = match client.ask(&home, &request, ANSWER_WITHIN).await? {
-        Answer::Switched(Ok(switched)) => switched,
-        Answer::Switched(Err(why)) => return Err(anyhow!("`{}` is not switched: {why}", arguments.name).into()),
-        other => return Err(unasked(&home, &other)),
-    };
+    let answer = client.ask(&home, &request, ANSWER_WITHIN).await?;
+    let Answer::Switched(switched) = answer else { return Err(unasked(&home, &answer)) };
+    let switched = switched.map_err(|why| anyhow!("`{}` is not switched: {why}", arguments.name))?;
     if arguments.json {
         let json = serde_json::to_string(&switched).map_err(|error| anyhow!(error))?;
         console::say(&json);
@@ -80,8 +78,8 @@ async fn switch(clients: &Clients, arguments: &Arguments) -> Result<(), Failure>
         return Ok(());
     }
     let silent = switched.unconfirmed.join("`, `");
-    Err(anyhow!("`{silent}` did not confirm the switch in time; what they send and take changes once they go on")
-        .into())
+    let why = anyhow!("`{silent}` did not confirm the switch in time; what they send and take changes once they go on");
+    Err(Failure::Unreachable(why))
 }
 
 /// Returns what was switched, one line for each wire, and how long it took.

@@ -14,6 +14,8 @@ mod components;
 mod detours;
 #[path = "agents/devices.rs"]
 mod devices;
+#[path = "agents/golden.rs"]
+mod golden;
 #[path = "agents/large.rs"]
 mod large;
 #[path = "agents/leaving.rs"]

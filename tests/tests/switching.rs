@@ -2,6 +2,8 @@
 //!
 //! `DCA_TEST_ROUNDS=10000 cargo test --test switching` switches 10,000 times in each test, which takes some minutes.
 
+#![expect(clippy::print_stdout, reason = "a test says how long its switches took")]
+
 use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, Stream, executable, rounds, wait_until};
 use serde_json::Value;
 use std::time::Duration;

@@ -217,8 +217,8 @@ impl DataSession {
         Ok(Publisher { publisher, listeners })
     }
 
-    /// Calls `on_sample` with each sample put on `key`, and with no word between them. It runs on zenoh's threads, so it must only put the sample away. What
-    /// came in pieces is owned already.
+    /// Calls `on_sample` with each sample put on `key`, and with no word between them. It runs on zenoh's threads, so it must
+    /// only put the sample away. What came in pieces is owned already.
     ///
     /// # Errors
     /// If the session is closed.
@@ -251,7 +251,7 @@ impl DataSession {
             None => on_arrival(Arrival::Value(sample.payload().to_bytes())),
             Some(Ok(boundary)) => on_arrival(Arrival::Boundary(boundary)),
             Some(Err(error)) => {
-                tracing::warn!(key = sample.key_expr().as_str(), %error, "a word between values is ignored")
+                tracing::warn!(key = sample.key_expr().as_str(), %error, "a word between values is ignored");
             }
         };
         let subscriber = self.opened.session.declare_subscriber(key).callback_mut(on_sample).wait();

@@ -4,7 +4,7 @@
 //! closed is [`Boundary::Closed`], the first on one that is opened [`Boundary::Opened`]. The consumer takes all that comes before the end
 //! of the old wires, and holds back what comes over the new ones until then ([`Intake`]).
 //!
-//! A switch has a *generation*, the same for all who take part in it. Boundarys may be repeated at will.
+//! A switch has a *generation*, the same for all who take part in it. Boundaries may be repeated at will.
 
 mod flow;
 mod intake;

@@ -82,12 +82,12 @@ impl World {
         self.traffic.clear_at.insert(wire, due);
         let (leaf, host) = self.consumer(wire);
         let to = ProcessId { leaf, ..from.clone() };
-        let millis = u64::try_from((due - self.now).as_millis()).unwrap();
+        let millis = u64::try_from((due - self.now).as_millis()).expect("it is soon");
         self.at(millis, &host, Coming::Data(Data::Arrival(to, wire, arrival)));
     }
 
     fn consumer(&self, wire: u32) -> (u32, String) {
-        let plan = self.plan.as_ref().unwrap();
+        let plan = self.plan.as_ref().expect("it is deployed");
         let leaf = plan.wires[wire as usize].to.leaf;
         (leaf, plan.hosts[plan.leaves[leaf as usize].host as usize].clone())
     }
@@ -101,7 +101,7 @@ impl World {
                     let number = self.traffic.numbers.entry(process.leaf).or_default();
                     *number += 1;
                     let value = Arrival::Value((process.leaf, *number));
-                    let wires = self.plan.as_ref().unwrap().wires.iter();
+                    let wires = self.plan.as_ref().expect("it is deployed").wires.iter();
                     let own = (0_u32..).zip(wires).filter(|(_, wire)| wire.from.leaf == process.leaf);
                     for wire in own.map(|(number, _)| number).collect::<Vec<_>>() {
                         if self.flow(wire).offer(&[], now) {
@@ -109,13 +109,13 @@ impl World {
                         }
                     }
                 }
-                return self.at(1, host, Coming::Data(Data::Next(process)));
+                self.at(1, host, Coming::Data(Data::Next(process)));
             }
             Data::Arrival(process, wire, arrival) => {
                 self.traffic.intakes.entry(process.leaf).or_default().arrive(now, (wire, 1000), arrival, &mut out);
                 self.passed(host, &process, out);
                 if let Some(due) = self.traffic.intakes[&process.leaf].deadline() {
-                    let millis = u64::try_from((due - now).as_millis()).unwrap() + 1;
+                    let millis = u64::try_from((due - now).as_millis()).expect("it is soon") + 1;
                     self.at(millis, host, Coming::Data(Data::Tick(process)));
                 }
             }
@@ -144,7 +144,7 @@ impl World {
         self.traffic.draw = Some(Draw::new(seed));
         for path in leaves {
             let leaf = self.leaf_of(path);
-            let plan = self.plan.as_ref().unwrap();
+            let plan = self.plan.as_ref().expect("it is deployed");
             let host = plan.hosts[plan.leaves[leaf as usize].host as usize].clone();
             let deployment = node::logic::protocol::Deployment { name: "test".into(), epoch: 1 };
             self.at(0, &host, Coming::Data(Data::Next(ProcessId { deployment, leaf })));
@@ -152,8 +152,9 @@ impl World {
     }
 
     fn leaf_of(&self, path: &str) -> u32 {
-        let leaves = &self.plan.as_ref().unwrap().leaves;
-        u32::try_from(leaves.iter().position(|leaf| leaf.path == path).unwrap()).unwrap()
+        let leaves = &self.plan.as_ref().expect("it is deployed").leaves;
+        let found = leaves.iter().position(|leaf| leaf.path == path);
+        found.and_then(|leaf| u32::try_from(leaf).ok()).expect("it is in the plan")
     }
 
     fn switch_to(&mut self, process: &str, labels: &[&str]) -> u64 {

@@ -19,28 +19,35 @@ pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()>
     let mut socket = raw::Pair::start(Transport::Socket, dir)?;
     let mut zenoh = raw::Pair::start(Transport::Zenoh, dir)?;
     let mut bytes = raw::Pair::start(Transport::ZenohBytes, dir)?;
+    let mut shared = raw::Pair::start(Transport::ZenohShared, dir)?;
     let mut callback = raw::Pair::start(Transport::ZenohCallback, dir)?;
     for (name, size, count, warm_up) in SIZES {
-        let mut subjects: [Subject; 5] = Default::default();
+        let mut subjects: [Subject; 6] = Default::default();
         for _ in 0..ROUNDS {
-            let [ours, plain, owned, quick, raw] = &mut subjects;
+            let [ours, plain, owned, batched, quick, raw] = &mut subjects;
             raw.push(socket.measure(size, count, warm_up)?.halved());
             plain.push(zenoh.measure(size, count, warm_up)?.halved());
             let times = controllers.measure(size, count, warm_up).await?;
             ours.push(Round::of(times).context("no samples")?.halved());
             owned.push(bytes.measure(size, count, warm_up)?.halved());
+            batched.push(shared.measure(size, count, warm_up)?.halved());
             quick.push(callback.measure(size, count, warm_up)?.halved());
         }
-        let [ours, plain, owned, quick, raw] = &subjects;
+        let [ours, plain, owned, batched, quick, raw] = &subjects;
         table.heading(&format!("one hop, {name}, two processes"), "of zenoh", "of socket");
         let of_socket = |subject: &Subject| cell(subject.ratio(raw), None);
         table.line("controller to controller", ours, [cell(ours.ratio(plain), Some(TARGET)), of_socket(ours)]);
         table.line("zenoh alone, thread to thread", plain, ["1".into(), of_socket(plain)]);
         table.line("the same, bytes of one's own", owned, [cell(owned.ratio(plain), None), of_socket(owned)]);
+        table.line(
+            "zenoh alone, batches shared, not express",
+            batched,
+            [cell(batched.ratio(plain), None), of_socket(batched)],
+        );
         table.line("zenoh alone, answered in its callback", quick, [cell(quick.ratio(plain), None), of_socket(quick)]);
         table.line("Unix socket", raw, [String::new(), "1".into()]);
     }
-    for pair in [socket, zenoh, bytes, callback] {
+    for pair in [socket, zenoh, bytes, shared, callback] {
         pair.end()?;
     }
     controllers.end().await

@@ -22,6 +22,8 @@ pub(crate) enum Transport {
     Zenoh,
     /// The same, each message made from bytes of one's own and taken as such, as anything typed has to.
     ZenohBytes,
+    /// Zenoh, messages that may share a batch, and wait for none: as samples of a wire go.
+    ZenohShared,
     /// Zenoh, the answer sent from within its callback.
     ZenohCallback,
     /// A query of zenoh, handed to a thread and answered by it.
@@ -34,15 +36,16 @@ impl Transport {
             Self::Socket => "socket",
             Self::Zenoh => "zenoh",
             Self::ZenohBytes => "zenoh-bytes",
+            Self::ZenohShared => "zenoh-shared",
             Self::ZenohCallback => "zenoh-callback",
             Self::ZenohQuery => "zenoh-query",
         }
     }
 
     fn parse(word: &str) -> Option<Self> {
-        [Self::Socket, Self::Zenoh, Self::ZenohBytes, Self::ZenohCallback, Self::ZenohQuery]
-            .into_iter()
-            .find(|transport| transport.word() == word)
+        let all =
+            [Self::Socket, Self::Zenoh, Self::ZenohBytes, Self::ZenohShared, Self::ZenohCallback, Self::ZenohQuery];
+        all.into_iter().find(|transport| transport.word() == word)
     }
 }
 
@@ -186,6 +189,7 @@ fn open(listen: Option<&Path>, connect: Option<&Path>) -> anyhow::Result<zenoh::
         ("scouting/multicast/enabled", "false".to_owned()),
         ("scouting/gossip/enabled", "false".to_owned()),
         ("scouting/delay", "0".to_owned()),
+        ("transport/link/tx/queue/batching/time_limit", "0".to_owned()),
         ("listen/endpoints", list(listen)),
         ("connect/endpoints", list(connect)),
     ];
@@ -197,19 +201,23 @@ fn open(listen: Option<&Path>, connect: Option<&Path>) -> anyhow::Result<zenoh::
     opening.wait().map_err(|error| anyhow::anyhow!("{error}"))
 }
 
-fn publisher(session: &zenoh::Session, key: &'static str) -> anyhow::Result<zenoh::pubsub::Publisher<'static>> {
+fn publisher(
+    session: &zenoh::Session,
+    key: &'static str,
+    transport: Transport,
+) -> anyhow::Result<zenoh::pubsub::Publisher<'static>> {
     let publisher = session
         .declare_publisher(key)
         .congestion_control(CongestionControl::Drop)
         .priority(Priority::InteractiveHigh)
-        .express(true);
+        .express(!matches!(transport, Transport::ZenohShared));
     publisher.wait().map_err(|error| anyhow::anyhow!("{error}"))
 }
 
 fn echo_zenoh(path: &Path, transport: Transport) -> anyhow::Result<()> {
     let session = open(Some(path), None)?;
     let failed = |error: zenoh::Error| anyhow::anyhow!("{error}");
-    let answers = publisher(&session, "raw/answer")?;
+    let answers = publisher(&session, "raw/answer", transport)?;
     let answer = move |payload: ZBytes| answers.put(payload).wait().unwrap_or_default();
     let asked = session.declare_subscriber("raw/ask");
     if matches!(transport, Transport::ZenohCallback) {
@@ -237,7 +245,7 @@ fn ping_zenoh(path: &Path, transport: Transport) -> anyhow::Result<()> {
     let session = open(None, Some(path))?;
     let failed = |error: zenoh::Error| anyhow::anyhow!("{error}");
     let answers = session.declare_subscriber("raw/answer").wait().map_err(failed)?;
-    let asks = publisher(&session, "raw/ask")?;
+    let asks = publisher(&session, "raw/ask", transport)?;
     let (mut payload, mut bytes) = (ZBytes::new(), Vec::new());
     obey(|size| {
         if bytes.len() != size {

@@ -5,7 +5,9 @@ use crate::logic::coordinator::Coordinator;
 use crate::logic::database::chronicle;
 use crate::logic::effect::{Effect, Out, ProcessId};
 use crate::logic::participant::Participant;
-use crate::logic::protocol::{Answer, ChangeRequest, Deployment, Names, Report, Request, SEVERAL, Signed, StopReply};
+use crate::logic::protocol::{
+    Answer, ChangeRequest, Deployment, Names, Report, Request, SEVERAL, Signed, StopReply, SwitchRequest,
+};
 use language::plan::Plan;
 use std::sync::Arc;
 use std::time::Duration;
@@ -51,20 +53,9 @@ impl Agent {
                     None => answer(call, unknown(&deployment), out),
                 }
             }
-            Request::Revision { name } => {
-                let home = self.coordinators.iter().find(|(deployment, _)| deployment.name == name);
-                let revision = home.map(|(_, home)| Answer::Revision(Box::new(home.revision())));
-                answer(call, revision.unwrap_or_else(|| Answer::Refused(format!("`{name}` does not run here"))), out);
-            }
+            Request::Revision { name } => answer(call, self.revision(&name), out),
             Request::Change(request) => return self.change(call, *request, signed, out),
-            Request::Switch(request) => {
-                let home = self.coordinators.iter_mut().find(|(deployment, _)| deployment.name == request.name);
-                if let Some((_, home)) = home {
-                    return home.switch(call, &request, out);
-                }
-                let why = format!("`{}` does not run here", request.name);
-                answer(call, Answer::Switched(Err(why)), out);
-            }
+            Request::Switch(request) => return self.switch(call, &request, out),
             Request::Duplicates => answer(call, self.duplicates(), out),
             Request::Names => answer(call, Answer::Names(self.given_names()), out),
             Request::Events { follow } => {
@@ -96,6 +87,24 @@ impl Agent {
             Request::Database(_) | Request::Here { .. } => elsewhere(call, out),
         }
         out.effects.push(Effect::EndAnswers { call });
+    }
+
+    fn revision(&self, name: &str) -> Answer {
+        let home = self.coordinators.iter().find(|(deployment, _)| deployment.name == name);
+        let revision = home.map(|(_, home)| Answer::Revision(Box::new(home.revision())));
+        revision.unwrap_or_else(|| Answer::Refused(format!("`{name}` does not run here")))
+    }
+
+    /// Has the home of a deployment switch a process to other connection sets.
+    fn switch(&mut self, call: u64, request: &SwitchRequest, out: &mut Out<'_>) {
+        match self.coordinators.iter_mut().find(|(deployment, _)| deployment.name == request.name) {
+            Some((_, home)) => home.switch(call, request, out),
+            None => {
+                let why = format!("`{}` does not run here", request.name);
+                answer(call, Answer::Switched(Err(why)), out);
+                out.effects.push(Effect::EndAnswers { call });
+            }
+        }
     }
 
     /// Returns the names that were given out here, with what programs that could not be ended still hold.

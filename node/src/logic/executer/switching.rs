@@ -90,7 +90,7 @@ impl Executer {
         let consumers = consumers_of_both(context.plan, &difference);
         let is_followed = !consumers.is_empty() && self.switches.len() < SWITCHES_MAX;
         if is_followed {
-            self.expect(generation, &consumers, &difference, context, out);
+            self.expect((generation, &difference), &consumers, context, out);
         }
         let flipping =
             self.order_flips((&difference.close, &difference.open, &difference.close), generation, context, out);
@@ -111,7 +111,7 @@ impl Executer {
                 self.generation += 1;
                 let generation = self.generation;
                 let consumers = consumers_of_any(context.plan, &difference);
-                self.expect(generation, &consumers, &difference, context, out);
+                self.expect((generation, &difference), &consumers, context, out);
                 let switch = Switch { asked: Some((slot, call)), ..Switch::new(difference, consumers, out.now) };
                 self.switches.insert(generation, switch);
                 self.go_on(generation, context, out);
@@ -167,9 +167,8 @@ impl Executer {
     /// Has consumers expect a switch.
     fn expect(
         &self,
-        generation: u64,
+        (generation, difference): (u64, &Difference),
         consumers: &BTreeSet<u32>,
-        difference: &Difference,
         context: ExecContext<'_>,
         out: &mut Out<'_>,
     ) {
@@ -191,12 +190,11 @@ impl Executer {
         }
     }
 
-    /// Takes the word of a consumer that it has taken a switch; `(lost, late)` as it counts.
+    /// Takes the word of a consumer that it has taken a switch: what it counts, and the wires that nothing came of.
     pub fn taken(
         &mut self,
         (generation, leaf): (u64, u32),
-        (lost, late): (u64, u64),
-        missing: Vec<u32>,
+        (lost, late, missing): (u64, u64, Vec<u32>),
         context: ExecContext<'_>,
         out: &mut Out<'_>,
     ) {

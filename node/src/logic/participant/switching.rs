@@ -60,26 +60,21 @@ impl Participant {
 
     /// Gives a supervisor of this host what it needs for a switch.
     pub(super) fn follow_switch(&mut self, message: ToParticipant, out: &mut Out<'_>) {
-        match message {
-            ToParticipant::Expecting { group, leaf, generation } => {
-                self.with_executer(group, out, |executer, at, out| {
-                    executer.expecting((generation, leaf), at, out);
-                    None
-                })
-            }
-            ToParticipant::Taken { group, leaf, generation, lost, late, missing } => {
-                self.with_executer(group, out, |executer, at, out| {
-                    executer.taken((generation, leaf), (lost, late), missing, at, out);
-                    None
-                });
-            }
-            ToParticipant::SwitchSets { group, slot, sets, call } => {
-                self.with_executer(group, out, |executer, at, out| {
-                    executer.switch_sets((slot, &sets), call, at, out);
-                    None
-                })
-            }
-            _ => {}
+        if let ToParticipant::Expecting { group, leaf, generation } = message {
+            self.with_executer(group, out, |executer, at, out| {
+                executer.expecting((generation, leaf), at, out);
+                None
+            });
+        } else if let ToParticipant::Taken { group, leaf, generation, lost, late, missing } = message {
+            self.with_executer(group, out, |executer, at, out| {
+                executer.taken((generation, leaf), (lost, late, missing), at, out);
+                None
+            });
+        } else if let ToParticipant::SwitchSets { group, slot, sets, call } = message {
+            self.with_executer(group, out, |executer, at, out| {
+                executer.switch_sets((slot, &sets), call, at, out);
+                None
+            });
         }
     }
 }

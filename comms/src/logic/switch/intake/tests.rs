@@ -164,6 +164,20 @@ fn switch(lines: &mut Lines, now: u64, generation: u64, from: [u32; 2], to: [u32
     lines.order(now, 2, Word::Expect(Expect { generation, close: gone, open: new }));
 }
 
+/// A producer flips its wires.
+fn flip_all(lines: &mut Lines, flows: &mut BTreeMap<u32, Flow>, now: u64, to: usize, flip: Flip) {
+    for wire in flip.close.iter().filter(|wire| **wire < 4) {
+        let sent = flows.get_mut(wire).unwrap().close();
+        lines.send(now, *wire, closed_word(flip.generation, sent));
+    }
+    for Opening { wire, after } in flip.open {
+        assert_eq!(wire as usize % 2, to);
+        flows.get_mut(&wire).unwrap().open(at(now));
+        let after = after.into_iter().filter(|wire| *wire < 4).collect();
+        lines.send(now, wire, Arrival::Boundary(Boundary::Opened { generation: flip.generation, after }));
+    }
+}
+
 /// Returns how many values were lost, and what the consumer has said of it.
 fn run(seed: u64, loses: bool) -> (u64, u64) {
     let random = Random::new(seed);
@@ -183,22 +197,7 @@ fn run(seed: u64, loses: bool) -> (u64, u64) {
                     expect.close.retain(|wire| *wire < 4);
                     intake.expect(at(now), expect, &mut out);
                 }
-                Word::Flip(flip) => {
-                    for wire in flip.close.iter().filter(|wire| **wire < 4) {
-                        let sent = flows.get_mut(wire).unwrap().close();
-                        lines.send(now, *wire, closed_word(flip.generation, sent));
-                    }
-                    for Opening { wire, after } in flip.open {
-                        assert_eq!(wire as usize % 2, to);
-                        flows.get_mut(&wire).unwrap().open(at(now));
-                        let after = after.into_iter().filter(|wire| *wire < 4).collect();
-                        lines.send(
-                            now,
-                            wire,
-                            Arrival::Boundary(Boundary::Opened { generation: flip.generation, after }),
-                        );
-                    }
-                }
+                Word::Flip(flip) => flip_all(&mut lines, &mut flows, now, to, flip),
             }
         }
         for producer in 0..2_u32 {
@@ -220,14 +219,9 @@ fn run(seed: u64, loses: bool) -> (u64, u64) {
             match passed {
                 Passed::Value(value) => {
                     let (producer, number) = ((value % 2) as usize, value / 2);
-                    let is_first = last[producer] == 0;
-                    assert!(is_first || number > last[producer], "seed {seed}: late or doubled");
-                    assert!(
-                        loses || is_first || number == last[producer] + 1,
-                        "seed {seed}: lost {}",
-                        last[producer] + 1
-                    );
-                    last[producer] = number;
+                    let before = std::mem::replace(&mut last[producer], number);
+                    assert!(before == 0 || number > before, "seed {seed}: late or doubled");
+                    assert!(loses || before == 0 || number == before + 1, "seed {seed}: lost {}", before + 1);
                 }
                 Passed::Taken(word) => {
                     assert_eq!((word.late, word.missing), (0, vec![]), "seed {seed}");

@@ -1,0 +1,58 @@
+//! The bytes of what nodes say about a deployment that changes while it runs. If one of them fails, `VERSION` has to go up.
+
+use comms::logic::switch::{Expect, Flip, Opening};
+use language::algebra::{Event, StepRecord, Value};
+use node::logic::protocol::{
+    Answer, Change, ChangeOrder, ChangeReply, LeafFacts, SetsSwitched, SwitchRequest, ToCoordinator, ToParticipant,
+};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::fmt::Debug;
+use std::time::Duration;
+
+fn check<T: Serialize + DeserializeOwned + PartialEq + Debug>(message: &T, golden: &str) {
+    let bytes = postcard::to_stdvec(message).expect("it can be written");
+    let hex: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+    assert_eq!(hex, golden, "{message:?}");
+    assert_eq!(postcard::from_bytes::<T>(&bytes).as_ref(), Ok(message));
+}
+
+fn facts() -> Vec<LeafFacts> {
+    vec![LeafFacts { owns: vec!["arm".into()], needs: vec!["ft".into()], signals: true, ..LeafFacts::plain(300) }]
+}
+
+#[test]
+fn golden_changes() {
+    check(&ChangeOrder::Link { number: 300 }, "02ac02");
+    check(&ChangeOrder::LinkAlso { number: 300, facts: facts() }, "05ac0201ac0200010361726d0102667401");
+    check(&ChangeReply::Applied { number: 300 }, "01ac02");
+    check(&ChangeReply::Joined { number: 300, facts: facts() }, "05ac0201ac0200010361726d0102667401");
+    let step = StepRecord { event: Event::Start(Value::new(&[7])), commands: vec![], outcome: None, is_cut: true };
+    check(&ToCoordinator::Stepped { group: 1, number: 300, steps: vec![step] }, "0801ac02010001010700000001");
+}
+
+#[test]
+fn golden_switches() {
+    let flip = Flip { generation: 300, close: vec![3], open: vec![Opening { wire: 4, after: vec![3] }] };
+    check(&ToParticipant::Flip { group: 1, generation: 300, flip }, "1201ac02ac02010301040103");
+    let expect = Expect { generation: 300, close: vec![3], open: vec![4] };
+    check(&ToParticipant::Expect { group: 1, leaf: 2, expect }, "130102ac0201030104");
+    check(&ToParticipant::Expecting { group: 1, leaf: 2, generation: 300 }, "140102ac02");
+    let (lost, late, missing) = (300, 1, vec![4]);
+    check(&ToParticipant::Taken { group: 1, leaf: 2, generation: 300, lost, late, missing }, "150102ac02ac02010104");
+    check(&ToParticipant::SwitchSets { group: 1, slot: 2, sets: vec![3], call: 300 }, "1601020103ac02");
+    let switched = || SetsSwitched {
+        closed: vec!["a".into()],
+        opened: vec!["b".into()],
+        took: Duration::new(3, 4),
+        lost: 300,
+        late: 1,
+        unconfirmed: vec!["m".into()],
+    };
+    check(&ToCoordinator::SetsSwitched { call: 300, switched: Ok(switched()) }, "09ac02000101610101620304ac020101016d");
+    check(&ToCoordinator::SetsSwitched { call: 300, switched: Err("x".into()) }, "09ac02010178");
+    check(&Change::Switched(switched()), "0e0101610101620304ac020101016d");
+    check(&Answer::Switched(Err("x".into())), "13010178");
+    let request = SwitchRequest { name: "d".into(), process: "m".into(), labels: vec!["a".into()] };
+    check(&request, "0164016d010161");
+}
