@@ -6,6 +6,8 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 /// How many switches a consumer expects at one time; the oldest is given up for the next.
 const EXPECTED_MAX: usize = 64;
+/// How many wires that are linked no more are remembered; the lowest number gives way.
+const UNLINKED_MAX: usize = 4096;
 
 /// What arrives on a wire.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -43,6 +45,8 @@ pub struct Taken {
 pub struct Intake<T> {
     wires: BTreeMap<u32, Wire<T>>,
     expected: BTreeMap<u64, Expected>,
+    /// Wires that are linked no more: of those nothing is waited for.
+    unlinked: BTreeSet<u32>,
     late: u64,
 }
 
@@ -72,7 +76,7 @@ struct Expected {
 
 impl<T> Default for Intake<T> {
     fn default() -> Self {
-        Self { wires: BTreeMap::new(), expected: BTreeMap::new(), late: 0 }
+        Self { wires: BTreeMap::new(), expected: BTreeMap::new(), unlinked: BTreeSet::new(), late: 0 }
     }
 }
 
@@ -95,6 +99,9 @@ impl<T> Intake<T> {
     /// Takes what has arrived on a wire, of which at most `held_max` values are held back; the oldest gives way.
     pub fn arrive(&mut self, now: Time, (wire, held_max): (u32, usize), arrival: Arrival<T>, out: &mut Vec<Passed<T>>) {
         match arrival {
+            // It was under way when the wire was forgotten.
+            Arrival::Value(_) if self.unlinked.contains(&wire) => self.late += 1,
+            Arrival::Boundary(_) if self.unlinked.contains(&wire) => {}
             Arrival::Value(value) => self.value(wire, held_max, value, out),
             Arrival::Boundary(Boundary::Opened { generation, after }) => self.opened(now, wire, generation, after),
             Arrival::Boundary(Boundary::Closed { generation, sent }) => self.closed(wire, generation, sent),
@@ -140,10 +147,22 @@ impl<T> Intake<T> {
         holds.chain(self.expected.values().map(|expected| expected.until)).min()
     }
 
-    /// Forgets a wire that is not linked any more; what it has held back passes.
-    pub fn forget(&mut self, wire: u32, out: &mut Vec<Passed<T>>) {
-        if let Some(mut wire) = self.wires.remove(&wire) {
+    /// Takes note that a wire is linked, before anything comes over it.
+    pub fn link(&mut self, wire: u32) {
+        self.unlinked.remove(&wire);
+    }
+
+    /// Forgets a wire that is not linked any more; what it has held back passes, and nobody waits for its end.
+    pub fn forget(&mut self, number: u32, out: &mut Vec<Passed<T>>) {
+        if self.unlinked.len() >= UNLINKED_MAX {
+            self.unlinked.pop_first();
+        }
+        self.unlinked.insert(number);
+        if let Some(mut wire) = self.wires.remove(&number) {
             wire.release(out);
+        }
+        for other in self.wires.values_mut() {
+            other.after.remove(&number);
         }
         self.settle(out);
     }
@@ -168,8 +187,10 @@ impl<T> Intake<T> {
     }
 
     fn opened(&mut self, now: Time, number: u32, generation: u64, after: Vec<u32>) {
-        let is_closed =
-            |wire: &u32| self.wires.get(wire).is_some_and(|wire| wire.given_up || wire.was_closed(generation));
+        let is_closed = |wire: &u32| {
+            self.unlinked.contains(wire)
+                || self.wires.get(wire).is_some_and(|wire| wire.given_up || wire.was_closed(generation))
+        };
         let after: BTreeSet<u32> = after.into_iter().filter(|wire| *wire != number && !is_closed(wire)).collect();
         let is_aligned = self.expected.get(&generation).is_some_and(|expected| expected.what.open.len() > 1);
         let wire = self.wires.entry(number).or_default();
@@ -234,7 +255,7 @@ impl<T> Intake<T> {
     /// Returns the wires of a switch whose boundaries have not come.
     fn missing<'a>(&'a self, what: &'a Expect) -> impl Iterator<Item = u32> + 'a {
         let is = |wire: &u32, was: fn(&Wire<T>, u64) -> bool| {
-            self.wires.get(wire).is_some_and(|wire| was(wire, what.generation))
+            self.unlinked.contains(wire) || self.wires.get(wire).is_some_and(|wire| was(wire, what.generation))
         };
         let open = what.close.iter().filter(move |wire| !is(wire, Wire::was_closed));
         let closed = what.open.iter().filter(move |wire| !is(wire, Wire::was_opened));

@@ -159,6 +159,11 @@ impl Inbox {
         self.pass(|intake, out| intake.expect(now(), expect, out));
     }
 
+    /// Takes note that a wire is linked, before anything comes over it.
+    pub(super) fn link(&self, wire: u32) {
+        self.lock().intake.link(wire);
+    }
+
     /// Forgets wires that are not linked any more.
     pub(super) fn forget(&self, wires: impl IntoIterator<Item = u32>) {
         self.pass(|intake, out| wires.into_iter().for_each(|wire| intake.forget(wire, out)));

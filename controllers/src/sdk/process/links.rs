@@ -161,6 +161,7 @@ impl Links {
                 made.fetches.insert(number, Arc::new(Fetch { port, key, session }));
             } else {
                 let hold = Hold::of(&self.shape_of(number));
+                inbox.link(number);
                 let declared = agreement::declare(session, &incoming.key, input).map_err(|error| error.to_string())?;
                 made.inputs.insert(number, (declared, hear(session, incoming, (port, hold), inbox)?));
             }

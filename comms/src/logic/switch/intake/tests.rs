@@ -91,6 +91,41 @@ fn a_producer_that_does_not_say_that_it_has_ended_is_given_up() {
     assert_eq!(intake.deadline(), None);
 }
 
+/// A change of a deployment takes wires away that the switch before it closes, maybe before their last word has come.
+#[test]
+fn nobody_waits_for_a_wire_that_is_linked_no_more() {
+    let value = Arrival::Value;
+    let expect = || Expect { generation: 7, close: vec![1], open: vec![2] };
+    let word = Taken { generation: 7, lost: 0, late: 0, missing: vec![] };
+    for is_forgotten_first in [true, false] {
+        let (mut intake, mut out) = (Intake::default(), Vec::new());
+        intake.arrive(at(0), (1, 3), opened(0, &[]), &mut out);
+        intake.expect(at(1), expect(), &mut out);
+        if is_forgotten_first {
+            intake.forget(1, &mut out);
+        }
+        intake.arrive(at(2), (2, 3), opened(7, &[1]), &mut out);
+        intake.arrive(at(2), (2, 3), value(20), &mut out);
+        if !is_forgotten_first {
+            assert_eq!(out, []);
+            intake.forget(1, &mut out);
+        }
+        assert_eq!((values(&out), taken(&out)), (vec![20], vec![word.clone()]));
+        // What was under way is late.
+        intake.arrive(at(3), (1, 3), value(10), &mut out);
+        intake.arrive(at(3), (1, 3), closed(7, 1), &mut out);
+        assert_eq!((values(&out), intake.deadline()), (vec![20], None));
+        // Linked once more, it is a wire as any other.
+        intake.link(1);
+        intake.arrive(at(4), (1, 3), opened(0, &[]), &mut out);
+        intake.arrive(at(4), (1, 3), value(11), &mut out);
+        assert_eq!(values(&out), [20, 11]);
+        intake.expect(at(5), Expect { generation: 8, close: vec![], open: vec![1] }, &mut out);
+        intake.arrive(at(5), (1, 3), opened(8, &[]), &mut out);
+        assert_eq!(taken(&out)[1].late, 1);
+    }
+}
+
 /// Of several inputs that are cut at one time none goes ahead of the others.
 #[test]
 fn inputs_that_are_opened_together_wait_for_each_other() {
