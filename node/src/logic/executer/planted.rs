@@ -111,7 +111,7 @@ impl World<'_> {
         } else if let ToParticipant::Stop { target: Target::Leaf(leaf), activation } = message {
             let is_it = |program: &&mut (u32, u32, bool)| (program.0, program.1) == (leaf, activation);
             self.programs.iter_mut().filter(is_it).for_each(|program| program.2 = true);
-        } else if let ToParticipant::Switch { generation, .. } = message {
+        } else if let ToParticipant::Flip { generation, .. } = message {
             self.let_it(|executer, at, out| {
                 executer.switched(generation, at, out);
                 None
