@@ -3,7 +3,7 @@
 //! Each part is explored alone, its members as boxes, while any program may fail and the whole may be stopped at any time.
 //! Parts come before what is around them, so that it is known how each box can end.
 
-use crate::explore::{Found, Graph, Limits, Nobody, Reached, explore, is_natural, is_over, is_stopping};
+use crate::explore::{Found, Graph, Limits, Nobody, Reached, explore, is_over, is_stopping};
 use crate::finding::{Finding, diagnostic, help};
 use crate::model::{Ends, Model, Seat};
 use crate::story::{place, story_to_the_end};
@@ -67,13 +67,19 @@ fn explore_part(
     (catalogue, asked): (&mut Catalogue, &mut Asked),
 ) {
     let (mut ends, mut is_whole) = ([Ends::default(), Ends::default()], true);
+    let holds = |seat: &Seat| matches!(seat, Seat::Part(inner) if model.parts[*inner].may_hang);
+    let mut may_hang = model.parts[part].members.iter().any(holds);
     for (index, aborts) in [true, false].into_iter().enumerate() {
         let mut system = System::new(model, part, &|_| false);
         system.mode = Mode { aborts, stops: aborts, ..Mode::default() };
         let Found { graph, .. } = explore(&system, limits, true, &Nobody);
         catalogue.states += u64::from(graph.store.count());
         catalogue.transitions += graph.transitions;
-        ends[index] = ends_of(&system, &graph);
+        let over = graph.which(&system, is_over);
+        ends[index] = ends_of(&system, &graph, &over);
+        // From its start it can end, and from somewhere else it cannot.
+        let can = graph.can_reach(&over, &|label| system.is_natural(label));
+        may_hang |= can.first() == Some(&true) && can.contains(&false);
         is_whole &= graph.reached.is_none();
         if aborts {
             if let Some(reached) = graph.reached {
@@ -85,15 +91,15 @@ fn explore_part(
     }
     // A group of another supervisor can always fail: its host may be lost.
     ends[0].aborts |= !model.parts[part].is_piece;
-    (model.parts[part].ends, model.parts[part].is_whole) = (ends, is_whole);
+    let own = &mut model.parts[part];
+    (own.ends, own.is_whole, own.may_hang) = (ends, is_whole, may_hang);
 }
 
 /// How the whole of a system ends, of all that was seen.
-fn ends_of(system: &System<'_>, graph: &Graph) -> Ends {
+fn ends_of(system: &System<'_>, graph: &Graph, over: &[bool]) -> Ends {
     let mut ends = Ends::default();
     let (mut frame, mut changes) = (system.initial(), Vec::new());
     let mut stepper = system.stepper();
-    let over = graph.which(system, is_over);
     for state in 0..graph.store.count() {
         for (label, _) in graph.from(state).filter(|(_, target)| over[*target as usize]) {
             system.unpack(graph.store.get(state), &mut frame);
@@ -190,7 +196,7 @@ fn run_nodes(expression: &Expression) -> Vec<(usize, u32)> {
 /// From every state after a stop the end can be reached.
 fn stop_without_end(system: &System<'_>, graph: &Graph, part: usize) -> Option<Finding> {
     let over = graph.which(system, is_over);
-    let can = graph.can_reach(&over, &is_natural);
+    let can = graph.can_reach(&over, &|label| system.is_natural(label));
     let stopping = graph.which(system, is_stopping);
     let state = (0..graph.store.count()).find(|&state| stopping[state as usize] && !can[state as usize])?;
     let name = system.model.group_name(system.model.parts[part].group);
@@ -231,7 +237,7 @@ fn stuck(system: &System<'_>, graph: &Graph, (part, node): (usize, usize)) -> Op
     let mut ended = graph.which(system, |frame| frame.phase != Phase::Idle && !is_active(frame));
     let running = graph.which(system, |frame| frame.phase == Phase::Running && is_active(frame));
     let first = |ended: &[bool]| {
-        let can = graph.can_reach(ended, &is_natural);
+        let can = graph.can_reach(ended, &|label| system.is_natural(label));
         (0..graph.store.count()).find(|&state| running[state as usize] && !can[state as usize])
     };
     first(&ended)?;
@@ -253,7 +259,7 @@ fn round_ends(system: &System<'_>, graph: &Graph, node: usize, (running, ended):
     let (mut frame, mut stepper) = (system.initial(), system.stepper());
     for state in (0..graph.store.count()).filter(|&state| running[state as usize]) {
         system.unpack(graph.store.get(state), &mut frame);
-        let mut natural = graph.from(state).filter(|(label, _)| is_natural(*label));
+        let mut natural = graph.from(state).filter(|(label, _)| system.is_natural(*label));
         ended[state as usize] |= natural.any(|(label, _)| stepper.ended(&frame, label).contains(&node));
     }
 }
@@ -263,7 +269,7 @@ fn at_the_end(system: &System<'_>, graph: &Graph, state: u32) -> Frame {
     let mut frame = system.initial();
     system.unpack(graph.store.get(state), &mut frame);
     let (mut changes, mut stepper) = (Vec::new(), system.stepper());
-    for label in graph.dead_end(state) {
+    for label in graph.dead_end(system, state) {
         stepper.apply(&mut frame, label, Some(&mut changes));
     }
     frame
@@ -298,7 +304,7 @@ fn usings(system: &System<'_>, part: usize) -> Vec<usize> {
 fn waits_for_ever(system: &System<'_>, graph: &Graph, (part, node): (usize, usize)) -> Option<Finding> {
     let waits = graph.which(system, |frame| frame.phase == Phase::Running && frame.states[0].is_node_waiting(node));
     let goes_on: Vec<bool> = graph.which(system, |frame| !frame.states[0].is_node_waiting(node));
-    let can = graph.can_reach(&goes_on, &is_natural);
+    let can = graph.can_reach(&goes_on, &|label| system.is_natural(label));
     let state = (0..graph.store.count()).find(|&state| waits[state as usize] && !can[state as usize])?;
     let name = system.model.group_name(system.model.parts[part].group);
     let found = diagnostic(Code::E0811, place(system.model, part, node), format!("`{name}` can wait here for ever"));

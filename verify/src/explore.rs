@@ -288,11 +288,12 @@ impl Graph {
     }
 
     /// A way on from a state, without failures, to the nearest one in which nothing happens any more; nothing if there is none.
-    pub(crate) fn dead_end(&self, state: u32) -> Vec<Label> {
+    pub(crate) fn dead_end(&self, system: &System<'_>, state: u32) -> Vec<Label> {
         let mut known: std::collections::BTreeMap<u32, (u32, Label)> = std::collections::BTreeMap::new();
         let mut open = std::collections::VecDeque::from([state]);
         while let Some(at) = open.pop_front() {
-            let mut next = self.from(at).filter(|(label, target)| is_natural(*label) && *target != at).peekable();
+            let mut next =
+                self.from(at).filter(|(label, target)| system.is_natural(*label) && *target != at).peekable();
             if next.peek().is_none() {
                 let (mut way, mut back) = (Vec::new(), at);
                 while let Some(&(before, label)) = known.get(&back).filter(|_| back != state) {
@@ -374,28 +375,6 @@ impl Graph {
                 has(&frame)
             })
             .collect()
-    }
-}
-
-/// Whether something happens without anybody failing or asking for it: programs that end, stops that are answered, timers.
-pub(crate) fn is_natural(label: Label) -> bool {
-    match label {
-        Label::Start
-        | Label::Done(..)
-        | Label::Stopped(..)
-        | Label::Elapsed(..)
-        | Label::Reached(_)
-        | Label::Arrived(..)
-        | Label::Heard(..)
-        | Label::Back(..)
-        | Label::Noted(_) => true,
-        Label::Stop
-        | Label::Aborted(..)
-        | Label::Died(..)
-        | Label::TooMany(_)
-        | Label::Fault(..)
-        | Label::Second(..)
-        | Label::Lost => false,
     }
 }
 

@@ -1,6 +1,6 @@
 //! A plan as one system, nothing left out and nothing reduced: for comparisons and measurements.
 
-use crate::explore::{Graph, Limits, Nobody, Reached, explore, is_natural, is_over, is_stopping};
+use crate::explore::{Graph, Limits, Nobody, Reached, explore, is_over, is_stopping};
 use crate::model::Model;
 use crate::system::{Frame, Mode, Phase, System};
 use language::algebra::Activity;
@@ -76,7 +76,7 @@ pub fn flat(plan: &Plan, sites: &Sites, limits: &Limits<'_>, detail: Detail) -> 
 
 fn look(system: &System<'_>, graph: &Graph, flat: &mut Flat) {
     let over = graph.which(system, is_over);
-    let can = graph.can_reach(&over, &is_natural);
+    let can = graph.can_reach(&over, &|label| system.is_natural(label));
     let running = graph.which(system, |frame| frame.phase == Phase::Running);
     let stopping = graph.which(system, is_stopping);
     let hangs = |which: &[bool]| which.iter().zip(&can).any(|(which, can)| *which && !can);

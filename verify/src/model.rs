@@ -45,6 +45,8 @@ pub(crate) struct Part {
     pub(crate) ends: [Ends; 2],
     /// Whether that is all: no limit ended the exploration of it or of what is inside.
     pub(crate) is_whole: bool,
+    /// Whether it can end, and can also come to where it never does; known after `ends`. Then it is no box.
+    pub(crate) may_hang: bool,
 }
 
 /// What a member slot of a part holds.
@@ -182,6 +184,7 @@ impl Outline<'_> {
             is_piece,
             ends: [Ends::default(), Ends::default()],
             is_whole: false,
+            may_hang: false,
         }
     }
 

@@ -6,7 +6,7 @@ pub(crate) mod monitor;
 mod stops;
 mod watch;
 
-use crate::explore::{Found, Graph, Limits, explore, is_natural};
+use crate::explore::{Found, Graph, Limits, explore};
 use crate::finding::{Finding, diagnostic, help};
 use crate::model::Model;
 use crate::story::{seconds, story, tell};
@@ -112,7 +112,8 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
 
     /// From every state in which something is owed, it can still come without anybody failing.
     fn live(&self, mode: Mode, whom: &[ProcessRef], goal: &Goal) -> Finding {
-        let system = self.system(whom, mode);
+        let mut system = self.system(whom, mode);
+        follow_starts(&mut system, &goal.begun());
         self.is_live(&system, goal, &|_| true).unwrap_or_else(|| self.proved())
     }
 
@@ -125,7 +126,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         let paid = graph.which(system, |frame| !goal.is_owed(frame));
         // Where programs do not fail by themselves, a failure that is reported comes from a lost host, and has to come.
         let is_forced = |label| matches!(label, Label::Aborted(..)) && !system.mode.aborts;
-        let can = graph.can_reach(&paid, &|label| (is_natural(label) || is_forced(label)) && counts(label));
+        let can = graph.can_reach(&paid, &|label| (system.is_natural(label) || is_forced(label)) && counts(label));
         let state = (0..graph.store.count()).find(|&state| !can[state as usize])?;
         Some(self.fails("from here on it can never happen", Some((system, &graph, state))))
     }
@@ -139,7 +140,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         let done = graph.which(&system, |frame| frame.phase == Phase::Done);
         if !done.contains(&true) {
             // A run that comes to a stand, or one as long as any.
-            let mut way = graph.dead_end(0);
+            let mut way = graph.dead_end(&system, 0);
             if way.is_empty() {
                 way = graph.way(graph.store.count() - 1);
             }
@@ -148,7 +149,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
             return found;
         }
         let over = graph.which(&system, |frame| frame.phase.is_over());
-        let can = graph.can_reach(&over, &is_natural);
+        let can = graph.can_reach(&over, &|label| system.is_natural(label));
         match (0..graph.store.count()).find(|&state| !can[state as usize]) {
             None => self.proved(),
             Some(state) => self.fails("from here it can never end", Some((&system, &graph, state))),
@@ -326,7 +327,7 @@ pub(crate) fn place_of(model: &Model<'_>, leaf: u32) -> Option<(u32, u32)> {
     })
 }
 
-/// The smallest system with a group as its whole in which these members are seen.
+/// The smallest system with a group as its whole in which these members are seen, and all that may never end.
 pub(crate) fn around<'a>(model: &'a Model<'a>, root: u32, named: &[(u32, u32)]) -> System<'a> {
     let mut needed: Vec<(u32, u32)> = Vec::new();
     for &(group, slot) in named {
@@ -339,6 +340,7 @@ pub(crate) fn around<'a>(model: &'a Model<'a>, root: u32, named: &[(u32, u32)]) 
     let is_open = |part: usize| {
         let source = &model.parts[part];
         match source.is_piece {
+            _ if source.may_hang => true,
             true => needed.iter().any(|&(group, slot)| group == source.group && model.holds(part, slot)),
             false => needed.iter().any(|&(group, _)| group == source.group),
         }

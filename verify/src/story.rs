@@ -74,7 +74,7 @@ pub(crate) fn story(system: &System<'_>, graph: &Graph, state: u32) -> Story {
 
 /// Tells the shortest way to a state, and on to where nothing happens any more.
 pub(crate) fn story_to_the_end(system: &System<'_>, graph: &Graph, state: u32) -> Story {
-    let way: Vec<Label> = graph.way(state).into_iter().chain(graph.dead_end(state)).collect();
+    let way: Vec<Label> = graph.way(state).into_iter().chain(graph.dead_end(system, state)).collect();
     tell(system, &way)
 }
 

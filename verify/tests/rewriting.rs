@@ -12,6 +12,8 @@ mod against_verify;
 mod completion;
 #[path = "rewriting/explore.rs"]
 mod explore;
+#[path = "rewriting/graph.rs"]
+mod graph;
 #[path = "rewriting/hosts.rs"]
 mod hosts;
 #[path = "rewriting/random.rs"]

@@ -2,7 +2,7 @@
 
 use super::settle::{NOTED_AFTER, Settled, longest_stop, settle};
 use super::{Mission, Row, Severity};
-use crate::explore::{Graph, is_natural};
+use crate::explore::Graph;
 use crate::limits::is_limit;
 use crate::model::{Seat, short};
 use crate::story::{Step, Story, effects, member_name, running, seconds, tell, timer_of};
@@ -64,8 +64,9 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
             struck.iter().any(|struck| struck.seat == Some(seat) && given_up(struck.kind))
         };
         let fails = |unit: u16, member: u16| is_lossy || is_given_up((unit.into(), member.into()));
-        let counts =
-            |label: Label| is_natural(label) || matches!(label, Label::Aborted(unit, member) if fails(unit, member));
+        let counts = |label: Label| {
+            system.is_natural(label) || matches!(label, Label::Aborted(unit, member) if fails(unit, member))
+        };
         let passes =
             |unit: u16, timer: u16| limits[usize::from(unit)].get(usize::from(timer)).is_some_and(|limit| *limit);
         let is_passed = |label: Label| matches!(label, Label::Elapsed(unit, timer) if passes(unit, timer));

@@ -10,7 +10,7 @@ mod trace;
 
 use super::watch::Seats;
 use super::{Question, is_running};
-use crate::explore::{Graph, Limits, Observer, explore, is_natural};
+use crate::explore::{Graph, Limits, Observer, explore};
 use crate::finding::Finding;
 use crate::story::tell_run;
 use crate::system::{Change, Frame, Label, Mode, System};
@@ -84,7 +84,7 @@ fn accepted(
     let letters: Vec<u32> = (0..graph.store.count()).map(|state| letter(system, graph.store.get(state))).collect();
     let events = atoms.iter().zip(0..).filter(|(atom, _)| matches!(atom, Atom::Happens(_)));
     // Where programs do not fail by themselves, a failure is what a group inside comes to.
-    let is_natural = |label| is_natural(label) || matches!(label, Label::Aborted(..)) && !system.mode.aborts;
+    let is_natural = |label| system.is_natural(label) || matches!(label, Label::Aborted(..)) && !system.mode.aborts;
     let seen = Seen {
         graph,
         letters: &letters,

@@ -36,14 +36,13 @@ impl Goal {
     pub(super) fn begun(&self) -> Vec<ProcessRef> {
         let events: Vec<&Occurrence> = match self {
             Self::Before(who, event) if event.kind == EventKind::Started => return vec![*who, event.who],
-            Self::Then(event, other) => event.iter().chain([other]).collect(),
+            Self::Then(event, other) | Self::Owed(event, other) => event.iter().chain([other]).collect(),
+            Self::StillRuns(event, _) => event.iter().collect(),
             Self::Before(..)
             | Self::Together(_)
             | Self::BesideEachOther(_)
             | Self::Without(..)
             | Self::Often(..)
-            | Self::StillRuns(..)
-            | Self::Owed(..)
             | Self::Ending(..)
             | Self::Sometime(_) => Vec::new(),
         };

@@ -88,4 +88,27 @@ impl System<'_> {
             }
         }
     }
+
+    /// Whether something happens without anybody failing or asking for it: programs that end, stops that are answered, timers. A
+    /// group that is not looked into may end as failed though no program fails: `estop ; fail("stopped")`.
+    pub(crate) fn is_natural(&self, label: Label) -> bool {
+        match label {
+            Label::Start
+            | Label::Done(..)
+            | Label::Stopped(..)
+            | Label::Elapsed(..)
+            | Label::Reached(_)
+            | Label::Arrived(..)
+            | Label::Heard(..)
+            | Label::Back(..)
+            | Label::Noted(_) => true,
+            Label::Aborted(unit, member) => {
+                let seat = self.units[usize::from(unit)].seats.get(usize::from(member));
+                matches!(seat, Some(Occupant::Box([_, calm])) if calm.aborts)
+            }
+            Label::Stop | Label::Died(..) | Label::TooMany(_) | Label::Fault(..) | Label::Second(..) | Label::Lost => {
+                false
+            }
+        }
+    }
 }

@@ -6,6 +6,7 @@
 //! and leaves out what no sentence can tell apart.
 
 use super::explore::armed;
+use super::graph::{Edge, Graph, Kind, Seat, Seen};
 use super::rules::{Event, Order, Reference};
 use super::term::{Conf, Left, Outcome};
 use language::algebra::Value;
@@ -16,19 +17,8 @@ use std::rc::Rc;
 /// Larger graphs are left out.
 const STATES_MAX: usize = 1_500;
 
-/// A member: its group and slot.
-pub(crate) type Seat = (u32, u32);
 /// What a spec says of its modules: the tags of their normal ends.
 pub(crate) type Tags = BTreeMap<Seat, Vec<String>>;
-
-/// What happens to a member, for one who looks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Kind {
-    Started,
-    Done,
-    Failed,
-    Stopped,
-}
 
 /// How something ends.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -77,25 +67,6 @@ pub(crate) enum Links {
 /// The hosts that a queue leads from and to, and the member, if each has its own.
 type Way = (u32, u32, Option<Seat>);
 
-/// What can be seen of a state.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Seen {
-    /// The programs that are active for their supervisors, also while they stop, and the groups that run.
-    pub(crate) active: BTreeSet<Seat>,
-    /// Those of them that are not being stopped, they or a group around them.
-    pub(crate) running: BTreeSet<Seat>,
-}
-
-/// What happens on the way to a state, in its order, and the number of that state.
-pub(crate) type Edge = (Vec<(Seat, Kind)>, usize);
-
-/// All states, with what happens on the way from each to another.
-#[derive(Debug, Default)]
-pub(crate) struct Graph {
-    pub(crate) seen: Vec<Seen>,
-    pub(crate) edges: Vec<Vec<Edge>>,
-}
-
 /// Everything that is, at one moment.
 #[derive(Clone)]
 struct World<'p> {
@@ -123,6 +94,7 @@ pub(crate) fn explore(plan: &Plan, tags: &Tags, links: Links) -> Option<Graph> {
             return None;
         }
         for what in world.moves(state, tags) {
+            let is_natural = !matches!(what, Move::Stop | Move::Ends(_, End::Failed));
             let mut next = world.clone();
             next.happens(what);
             let happened = std::mem::take(&mut next.happened);
@@ -134,7 +106,7 @@ pub(crate) fn explore(plan: &Plan, tags: &Tags, links: Links) -> Option<Graph> {
                 }
                 graph.seen.len() - 1
             });
-            graph.edges[state].push((happened, target));
+            graph.edges[state].push(Edge { happened, target, is_natural });
         }
     }
     Some(graph)
@@ -221,7 +193,22 @@ impl<'p> World<'p> {
             groups.flat_map(|(group, source)| (0_u32..).zip(&source.members).map(move |(slot, _)| (group, slot)));
         let active: BTreeSet<Seat> = seats.filter(|seat| self.is_active(*seat)).collect();
         let running = active.iter().copied().filter(|seat| self.is_running(*seat)).collect();
-        Seen { active, running }
+        let start = |message: &Message| if let Message::Start(seat, _) = message { Some(*seat) } else { None };
+        let end = |message: &Message| if let Message::Ended(seat, _) = message { Some(*seat) } else { None };
+        let messages = || self.queues.values().flatten();
+        let starting = messages().filter_map(start).collect();
+        let is_group = |seat: &Seat| matches!(self.kind(*seat), MemberKind::Group(_));
+        let unheard = messages().filter_map(end).filter(is_group).collect();
+        Seen { active, running, starting, unheard, stopping: self.stopping() }
+    }
+
+    fn stopping(&self) -> BTreeSet<u32> {
+        let holds_up = |part: &Conf| {
+            matches!(part, Conf::ShieldK(..) | Conf::Stopping(..)) || matches!(part, Conf::Fin2(Outcome::Killed, _))
+        };
+        let is_stopping = |one: &Reference| one.conf.as_ref().is_some_and(|conf| conf.any(&holds_up));
+        let groups = (0_u32..).zip(&self.supervisors).filter(|(_, one)| is_stopping(one));
+        groups.map(|(group, _)| group).chain(self.orders.iter().copied()).collect()
     }
 
     // ---- what happens ----
@@ -386,22 +373,5 @@ fn event(slot: u32, end: End) -> Event {
         End::Done(bytes) => Event::Done(slot, bytes),
         End::Failed => Event::Aborted(slot),
         End::Stopped => Event::Stopped(slot),
-    }
-}
-
-impl Graph {
-    /// Whether a transition exists that a watcher objects to; it keeps a small number along each way.
-    pub(crate) fn objects(&self, watch: impl Fn(bool, &[(Seat, Kind)], &Seen) -> Result<bool, ()>) -> bool {
-        let mut known = BTreeSet::from([(0, false)]);
-        let mut open = vec![(0, false)];
-        while let Some((state, note)) = open.pop() {
-            for (happened, target) in &self.edges[state] {
-                let Ok(note) = watch(note, happened, &self.seen[*target]) else { return true };
-                if known.insert((*target, note)) {
-                    open.push((*target, note));
-                }
-            }
-        }
-        false
     }
 }

@@ -1,0 +1,94 @@
+//! What brute force has found of several hosts: states, what happens between them, and what holds of all ways through them.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+/// A member: its group and slot.
+pub(crate) type Seat = (u32, u32);
+
+/// What happens to a member, for one who looks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Started,
+    Done,
+    Failed,
+    Stopped,
+}
+
+/// What can be seen of a state.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Seen {
+    /// The programs that are active for their supervisors, also while they stop, and the groups that run.
+    pub(crate) active: BTreeSet<Seat>,
+    /// Those of them that are not being stopped, they or a group around them.
+    pub(crate) running: BTreeSet<Seat>,
+    /// The members to which an order to start is under way.
+    pub(crate) starting: BTreeSet<Seat>,
+    /// The groups that have ended, and the supervisor around them does not know. Of a program it counts what its supervisor knows.
+    pub(crate) unheard: BTreeSet<Seat>,
+    /// The groups in which something is being stopped, or a `shield` or a `finally` holds a stop up.
+    pub(crate) stopping: BTreeSet<u32>,
+}
+
+/// The way to a state.
+#[derive(Debug)]
+pub(crate) struct Edge {
+    /// What happens, in its order.
+    pub(crate) happened: Vec<(Seat, Kind)>,
+    pub(crate) target: usize,
+    /// Whether it happens though nobody fails and nobody asks for a stop.
+    pub(crate) is_natural: bool,
+}
+
+/// All states, with what happens on the way from each to another.
+#[derive(Debug, Default)]
+pub(crate) struct Graph {
+    pub(crate) seen: Vec<Seen>,
+    pub(crate) edges: Vec<Vec<Edge>>,
+}
+
+impl Graph {
+    /// Whether a transition exists that a watcher objects to; it keeps a small number along each way.
+    pub(crate) fn objects(&self, watch: impl Fn(bool, &[(Seat, Kind)], &Seen) -> Result<bool, ()>) -> bool {
+        let mut known = BTreeSet::from([(0, false)]);
+        let mut open = vec![(0, false)];
+        while let Some((state, note)) = open.pop() {
+            for edge in &self.edges[state] {
+                let Ok(note) = watch(note, &edge.happened, &self.seen[edge.target]) else { return true };
+                if known.insert((edge.target, note)) {
+                    open.push((edge.target, note));
+                }
+            }
+        }
+        false
+    }
+
+    /// Whether what a watcher notes as owed can always come, nobody failing and nobody asking for a stop. A calm one is asked
+    /// about runs alone in which that is so from the start.
+    pub(crate) fn pays(
+        &self,
+        is_calm: bool,
+        first: bool,
+        watch: impl Fn(bool, &[(Seat, Kind)], &Seen) -> bool,
+    ) -> bool {
+        let mut back: BTreeMap<(usize, bool), Vec<(usize, bool)>> = BTreeMap::from([((0, first), Vec::new())]);
+        let mut open = vec![(0, first)];
+        while let Some((state, note)) = open.pop() {
+            for edge in self.edges[state].iter().filter(|edge| edge.is_natural || !is_calm) {
+                let next = (edge.target, watch(note, &edge.happened, &self.seen[edge.target]));
+                let ways = back.entry(next).or_insert_with(|| {
+                    open.push(next);
+                    Vec::new()
+                });
+                if edge.is_natural {
+                    ways.push((state, note));
+                }
+            }
+        }
+        let mut paid: Vec<(usize, bool)> = back.keys().filter(|(_, is_owed)| !is_owed).copied().collect();
+        let mut known: BTreeSet<(usize, bool)> = paid.iter().copied().collect();
+        while let Some(at) = paid.pop() {
+            paid.extend(back[&at].iter().filter(|from| known.insert(**from)));
+        }
+        known.len() == back.len()
+    }
+}
