@@ -179,6 +179,7 @@ impl<'a> System<'a> {
             is_whole: true,
         };
         system.add(root, None, is_open);
+        system.follow_messages(&[]);
         system
     }
 

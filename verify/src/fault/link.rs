@@ -12,6 +12,9 @@ use crate::wires::{Line, lines};
 use language::plan::Expression;
 use std::collections::BTreeMap;
 
+/// The phase in which no step runs.
+const BETWEEN: &str = "between two steps";
+
 /// A wire between two hosts, in a system.
 struct Span {
     /// The hosts, the smaller first.
@@ -62,13 +65,15 @@ pub(super) fn rows(times: &Times<'_, '_>, limits: &Limits<'_>, table: &mut Table
             let name = |host: u32| model.plan.hosts[host as usize].as_str();
             let program = format!("{} - {}", name(one), name(other));
             let key = (program.clone(), words.join(", "));
-            if rows.contains_key(&key) {
+            // A phase with a step in it says more than one in which orders are under way.
+            let phase = phase(&system, &frame);
+            if rows.get(&key).is_some_and(|known| known.phase != BETWEEN || phase == BETWEEN) {
                 continue;
             }
             let row = Row {
                 program,
                 fault: FaultKind::LinkLost.word().to_owned(),
-                phase: phase(&system, &frame),
+                phase,
                 effect: format!("{} no longer arrives; messages between the nodes take another way", key.1),
                 running: running(&system, &frame).0,
                 safe_within: None,
@@ -86,7 +91,7 @@ pub(super) fn rows(times: &Times<'_, '_>, limits: &Limits<'_>, table: &mut Table
 fn phase(system: &System<'_>, frame: &Frame) -> String {
     let steps = system.there(frame).into_iter().filter(|seat| is_step(system, *seat));
     let names: Vec<String> = steps.filter_map(|(unit, member)| member_name(system, unit, member)).collect();
-    if names.is_empty() { "between two steps".to_owned() } else { names.join(", ") }
+    if names.is_empty() { BETWEEN.to_owned() } else { names.join(", ") }
 }
 
 fn span(model: &Model<'_>, system: &System<'_>, line: &Line) -> Option<Span> {

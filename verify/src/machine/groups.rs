@@ -1,10 +1,10 @@
 //! The rules of a group: `using`, and what goes between groups.
 
 use super::writer::{
-    ABORTED, DELIVER, DONE, GRANT, IDLE, Node, OVER, REPORT, REST, RUNNING, RUNS, SETTLE, START, STOP, STOPPED,
-    STOPPING, Sets, Use, Writer,
+    ABORTED, DELIVER, DONE, GRANT, GroupVars, IDLE, Link, Node, OVER, REPORT, REST, RUNNING, RUNS, SETTLE, START, STOP,
+    STOPPED, STOPPING, Sets, Use, Writer,
 };
-use super::{Term, Test};
+use super::{Term, Test, Var};
 use language::plan::{Expression, Group};
 
 impl Writer<'_> {
@@ -26,15 +26,28 @@ impl Writer<'_> {
         self.rule(root, SETTLE, &[Test::Is(self.result, RUNS)], self.todo(root, GRANT, 1));
         let delivers = self.todo(root, DELIVER, 0);
         self.rule(root, GRANT, &[Test::Less(waiting, self.operand)], delivers.clone());
+        let ends = Test::Not(self.result, RUNS);
         let mut over = delivers;
         if group == 0 {
             over.push((self.whole, Term::Number(OVER)));
-        } else {
-            over.push((self.groups[group].is_ordered, Term::Number(0)));
-            let group = u32::try_from(group).unwrap_or(u32::MAX);
-            over.extend(self.deliver(group, Term::Of(self.result), Term::Of(self.value)));
+            self.rule(root, SETTLE, &[ends], over);
+            return root;
         }
-        self.rule(root, SETTLE, &[Test::Not(self.result, RUNS)], over);
+        // An order to stop finds nothing any more.
+        over.push((self.groups[group].is_ordered, Term::Number(0)));
+        match self.groups[group].travels {
+            None => {
+                over.extend(self.deliver(group, Term::Of(self.result), Term::Of(self.value)));
+                self.rule(root, SETTLE, &[ends], over);
+            }
+            Some(travels) => {
+                over.extend(self.sends(travels.report, travels.back));
+                over.extend(self.says(group, Term::Of(self.result), Term::Of(self.value)));
+                let too_late = [over.clone(), self.takes(travels.stop, travels.link)].concat();
+                self.rule(root, SETTLE, &[ends.clone(), Test::Not(travels.stop, 0)], too_late);
+                self.rule(root, SETTLE, &[ends, Test::Is(travels.stop, 0)], over);
+            }
+        }
         root
     }
 
@@ -78,7 +91,7 @@ impl Writer<'_> {
         let waits = [waits, vec![(kept, Term::Of(self.value))], self.reports(node, RUNS)].concat();
         self.rule(node, START, &[Test::Fails(Box::new(at_once))], waits);
 
-        let later = |rival: &super::Var| Test::Any(vec![Test::Is(*rival, 0), Test::Less(place, *rival)]);
+        let later = |rival: &Var| Test::Any(vec![Test::Is(*rival, 0), Test::Less(place, *rival)]);
         let is_first = Test::All(free.into_iter().chain(rivals.iter().map(later)).collect());
         let turn = Test::Same(place, self.operand);
         let granted = [begins, takes, leaves.clone(), self.start(inner, Term::Of(kept))].concat();
@@ -95,10 +108,44 @@ impl Writer<'_> {
     }
 
     /// Something is to be delivered for a group: that it starts, or its result to the group around it.
-    pub(super) fn deliver(&self, group: u32, result: Term, value: Term) -> Sets {
-        let own = &self.groups[group as usize];
-        let place = vec![(own.place, Term::OneMore(self.pending)), (self.pending, Term::OneMore(self.pending))];
-        [place, vec![(own.result, result), (own.value, value)]].concat()
+    fn deliver(&self, group: usize, result: Term, value: Term) -> Sets {
+        let place = self.groups[group].place;
+        let place = vec![(place, Term::OneMore(self.pending)), (self.pending, Term::OneMore(self.pending))];
+        [place, self.says(group, result, value)].concat()
+    }
+
+    /// What is delivered, or is under way.
+    fn says(&self, group: usize, result: Term, value: Term) -> Sets {
+        let own = &self.groups[group];
+        vec![(own.result, result), (own.value, value)]
+    }
+
+    /// A group is to start: at once, or when the order reaches its host.
+    pub(super) fn orders(&self, group: u32, value: Term) -> Sets {
+        let group = group as usize;
+        match self.groups[group].travels {
+            None => self.deliver(group, Term::Number(RUNS), value),
+            Some(travels) => {
+                [self.sends(travels.start, travels.link), self.says(group, Term::Number(RUNS), value)].concat()
+            }
+        }
+    }
+
+    /// A message is the last on its link.
+    pub(super) fn sends(&self, place: Var, link: Link) -> Sets {
+        let count = self.links[&link];
+        vec![(place, Term::OneMore(count)), (count, Term::OneMore(count))]
+    }
+
+    /// A message leaves its link; those behind it move up.
+    fn takes(&self, place: Var, link: Link) -> Sets {
+        let all = self.groups.iter().filter_map(|group| group.travels).flat_map(|travels| {
+            [(travels.start, travels.link), (travels.stop, travels.link), (travels.report, travels.back)]
+        });
+        let others = all.filter(|(other, of)| *of == link && *other != place).map(|(other, _)| other);
+        let mut sets: Sets = others.map(|other| (other, Term::MovesUp(other, place))).collect();
+        sets.extend([(place, Term::Number(0)), (self.links[&link], Term::OneLess(self.links[&link]))]);
+        sets
     }
 
     /// What is not of one group alone: the start and the stop of the whole, and all that goes between groups.
@@ -112,35 +159,69 @@ impl Writer<'_> {
         let rests = control.map(|var| (var, Term::Number(REST))).to_vec();
         self.change(None, vec![delivers.clone(), Test::Is(self.pending, 0)], rests);
         for (group, &root) in (0_u32..).zip(roots).skip(1) {
-            let (place, result) = (self.groups[group as usize].place, self.groups[group as usize].result);
-            let (value, is_ordered) = (self.groups[group as usize].value, self.groups[group as usize].is_ordered);
-            let others = self.groups.iter().map(|other| other.place).filter(|other| *other != place);
-            let mut takes: Sets = others.map(|other| (other, Term::MovesUp(other, place))).collect();
-            takes.extend([(self.pending, Term::OneLess(self.pending))]);
-            takes.extend([place, result, value].map(|var| (var, Term::Number(0))));
-            let first = [delivers.clone(), Test::Is(place, 1)];
-            let starts = [takes.clone(), self.start(root, Term::Of(value))].concat();
-            self.change(None, [&first[..], &[Test::Is(result, RUNS)]].concat(), starts);
-            let runs: Vec<Node> =
-                self.runs.iter().filter(|(inner, _)| *inner == group).map(|(_, node)| *node).collect();
-            for node in runs {
-                // One that stops though nobody has asked it to has failed.
-                let own = [(1, DONE, DONE), (1, ABORTED, ABORTED), (1, STOPPED, ABORTED)];
-                for (phase, came, counts) in
-                    own.into_iter().chain([DONE, ABORTED, STOPPED].map(|came| (2, came, STOPPED)))
-                {
-                    let tests = [Test::Is(result, came), Test::Is(node.phase, phase)];
-                    let given = if counts == DONE { Term::Of(value) } else { Term::Number(0) };
-                    let hears = [vec![self.enter(node, IDLE)], self.report(node, Term::Number(counts), given)].concat();
-                    self.change(None, [&first[..], &tests].concat(), [takes.clone(), hears].concat());
+            let (result, value) = (self.groups[group as usize].result, self.groups[group as usize].value);
+            let forgets = [result, value].map(|var| (var, Term::Number(0))).to_vec();
+            match self.groups[group as usize].travels {
+                None => {
+                    let place = self.groups[group as usize].place;
+                    let others = self.groups.iter().map(|other| other.place).filter(|other| *other != place);
+                    let mut takes: Sets = others.map(|other| (other, Term::MovesUp(other, place))).collect();
+                    takes.extend([(self.pending, Term::OneLess(self.pending)), (place, Term::Number(0))]);
+                    takes.extend(forgets);
+                    let first = vec![delivers.clone(), Test::Is(place, 1)];
+                    let starts = [takes.clone(), self.start(root, Term::Of(value))].concat();
+                    self.change(None, [&first[..], &[Test::Is(result, RUNS)]].concat(), starts);
+                    for (tests, hears) in self.hears(group) {
+                        self.change(None, [first.clone(), tests].concat(), [takes.clone(), hears].concat());
+                    }
+                }
+                Some(travels) => {
+                    let name = self.model.around[group as usize].map(|(around, slot)| self.model.name(around, slot));
+                    let name = name.unwrap_or_default();
+                    let takes = [self.takes(travels.start, travels.link), forgets.clone()].concat();
+                    let starts = [takes, self.start(root, Term::Of(value))].concat();
+                    self.event(format!("arrived({name})"), &[Test::Is(travels.start, 1)], starts);
+                    let takes = [self.takes(travels.report, travels.back), forgets].concat();
+                    for (mut tests, hears) in self.hears(group) {
+                        tests.push(Test::Is(travels.report, 1));
+                        self.event(format!("heard({name})"), &tests, [takes.clone(), hears].concat());
+                    }
                 }
             }
-            let reached = format!("reached({})", self.model.group_name(group));
-            let arrives = vec![(is_ordered, Term::Number(0))];
-            let is_ordered = Test::Is(is_ordered, 1);
-            let stops = [arrives.clone(), self.stop(root)].concat();
-            self.event(reached.clone(), &[is_ordered.clone(), Test::Not(root.phase, IDLE)], stops);
-            self.event(reached, &[is_ordered, Test::Is(root.phase, IDLE)], arrives);
+            self.reached(group, root);
         }
+    }
+
+    /// What each node that runs a group makes of its result.
+    fn hears(&self, group: u32) -> Vec<(Vec<Test>, Sets)> {
+        let (result, value) = (self.groups[group as usize].result, self.groups[group as usize].value);
+        let runs = self.runs.iter().filter(|(inner, _)| *inner == group).map(|(_, node)| *node);
+        let mut all = Vec::new();
+        for node in runs {
+            // One that stops though nobody has asked it to has failed.
+            let own = [(1, DONE, DONE), (1, ABORTED, ABORTED), (1, STOPPED, ABORTED)];
+            let asked = [DONE, ABORTED, STOPPED].map(|came| (2, came, STOPPED));
+            for (phase, came, counts) in own.into_iter().chain(asked) {
+                let given = if counts == DONE { Term::Of(value) } else { Term::Number(0) };
+                let hears = [vec![self.enter(node, IDLE)], self.report(node, Term::Number(counts), given)].concat();
+                all.push((vec![Test::Is(result, came), Test::Is(node.phase, phase)], hears));
+            }
+        }
+        all
+    }
+
+    /// The order to stop a group reaches it.
+    fn reached(&mut self, group: u32, root: Node) {
+        let GroupVars { is_ordered, travels, .. } = self.groups[group as usize];
+        let word = format!("reached({})", self.model.group_name(group));
+        let mut tests = vec![Test::Is(is_ordered, 1)];
+        let mut arrives = vec![(is_ordered, Term::Number(0))];
+        if let Some(travels) = travels {
+            tests.push(Test::Is(travels.stop, 1));
+            arrives.extend(self.takes(travels.stop, travels.link));
+        }
+        let stops = [arrives.clone(), self.stop(root)].concat();
+        self.event(word.clone(), &[&tests[..], &[Test::Not(root.phase, IDLE)]].concat(), stops);
+        self.event(word, &[&tests[..], &[Test::Is(root.phase, IDLE)]].concat(), arrives);
     }
 }

@@ -79,6 +79,7 @@ impl Writer<'_> {
         let (name, slot) = (self.model.name(group, member), &source.members[member as usize]);
         let mut starts = [vec![self.enter(node, 1)], self.reports(node, RUNS)].concat();
         let mut stops = [vec![self.enter(node, 2)], self.reports(node, RUNS)].concat();
+        let mut stoppable = vec![Test::Is(node.phase, 1)];
         match slot.kind {
             MemberKind::Leaf(leaf) => {
                 let ends = |this: &Self, result, tag| {
@@ -100,12 +101,19 @@ impl Writer<'_> {
             }
             MemberKind::Group(inner) => {
                 self.runs.push((inner, node));
-                starts.extend(self.deliver(inner, Term::Number(RUNS), Term::Of(self.value)));
+                starts.extend(self.orders(inner, Term::Of(self.value)));
+                if let Some(travels) = self.groups[inner as usize].travels {
+                    // What has ended meanwhile has nothing to stop.
+                    let ended = [Test::Is(node.phase, 1), Test::Not(travels.report, 0)];
+                    self.rule(node, STOP, &ended, stops.clone());
+                    stoppable.push(Test::Is(travels.report, 0));
+                    stops.extend(self.sends(travels.stop, travels.link));
+                }
                 stops.push((self.groups[inner as usize].is_ordered, Term::Number(1)));
             }
         }
         self.rule(node, START, &[], starts);
-        self.rule(node, STOP, &[Test::Is(node.phase, 1)], stops);
+        self.rule(node, STOP, &stoppable, stops);
         self.rule(node, STOP, &[Test::Is(node.phase, 2)], self.reports(node, RUNS));
     }
 

@@ -3,6 +3,7 @@
 use super::{Change, Machine, Term, Test, Var};
 use crate::model::Model;
 use language::plan::Expression;
+use std::collections::BTreeMap;
 
 /// What is to be done: nothing, by anybody. Only then something can happen.
 pub(super) const REST: u32 = 0;
@@ -70,6 +71,22 @@ pub(super) struct GroupVars {
     pub(super) value: Var,
     /// How many of its `using`s wait.
     pub(super) waiting: Var,
+    /// Where it is on another host than the group around it.
+    pub(super) travels: Option<Travels>,
+}
+
+/// From one host to another: indices into `Plan::hosts`.
+pub(super) type Link = (u32, u32);
+
+/// What travels between a group and the one around it: the place of each message on its link, from 1; 0 if there is none.
+#[derive(Clone, Copy)]
+pub(super) struct Travels {
+    pub(super) start: Var,
+    pub(super) stop: Var,
+    pub(super) report: Var,
+    /// To its host, and back.
+    pub(super) link: Link,
+    pub(super) back: Link,
 }
 
 /// The control that all share, and what has been written so far.
@@ -85,6 +102,8 @@ pub(super) struct Writer<'m> {
     /// How many things are to be delivered between groups.
     pub(super) pending: Var,
     pub(super) groups: Vec<GroupVars>,
+    /// How many messages are on each link.
+    pub(super) links: BTreeMap<Link, Var>,
     pub(super) nodes: u32,
     pub(super) tags: Vec<String>,
     // Of the group that is being written:
@@ -108,6 +127,7 @@ pub(super) fn write(model: &Model<'_>) -> Machine {
     let (result, value) = (machine.variable("result".into(), 3), machine.variable("value".into(), tags.len()));
     let whole = machine.variable("whole".into(), 3);
     let pending = machine.variable("pending".into(), plan.groups.len());
+    let mut links = BTreeMap::new();
     let groups = (0..plan.groups.len())
         .map(|group| {
             let mut own = |what: &str, most| machine.variable(format!("g{group}_{what}"), most);
@@ -117,6 +137,7 @@ pub(super) fn write(model: &Model<'_>) -> Machine {
                 result: own("result", 3),
                 value: own("value", tags.len()),
                 waiting: own("waiting", nodes as usize),
+                travels: travels(model, group, &mut machine, &mut links),
             }
         })
         .collect();
@@ -131,6 +152,7 @@ pub(super) fn write(model: &Model<'_>) -> Machine {
         whole,
         pending,
         groups,
+        links,
         nodes: 0,
         tags,
         group: 0,
@@ -142,6 +164,24 @@ pub(super) fn write(model: &Model<'_>) -> Machine {
     let roots: Vec<Node> = (0..plan.groups.len()).map(|group| writer.group(group)).collect();
     writer.between(&roots);
     writer.machine
+}
+
+/// What is known of the messages of a group, if they have to travel.
+fn travels(model: &Model<'_>, group: usize, machine: &mut Machine, links: &mut BTreeMap<Link, Var>) -> Option<Travels> {
+    let (around, _) = model.around[group]?;
+    let host = |group: usize| model.plan.groups[group].host;
+    let (own, other) = (host(around as usize), host(group));
+    if own == other {
+        return None;
+    }
+    // An order to start and one to stop, or a report, of each group.
+    let most = 2 * model.plan.groups.len();
+    let (link, back) = ((own, other), (other, own));
+    for (from, to) in [link, back] {
+        links.entry((from, to)).or_insert_with(|| machine.variable(format!("link{from}_{to}"), most));
+    }
+    let mut own = |what: &str| machine.variable(format!("g{group}_{what}"), most);
+    Some(Travels { start: own("start"), stop: own("stop"), report: own("report"), link, back })
 }
 
 /// The tags that outcomes may have, if anything looks at them.

@@ -8,7 +8,7 @@ use language::{Options, Source, compile_with_sites};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// A random spec; every other one has a group in it.
+/// A random spec; every other one has a group in it, half of these on another host.
 pub(crate) fn random(seed: u64) -> String {
     let mut dice = Dice::new(seed);
     let (outer, _) = text(&group(&mut dice, Taste::Text), "");
@@ -26,6 +26,10 @@ pub(crate) fn random(seed: u64) -> String {
     }
     let instance = format!("m{slot} instof M{slot}(c1);");
     let outer = outer.replace(&module(slot), "").replace(&instance, &format!("m{slot} instof Inner();"));
+    // Every fourth one is on two hosts.
+    if seed % 4 == 1 {
+        inner = inner.replace("host{c1}", "host{c2}").replace("(c1)", "(c2)");
+    }
     format!("{inner}\n{outer}")
 }
 
