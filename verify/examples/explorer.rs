@@ -19,7 +19,7 @@ fn main() {
     if objects.is_none() {
         tidy_up(14);
         groups(100, 10);
-        checked(100, 100);
+        checked(99, 100);
         door();
     }
     let objects = objects.unwrap_or(12);
@@ -64,13 +64,14 @@ fn groups(groups: usize, size: usize) {
     whole(&format!("{} processes in {groups} groups, by composition", groups * size), &groups_spec(groups, size));
 }
 
-/// The same, by the structural rules of `dca check` alone.
+/// Groups by the structural rules of `dca check` alone. They are processes, too, and a plan has 10,000 at the most.
 fn checked(groups: usize, size: usize) {
     let text = groups_spec(groups, size);
     let start = busy();
     let (plan, _) = compiled(&text, &[]);
     let time = (busy() - start).as_secs_f64();
-    println!("| {} processes in {groups} groups, checked |  | {time:.3} s |  |", plan.leaves.len());
+    let all = plan.leaves.len() + plan.groups.len();
+    println!("| {all} processes, {groups} of them groups, checked |  | {time:.3} s |  |");
 }
 
 fn groups_spec(groups: usize, size: usize) -> String {
