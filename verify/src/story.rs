@@ -232,8 +232,12 @@ fn cause(system: &System<'_>, label: Label) -> String {
             format!("the report that {} has ended reaches `{group}`", name(unit, member))
         }
         Label::Lost => {
-            let is_cut = system.mode.lost.is_some_and(|loss| loss.kind == LossKind::Cut);
-            format!("the host `{}` {}", lost_host(system), if is_cut { "IS CUT OFF" } else { "IS LOST" })
+            let what = match system.mode.lost.map(|loss| loss.kind) {
+                Some(LossKind::Cut) => "IS CUT OFF",
+                Some(LossKind::Death) | None => "IS LOST",
+                Some(LossKind::Programs) => "LOSES ALL ITS PROGRAMS, as when it starts again",
+            };
+            format!("the host `{}` {what}", lost_host(system))
         }
         Label::Noted(host) => {
             let host = system.model.plan.hosts.get(usize::from(host)).map_or("", String::as_str);

@@ -57,7 +57,7 @@ impl<'m> Question<'_, 'm, '_> {
         lost.iter().find_map(|member| self.stops_after((*member, who), rest))
     }
 
-    /// Every program on a host is lost at once, and reported one by one.
+    /// A host dies, or is cut off; or it is back at once, every program on it has died, and they are reported one by one.
     pub(super) fn on_loss(&self, host: &str, consequence: &Consequence) -> Finding {
         let model = self.times.model;
         let Some(host) = (0_u32..).zip(&model.plan.hosts).find(|(_, name)| *name == host).map(|(host, _)| host) else {
@@ -84,12 +84,15 @@ impl<'m> Question<'_, 'm, '_> {
             Consequence::Never(other) => (Goal::Then(None, other.clone()), other.who),
             Consequence::Eventually(other) => (Goal::Owed(None, other.clone()), other.who),
         };
+        if let Some(found) = self.on_loss_of_all(host, consequence) {
+            return found;
+        }
+        // What comes after its return: a host that is back has nothing any more, so what was kept for it is free.
         let whom: Vec<ProcessRef> = lost.into_iter().chain([other]).collect();
-        let mode = |kind| Mode { lost: Some(Loss { host, kind }), ..Mode::default() };
-        let mut system = self.system(&whom, mode(LossKind::Programs));
+        let mode = Mode { lost: Some(Loss { host, kind: LossKind::Programs }), ..Mode::default() };
+        let mut system = self.system(&whom, mode);
         follow_starts(&mut system, &goal.begun());
-        let found = self.on_loss_in(&system, consequence, &goal);
-        found.or_else(|| self.on_loss_of_all(host, consequence)).unwrap_or_else(|| self.proved())
+        self.on_loss_in(&system, consequence, &goal).unwrap_or_else(|| self.proved())
     }
 
     fn on_loss_in(&self, system: &System<'_>, consequence: &Consequence, goal: &Goal) -> Option<Finding> {
