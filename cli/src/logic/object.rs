@@ -8,7 +8,7 @@ use crate::logic::record::decoded;
 use crate::logic::tap::is_path;
 use comms::logic::object::{Exports, Signature, TypeForm};
 use language::plan::Constant;
-use language::{Layout, Message, Options, Severity, Source, compile};
+use language::{Code, Layout, Message, Options, Severity, Source, compile};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -95,7 +95,11 @@ fn constants(types: &str, kind: &str, value: &str) -> Result<BTreeMap<String, Co
     let error = compiled.diagnostics.iter().find(|found| found.severity == Severity::Error);
     let plan = compiled.plan.filter(|plan| plan.leaves.len() == 1);
     let Some(leaf) = plan.and_then(|mut plan| plan.leaves.pop()) else {
-        return Err(error.map_or_else(|| format!("`{value}` is no value"), |error| error.message.clone()));
+        return Err(match error {
+            None => format!("`{value}` is no value"),
+            Some(error) if error.code == Code::E0001 => format!("`{value}` cannot be read: {}", error.message),
+            Some(error) => error.message.clone(),
+        });
     };
     let named = leaf.arguments.into_iter().filter_map(|argument| Some((argument.name?, argument.value)));
     Ok(named.collect())
@@ -205,7 +209,7 @@ mod tests {
             (0, &["{ force = 20 m, soft = true }"][..], "Force"),
             (0, &["force=20 N"], "soft"),
             (0, &[], "its argument is missing; expected Push { force: Force, soft: Truth }"),
-            (0, &["force=1 N); } process"], ""),
+            (0, &["force=1 N); } process"], "`{ force=1 N); } process }` cannot be read: expected"),
             (3, &["1"], "its program does not say what is in a `Odd`"),
             (4, &["1", "2"], "there is one argument"),
         ] {
