@@ -161,7 +161,19 @@ fn interfaces(controllers: &Controllers) -> Result<Vec<Source>, Failure> {
 
 /// The texts that a spec is compiled with: the files it uses, and the interfaces of the controllers.
 pub(crate) fn others(spec: &Source, controllers: &Controllers) -> Result<Vec<Source>, Failure> {
-    let read = |path: &str| named_file::text(Path::new(path), named_file::TEXT_MAX).map_err(|error| error.to_string());
+    others_with(spec, controllers, &|_, text| text)
+}
+
+/// The same, with each file as `change` makes it of its path and its text.
+pub(crate) fn others_with(
+    spec: &Source,
+    controllers: &Controllers,
+    change: &dyn Fn(&str, String) -> String,
+) -> Result<Vec<Source>, Failure> {
+    let read = |path: &str| {
+        let text = named_file::text(Path::new(path), named_file::TEXT_MAX).map_err(|error| error.to_string())?;
+        Ok(change(path, text))
+    };
     let mut others = gather(spec, &|path| content(path, read));
     others.extend(interfaces(controllers)?);
     Ok(others)

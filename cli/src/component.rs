@@ -9,10 +9,11 @@ use crate::stop::{Located, locate};
 use crate::{ConnectArgs, Controllers, check};
 use anyhow::anyhow;
 use language::plan::{Constant, Failing, Leaf, Plan, difference};
-use language::{Options, Source, compile, render};
+use language::{Options, Source, compile, render, without_groups};
 use node::console::{self, Failure, block_on};
 use node::logic::protocol::Revision;
 use std::collections::BTreeSet;
+use std::path::PathBuf;
 
 /// The arguments of `dca add`.
 #[derive(Debug, clap::Args)]
@@ -30,6 +31,9 @@ pub struct AddArguments {
     /// Let the group go on when it fails
     #[arg(long)]
     optional: bool,
+    /// The spec that the deployment was made from, or another file: its types and constants are known, too
+    #[arg(long, value_name = "FILE")]
+    spec: Option<PathBuf>,
     #[command(flatten)]
     probation: Probation,
     #[command(flatten)]
@@ -97,8 +101,13 @@ fn changed(
 fn piece(arguments: &AddArguments, (name, running): (&str, &Plan)) -> Result<Plan, Failure> {
     // Arguments of stand-ins do not matter, but for types without defaults.
     let (bare, with_arguments) = (text(arguments, (name, running), false), text(arguments, (name, running), true));
-    let others = check::others(&Source::new("<dca add>", bare.as_str()), &arguments.controllers)?;
-    let options = Options::named(running.name.as_str());
+    // What the spec runs is running: its types count.
+    let spec = arguments.spec.as_ref().and_then(|spec| std::fs::canonicalize(spec).ok());
+    let is_spec = |path: &str| spec.is_some() && std::fs::canonicalize(path).ok() == spec;
+    let types_of = |path: &str, text| if is_spec(path) { without_groups(&Source::new(path, text)).text } else { text };
+    let others = check::others_with(&Source::new("<dca add>", bare.as_str()), &arguments.controllers, &types_of)?;
+    // A mission that runs is not the place for a guess.
+    let options = Options { deny_lenient_names: true, ..Options::named(running.name.as_str()) };
     let compiled = |text: &str| compile(&Source::new("<dca add>", text), &others, &options);
     let first = compiled(&bare);
     let (shown, compiled) =
@@ -106,6 +115,9 @@ fn piece(arguments: &AddArguments, (name, running): (&str, &Plan)) -> Result<Pla
     compiled.plan.ok_or_else(|| {
         let source = Source::new("<dca add>", shown.as_str());
         console::note(&render(&compiled.diagnostics, &source, &others, check::style()));
+        if arguments.spec.is_none() {
+            console::note("types that a spec declares are known with `--spec FILE`");
+        }
         Failure::Reported
     })
 }
@@ -137,8 +149,10 @@ fn text(arguments: &AddArguments, (name, running): (&str, &Plan), has_arguments:
         (format!("    internal_connections({name}, added) {{ {}; }}\n", connections.join("; ")), "[added]".to_owned())
     };
     let home = quoted(running.home().unwrap_or_default());
+    let uses = arguments.spec.as_ref().map(|spec| format!("use {};\n", quoted(&spec.display().to_string())));
+    let uses = uses.unwrap_or_default();
     format!(
-        "process main() {{\n    host {{ {home} }}\n    instantiated_processes {{\n        {instances};\n    }}\n{section}    \
+        "{uses}process main() {{\n    host {{ {home} }}\n    instantiated_processes {{\n        {instances};\n    }}\n{section}    \
          internal_event_actions {{ {name}{label}{actions} }}\n}}\n"
     )
 }

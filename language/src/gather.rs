@@ -1,7 +1,7 @@
 //! Reads the files that a spec uses: `use "arm.dca";`, and folders of them: `use "arms";`.
 
 use crate::source::{Origin, Role, SOURCE_MAX, Source};
-use crate::syntax::SyntaxKind::{Text, Use};
+use crate::syntax::SyntaxKind::{Process, Text, Use, Verify};
 use crate::syntax::ast::{Name, Node};
 use crate::syntax::parse;
 use std::collections::BTreeSet;
@@ -54,6 +54,21 @@ pub fn gather(spec: &Source, read: &dyn Fn(&str) -> Result<Content, String>) -> 
         next += 1;
     }
     files.parts
+}
+
+/// Returns a spec without its process groups and properties: the types, constants and files that another one may use. What is left
+/// stands where it stood.
+pub fn without_groups(spec: &Source) -> Source {
+    let mut text = spec.text.clone();
+    for item in tree(spec).children() {
+        if matches!(item.kind(), Process | Verify) {
+            let place = item.span().start as usize..item.span().end as usize;
+            let blank = text[place.clone()].bytes().map(|byte| if byte == b'\n' { '\n' } else { ' ' });
+            let blank: String = blank.collect();
+            text.replace_range(place, &blank);
+        }
+    }
+    Source { text, ..spec.clone() }
 }
 
 /// The files that a spec uses, while they are read.
@@ -176,6 +191,15 @@ mod tests {
         assert_eq!(resolve("/a/door.dca", "arms/"), "/a/arms");
         assert_eq!(resolve("/a/door.dca", ".."), "/");
         assert_eq!((resolve("specs/door.dca", ".."), resolve("door.dca", ".")), (".".to_owned(), ".".to_owned()));
+    }
+
+    #[test]
+    fn types_stay_where_they_stood_without_groups() {
+        let text =
+            "const n = 1;\nprocess é() {\n}\nmodule P(host) { done; }\nprocess main() { verify { never a with b; } }";
+        let left = without_groups(&Source::new("spec.dca", text)).text;
+        assert_eq!(left.trim_end(), "const n = 1;\n              \n \nmodule P(host) { done; }");
+        assert_eq!(left.len(), text.len());
     }
 
     #[test]

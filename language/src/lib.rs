@@ -50,7 +50,7 @@ mod unit;
 pub use diagnostic::{Code, Diagnostic, Edit, Fix, Label, Severity, Style, apply_fix, apply_fixes, render};
 pub use fix::fix;
 pub use format::format;
-pub use gather::{Content, gather};
+pub use gather::{Content, gather, without_groups};
 pub use graph::{Graph, graph};
 pub use message::{Layout, Message};
 pub use similar::nearest;

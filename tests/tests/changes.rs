@@ -164,6 +164,16 @@ fn a_program_is_added_to_a_mission_that_runs_and_taken_away_again() {
     let removed = here.ask(&["remove", "push", "hit/ear"]);
     assert!(removed.code == Some(0) && removed.out.contains("revision 2"), "{removed}");
     assert!(wait_until(SOON, || here.pids() == before).is_some(), "{:?} {before:?}", here.pids());
+
+    // Types of the spec are known with the spec.
+    let another = ["add", "push", "--optional", "--probation", "0.5", "more instof Beside(c2, \"sleep 1000\")"];
+    let unknown = here.ask(&another);
+    let told = ["`Beside`", "types that a spec declares are known with `--spec FILE`"];
+    assert!(unknown.code == Some(1) && told.iter().all(|told| unknown.err.contains(told)), "{unknown}");
+    let file = cluster.file("push.dca", SPEC);
+    let added = here.ask(&[&another[..], &["--spec", &file]].concat());
+    assert!(added.code == Some(0) && added.out.contains("revision 3"), "{added}");
+    assert!(here.pids().contains_key("main/more"), "{:?}", here.pids());
     assert!(mission.is_running());
     let stop = here.ask(&["stop", "push"]);
     assert_eq!(stop.code, Some(0), "{stop}");
