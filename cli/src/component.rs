@@ -9,7 +9,7 @@ use crate::stop::{Located, locate};
 use crate::{ConnectArgs, Controllers, check};
 use anyhow::anyhow;
 use language::plan::{Constant, Failing, Leaf, Plan, difference};
-use language::{Options, Source, compile, render, without_groups};
+use language::{Code, Options, Source, compile, render, without_groups};
 use node::console::{self, Failure, block_on};
 use node::logic::protocol::Revision;
 use std::collections::BTreeSet;
@@ -112,14 +112,20 @@ fn piece(arguments: &AddArguments, (name, running): (&str, &Plan)) -> Result<Pla
     let first = compiled(&bare);
     let (shown, compiled) =
         if first.plan.is_some() { (bare, first) } else { (with_arguments.clone(), compiled(&with_arguments)) };
-    compiled.plan.ok_or_else(|| {
+    let hint = if arguments.spec.is_none() { "; types that a spec declares are known with `--spec FILE`" } else { "" };
+    let Some(plan) = compiled.plan else {
         let source = Source::new("<dca add>", shown.as_str());
         console::note(&render(&compiled.diagnostics, &source, &others, check::style()));
-        if arguments.spec.is_none() {
-            console::note("types that a spec declares are known with `--spec FILE`");
-        }
-        Failure::Reported
-    })
+        console::note(&format!("what is added was not understood{hint}"));
+        return Err(Failure::Reported);
+    };
+    let own = plan.leaves.iter().find(|leaf| leaf.path == format!("main/{name}"));
+    let mut unknown = compiled.diagnostics.iter().filter(|found| found.code == Code::W0205);
+    let is_own = |message: &str| own.is_some_and(|leaf| message.contains(&format!("`{}`", leaf.module)));
+    if let Some(found) = unknown.find(|found| is_own(&found.message)) {
+        console::note(&format!("warning: {}{hint}", found.message));
+    }
+    Ok(plan)
 }
 
 /// Returns the spec of the new program and what it is connected to.
