@@ -128,7 +128,7 @@ impl Signer {
 }
 
 /// Returns the team with this key, if this machine knows it.
-fn bundle(keyring: &Keyring, team: KeyId) -> anyhow::Result<Option<Bundle>> {
+pub(crate) fn bundle(keyring: &Keyring, team: KeyId) -> anyhow::Result<Option<Bundle>> {
     for name in keyring.teams()? {
         let bundle = keyring.team(&name)?;
         if bundle.team().id() == team {
@@ -152,21 +152,23 @@ impl Client {
         self.order_on(host, Request::Stop { name: name.to_owned() }, epoch).await
     }
 
+    /// Returns of which team a node is; nothing if it is of none.
+    pub(crate) async fn team_of(&self, host: &str) -> Result<Option<TeamOfNode>, Failure> {
+        if let Some(team) = self.signing.team(host) {
+            return Ok(team);
+        }
+        let answer = self.ask(host, &Request::Team, ANSWER_WITHIN).await?;
+        let Answer::Team(team) = answer else { return Err(unasked(host, &answer)) };
+        self.signing.note(host, team.clone());
+        Ok(team)
+    }
+
     /// Returns the request, signed if it has to be.
     pub(crate) async fn signed(&self, host: &str, request: Request, epoch: u64) -> Result<Request, Failure> {
         if gate::action(&request).is_none() {
             return Ok(request);
         }
-        let team = match self.signing.team(host) {
-            Some(team) => team,
-            None => {
-                let answer = self.ask(host, &Request::Team, ANSWER_WITHIN).await?;
-                let Answer::Team(team) = answer else { return Err(unasked(host, &answer)) };
-                self.signing.note(host, team.clone());
-                team
-            }
-        };
-        let Some(team) = team else { return Ok(request) };
+        let Some(team) = self.team_of(host).await? else { return Ok(request) };
         let signer = self.signing.signer(&team)?;
         Ok(signer.sign((host, &team), &request, epoch)?)
     }

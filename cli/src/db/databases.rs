@@ -2,6 +2,7 @@
 
 use crate::ConnectArgs;
 use crate::absent::{self, Absences};
+use crate::client::signer::KeyPlace;
 use crate::client::{Answers, Client, unasked};
 use anyhow::anyhow;
 use comms::io::clock;
@@ -11,7 +12,7 @@ use dbmanager::logic::view::past::Keys;
 use dbmanager::logic::view::value::Datum;
 use node::console::{self, Failure, block_on};
 use node::logic::database::question::{AsOf, Question, Reply};
-use node::logic::protocol::{Answer, InstanceParameters, Request};
+use node::logic::protocol::{Answer, InstanceParameters, Request, TeamOfNode};
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -78,6 +79,11 @@ impl DatabaseArgs {
         client.hosts(&[]).await?.into_iter().next().ok_or_else(|| Failure::Unreachable(nobody()))
     }
 
+    /// Returns the folder with the keys of teams, and whether the passphrase of the user's key is read from a file.
+    pub(crate) fn key_place(&self) -> KeyPlace {
+        self.connect.key_place()
+    }
+
     /// Asks what has one answer.
     pub(crate) fn ask(&self, question: Question) -> Result<Reply, Failure> {
         self.with(async |databases| databases.ask_one(databases.robot(), question).await)
@@ -130,6 +136,11 @@ impl<'a> Databases<'a> {
     /// Returns the robot that is asked unless another is named.
     pub(crate) fn robot(&self) -> &str {
         &self.robot
+    }
+
+    /// Returns of which team the robot is that is asked; nothing if it is of none.
+    pub(crate) async fn team(&self) -> Result<Option<TeamOfNode>, Failure> {
+        self.client.team_of(&self.robot).await
     }
 
     /// Asks one robot's database.

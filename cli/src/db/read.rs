@@ -1,6 +1,7 @@
 //! `dca db get`: prints the values of keys.
 
 use super::databases::{DatabaseArgs, keys, refusal};
+use super::secret;
 use anyhow::{Context, anyhow};
 use dbmanager::logic::key::Key;
 use dbmanager::logic::state::{Version, differ};
@@ -36,7 +37,8 @@ impl Get {
             let (key, count) = (&self.key, versions.len());
             console::note(&format!("note: {count} writes to `{key}` did not see each other; `dca db conflicts {key}`"));
         }
-        console::say(&if self.database.json { datum.to_json() } else { datum.to_toml() });
+        let known = secret::Known::of(&self.database, std::iter::once(&datum));
+        console::say(&if self.database.json { known.json(&datum) } else { known.text(&datum) });
         Ok(())
     }
 }
@@ -53,9 +55,10 @@ pub(crate) fn list(database: &DatabaseArgs, prefix: String, at: AsOf) -> Result<
     let siblings = |versions: &[Version]| if differ(versions) { versions.len() } else { 1 };
     let shown: Vec<(Key, Datum, usize)> =
         entries.into_iter().filter_map(|(key, all)| Some((key, shown(&all)?, siblings(&all)))).collect();
+    let known = secret::Known::of(database, shown.iter().map(|(_, datum, _)| datum));
     if database.json {
         let fields = shown.iter().map(|(key, datum, _)| {
-            let value = serde_json::from_str(&datum.to_json()).unwrap_or(serde_json::Value::Null);
+            let value = serde_json::from_str(&known.json(datum)).unwrap_or(serde_json::Value::Null);
             (key.to_string(), value)
         });
         console::say(&serde_json::Value::Object(fields.collect()).to_string());
@@ -63,7 +66,7 @@ pub(crate) fn list(database: &DatabaseArgs, prefix: String, at: AsOf) -> Result<
     }
     for (key, datum, versions) in shown {
         let more = if versions > 1 { format!("  # {versions} concurrent writes") } else { String::new() };
-        console::say(&format!("{key} = {}{more}", datum.to_toml()));
+        console::say(&format!("{key} = {}{more}", known.text(&datum)));
     }
     Ok(())
 }

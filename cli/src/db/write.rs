@@ -1,6 +1,7 @@
 //! `dca db put`, `delete`: commits one transaction and reports how far it has got.
 
 use super::databases::{ANSWER_WITHIN, DatabaseArgs, Databases, refusal};
+use super::secret::SecretArgs;
 use anyhow::{Context, anyhow};
 use comms::io::clock;
 use comms::logic::human::span;
@@ -38,14 +39,16 @@ pub struct Put {
     /// A key, such as `team/camera/gain`
     key: String,
     /// A value as in TOML: `1.5`, `true`, `"text"`, `[1, 2]`, `{x = 1.0, y = 2.0}`; of a parameter also a quantity: `20 N`
-    #[arg(allow_hyphen_values = true)]
-    value: String,
+    #[arg(allow_hyphen_values = true, required_unless_present = "secret", conflicts_with = "secret")]
+    value: Option<String>,
     /// The value is a text, as it stands
-    #[arg(long, conflicts_with = "from_json")]
+    #[arg(long, conflicts_with_all = ["from_json", "secret"])]
     text: bool,
     /// The value is JSON
-    #[arg(long)]
+    #[arg(long, conflicts_with = "secret")]
     from_json: bool,
+    #[command(flatten)]
+    secret: SecretArgs,
     #[command(flatten)]
     commit: CommitArgs,
 }
@@ -64,7 +67,7 @@ impl Put {
     /// Runs the verb.
     pub(crate) fn run(self) -> Result<(), Failure> {
         let key = Key::new(self.key)?;
-        let value = self.value;
+        let Some(value) = self.value else { return self.secret.put(key, &self.commit) };
         let datum = if self.text {
             Datum::Text(value)
         } else if self.from_json {

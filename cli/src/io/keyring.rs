@@ -271,6 +271,16 @@ pub(crate) fn passphrase(file: Option<&Path>, asked: Asked) -> anyhow::Result<Ze
     Ok(first)
 }
 
+/// Returns a secret that is typed twice at a terminal; nothing if standard input is none.
+pub(crate) fn typed_secret() -> anyhow::Result<Option<Zeroizing<String>>> {
+    if !io::stdin().is_terminal() {
+        return Ok(None);
+    }
+    let first = typed("Secret: ")?;
+    ensure!(first == typed("The same again: ")?, "the two secrets differ");
+    Ok(Some(first))
+}
+
 /// Asks a person at a terminal, which shows nothing meanwhile. The interrupt key is a character then, so that nobody leaves the
 /// terminal without an echo; it means no.
 fn typed(question: &str) -> anyhow::Result<Zeroizing<String>> {

@@ -2,6 +2,8 @@
 
 use super::{KeysArgs, now};
 use crate::client::{ANSWER_WITHIN, Client, unasked};
+use crate::db::databases::Databases;
+use crate::db::secret::readable;
 use crate::io::keyring::Asked;
 use anyhow::{anyhow, ensure};
 use node::console::{self, Failure, block_on};
@@ -35,7 +37,11 @@ impl RevokeArgs {
             })?;
             console::say(&said);
         }
-        tell(keys, &bundle)
+        tell(keys, &bundle)?;
+        match &self.name {
+            Some(name) => could_read(keys, &bundle, name),
+            None => Ok(()),
+        }
     }
 }
 
@@ -60,6 +66,39 @@ pub(super) fn revoke(bundle: &mut Bundle, name: &Name, root: &SecretKeys, now: U
     let number = number.checked_add(1).ok_or_else(|| anyhow!("there is no number after the last one"))?;
     bundle.revoke(RevokedSet::sign(bundle.team(), number, keys, root, None)?);
     Ok(format!("{name} is revoked: number {number}"))
+}
+
+/// Lists the secrets that somebody could read: they are known to whoever has its keys now.
+fn could_read(keys: &KeysArgs, bundle: &Bundle, name: &Name) -> Result<(), Failure> {
+    let own: Vec<_> = bundle.named(name).map(Certificate::subject).collect();
+    let found = block_on(async {
+        let client = match Client::here(keys.run_dir.as_deref()).await {
+            Ok(client) => client,
+            Err(Failure::Unreachable(_)) => return Ok(None),
+            Err(failure) => return Err(failure),
+        };
+        let host = client.local().unwrap_or_default().to_owned();
+        let found = readable(&Databases::through(&client, host), &own).await;
+        client.close().await;
+        found.map(Some)
+    });
+    match found {
+        Ok(Some(found)) if found.is_empty() => console::note(&format!("the database here has no secret for `{name}`")),
+        Ok(Some(found)) => {
+            console::note(&format!(
+                "`{name}` could read these secrets: change each, and put it again for who may have it now"
+            ));
+            found.iter().for_each(|key| console::say(key));
+        }
+        Ok(None) => console::note(&format!(
+            "which secrets `{name}` could read is not known here: no node runs on this machine. `dca db get` shows who may read each"
+        )),
+        Err(Failure::Refused(why) | Failure::Unreachable(why)) => {
+            console::note(&format!("which secrets `{name}` could read is not known: {why:#}"));
+        }
+        Err(failure @ (Failure::Reported | Failure::Limited)) => return Err(failure),
+    }
+    Ok(())
 }
 
 /// Tells a node of this machine who is revoked. It tells the others, now and whenever it meets one.

@@ -1,0 +1,240 @@
+//! `dca db put --secret`: seals a value for some robots, and shows who may read one. The value never leaves this process in the clear.
+
+use super::databases::{ANSWER_WITHIN, DatabaseArgs, Databases, refusal};
+use super::write::CommitArgs;
+use crate::client::signer;
+use crate::io::keyring::{Keyring, typed_secret};
+use crate::io::named_file;
+use anyhow::{Context as _, anyhow, ensure};
+use comms::io::clock;
+use dbmanager::logic::key::Key;
+use dbmanager::logic::txn::{VALUE_SIZE_MAX, Value, Write};
+use dbmanager::logic::view::value::Datum;
+use node::console::{self, Failure};
+use node::logic::database::question::{AsOf, Question, Reply};
+use node::logic::parameters;
+use node::logic::protocol::TeamOfNode;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, Read as _};
+use std::path::{Path, PathBuf};
+use trust::bundle::Bundle;
+use trust::identity::{KeyId, PublicKeys};
+use trust::name::Name;
+use trust::role::Kind;
+use trust::seal::{Place, Sealed, Secret};
+use zeroize::Zeroizing;
+
+/// The arguments of a secret.
+#[derive(Debug, clap::Args)]
+pub struct SecretArgs {
+    /// A secret: the value is standard input, without the end of its last line, or typed at a terminal, and sealed for `--for`
+    #[arg(long, requires = "readers")]
+    secret: bool,
+    /// The robots that may read the secret, such as `r2,r7`
+    #[arg(long = "for", value_name = "ROBOTS", value_delimiter = ',', requires = "secret")]
+    readers: Vec<Name>,
+    /// The secret is in this file, as it is
+    #[arg(long, value_name = "FILE", requires = "secret")]
+    file: Option<PathBuf>,
+}
+
+impl SecretArgs {
+    /// Seals a secret and commits it.
+    pub(crate) fn put(self, key: Key, commit: &CommitArgs) -> Result<(), Failure> {
+        if parameters::robot_of(key.as_str()).is_some() {
+            return Err(anyhow!(
+                "a parameter is no secret: put it at a key such as `team/NAME`, and name it in the spec: `secret(\"team/NAME\")`"
+            )
+            .into());
+        }
+        let keyring = Keyring::at(commit.database.key_place().folder.as_deref())?;
+        let secret = value(self.file.as_deref())?;
+        let (sealed, said) = commit.database.with(async |databases| {
+            let team = databases.team().await?.context("the robot is in no team: a secret is for robots of one")?;
+            let readers = readers(&keyring, &team, &self.readers)?;
+            let before = stored(databases, &key).await?;
+            Ok(sealed((&secret, &key), &readers, before.as_ref(), KeyId(team.id))?)
+        })?;
+        drop(secret);
+        commit.commit(vec![], vec![Write { key, value: Some(sealed) }])?;
+        console::note(&said);
+        Ok(())
+    }
+}
+
+/// Returns the value of a secret.
+fn value(file: Option<&Path>) -> anyhow::Result<Secret> {
+    let bytes = match file {
+        Some(path) => {
+            let bytes = named_file::bytes(path, VALUE_SIZE_MAX);
+            Zeroizing::new(bytes.with_context(|| format!("reading `{}`", path.display()))?)
+        }
+        None => match typed_secret()? {
+            Some(typed) => Zeroizing::new(typed.as_bytes().to_vec()),
+            None => standard_input()?,
+        },
+    };
+    ensure!(!bytes.is_empty(), "the secret is empty; nothing was written");
+    Ok(Secret::new(bytes)?)
+}
+
+/// Returns what is on standard input, without the end of its last line.
+fn standard_input() -> anyhow::Result<Zeroizing<Vec<u8>>> {
+    // In one piece from the start: what grows leaves copies behind.
+    let mut bytes = Zeroizing::new(Vec::with_capacity(VALUE_SIZE_MAX + 1));
+    let limit = u64::try_from(VALUE_SIZE_MAX)?;
+    let input = File::from(rustix::io::dup(io::stdin())?);
+    input.take(limit + 1).read_to_end(&mut bytes).context("reading the secret")?;
+    ensure!(bytes.len() <= VALUE_SIZE_MAX, "a secret has at most {VALUE_SIZE_MAX} bytes");
+    if bytes.last() == Some(&b'\n') {
+        bytes.pop();
+    }
+    Ok(bytes)
+}
+
+/// Returns the keys of robots, as this machine knows them.
+fn readers(keyring: &Keyring, team: &TeamOfNode, names: &[Name]) -> anyhow::Result<Vec<PublicKeys>> {
+    let bundle = signer::bundle(keyring, KeyId(team.id))?.with_context(|| {
+        format!(
+            "this machine does not know who is in the team `{}`: have the operator run `dca team export`, and give what it prints \
+             to `dca team import`",
+            team.name
+        )
+    })?;
+    let mut readers: Vec<PublicKeys> = Vec::new();
+    for name in names {
+        let keys = robot(&bundle, name)?;
+        if readers.iter().all(|known| known.id() != keys.id()) {
+            readers.push(keys);
+        }
+    }
+    Ok(readers)
+}
+
+/// Returns the keys that a robot has now: of several with its name, those that were made last.
+fn robot(bundle: &Bundle, name: &Name) -> anyhow::Result<PublicKeys> {
+    let holders = bundle.holders(::team::now());
+    let robots = holders.iter().filter(|holder| {
+        holder.certificate.claims().name == *name && holder.certificate.kind() == Kind::Node && holder.standing.is_ok()
+    });
+    let newest = robots.max_by_key(|holder| holder.certificate.claims().not_before).with_context(|| {
+        format!(
+            "`{name}` is no robot that the team trusts now, as far as this machine knows: `dca team` lists them; what the operator's \
+             `dca team export` prints goes to `dca team import` here"
+        )
+    })?;
+    Ok(newest.certificate.claims().keys)
+}
+
+/// Returns what is sealed at a key.
+async fn stored(databases: &Databases<'_>, key: &Key) -> Result<Option<Sealed>, Failure> {
+    let reply = databases.ask_one(databases.robot(), Question::Get { key: key.clone() }).await?;
+    let Reply::Entries(entries) = reply else { return Err(refusal(&reply)) };
+    let versions = entries.into_iter().next().map(|(_, versions)| versions).unwrap_or_default();
+    let value = versions.last().and_then(|version| version.value.as_ref()).map(Datum::of);
+    Ok(value.as_ref().and_then(read))
+}
+
+/// Seals a secret; returns the value to write, and what to say of it.
+fn sealed(
+    (secret, key): (&Secret, &Key),
+    readers: &[PublicKeys],
+    before: Option<&Sealed>,
+    team: KeyId,
+) -> anyhow::Result<(Value, String)> {
+    let (place, mut entropy) = (Place { team, path: key.as_str() }, ::team::random()?);
+    let sealed = match before {
+        Some(before) => before.rotate(secret, &place, readers, &mut entropy)?,
+        None => Sealed::seal(secret, &place, readers, &mut entropy)?,
+    };
+    let said = format!("sealed for {} as generation {}", count(readers.len()), sealed.number());
+    let bytes = sealed.to_bytes();
+    ensure!(
+        bytes.len() <= VALUE_SIZE_MAX,
+        "sealed for {} it takes {} bytes, more than the {VALUE_SIZE_MAX} of a key",
+        count(readers.len()),
+        bytes.len()
+    );
+    Ok((Datum::Sealed(bytes).encode()?, said))
+}
+
+fn count(readers: usize) -> String {
+    if readers == 1 { "1 robot".to_owned() } else { format!("{readers} robots") }
+}
+
+/// Returns a sealed secret; nothing if the value is none.
+fn read(datum: &Datum) -> Option<Sealed> {
+    let Datum::Sealed(bytes) = datum else { return None };
+    Sealed::from_bytes(bytes).ok()
+}
+
+/// The names of those who can read secrets, as far as this machine knows them.
+#[derive(Debug, Default)]
+pub(crate) struct Known(BTreeMap<KeyId, String>);
+
+impl Known {
+    /// Looks names up, if there is a secret among these values.
+    pub(crate) fn of<'a>(database: &DatabaseArgs, mut values: impl Iterator<Item = &'a Datum>) -> Self {
+        if !values.any(|datum| read(datum).is_some()) {
+            return Self::default();
+        }
+        let keyring = Keyring::at(database.key_place().folder.as_deref());
+        let teams = keyring.and_then(|keyring| keyring.teams()?.iter().map(|name| keyring.team(name)).collect());
+        let teams: Vec<Bundle> = teams.unwrap_or_else(|error| {
+            console::note(&format!("note: the names of the readers are not known here: {error:#}"));
+            Vec::new()
+        });
+        let mut names = BTreeMap::new();
+        for bundle in &teams {
+            let of_team = bundle.holders(::team::now()).into_iter().map(|holder| {
+                let claims = holder.certificate.claims();
+                (holder.certificate.subject(), claims.name.to_string())
+            });
+            names.extend(of_team);
+        }
+        Self(names)
+    }
+
+    fn readers(&self, sealed: &Sealed) -> Vec<String> {
+        sealed.readers().map(|id| self.0.get(&id).cloned().unwrap_or_else(|| format!("key {id}"))).collect()
+    }
+
+    /// Returns a value as it is shown to people: of a secret, who may read it.
+    pub(crate) fn text(&self, datum: &Datum) -> String {
+        read(datum).map_or_else(
+            || datum.to_toml(),
+            |sealed| format!("secret for {}, generation {}", self.readers(&sealed).join(", "), sealed.number()),
+        )
+    }
+
+    /// The same as JSON.
+    pub(crate) fn json(&self, datum: &Datum) -> String {
+        read(datum).map_or_else(
+            || datum.to_json(),
+            |sealed| {
+                serde_json::json!({ "secret": { "for": self.readers(&sealed), "generation": sealed.number() } })
+                    .to_string()
+            },
+        )
+    }
+}
+
+/// Returns the keys of all secrets that one of these can open, in the database that is asked.
+pub(crate) async fn readable(databases: &Databases<'_>, keys: &[KeyId]) -> Result<Vec<String>, Failure> {
+    let question = Question::List { prefix: String::new(), at: AsOf::Now };
+    let mut replies = databases.ask(databases.robot(), question).await?;
+    let mut found = Vec::new();
+    while let Some(reply) = replies.next(clock::now() + ANSWER_WITHIN).await? {
+        let Reply::Entries(entries) = reply else { return Err(refusal(&reply)) };
+        // Also of writes that did not see each other.
+        let is_readable = |value: &Value| {
+            let sealed = read(&Datum::of(value));
+            sealed.is_some_and(|sealed| sealed.readers().any(|reader| keys.contains(&reader)))
+        };
+        found.extend(entries.into_iter().filter_map(|(key, versions)| {
+            versions.iter().filter_map(|version| version.value.as_ref()).any(is_readable).then(|| key.to_string())
+        }));
+    }
+    Ok(found)
+}
