@@ -180,6 +180,7 @@ fn spelled(constant: &Constant) -> String {
         Constant::Text(text) => quoted(text),
         Constant::Number(number) => number.to_string(),
         Constant::Truth(truth) => truth.to_string(),
+        Constant::Secret(key) => format!("secret({})", quoted(key)),
     }
 }
 

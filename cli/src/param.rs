@@ -364,6 +364,11 @@ fn datum(accepts: &Accepts, text: &str) -> Result<Datum, Failure> {
         // What is no value of TOML is a text.
         Accepts::Any => Datum::from_toml(text).is_err(),
         Accepts::Truth => false,
+        Accepts::Secret => {
+            return Err(
+                anyhow!("a secret is no parameter of the database: the spec names it with `secret(\"KEY\")`").into()
+            );
+        }
     };
     if is_text { Ok(Datum::Text(text.to_owned())) } else { Ok(Datum::from_toml(text).context("reading the value")?) }
 }
@@ -373,6 +378,7 @@ fn datum_of(constant: &Constant) -> Datum {
         Constant::Text(text) => Datum::Text(text.clone()),
         Constant::Number(number) => Datum::float(*number),
         Constant::Truth(truth) => Datum::Bool(*truth),
+        Constant::Secret(key) => Datum::Text(format!("secret({key:?})")),
     }
 }
 

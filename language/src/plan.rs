@@ -179,6 +179,8 @@ pub enum Constant {
     Number(f64),
     /// `true` or `false`.
     Truth(bool),
+    /// `secret("team/camera/password")`: what the database has sealed at this key, for its program alone.
+    Secret(String),
 }
 
 /// A data route from one leaf's output to another leaf's input.

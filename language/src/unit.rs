@@ -142,10 +142,13 @@ pub(crate) fn types() -> impl Iterator<Item = (&'static str, &'static str)> {
 }
 
 /// Types of values that are no quantities.
-pub(crate) const PLAIN: [&str; 5] = ["Host", "Text", "Number", "Truth", RESOURCE];
+pub(crate) const PLAIN: [&str; 6] = ["Host", "Text", "Number", "Truth", RESOURCE, SECRET];
 
 /// The type of a parameter that a resource is handed to.
 pub(crate) const RESOURCE: &str = "Resource";
+
+/// The type of a parameter that takes a secret of the database.
+pub(crate) const SECRET: &str = "Secret";
 
 /// Returns whether the language itself has a type of this name.
 pub(crate) fn is_type(name: &str) -> bool {

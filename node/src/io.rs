@@ -17,6 +17,7 @@ pub mod peers;
 pub mod programs;
 mod ready;
 pub mod run_dir;
+pub(crate) mod secrets;
 pub mod service_manager;
 pub(crate) mod starter;
 pub mod state_dir;

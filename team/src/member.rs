@@ -26,6 +26,7 @@ use trust::identity::{KeyId, PublicKeys, SECRET_LEN, SIGNATURE_LEN, SecretKeys};
 use trust::name::Name;
 use trust::revocation::{Received, Revocations, RevokedSet, SET_MAX};
 use trust::role::Kind;
+use trust::seal::{Place, SealError, Sealed, Secret};
 use trust::statement;
 use trust::team::{CREDENTIAL_MAX, Credential, Judge, OFFLINE_GRACE, TEAM_MAX, Team};
 use zeroize::Zeroizing;
@@ -203,6 +204,14 @@ impl Member {
         let then = Judge { team: &self.team, revoked: &nobody, now: claims.not_before, grace: 0 };
         credential.check(&then).map_err(|error| error.to_string())?;
         Ok((claims.name.to_string(), claims.keys))
+    }
+
+    /// Opens a secret of the team's database that is sealed for this node.
+    ///
+    /// # Errors
+    /// It is not for this node, or does not belong at this key.
+    pub fn unseal(&self, key: &str, sealed: &Sealed) -> Result<Secret, SealError> {
+        sealed.open(&Place { team: self.team.id(), path: key }, &self.keys)
     }
 
     /// Has something written to the audit log.

@@ -26,6 +26,7 @@ use comms::io::clock::{Wakeup, now};
 use node::logic::protocol::{NodeStatus, ProcessStatus};
 use rustix::process::{Signal, getpid};
 use std::collections::BTreeMap;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::str::FromStr;
@@ -279,6 +280,17 @@ impl Host {
     /// Runs `dca` to its end.
     pub fn ask(&self, arguments: &[&str]) -> Ended {
         self.dca(arguments).ended(SOON)
+    }
+
+    /// Runs `dca` to its end with this on its standard input, which fits into a pipe.
+    ///
+    /// # Panics
+    /// There are no pipes.
+    pub fn ask_given(&self, arguments: &[&str], input: &[u8]) -> Ended {
+        let (reader, mut writer) = std::io::pipe().expect("Linux has pipes");
+        writer.write_all(input).expect("it fits");
+        drop(writer);
+        Program::start_given(self.dca_command(arguments), reader.into()).ended(SOON)
     }
 
     /// Starts a node, whatever becomes of it.

@@ -348,6 +348,7 @@ fn spelled(argument: &Argument) -> String {
         Constant::Text(text) => format!("\"{text}\""),
         Constant::Number(number) => number.to_string(),
         Constant::Truth(truth) => truth.to_string(),
+        Constant::Secret(key) => format!("secret({key:?})"),
     };
     argument.name.as_ref().map_or(value.clone(), |name| format!("{name}={value}"))
 }

@@ -2,7 +2,13 @@
 
 use super::quantity::Quantity;
 use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, Read as _};
 use thiserror::Error;
+use zeroize::Zeroizing;
+
+/// The longest secret, in bytes.
+const SECRET_MAX: usize = 64 << 10;
 
 /// A parameter that a controller type takes after its host.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,6 +33,8 @@ pub enum Kind {
     Quantity(Quantity, f64, f64),
     /// `true` or `false`.
     Truth,
+    /// A secret of the database, which a spec gives as `secret("team/camera/password")`: [`Arguments::secret`] reads it.
+    Secret,
 }
 
 /// The arguments of one instance, checked against its type's parameters: every parameter has a value of its kind.
@@ -40,6 +48,8 @@ enum Value {
     Text(String),
     Number(f64),
     Truth(bool),
+    /// The path of its file; none of the value itself.
+    Secret(String),
 }
 
 /// An argument that a parameter does not take.
@@ -159,6 +169,7 @@ impl Parameter {
                 format!("a number from {min} to {max}, the {} in {}", quantity.name(), quantity.unit())
             }
             Kind::Truth => "`true` or `false`".to_owned(),
+            Kind::Secret => "`secret(\"KEY\")` in the spec".to_owned(),
         }
     }
 
@@ -173,6 +184,7 @@ impl Parameter {
                 Ok(_) | Err(_) => Err(wrong()),
             },
             Kind::Truth if bare == "true" || bare == "false" => Ok(Value::Truth(bare == "true")),
+            Kind::Secret => Ok(Value::Secret(bare.to_owned())),
             Kind::Text(_) | Kind::Truth => Err(wrong()),
         }
     }
@@ -186,6 +198,7 @@ impl Kind {
             Self::Number(..) => "Number",
             Self::Quantity(quantity, ..) => quantity.name(),
             Self::Truth => "Truth",
+            Self::Secret => "Secret",
         }
     }
 
@@ -198,7 +211,7 @@ impl Kind {
                 Some(format!(" in {}..{}", end(min), end(max)))
             }
             Self::Text(words) if !words.is_empty() => Some(format!(" in \"{}\"", words.join("\" | \""))),
-            Self::Text(_) | Self::Number(..) | Self::Quantity(..) | Self::Truth => None,
+            Self::Text(_) | Self::Number(..) | Self::Quantity(..) | Self::Truth | Self::Secret => None,
         }
     }
 
@@ -207,7 +220,7 @@ impl Kind {
         match self {
             Self::Text(_) => format!("\"{value}\""),
             Self::Quantity(quantity, ..) => format!("{value} {}", quantity.unit()),
-            Self::Number(..) | Self::Truth => value.to_owned(),
+            Self::Number(..) | Self::Truth | Self::Secret => value.to_owned(),
         }
     }
 }
@@ -256,6 +269,12 @@ impl Arguments {
         let mut wrong = Vec::new();
         for (name, text) in over.iter().map(|(name, text)| (name.as_ref(), text.as_ref())) {
             let parameter = parameters.iter().find(|parameter| parameter.name == name);
+            if let Some(parameter) = parameter.filter(|parameter| parameter.kind == Kind::Secret) {
+                // Nobody but the node says which file a secret is in.
+                let (value, expected) = (text.to_owned(), parameter.expected());
+                wrong.push(ArgumentError::Wrong { name: parameter.name, value, expected });
+                continue;
+            }
             let unknown = || ArgumentError::Unknown { name: name.to_owned(), known: names() };
             match parameter.ok_or_else(unknown).and_then(|one| Ok((one.name, one.value(text)?))) {
                 Ok((name, value)) => drop(self.values.insert(name, value)),
@@ -269,7 +288,7 @@ impl Arguments {
     pub fn text(&self, name: &str) -> &str {
         match self.values.get(name) {
             Some(Value::Text(text)) => text,
-            Some(Value::Number(_) | Value::Truth(_)) | None => "",
+            Some(Value::Number(_) | Value::Truth(_) | Value::Secret(_)) | None => "",
         }
     }
 
@@ -277,13 +296,27 @@ impl Arguments {
     pub fn number(&self, name: &str) -> f64 {
         match self.values.get(name) {
             Some(Value::Number(number)) => *number,
-            Some(Value::Text(_) | Value::Truth(_)) | None => f64::NAN,
+            Some(Value::Text(_) | Value::Truth(_) | Value::Secret(_)) | None => f64::NAN,
         }
     }
 
     /// Returns a truth parameter; false if the type declares no such one.
     pub fn truth(&self, name: &str) -> bool {
         matches!(self.values.get(name), Some(Value::Truth(true)))
+    }
+
+    /// Reads a secret parameter; what is returned is wiped when it is dropped.
+    ///
+    /// # Errors
+    /// Its file cannot be read, has more than 64 KiB, or the type declares no such parameter.
+    pub fn secret(&self, name: &str) -> io::Result<Zeroizing<Vec<u8>>> {
+        let Some(Value::Secret(path)) = self.values.get(name) else {
+            return Err(io::Error::new(io::ErrorKind::NotFound, format!("no parameter `{name}` is a secret")));
+        };
+        // In one piece from the start: what grows leaves copies behind.
+        let mut secret = Zeroizing::new(Vec::with_capacity(SECRET_MAX + 1));
+        File::open(path)?.take(SECRET_MAX as u64 + 1).read_to_end(&mut secret)?;
+        if secret.len() > SECRET_MAX { Err(io::ErrorKind::FileTooLarge.into()) } else { Ok(secret) }
     }
 }
 
@@ -311,6 +344,25 @@ mod tests {
             Err(error) => error.to_string(),
         };
         assert_eq!(got, expect);
+    }
+
+    #[test]
+    fn a_secret_is_read_where_the_node_says_and_is_no_parameter_of_the_database() {
+        const SECRET: &[Parameter] = &[Parameter::new("password", Kind::Secret)];
+        let path = std::env::temp_dir().join(format!("dca-argument-{}", std::process::id()));
+        std::fs::write(&path, b"hunter2\xff").unwrap();
+        let mut arguments = Arguments::parse(SECRET, &[format!("password={}", path.display())]).unwrap();
+        let wrong = arguments.overlay(SECRET, &[("password", "/etc/hostname")]);
+        assert_eq!(wrong.len(), 1);
+        assert_eq!(**arguments.secret("password").unwrap(), *b"hunter2\xff");
+        assert!(!format!("{arguments:?}").contains("hunter2") && arguments.text("password").is_empty());
+        std::fs::write(&path, vec![0; SECRET_MAX + 1]).unwrap();
+        assert_eq!(arguments.secret("password").unwrap_err().kind(), io::ErrorKind::FileTooLarge);
+        std::fs::remove_file(&path).unwrap();
+        assert!(arguments.secret("password").is_err() && arguments.secret("other").is_err());
+        assert_eq!(Parameter::texts(SECRET), ["password: Secret"]);
+        let missing = Arguments::parse::<&str>(SECRET, &[]).unwrap_err().to_string();
+        assert_eq!(missing, "parameter `password` needs `secret(\"KEY\")` in the spec");
     }
 
     #[test]

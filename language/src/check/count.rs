@@ -39,7 +39,7 @@ fn of_const(named: &Const) -> Option<usize> {
     let value = named.values.first().filter(|value| !named.is_list && value.dimension.is_none())?;
     match &value.kind {
         ValueKind::Constant(Constant::Number(number)) => number.to_string().parse().ok(),
-        ValueKind::Constant(Constant::Text(_) | Constant::Truth(_))
+        ValueKind::Constant(Constant::Text(_) | Constant::Truth(_) | Constant::Secret(_))
         | ValueKind::Record(_)
         | ValueKind::List(_)
         | ValueKind::Param(_)

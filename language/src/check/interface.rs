@@ -108,7 +108,7 @@ fn accepts(param: &Param, kind: Option<&str>) -> Accepts {
         Some(Values::Between(low, high)) => {
             let end = |end: &Option<Value>| match end.as_ref().and_then(constant) {
                 Some(Constant::Number(number)) => Some(number),
-                Some(Constant::Text(_) | Constant::Truth(_)) | None => None,
+                Some(Constant::Text(_) | Constant::Truth(_) | Constant::Secret(_)) | None => None,
             };
             let (low, high) = (end(low), end(high));
             return match kind.filter(|kind| unit::of_type(kind).is_some()) {
@@ -123,6 +123,7 @@ fn accepts(param: &Param, kind: Option<&str>) -> Accepts {
         Some("Text") => Accepts::Text,
         Some("Number") => Accepts::Number,
         Some("Truth") => Accepts::Truth,
+        Some(unit::SECRET) => Accepts::Secret,
         Some(kind) if unit::of_type(kind).is_some() => Accepts::Quantity { of: kind.to_owned(), low: None, high: None },
         Some(_) | None => Accepts::Any,
     }

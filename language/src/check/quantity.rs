@@ -10,7 +10,7 @@ pub(super) fn misfit(param: &Param, kind: &str, value: &Value) -> Option<Diagnos
     let (dimension, example) = unit::of_type(kind)?;
     let number = match &value.kind {
         ValueKind::Constant(Constant::Number(number)) => Some(*number),
-        ValueKind::Constant(Constant::Text(_) | Constant::Truth(_))
+        ValueKind::Constant(Constant::Text(_) | Constant::Truth(_) | Constant::Secret(_))
         | ValueKind::Param(_)
         | ValueKind::Record(_)
         | ValueKind::List(_)

@@ -111,7 +111,7 @@ impl fmt::Display for Range {
 fn number(value: &Value) -> Option<f64> {
     match value.kind {
         ValueKind::Constant(Constant::Number(number)) => Some(number),
-        ValueKind::Constant(Constant::Text(_) | Constant::Truth(_))
+        ValueKind::Constant(Constant::Text(_) | Constant::Truth(_) | Constant::Secret(_))
         | ValueKind::Param(_)
         | ValueKind::Record(_)
         | ValueKind::List(_)

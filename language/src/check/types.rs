@@ -107,7 +107,7 @@ pub(super) fn without_host(args: &[Arg]) -> &[Arg] {
     match args.first() {
         Some(Arg { name: None, value }) => match value.kind {
             ValueKind::Constant(Constant::Text(_)) | ValueKind::Param(_) | ValueKind::Broken => &args[1..],
-            ValueKind::Constant(Constant::Number(_) | Constant::Truth(_))
+            ValueKind::Constant(Constant::Number(_) | Constant::Truth(_) | Constant::Secret(_))
             | ValueKind::Record(_)
             | ValueKind::List(_) => args,
         },

@@ -14,6 +14,9 @@ use std::time::Duration;
 /// The longest time that a spec can name: a hundred years.
 const SECONDS_MAX: f64 = 100.0 * 366.0 * 86_400.0;
 
+/// The longest key of the database, in bytes.
+const KEY_SIZE_MAX: usize = 512;
+
 /// Reads values, and whatever consists of them, where names mean what is in a scope.
 pub(super) struct Reader<'a> {
     pub(super) scope: Scope<'a>,
@@ -38,6 +41,9 @@ impl Reader<'_> {
             let kind = self.record(&record);
             return self.limited(Value { span, kind, dimension: None });
         }
+        if let Some(secret) = node.child(SyntaxKind::Secret) {
+            return Value { span, kind: self.secret(&secret), dimension: None };
+        }
         if let Some(list) = node.child(SyntaxKind::List) {
             let values = list.children_of(SyntaxKind::Constant).map(|node| self.value(&node)).collect();
             return self.limited(Value { span, kind: ValueKind::List(values), dimension: None });
@@ -47,6 +53,18 @@ impl Reader<'_> {
             Some(index) => self.picked(&name, &index),
             None => Value { span, ..self.symbol(&name) },
         }
+    }
+
+    /// `secret("team/camera/password")`
+    fn secret(&mut self, node: &Node) -> ValueKind {
+        let Some(text) = node.token(Text) else { return ValueKind::Broken };
+        let key = text.content();
+        if is_key(&key) {
+            return ValueKind::Constant(Constant::Secret(key));
+        }
+        let diagnostic = Diagnostic::new(Code::E0213, text.span(), format!("{key:?} is no key of the database"));
+        self.diagnostics.push(diagnostic.help("a key is a path of words: `secret(\"team/camera/password\")`"));
+        ValueKind::Broken
     }
 
     /// `{ x = 1 m, y = 2 m }`
@@ -164,6 +182,13 @@ impl Reader<'_> {
         }
         Duration::try_from_secs_f64(seconds).ok()
     }
+}
+
+/// Returns whether a text can be a key of the database: words joined by `/`, none of them empty.
+fn is_key(text: &str) -> bool {
+    let is_word = |word: &str| !word.is_empty() && word != "." && word != "..";
+    let has_meaning = |c: char| c.is_control() || matches!(c, '*' | '$' | '?' | '#');
+    text.len() <= KEY_SIZE_MAX && text.split('/').all(is_word) && !text.contains(has_meaning)
 }
 
 /// Reads a number with an optional unit; returns it in SI.

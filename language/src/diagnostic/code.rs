@@ -145,7 +145,7 @@ codes! {
     E0212 Error "argument given twice"
         "A parameter takes one value, and so does a field."
     E0213 Error "wrong kind of argument"
-        "The interface says what the argument is: `Text`, `Number`, `Truth`, or a quantity with a unit: `Time`, `Length`, `Angle`, `Speed`, `AngularSpeed`, `Acceleration`, `Frequency`, `Mass`, `Force`, `Torque`, `Stiffness`, `Power`, `Current`, `Voltage`, `Size`, or a record: `type Grasp = { force: Force };`."
+        "The interface says what the argument is: `Text`, `Number`, `Truth`, `Secret` with `secret(\"KEY\")`, or a quantity with a unit: `Time`, `Length`, `Angle`, `Speed`, `AngularSpeed`, `Acceleration`, `Frequency`, `Mass`, `Force`, `Torque`, `Stiffness`, `Power`, `Current`, `Voltage`, `Size`, or a record: `type Grasp = { force: Force };`."
     E0214 Error "unknown field"
         "A record has the fields that its type declares. Each is given by its name: `{ force = 20 N }`."
     E0215 Error "field missing"

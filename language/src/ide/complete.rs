@@ -172,7 +172,13 @@ fn keyword(word: &words::Word) -> Completion {
 
 /// The types that a parameter can have.
 fn value_types() -> Vec<Completion> {
-    let plain = [("Host", "a host"), ("Text", "a string"), ("Number", "a number"), ("Truth", "`true` or `false`")];
+    let plain = [
+        ("Host", "a host"),
+        ("Text", "a string"),
+        ("Number", "a number"),
+        ("Truth", "`true` or `false`"),
+        ("Secret", "a secret of the database"),
+    ];
     let quantities = crate::unit::types();
     let all = plain.into_iter().chain(quantities);
     all.map(|(name, detail)| Completion::new(CompletionKind::Type, name).detail(detail)).collect()

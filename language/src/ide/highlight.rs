@@ -99,6 +99,7 @@ fn word(token: &SyntaxToken) -> Option<Class> {
         }
         SyntaxKind::Constant if ["true", "false"].contains(&token.text()) => Some(Class::Keyword),
         SyntaxKind::Constant => Some(Class::Text),
+        SyntaxKind::Secret => Some(Class::Keyword),
         SyntaxKind::Host if !is_first => Some(Class::Text),
         SyntaxKind::Run if is_first && ["skip", "never"].contains(&token.text()) => Some(Class::Keyword),
         SyntaxKind::Index | SyntaxKind::Count => Some(Class::Variable),

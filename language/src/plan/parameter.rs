@@ -43,6 +43,8 @@ pub enum Accepts {
         /// The largest, if there is one.
         high: Option<f64>,
     },
+    /// What a spec names with `secret("KEY")`, and nothing else.
+    Secret,
 }
 
 impl Accepts {
@@ -70,8 +72,10 @@ impl Accepts {
                 Constant::Text(one) => one == text,
                 Constant::Number(one) => number().is_some_and(|number| number.total_cmp(one).is_eq()),
                 Constant::Truth(one) => one.to_string() == text,
+                Constant::Secret(_) => false,
             }),
             Self::Quantity { of, low, high } => return self.quantity(text, of, (*low, *high)),
+            Self::Secret => false,
         };
         if is_fit { Ok(text.to_owned()) } else { Err(self.expected()) }
     }
@@ -96,7 +100,8 @@ impl Accepts {
     pub fn unit(&self) -> Option<String> {
         match self {
             Self::Quantity { of, .. } => unit::symbol(of),
-            Self::Any | Self::Text | Self::Number | Self::Truth | Self::Between { .. } | Self::OneOf(_) => None,
+            Self::Any | Self::Text | Self::Number | Self::Truth => None,
+            Self::Between { .. } | Self::OneOf(_) | Self::Secret => None,
         }
     }
 
@@ -106,6 +111,7 @@ impl Accepts {
             Self::Text => "a text".to_owned(),
             Self::Number | Self::Between { low: None, high: None } => "a number".to_owned(),
             Self::Truth => "`true` or `false`".to_owned(),
+            Self::Secret => "`secret(\"KEY\")` in the spec".to_owned(),
             Self::Between { low: Some(low), high: Some(high) } => format!("a number from {low} to {high}"),
             Self::Between { low: Some(low), high: None } => format!("a number of {low} or more"),
             Self::Between { low: None, high: Some(high) } => format!("a number of {high} or less"),
@@ -142,6 +148,7 @@ fn bare(constant: &Constant) -> String {
         Constant::Text(text) => text.clone(),
         Constant::Number(number) => number.to_string(),
         Constant::Truth(truth) => truth.to_string(),
+        Constant::Secret(key) => format!("secret({key:?})"),
     }
 }
 
@@ -154,6 +161,7 @@ impl fmt::Display for Accepts {
             Self::Text => f.write_str("Text"),
             Self::Number => f.write_str("Number"),
             Self::Truth => f.write_str("Truth"),
+            Self::Secret => f.write_str("Secret"),
             Self::Between { low, high } => write!(f, "Number in {}..{}", end(low), end(high)),
             Self::OneOf(all) => f.write_str(&all.iter().map(bare).collect::<Vec<_>>().join(" | ")),
             Self::Quantity { of, low: None, high: None } => f.write_str(of),

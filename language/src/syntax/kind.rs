@@ -109,6 +109,7 @@ kinds! {
         Arg "an argument"
         Constant "a constant"
         Record "a record"
+        Secret "a secret"
         Field "a field"
         External "a section of external ports"
         Export "an external port"

@@ -21,6 +21,7 @@ mod group;
 mod launch;
 mod output;
 mod record;
+mod secrets;
 mod watchdog;
 
 use agent::Agent;
@@ -75,6 +76,8 @@ Options:
   --agent-loss keep|N          goes on without a node, or how long it has to stop when the node is gone, in ms
   --watchdog MS                ends it when it gives no sign of life for so long (sd_notify(3): WATCHDOG=1)
   --ready-within MS            ends it when it is not ready after so long (READY=1)
+  --secret N                   word N of the command ends with the path of a file in memory; its content comes
+                               first on standard input: four bytes of length, the lowest first, and itself
   --environment NAME=VALUE     its whole environment; may be given more than once
   --memory BYTES  --cpu-s S  --cpu-share THOUSANDTHS  --pids N  --files N  --file-size BYTES  --nice N
   --realtime P  --realtime-optional P
@@ -105,7 +108,7 @@ fn main() -> ExitCode {
         return ExitCode::from(u8::from(print(&format!("{about}\n")).is_err()));
     }
     let is_launch = arguments.next_if(|first| first == LAUNCH).is_some();
-    let start = match ShimStart::parse(arguments) {
+    let mut start = match ShimStart::parse(arguments) {
         Ok(start) => start,
         Err(error) => {
             complain(&format!("dca-shim: {error}"));
@@ -117,7 +120,16 @@ fn main() -> ExitCode {
     }
     // Out of the agent's session, so that a Ctrl-C for the agent is not one for the program. Fails for a leader of one.
     rustix::process::setsid().map(drop).unwrap_or_default();
-    match supervise(&start) {
+    let secrets = match secrets::take(&mut start) {
+        Ok(secrets) => secrets,
+        Err(error) => {
+            let agent = Agent::new(&start.dir);
+            let reason = format!("its secrets cannot be kept: {}", cause(&error));
+            [ShimReport::ExecFailed { reason }, ShimReport::Gone].iter().for_each(|report| agent.report(report));
+            return ExitCode::FAILURE;
+        }
+    };
+    match supervise(&start, secrets) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             complain(&format!("dca-shim: {error}"));
@@ -126,8 +138,8 @@ fn main() -> ExitCode {
     }
 }
 
-/// Runs the program from the gate to the last report.
-fn supervise(start: &ShimStart) -> io::Result<()> {
+/// Runs the program from the gate to the last report. It inherits its secrets, and nobody else does.
+fn supervise(start: &ShimStart, secrets: Vec<OwnedFd>) -> io::Result<()> {
     // A file that is too long is an error of whoever writes it, not the end of the shim. The program has its own say again.
     signal_hook::flag::register(SIGXFSZ, Arc::default())?;
     rustix::process::set_child_subreaper(Some(rustix::process::getpid()))?;
@@ -170,7 +182,9 @@ fn supervise(start: &ShimStart) -> io::Result<()> {
     if start.descriptors.is_some() {
         descriptors::set(start.descriptors);
     }
-    match execute(&group.start(start), &output) {
+    let executed = execute(&group.start(start), &output);
+    drop(secrets);
+    match executed {
         Ok(program) => {
             record.add(program.pid);
             let pid = program.pid.as_raw_nonzero().get();

@@ -9,6 +9,8 @@ mod attach;
 mod hanging;
 #[path = "shim/limits.rs"]
 mod limits;
+#[path = "shim/secrets.rs"]
+mod secrets;
 
 use comms::io::clock::now;
 use shim::protocol::{
@@ -62,6 +64,7 @@ impl Shim {
             groups: Vec::new(),
             descriptors: None,
             environment: vec![("PATH".into(), "/usr/bin:/bin".into()), ("DCA_INSTANCE".into(), "main/x".into())],
+            secrets: Vec::new(),
             command: Vec::new(),
         };
         adjust(&mut start);

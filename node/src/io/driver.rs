@@ -17,8 +17,8 @@ use crate::io::logging::{self, Log};
 use crate::io::peers::{Arrival, Peers};
 use crate::io::run_dir::RunDir;
 use crate::io::service_manager::ServiceManager;
-use crate::io::starter::{self, Job, Starter};
-use crate::io::{programs, ready, tail};
+use crate::io::starter::{self, Job};
+use crate::io::{ready, tail};
 use crate::logic::agent::{Identity, Input};
 use crate::logic::database::settings::Settings;
 use crate::logic::effect::{Effect, ProcessId};
@@ -213,7 +213,7 @@ impl Driver {
         let session = Arc::clone(peers.session());
         let database = tokio::task::spawn_blocking(move || database::start(&options, &session)).await??;
         let (jobs, waiting) = mpsc::channel(starter::JOBS_MAX);
-        tasks.spawn(Starter::new(programs::beside("dca-shim"), events.clone()).run(waiting));
+        tasks.spawn(start::starter(&config, &database, events.clone()).run(waiting));
         let forward = events.clone();
         tasks.spawn(async move {
             while let Some(arrival) = arrivals.recv().await {

@@ -6,6 +6,7 @@ use crate::io::child::reach::{Reached, reach};
 use crate::io::child::{self, ShimOrders, ShimReports};
 use crate::io::event::{Event, hear_programs};
 use crate::io::run_dir;
+use crate::io::secrets::Secrets;
 use crate::logic::attachments::Attachment;
 use crate::logic::effect::ProcessId;
 use crate::logic::protocol::Deployment;
@@ -47,6 +48,8 @@ pub(crate) struct Start {
     pub(crate) control: Option<PathBuf>,
     /// The first orders of its shim.
     pub(crate) orders: Receiver<ShimOrder>,
+    /// The keys of the secrets that it gets.
+    pub(crate) secrets: Vec<String>,
 }
 
 /// A program of a killed node, to be reached again.
@@ -62,6 +65,7 @@ pub(crate) struct Adopted {
 #[derive(Debug)]
 pub(crate) struct Starter {
     shim: PathBuf,
+    secrets: Secrets,
     events: Sender<Event>,
     /// How many programs have connected.
     connected: Arc<AtomicU64>,
@@ -72,9 +76,10 @@ pub(crate) struct Starter {
 }
 
 impl Starter {
-    pub(crate) fn new(shim: PathBuf, events: Sender<Event>) -> Self {
+    pub(crate) fn new(shim: PathBuf, secrets: Secrets, events: Sender<Event>) -> Self {
         Self {
             shim,
+            secrets,
             events,
             connected: Arc::default(),
             listeners: BTreeMap::new(),
@@ -160,7 +165,14 @@ impl Starter {
 
     async fn start(&mut self, start: Start) {
         let (process, orders) = (start.process.clone(), start.orders);
-        match self.try_start(start.process, start.shim, start.control).await {
+        let started = match self.secrets.open(&start.secrets).await {
+            Ok(secrets) => {
+                let started = self.try_start(start.process, start.shim, start.control).await;
+                started.map(|(shim, reports)| (shim.with(secrets), reports))
+            }
+            Err(error) => Err(error),
+        };
+        match started {
             Ok((shim, reports)) => {
                 self.tasks.spawn(shim.pass(Vec::new(), orders));
                 self.tasks.spawn(hear(process, reports, self.events.clone()));

@@ -29,10 +29,22 @@ pub struct SpawnOrder {
     pub path: String,
     /// Executable and its arguments.
     pub command: Vec<String>,
+    /// Which of its words are secrets.
+    pub secrets: Vec<SecretArgument>,
     /// Whether it speaks the control protocol; a plain program is held before `exec` until it is activated.
     pub kind: LeafKind,
     /// Its policy: what it may use, and what happens when its agent is gone.
     pub policy: Policy,
+}
+
+/// A word of a command that is a secret of the database. Nothing here holds its value: that is looked up when the program is started,
+/// each time anew.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SecretArgument {
+    /// Which word of the command; the path of a file with the value is appended to it.
+    pub word: u32,
+    /// The key in the database.
+    pub key: String,
 }
 
 /// An effect of a machine. The driver carries effects out in order.

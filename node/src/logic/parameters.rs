@@ -121,7 +121,7 @@ pub fn overruled(keys: &[(String, String)], known: &[InstanceParameters]) -> Vec
 fn is_same(given: &Constant, text: &str) -> bool {
     match given {
         Constant::Number(number) => text.parse::<f64>().is_ok_and(|other| other.total_cmp(number).is_eq()),
-        Constant::Text(_) | Constant::Truth(_) => spelt(given) == text,
+        Constant::Text(_) | Constant::Truth(_) | Constant::Secret(_) => spelt(given) == text,
     }
 }
 
@@ -130,6 +130,7 @@ fn spelt(constant: &Constant) -> String {
         Constant::Text(text) => text.clone(),
         Constant::Number(number) => number.to_string(),
         Constant::Truth(truth) => truth.to_string(),
+        Constant::Secret(key) => format!("secret({key:?})"),
     }
 }
 

@@ -18,7 +18,7 @@ use crate::logic::claims::Claims;
 use crate::logic::effect::{Out, ProcessId, SpawnOrder, earliest};
 use crate::logic::executer::{ExecContext, Executer, below_using, group_host, leaf_host};
 use crate::logic::instance::{Instance, InstanceContext, Note};
-use crate::logic::programs::Programs;
+use crate::logic::programs::{self, Programs};
 use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, LeafFacts, Target, ToParticipant};
 use crate::logic::timed::TimedMap;
 use crate::logic::wiring::Registrations;
@@ -443,5 +443,6 @@ impl Participant {
 }
 
 fn spawn_order(process: ProcessId, command: Vec<String>, leaf: &Leaf) -> SpawnOrder {
-    SpawnOrder { process, path: leaf.path.clone(), command, kind: leaf.kind, policy: leaf.policy.clone() }
+    let (path, secrets) = (leaf.path.clone(), programs::secrets(leaf, &command));
+    SpawnOrder { process, path, command, secrets, kind: leaf.kind, policy: leaf.policy.clone() }
 }

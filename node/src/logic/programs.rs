@@ -1,5 +1,6 @@
 //! The programs of this host: which executable runs a controller type.
 
+use crate::logic::effect::SecretArgument;
 use language::Source;
 use language::plan::{Argument, Constant, Leaf, Parameter, words};
 use serde::{Deserialize, Serialize};
@@ -82,11 +83,23 @@ impl Programs {
     }
 }
 
+/// Returns the secrets among the arguments of a leaf, which are the last words of its command.
+pub fn secrets(leaf: &Leaf, command: &[String]) -> Vec<SecretArgument> {
+    let first = command.len().saturating_sub(leaf.arguments.len());
+    let secrets = leaf.arguments.iter().enumerate().filter_map(|(place, argument)| match &argument.value {
+        Constant::Secret(key) => Some(SecretArgument { word: u32::try_from(first + place).ok()?, key: key.clone() }),
+        Constant::Text(_) | Constant::Number(_) | Constant::Truth(_) => None,
+    });
+    secrets.collect()
+}
+
 fn argument(argument: &Argument) -> String {
     let value = match &argument.value {
         Constant::Text(text) => text.clone(),
         Constant::Number(number) => number.to_string(),
         Constant::Truth(truth) => truth.to_string(),
+        // The shim puts the path of its file there.
+        Constant::Secret(_) => String::new(),
     };
     argument.name.as_ref().map_or_else(|| value.clone(), |name| format!("{name}={value}"))
 }
@@ -114,5 +127,19 @@ mod tests {
         check("exec \"say -v\";", Ok(&["say", "-v", "good morning", "speed=2"]));
         check("exec \"'/opt/my robot/say' ''\";", Ok(&["/opt/my robot/say", "", "good morning", "speed=2"]));
         check("", Err("no program here offers the controller type `Say`; did you mean `Sayer`?"));
+    }
+
+    #[test]
+    fn a_secret_is_no_word_of_the_command_but_has_a_place_in_it() {
+        let text = r#"process main(){ host{c1} instantiated_processes {
+                      a instof Show(c1, secret("team/wifi/psk"), 2, password = secret("team/camera/password")); }
+                      internal_event_actions{ a } }
+                      module Show(host, key, count, password: Secret) { exec "show -v"; plain; done; }"#;
+        let plan = compile(&Source::new("a.dca", text), &[], &Options::named("a")).plan.unwrap();
+        let command = Programs::default().command(&plan.leaves[0]).unwrap();
+        assert_eq!(command, ["show", "-v", "", "2", "password="]);
+        let secret = |word, key: &str| SecretArgument { word, key: key.to_owned() };
+        let expected = [secret(2, "team/wifi/psk"), secret(4, "team/camera/password")];
+        assert_eq!(secrets(&plan.leaves[0], &command), expected);
     }
 }

@@ -115,9 +115,17 @@ impl Program {
     ///
     /// # Panics
     /// It cannot be started.
-    pub(super) fn start(mut command: Command) -> Self {
+    pub(super) fn start(command: Command) -> Self {
+        Self::start_given(command, Stdio::null())
+    }
+
+    /// Starts a command with this as its standard input.
+    ///
+    /// # Panics
+    /// It cannot be started.
+    pub(super) fn start_given(mut command: Command, input: Stdio) -> Self {
         let name = format!("{command:?}");
-        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command.stdin(input).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().unwrap_or_else(|error| panic!("{name}: {error}"));
         let out = Captured::start(child.stdout.take().expect("the pipe was asked for"));
         let err = Captured::start(child.stderr.take().expect("the pipe was asked for"));

@@ -261,6 +261,7 @@ mod tests {
                 Kind::Number(low, high) | Kind::Quantity(_, low, high) => (0.4 * low + 0.6 * high).to_string(),
                 Kind::Text(words) => words[1].to_owned(),
                 Kind::Truth => "true".to_owned(),
+                Kind::Secret => String::new(),
             };
             let given = Arguments::parse(PARAMETERS, &[format!("{}={value}", parameter.name)]).unwrap();
             let is_other = setup(&given) != nominal || delays(&given) != quiet;
@@ -280,6 +281,7 @@ mod tests {
                 }
                 Kind::Text(words) => words.iter().map(|word| format!("`{word}`")).collect::<Vec<_>>().join(", "),
                 Kind::Truth => "`true`, `false`".to_owned(),
+                Kind::Secret => String::new(),
             };
             let default = parameter.default.unwrap_or_default();
             let line = format!("| `{}` | {default} | {range} | {unit} | {meaning} |", parameter.name);

@@ -188,7 +188,7 @@ impl Template {
 fn is_fit(param: &Param, value: &Value) -> bool {
     let number = match &value.kind {
         ValueKind::Constant(Constant::Number(_)) => Some(value.dimension),
-        ValueKind::Constant(Constant::Text(_) | Constant::Truth(_))
+        ValueKind::Constant(Constant::Text(_) | Constant::Truth(_) | Constant::Secret(_))
         | ValueKind::Param(_)
         | ValueKind::Record(_)
         | ValueKind::List(_)

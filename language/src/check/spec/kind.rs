@@ -101,6 +101,7 @@ impl fmt::Display for Value {
             ValueKind::Constant(Constant::Text(text)) => write!(f, "\"{text}\""),
             ValueKind::Constant(Constant::Number(number)) => write!(f, "{number}"),
             ValueKind::Constant(Constant::Truth(truth)) => write!(f, "{truth}"),
+            ValueKind::Constant(Constant::Secret(key)) => write!(f, "secret({key:?})"),
             ValueKind::Record(fields) => {
                 let fields: Vec<String> =
                     fields.iter().map(|(name, value)| format!("{} = {value}", name.text)).collect();

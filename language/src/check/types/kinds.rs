@@ -102,13 +102,26 @@ impl TypeChecker<'_> {
             return;
         }
         let refused: &[&str] = match &value.kind {
-            ValueKind::Constant(Constant::Text(_)) => &["Number", "Truth"],
-            ValueKind::Constant(Constant::Number(_)) => &["Text", "Truth", "Host", unit::RESOURCE],
-            ValueKind::Constant(Constant::Truth(_)) => &["Text", "Number", "Host", unit::RESOURCE],
+            ValueKind::Constant(Constant::Text(_)) => &["Number", "Truth", unit::SECRET],
+            ValueKind::Constant(Constant::Number(_)) => &["Text", "Truth", "Host", unit::RESOURCE, unit::SECRET],
+            ValueKind::Constant(Constant::Truth(_)) => &["Text", "Number", "Host", unit::RESOURCE, unit::SECRET],
+            ValueKind::Constant(Constant::Secret(_)) => &["Host", "Text", "Number", "Truth", unit::RESOURCE],
             ValueKind::Record(_) | ValueKind::List(_) => &unit::PLAIN,
             ValueKind::Param(_) | ValueKind::Broken => &[],
         };
-        if refused.contains(&kind) {
+        if refused.contains(&kind) && matches!(value.kind, ValueKind::Constant(Constant::Secret(_))) {
+            self.wrong(
+                param,
+                value.span,
+                format!("`{name}` has to be a {kind}: a secret is for one of type Secret, or without a type"),
+            );
+        } else if refused.contains(&kind) && kind == unit::SECRET {
+            self.wrong(
+                param,
+                value.span,
+                format!("`{name}` has to be a {kind}, such as `secret(\"team/camera/password\")`"),
+            );
+        } else if refused.contains(&kind) {
             self.wrong(param, value.span, format!("`{name}` has to be a {kind}"));
         }
     }
@@ -193,6 +206,7 @@ impl TypeChecker<'_> {
             Shape::Plain("Host") => "c1".to_owned(),
             Shape::Plain(unit::RESOURCE) => "arm".to_owned(),
             Shape::Plain("Text") => "\"text\"".to_owned(),
+            Shape::Plain(unit::SECRET) => "secret(\"team/key\")".to_owned(),
             Shape::Plain(name) => unit::of_type(name).map_or("...", |(_, example)| example).to_owned(),
         }
     }

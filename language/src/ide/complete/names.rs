@@ -241,7 +241,7 @@ impl Analysis {
         });
         let hosts = places.filter_map(|value| match &value.kind {
             ValueKind::Constant(Constant::Text(host)) => Some(host.as_str()),
-            ValueKind::Constant(Constant::Number(_) | Constant::Truth(_))
+            ValueKind::Constant(Constant::Number(_) | Constant::Truth(_) | Constant::Secret(_))
             | ValueKind::Record(_)
             | ValueKind::List(_)
             | ValueKind::Param(_)

@@ -59,5 +59,6 @@ fn spelled(constant: &Constant) -> String {
         Constant::Text(text) => format!("{text:?}"),
         Constant::Number(number) => number.to_string(),
         Constant::Truth(truth) => truth.to_string(),
+        Constant::Secret(key) => format!("secret({key:?})"),
     }
 }

@@ -97,7 +97,7 @@ impl Parser<'_> {
         self.finish();
     }
 
-    /// A string, a name, a number with or without a unit, a list, a record.
+    /// A string, a name, a number with or without a unit, a list, a record, a secret.
     pub(super) fn constant(&mut self) {
         self.start(SyntaxKind::Constant);
         let is_negative = self.eat(Minus);
@@ -112,9 +112,23 @@ impl Parser<'_> {
             self.finish();
         } else if self.at(LeftBrace) {
             self.nested(SyntaxKind::Record, Self::field);
+        } else if self.at_word("secret") && self.kind(1) == LeftParen {
+            self.secret();
         } else if !self.eat(Text) && self.expect_name("a value") {
             self.index();
         }
+        self.finish();
+    }
+
+    /// `secret("team/camera/password")`
+    fn secret(&mut self) {
+        self.start(SyntaxKind::Secret);
+        self.bump();
+        self.bump();
+        if !self.eat(Text) {
+            self.expected("the key of a secret, such as `\"team/camera/password\"`");
+        }
+        self.expect(RightParen);
         self.finish();
     }
 

@@ -34,6 +34,9 @@ pub struct ShimStart {
     pub descriptors: Option<u64>,
     /// The program's whole environment; nothing is inherited.
     pub environment: Vec<(String, String)>,
+    /// Which words of the command end with the path of a file that has a secret. Their values come first on standard input, in
+    /// this order, as [`secret`] writes them.
+    pub secrets: Vec<u32>,
     /// The executable (a path, or a name looked up in the `PATH` above) and its arguments.
     pub command: Vec<String>,
 }
@@ -95,6 +98,9 @@ impl ShimStart {
         for (name, value) in &self.environment {
             arguments.extend(["--environment".into(), format!("{name}={value}").into()]);
         }
+        for word in &self.secrets {
+            arguments.extend(["--secret".into(), word.to_string().into()]);
+        }
         arguments.push("--".into());
         arguments.extend(self.command.iter().map(OsString::from));
         arguments
@@ -116,6 +122,7 @@ impl ShimStart {
             groups: Vec::new(),
             descriptors: None,
             environment: Vec::new(),
+            secrets: Vec::new(),
             command: Vec::new(),
         };
         let mut arguments = arguments.into_iter();
@@ -166,6 +173,10 @@ impl ShimStart {
                 self.descriptors = Some(count.ok_or("must be a number")?);
             }
             "--group" => self.groups.push(value.into()),
+            "--secret" => {
+                let word = value.to_str().and_then(|word| word.parse().ok());
+                self.secrets.push(word.ok_or("must be a number")?);
+            }
             "--memory"
             | "--cpu-s"
             | "--files"
@@ -187,6 +198,17 @@ impl ShimStart {
         }
         Ok(())
     }
+}
+
+/// The longest secret, in bytes.
+pub const SECRET_MAX: usize = 64 << 10;
+
+/// Adds a secret of at most [`SECRET_MAX`] bytes as it comes on the standard input of a shim: its length in four bytes, the lowest first,
+/// and itself.
+pub fn secret(value: &[u8], to: &mut Vec<u8>) {
+    let length = u32::try_from(value.len()).unwrap_or(u32::MAX);
+    to.extend(length.to_le_bytes());
+    to.extend(value);
 }
 
 fn limit_arguments(limits: &Limits) -> Vec<(&'static str, String)> {
@@ -253,6 +275,7 @@ mod tests {
             groups: vec!["/sys/fs/cgroup/pids/dca-program-7-70".into()],
             descriptors: Some(1024),
             environment: vec![("DCA_INSTANCE".into(), "main/a=b".into()), ("EMPTY".into(), String::new())],
+            secrets: vec![2, 0],
             command: vec!["sleep".into(), "--".into(), "5".into()],
         };
         assert_eq!(ShimStart::parse(start.arguments()).as_ref(), Ok(&start));

@@ -75,10 +75,12 @@ impl Driver {
             groups: Vec::new(),
             descriptors: descriptors::before(),
             environment: self.environment(order.path, &dir, control.as_deref()),
+            secrets: order.secrets.iter().map(|secret| secret.word).collect(),
             command: order.command,
             dir,
         };
-        Start { process, shim, control, orders }
+        let secrets = order.secrets.into_iter().map(|secret| secret.key).collect();
+        Start { process, shim, control, orders, secrets }
     }
 
     /// Returns where a program of this kind talks to its node, if it does.

@@ -4,10 +4,13 @@
 use super::{Config, adoption};
 use crate::io::cgroup;
 use crate::io::child::leftovers;
-use crate::io::database;
+use crate::io::database::{self, DatabaseThread};
+use crate::io::event::Event;
 use crate::io::input_log::InputLog;
 use crate::io::programs;
 use crate::io::run_dir::{self, PROGRAMS, RunDir};
+use crate::io::secrets::Secrets;
+use crate::io::starter::Starter;
 use crate::logic::agent::{Agent, Identity};
 use crate::logic::node_state::NodeState;
 use crate::logic::programs::Programs;
@@ -16,6 +19,7 @@ use anyhow::Context;
 use comms::io::session::Reach;
 use comms::io::{clock, file};
 use std::path::{Path, PathBuf};
+use tokio::sync::mpsc::Sender;
 
 pub(super) fn database_options(config: &Config, dir: &RunDir) -> database::Options {
     database::Options {
@@ -27,6 +31,12 @@ pub(super) fn database_options(config: &Config, dir: &RunDir) -> database::Optio
         proof: dir.proof().to_owned(),
         founds: config.founds,
     }
+}
+
+/// Returns what starts programs, and opens their secrets with the keys of this node.
+pub(super) fn starter(config: &Config, database: &DatabaseThread, events: Sender<Event>) -> Starter {
+    let secrets = Secrets::new(config.member.clone(), database.handle().clone(), &config.name);
+    Starter::new(programs::beside("dca-shim"), secrets, events)
 }
 
 /// The file in a node's folder that says of which team it is.

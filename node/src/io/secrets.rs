@@ -1,0 +1,102 @@
+//! The secrets of programs: read in the database when a program is started, opened with the keys of this node, and handed to the shim
+//! over a pipe. They are in no file, argument, environment, message or log of a node.
+
+use crate::io::caller;
+use crate::io::database::Handle;
+use crate::logic::database::question::{Question, Reply};
+use crate::logic::protocol::Answer;
+use anyhow::{Context, anyhow, bail};
+use comms::io::clock;
+use dbmanager::logic::key::Key;
+use dbmanager::logic::view::value::Datum;
+use shim::protocol;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+use team::member::Member;
+use trust::seal::{SealError, Sealed, Secret};
+use zeroize::Zeroizing;
+
+/// How long the database has to answer.
+const ANSWER_WITHIN: Duration = Duration::from_secs(5);
+
+/// Opens what the database has sealed for this node.
+#[derive(Debug)]
+pub(crate) struct Secrets {
+    member: Option<Arc<Member>>,
+    database: Handle,
+    host: String,
+    /// Numbers its questions downwards, apart from those of the node's callers.
+    next: AtomicU64,
+}
+
+impl Secrets {
+    pub(crate) fn new(member: Option<Arc<Member>>, database: Handle, host: &str) -> Self {
+        Self { member, database, host: host.to_owned(), next: AtomicU64::new(u64::MAX) }
+    }
+
+    /// Returns the secrets at these keys, as a shim reads them.
+    ///
+    /// # Errors
+    /// This node cannot read one of them; why, and what to do.
+    ///
+    /// # Cancellation
+    /// Safe.
+    pub(crate) async fn open(&self, keys: &[String]) -> anyhow::Result<Zeroizing<Vec<u8>>> {
+        let mut secrets = Vec::new();
+        for key in keys {
+            secrets.push(self.secret(key).await?);
+        }
+        // In one piece from the start: what grows leaves copies behind.
+        let size = secrets.iter().map(|secret| secret.expose().len() + size_of::<u32>()).sum();
+        let mut bytes = Zeroizing::new(Vec::with_capacity(size));
+        secrets.iter().for_each(|secret| protocol::secret(secret.expose(), &mut bytes));
+        Ok(bytes)
+    }
+
+    async fn secret(&self, key: &str) -> anyhow::Result<Secret> {
+        let host = &self.host;
+        let Some(member) = &self.member else {
+            bail!(
+                "`{host}` is in no team, so it can open no secret, and not `{key}`: take it into one with `dca team join`"
+            );
+        };
+        let sealed = match self.stored(Key::new(key)?).await? {
+            Some(Datum::Sealed(bytes)) => bytes,
+            Some(_) => bail!("`{key}` is no secret: `dca db put --secret {key} --for {host}` writes one"),
+            None => bail!(
+                "there is no secret `{key}` in the database of `{host}`: `dca db put --secret {key} --for {host}`"
+            ),
+        };
+        let sealed = Sealed::from_bytes(&sealed).with_context(|| format!("reading the secret `{key}`"))?;
+        member.unseal(key, &sealed).map_err(|error| match error {
+            SealError::NotForUs => anyhow!(
+                "the secret `{key}` is not for `{host}`: `dca db put --secret {key} --for ...,{host}` seals it for that robot, too"
+            ),
+            SealError::TooLong | SealError::Path | SealError::Readers | SealError::Generation | SealError::Damaged => {
+                anyhow!("the secret `{key}` cannot be opened: {error}")
+            }
+        })
+    }
+
+    /// Returns what a key holds.
+    async fn stored(&self, key: Key) -> anyhow::Result<Option<Datum>> {
+        let (caller, mut answers) = caller::answers();
+        self.database.call(self.next.fetch_sub(1, Ordering::Relaxed), Question::Get { key }, Some(caller));
+        loop {
+            let answer = tokio::select! {
+                answer = answers.next() => answer,
+                () = clock::sleep_until(clock::now() + ANSWER_WITHIN) => None,
+            };
+            match answer {
+                Some(Answer::Database(Reply::Entries(entries))) => {
+                    let versions = entries.into_iter().next().map(|(_, versions)| versions).unwrap_or_default();
+                    return Ok(versions.last().and_then(|version| version.value.as_ref()).map(Datum::of));
+                }
+                Some(Answer::Database(Reply::Note(_))) => {}
+                Some(Answer::Database(Reply::Refused(why))) => bail!("{why}"),
+                Some(_) | None => bail!("the database of `{}` does not answer", self.host),
+            }
+        }
+    }
+}

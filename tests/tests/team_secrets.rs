@@ -1,0 +1,243 @@
+//! A secret of a team's database: its program has it, and nobody else does. Looked for in all files, command lines, environments and
+//! outputs of three robots, and in the memory of those that may not read it.
+
+use dca_tests::cluster::{Cluster, Ended, Host, Network, Program, SOON, Stream, wait_until};
+use node::logic::database::question::Status;
+use std::fs::{self, File, Permissions};
+use std::os::unix::fs::{FileExt as _, PermissionsExt as _};
+use std::path::Path;
+use std::process::Command;
+
+const SECRET: &str = "Swordfish-Quartz-8261";
+/// The same with each letter moved by 13 places: what the program writes to show that it has read it.
+const SHOWN: &str = "Fjbeqsvfu-Dhnegm-8261";
+const KEY: &str = "team/camera/password";
+const NAMES: [&str; 3] = ["r1", "r2", "r3"];
+
+/// A spec with one program on a robot that gets the secret.
+fn spec(robot: &str) -> String {
+    format!(
+        r#"module Camera(host, password: Secret) {{
+    exec "sh -c 'tr A-Za-z N-ZA-Mn-za-m < \"${{1#password=}}\"; echo; stat -L -c %a \"${{1#password=}}\"; sleep 3600' sh";
+    plain;
+}}
+process main() {{
+    host {{ "{robot}" }}
+    instantiated_processes {{ camera instof Camera("{robot}", password = secret("{KEY}")); }}
+    internal_event_actions {{ camera }}
+}}
+"#
+    )
+}
+
+/// A team of three robots, and the operator's desk on the first host.
+struct Robots {
+    nodes: Vec<Program>,
+    cluster: Cluster,
+    network: Network,
+    keys: Vec<String>,
+}
+
+impl Robots {
+    fn new() -> Option<Self> {
+        let (cluster, network) = (Cluster::new(), Network::new(3)?);
+        let passphrase = cluster.file("passphrase", "correct horse battery\n");
+        fs::set_permissions(&passphrase, Permissions::from_mode(0o600)).expect("a file of ours");
+        let keys = cluster.folder().join("keys").display().to_string();
+        let keys = ["--keys".to_owned(), keys, "--passphrase".to_owned(), passphrase].to_vec();
+        let mut robots = Self { nodes: Vec::new(), cluster, network, keys };
+        robots.done(&["team", "init", "acme"]);
+        for (number, name) in (1..).zip(NAMES) {
+            robots.join(number, name);
+            robots.nodes.push(robots.host(number).node(name, &[]));
+        }
+        let is_everybody_there = || {
+            let nodes = robots.host(1).ask(&["nodes"]);
+            NAMES.iter().all(|name| nodes.out.lines().any(|line| line.starts_with(name)))
+        };
+        assert!(wait_until(SOON, is_everybody_there).is_some(), "{}", robots.host(1).ask(&["nodes"]));
+        robots.done(&["db", "found"]);
+        let has_joined = |number| {
+            let status = robots.host(number).ask(&["db", "status", "--json"]);
+            serde_json::from_str::<Status>(&status.out).is_ok_and(|status| status.member && status.members.len() == 3)
+        };
+        assert!(wait_until(SOON, || (1..=3).all(has_joined)).is_some(), "all are members of the database");
+        Some(robots)
+    }
+
+    fn host(&self, number: usize) -> Host {
+        self.cluster.host(&self.network, number)
+    }
+
+    fn join(&self, number: usize, name: &str) {
+        let invitation = self.host(1).dca(&self.with(&["team", "invite", name]));
+        invitation.wait_for(Stream::Out, "\n", SOON);
+        let said = invitation.text(Stream::Out);
+        let line = said.trim().strip_prefix("dca team join ").expect("it prints what to type").to_owned();
+        let state = self.host(number).state().display().to_string();
+        let joined = self.host(number).ask(&["team", "join", &line, "--state", &state]);
+        assert_eq!((joined.code, invitation.ended(SOON).code), (Some(0), Some(0)), "{joined}");
+    }
+
+    fn with<'a>(&'a self, arguments: &[&'a str]) -> Vec<&'a str> {
+        arguments.iter().copied().chain(self.keys.iter().map(String::as_str)).collect()
+    }
+
+    /// Does something at the desk with the operator's keys.
+    fn done(&self, arguments: &[&str]) -> Ended {
+        let ended = self.host(1).ask(&self.with(arguments));
+        assert_eq!(ended.code, Some(0), "{ended}");
+        ended
+    }
+
+    /// Seals a secret at the desk, and waits until every robot has it.
+    fn seal(&self, value: &str, robots: &str) -> Ended {
+        let put = ["db", "put", "--secret", KEY, "--for", robots, "--level", "everywhere", "--within", "25s"];
+        self.host(1).ask_given(&self.with(&put), value.as_bytes())
+    }
+
+    fn deploy(&self, robot: &str, name: &str) -> Program {
+        let spec = self.cluster.file(&format!("{name}.dca"), &spec(robot));
+        self.host(1).dca(&self.with(&["deploy", &spec]))
+    }
+}
+
+/// Adds the files below a folder that have the secret.
+fn files_with(folder: &Path, found: &mut Vec<String>) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let (path, kind) = (entry.path(), entry.file_type().expect("Linux tells it"));
+        if kind.is_dir() {
+            files_with(&path, found);
+        } else if kind.is_file() && has_secret(&fs::read(&path).unwrap_or_default()) {
+            found.push(path.display().to_string());
+        }
+    }
+}
+
+fn has_secret(bytes: &[u8]) -> bool {
+    bytes.windows(SECRET.len()).any(|part| part == SECRET.as_bytes())
+}
+
+/// Returns whether the memory of a process has the secret; of its core there is no more than that.
+fn memory_has_secret(pid: u32) -> bool {
+    let maps = fs::read_to_string(format!("/proc/{pid}/maps")).expect("it runs");
+    let memory = File::open(format!("/proc/{pid}/mem")).expect("the test may look");
+    let mut seen = 0;
+    let has = maps.lines().any(|line| {
+        let (range, rest) = line.split_once(' ').expect("a range, and more");
+        let (begin, end) = range.split_once('-').expect("two ends");
+        let [begin, end] = [begin, end].map(|end| u64::from_str_radix(end, 16).expect("the kernel writes hex"));
+        let size = usize::try_from(end - begin).expect("it is in memory");
+        let mut bytes = vec![0; if rest.starts_with("rw") && size < 256 << 20 { size } else { 0 }];
+        let is_read = memory.read_exact_at(&mut bytes, begin).is_ok();
+        seen += if is_read { bytes.len() } else { 0 };
+        is_read && has_secret(&bytes)
+    });
+    assert!(seen > 1 << 20, "the memory of {pid} was read");
+    has
+}
+
+/// Returns the command lines and environments of any process that have the secret.
+fn processes_with() -> Vec<String> {
+    let pids = fs::read_dir("/proc").expect("it is mounted").flatten().map(|entry| entry.path());
+    let files = pids.flat_map(|path| ["cmdline", "environ"].map(|name| path.join(name)));
+    files
+        .filter(|file| has_secret(&fs::read(file).unwrap_or_default()))
+        .map(|file| file.display().to_string())
+        .collect()
+}
+
+/// A search that finds nothing anywhere would please everybody.
+fn the_search_finds_what_is_there(cluster: &Cluster) {
+    let bait = cluster.file("bait", &format!("a {SECRET} b"));
+    let mut found = Vec::new();
+    files_with(cluster.folder(), &mut found);
+    assert_eq!(found, [bait]);
+    let held = format!("in memory: {SECRET}");
+    assert!(memory_has_secret(std::process::id()), "{held}");
+    let mut child = Command::new("sleep").arg("60").env("BAIT", SECRET).spawn().expect("there is a `sleep`");
+    let found = processes_with();
+    child.kill().and_then(|()| child.wait()).expect("it is ours");
+    assert_eq!(found, [format!("/proc/{}/environ", child.id())]);
+}
+
+#[test]
+fn a_secret_is_for_its_robot_alone() {
+    let Some(robots) = Robots::new() else { return };
+    let mut said = vec![robots.seal(&format!("{SECRET}\n"), "r2")];
+    assert_eq!(said[0].code, Some(0), "{}", said[0]);
+    assert!(said[0].err.contains("sealed for 1 robot as generation 1"), "{}", said[0]);
+    let shown = robots.done(&["db", "get", KEY]);
+    assert_eq!(shown.out, "secret for r2, generation 1\n");
+
+    let mission = robots.deploy("r2", "camera");
+    mission.wait_for(Stream::Err, "camera", SOON);
+    let logs = || robots.host(1).ask(&["logs", "camera"]);
+    let is_shown = wait_until(SOON, || logs().out.contains(&format!("{SHOWN}\n")));
+    assert!(is_shown.is_some(), "{}{}", logs(), mission.text(Stream::Err));
+    assert!(logs().out.contains("400"), "{}", logs());
+    said.extend([
+        logs(),
+        robots.host(2).ask(&["status"]),
+        robots.host(2).ask(&["status", "--json"]),
+        robots.host(2).ask(&["events"]),
+        robots.host(2).ask(&["audit", "r2", "--state", &robots.host(2).state().display().to_string()]),
+        robots.host(3).ask(&["db", "export"]),
+        robots.host(2).ask(&["db", "history"]),
+        robots.host(2).ask(&["db", "get", "--json"]),
+    ]);
+    let outputs = said.iter().map(|ended| format!("{ended}"));
+    let streams = [Stream::Out, Stream::Err];
+    let nodes = robots.nodes.iter().chain([&mission]).flat_map(|program| streams.map(|stream| program.text(stream)));
+    for text in outputs.chain(nodes) {
+        assert!(!has_secret(text.as_bytes()), "{text}");
+    }
+    let mut found = Vec::new();
+    files_with(robots.cluster.folder(), &mut found);
+    for number in 1..=3 {
+        files_with(robots.host(number).run_dir(), &mut found);
+    }
+    assert_eq!(found, [""; 0], "files");
+    assert_eq!(processes_with(), [""; 0], "command lines and environments");
+    // Not even the node of r2 keeps it.
+    for (name, node) in NAMES.iter().zip(&robots.nodes) {
+        assert!(!memory_has_secret(node.pid()), "{name}");
+    }
+    the_search_finds_what_is_there(&robots.cluster);
+
+    let refused = robots.deploy("r3", "thief").ended(SOON);
+    assert_eq!(refused.code, Some(1), "{refused}");
+    assert!(refused.out.contains("the secret `team/camera/password` is not for `r3`"), "{refused}");
+    drop(robots.done(&["stop", "camera"]));
+    drop(mission.ended(SOON));
+
+    let sealed = robots.seal(SECRET, "r1,r3");
+    assert!(sealed.code == Some(0) && sealed.err.contains("2 robots as generation 2"), "{sealed}");
+    let refused = robots.deploy("r2", "camera").ended(SOON);
+    assert!(refused.out.contains("the secret `team/camera/password` is not for `r2`"), "{refused}");
+    let run_dir = robots.host(1).run_dir().display().to_string();
+    let revoked = robots.done(&["team", "revoke", "r3", "--run-dir", &run_dir]);
+    assert!(revoked.out.ends_with(&format!("{KEY}\n")), "{revoked}");
+    assert!(revoked.err.contains("`r3` could read these secrets"), "{revoked}");
+}
+
+#[test]
+fn what_is_no_robot_of_the_team_is_refused_before_anything_is_written() {
+    let Some(robots) = Robots::new() else { return };
+    for (readers, why) in [("r9", "`r9` is no robot that the team trusts"), ("r2,root", "`root` is no robot")] {
+        let refused = robots.seal(SECRET, readers);
+        assert_eq!(refused.code, Some(1), "{refused}");
+        assert!(refused.err.contains(why), "{refused}");
+    }
+    let empty = robots.seal("", "r2");
+    assert!(empty.code == Some(1) && empty.err.contains("the secret is empty"), "{empty}");
+    let twice = robots.host(1).ask(&robots.with(&["db", "put", "--secret", KEY, SECRET, "--for", "r2"]));
+    assert_eq!(twice.code, Some(2), "{twice}");
+    assert!(!has_secret(format!("{twice}").as_bytes()), "{twice}");
+    let none = robots.host(1).ask(&["db", "get", KEY]);
+    assert_eq!(none.code, Some(1), "{none}");
+    // A value that is no secret is none for a spec either.
+    drop(robots.done(&["db", "put", KEY, "--text", "plain", "--level", "everywhere", "--within", "25s"]));
+    let refused = robots.deploy("r2", "camera").ended(SOON);
+    assert!(refused.out.contains("`team/camera/password` is no secret"), "{refused}");
+}
