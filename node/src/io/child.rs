@@ -9,6 +9,7 @@
 pub mod leftovers;
 pub mod reach;
 
+use crate::io::secrets::SecretBytes;
 use crate::logic::output_lines::last_lines;
 use comms::io::{clock, file};
 use language::plan::Usage;
@@ -27,7 +28,6 @@ use tokio::io::{AsyncBufReadExt, AsyncRead, AsyncWrite, AsyncWriteExt, BufReader
 use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::process::{ChildStdin, ChildStdout};
 use tokio::sync::mpsc::{Receiver, Sender};
-use zeroize::Zeroizing;
 
 /// How much of a program's output is read to find its last lines, in bytes.
 const LAST_OUTPUT_MAX: u64 = 32 << 10;
@@ -44,8 +44,8 @@ const OUTPUT_BEGIN_FILE: &str = "out.begin";
 #[derive(Debug)]
 pub struct ShimOrders {
     channel: OrderChannel,
-    /// What the shim is given before any order; it is wiped when it is dropped.
-    secrets: Zeroizing<Vec<u8>>,
+    /// What the shim is given before any order.
+    secrets: SecretBytes,
 }
 
 #[derive(Debug)]
@@ -109,7 +109,7 @@ pub fn start(shim: &Path, start: &ShimStart) -> io::Result<(ShimOrders, ShimRepo
     let reports = ChildStdout::from_std(child.stdout.take().ok_or_else(missing)?)?;
     let channel = ReportChannel::Started(child, reports);
     let reports = ShimReports { channel, dir: start.dir.clone(), written_before };
-    Ok((ShimOrders { channel: OrderChannel::Started(orders), secrets: Zeroizing::default() }, reports))
+    Ok((ShimOrders { channel: OrderChannel::Started(orders), secrets: SecretBytes::default() }, reports))
 }
 
 /// Attaches to the shim in `dir` that an earlier run of this node has started, of which `known_reports` reports are known.
@@ -139,7 +139,7 @@ pub fn attach(dir: &Path, known_reports: u64) -> io::Result<Attached> {
     let (reports, orders) = tokio::net::UnixStream::from_std(stream)?.into_split();
     let channel = ReportChannel::Attached(reports);
     Ok(Attached {
-        orders: ShimOrders { channel: OrderChannel::Attached(orders), secrets: Zeroizing::default() },
+        orders: ShimOrders { channel: OrderChannel::Attached(orders), secrets: SecretBytes::default() },
         reports: ShimReports { channel, dir: dir.to_owned(), written_before: output_begin(dir) },
         taken: reply.orders,
     })
@@ -246,7 +246,7 @@ pub fn check_executable(command: &[String]) -> io::Result<()> {
 impl ShimOrders {
     /// Gives the shim the secrets of its program, as [`shim::protocol::secret`] writes them.
     #[must_use]
-    pub fn with(self, secrets: Zeroizing<Vec<u8>>) -> Self {
+    pub(crate) fn with(self, secrets: SecretBytes) -> Self {
         Self { secrets, ..self }
     }
 
@@ -259,7 +259,7 @@ impl ShimOrders {
             OrderChannel::Started(pipe) => Box::new(pipe),
             OrderChannel::Attached(socket) => Box::new(socket),
         };
-        if let Err(error) = channel.write_all(&self.secrets).await {
+        if let Err(error) = channel.write_all(self.secrets.expose()).await {
             tracing::debug!(%error, "shim does not listen");
         }
         drop(self.secrets);

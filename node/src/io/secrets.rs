@@ -10,6 +10,7 @@ use comms::io::clock;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::view::value::Datum;
 use shim::protocol;
+use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -19,6 +20,22 @@ use zeroize::Zeroizing;
 
 /// How long the database has to answer.
 const ANSWER_WITHIN: Duration = Duration::from_secs(5);
+
+/// Secrets as a shim reads them. They are wiped when they are dropped, and `Debug` does not show them.
+#[derive(Default)]
+pub(crate) struct SecretBytes(Zeroizing<Vec<u8>>);
+
+impl SecretBytes {
+    pub(crate) fn expose(&self) -> &[u8] {
+        &self.0
+    }
+}
+
+impl fmt::Debug for SecretBytes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("SecretBytes(..)")
+    }
+}
 
 /// Opens what the database has sealed for this node.
 #[derive(Debug)]
@@ -42,7 +59,7 @@ impl Secrets {
     ///
     /// # Cancellation
     /// Safe.
-    pub(crate) async fn open(&self, keys: &[String]) -> anyhow::Result<Zeroizing<Vec<u8>>> {
+    pub(crate) async fn open(&self, keys: &[String]) -> anyhow::Result<SecretBytes> {
         let mut secrets = Vec::new();
         for key in keys {
             secrets.push(self.secret(key).await?);
@@ -51,7 +68,7 @@ impl Secrets {
         let size = secrets.iter().map(|secret| secret.expose().len() + size_of::<u32>()).sum();
         let mut bytes = Zeroizing::new(Vec::with_capacity(size));
         secrets.iter().for_each(|secret| protocol::secret(secret.expose(), &mut bytes));
-        Ok(bytes)
+        Ok(SecretBytes(bytes))
     }
 
     async fn secret(&self, key: &str) -> anyhow::Result<Secret> {
@@ -98,5 +115,16 @@ impl Secrets {
                 Some(_) | None => bail!("the database of `{}` does not answer", self.host),
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn debug_shows_no_secret() {
+        let bytes = SecretBytes(Zeroizing::new(b"hunter2".to_vec()));
+        assert_eq!((format!("{bytes:?}").as_str(), bytes.expose()), ("SecretBytes(..)", &b"hunter2"[..]));
     }
 }
