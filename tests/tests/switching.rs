@@ -4,7 +4,8 @@
 
 #![expect(clippy::print_stdout, reason = "a test says how long its switches took")]
 
-use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, Stream, executable, rounds, wait_until};
+use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, Stream, executable, pass, rounds, wait_until};
+use rustix::process::Signal;
 use serde_json::Value;
 use std::time::Duration;
 
@@ -73,12 +74,14 @@ fn start(here: &Host, file: &str) -> Program {
     mission
 }
 
-/// Labels in turn, as fast as the event actions go.
-fn in_turn(cluster: &Cluster, here: &Host, sinks: &str, what: &str) {
+/// Labels in turn, as fast as the event actions go; `meanwhile` is done once they have begun.
+fn in_turn(cluster: &Cluster, here: &Host, (sinks, what): (&str, &str), meanwhile: impl FnOnce()) {
     let count = rounds(300);
     let file = spec(cluster, sinks, "source, one, other, gate, (pulse[a] ;; pulse[b])");
     let events = here.dca(&["events", "-f", "--json"]);
     let mission = start(here, &file);
+    assert!(wait_until(SOON, || !told(&events.text(Stream::Out)).is_empty()).is_some());
+    meanwhile();
     let within = SOON + ROUND * u32::try_from(count).expect("it is small");
     let is_enough = || told(&events.text(Stream::Out)).len() >= count;
     assert!(wait_until(within, is_enough).is_some(), "{}", events.text(Stream::Out));
@@ -100,7 +103,7 @@ fn sets_in_turn_lose_nothing_on_one_host() {
     let cluster = Cluster::new();
     let here = cluster.here();
     let _node = here.node("c1", &[]);
-    in_turn(&cluster, &here, "c1", "on one host");
+    in_turn(&cluster, &here, ("c1", "on one host"), || ());
 }
 
 #[test]
@@ -109,7 +112,41 @@ fn sets_in_turn_lose_nothing_between_two_hosts() {
     let cluster = Cluster::new();
     let (here, there) = (cluster.host(&network, 1), cluster.host(&network, 2));
     let _nodes = [here.node("c1", &["--insecure-lan"]), there.node("c2", &["--insecure-lan"])];
-    in_turn(&cluster, &here, "c2", "between two hosts");
+    in_turn(&cluster, &here, ("c2", "between two hosts"), || ());
+}
+
+/// A consumer that is suspended for a moment takes everything later, in its order.
+#[test]
+fn a_consumer_that_is_suspended_loses_nothing() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    in_turn(&cluster, &here, ("c1", "consumer suspended for 0.4 s, five times"), || {
+        let sink = cluster.leaf("main/one").expect("it runs");
+        for _ in 0..5 {
+            sink.signal(Signal::STOP);
+            pass(Duration::from_millis(400));
+            sink.signal(Signal::CONT);
+            pass(Duration::from_millis(200));
+        }
+    });
+}
+
+/// What is sent while a link is cut for a moment arrives once it is healed, in its order.
+#[test]
+fn a_link_that_is_cut_and_healed_loses_nothing() {
+    let Some(network) = Network::new(2) else { return };
+    let cluster = Cluster::new();
+    let (here, there) = (cluster.host(&network, 1), cluster.host(&network, 2));
+    let _nodes = [here.node("c1", &["--insecure-lan"]), there.node("c2", &["--insecure-lan"])];
+    in_turn(&cluster, &here, ("c2", "link cut for 0.5 s, three times"), || {
+        for _ in 0..3 {
+            network.cut(2);
+            pass(Duration::from_millis(500));
+            network.heal(2);
+            pass(Duration::from_secs(2));
+        }
+    });
 }
 
 /// `dca switch`: from input to input, and from sink to sink.
