@@ -39,7 +39,7 @@ opt-level = 2
 
 /// Names that Cargo, the program itself or DCA needs for something else: with crates and programs of DCA in its dependencies and on
 /// the search path, a second one of their name is built or started in their place.
-const TAKEN: [&str; 32] = [
+const TAKEN: [&str; 33] = [
     "alloc",
     "build",
     "cli",
@@ -50,6 +50,7 @@ const TAKEN: [&str; 32] = [
     "dbmanager",
     "dca",
     "dca-controller",
+    "dca-counting",
     "dca-examples",
     "dca-fakes",
     "dca-hanging",

@@ -379,7 +379,7 @@ mod tests {
         order.push(0);
         assert!(refused(&order).starts_with("a message of kind 1 is malformed"));
         order[2] = 9;
-        assert_eq!(refused(&order), "a message of version 9 of kind 1; this program speaks version 5");
+        assert_eq!(refused(&order), "a message of version 9 of kind 1; this program speaks version 6");
         let long = vec![0; Order::SIZE_MAX + 1];
         assert!(matches!(decode::<Order>(&long), Err(CodecError::TooLong { .. })));
         assert!(encode(&Order::Activate { activation: 0, value: long }).is_err());

@@ -154,7 +154,8 @@ impl Game<'_> {
     pub(crate) fn before(&self, events: &[TraceEvent]) {
         for event in events {
             match event {
-                TraceEvent::Start(_) | TraceEvent::Reached(_) => {}
+                // What travels between hosts arrives by itself.
+                TraceEvent::Start(_) | TraceEvent::Reached(_) | TraceEvent::Arrived(_) | TraceEvent::Heard(_) => {}
                 TraceEvent::Done(path, _) => self.done(path),
                 TraceEvent::Stopped(path) => {
                     let has_stopped = || !self.fakes.active().iter().any(|active| is_below(active, path));
@@ -163,8 +164,6 @@ impl Game<'_> {
                 TraceEvent::Stop
                 | TraceEvent::Fails(_)
                 | TraceEvent::Elapsed(..)
-                | TraceEvent::Arrived(_)
-                | TraceEvent::Heard(_)
                 | TraceEvent::Struck(..)
                 | TraceEvent::Dies(_)
                 | TraceEvent::Back(_)
