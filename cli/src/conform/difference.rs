@@ -180,7 +180,7 @@ fn arguments(recorded: &[Argument], spec: &[Argument]) -> Option<Differs> {
             Constant::Text(text) => format!("\"{text}\""),
             Constant::Number(number) => number.to_string(),
             Constant::Truth(truth) => truth.to_string(),
-            Constant::Secret(key) => format!("secret({key:?})"),
+            Constant::Secret(key) => format!("secret(\"{key}\")"),
         };
         name.as_ref().map_or_else(|| format!("`{value}`"), |name| format!("`{name} = {value}`"))
     };

@@ -2,13 +2,10 @@
 
 use super::quantity::Quantity;
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{self, Read as _};
 use thiserror::Error;
-use zeroize::Zeroizing;
 
 /// The longest secret, in bytes.
-const SECRET_MAX: usize = 64 << 10;
+pub(crate) const SECRET_MAX: usize = 64 << 10;
 
 /// A parameter that a controller type takes after its host.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -305,18 +302,10 @@ impl Arguments {
         matches!(self.values.get(name), Some(Value::Truth(true)))
     }
 
-    /// Reads a secret parameter; what is returned is wiped when it is dropped.
-    ///
-    /// # Errors
-    /// Its file cannot be read, has more than 64 KiB, or the type declares no such parameter.
-    pub fn secret(&self, name: &str) -> io::Result<Zeroizing<Vec<u8>>> {
-        let Some(Value::Secret(path)) = self.values.get(name) else {
-            return Err(io::Error::new(io::ErrorKind::NotFound, format!("no parameter `{name}` is a secret")));
-        };
-        // In one piece from the start: what grows leaves copies behind.
-        let mut secret = Zeroizing::new(Vec::with_capacity(SECRET_MAX + 1));
-        File::open(path)?.take(SECRET_MAX as u64 + 1).read_to_end(&mut secret)?;
-        if secret.len() > SECRET_MAX { Err(io::ErrorKind::FileTooLarge.into()) } else { Ok(secret) }
+    /// Returns the path of the file of a secret parameter; none if the type declares no such one.
+    pub(crate) fn secret_path(&self, name: &str) -> Option<&str> {
+        let Some(Value::Secret(path)) = self.values.get(name) else { return None };
+        Some(path)
     }
 }
 
@@ -331,6 +320,7 @@ fn split(text: &str) -> Option<(&str, &str)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::io;
 
     const PARAMETERS: &[Parameter] = &[
         Parameter::new("lock", Kind::Text(&["unlocked", "locked"])).or("unlocked"),

@@ -19,6 +19,7 @@ mod links;
 mod node_line;
 mod objects;
 mod peaks;
+mod secret;
 mod taps;
 mod wire;
 

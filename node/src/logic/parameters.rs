@@ -130,7 +130,7 @@ fn spelt(constant: &Constant) -> String {
         Constant::Text(text) => text.clone(),
         Constant::Number(number) => number.to_string(),
         Constant::Truth(truth) => truth.to_string(),
-        Constant::Secret(key) => format!("secret({key:?})"),
+        Constant::Secret(key) => format!("secret(\"{key}\")"),
     }
 }
 

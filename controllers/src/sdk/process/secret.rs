@@ -1,0 +1,22 @@
+//! Reads the secrets that a node hands to a program, as files in memory.
+
+use crate::sdk::arguments::{Arguments, SECRET_MAX};
+use std::fs::File;
+use std::io::{self, Read as _};
+use zeroize::Zeroizing;
+
+impl Arguments {
+    /// Reads a secret parameter; what is returned is wiped when it is dropped.
+    ///
+    /// # Errors
+    /// Its file cannot be read, has more than 64 KiB, or the type declares no such parameter.
+    pub fn secret(&self, name: &str) -> io::Result<Zeroizing<Vec<u8>>> {
+        let Some(path) = self.secret_path(name) else {
+            return Err(io::Error::new(io::ErrorKind::NotFound, format!("no parameter `{name}` is a secret")));
+        };
+        // In one piece from the start: what grows leaves copies behind.
+        let mut secret = Zeroizing::new(Vec::with_capacity(SECRET_MAX + 1));
+        File::open(path)?.take(SECRET_MAX as u64 + 1).read_to_end(&mut secret)?;
+        if secret.len() > SECRET_MAX { Err(io::ErrorKind::FileTooLarge.into()) } else { Ok(secret) }
+    }
+}
