@@ -355,11 +355,7 @@ impl Authenticator for Member {
     }
 
     fn check(&self, proof: &Proof, digest: &Digest) -> Author {
-        let own = self.keys.public();
-        if proof.key == *own.signing() && statement::is_signed(digest, own, &proof.signature) {
-            return Author::Member(self.name().to_string());
-        }
-        self.cards.check(proof, digest, |credential| {
+        self.cards.check(self.credential.certificate(), (proof, digest), |credential| {
             let revoked = self.revoked();
             credential.check(&self.by(&revoked)).map(drop).map_err(|error| error.to_string())
         })

@@ -113,7 +113,7 @@ impl Authenticator for ProgramIdentity {
     }
 
     fn check(&self, proof: &Proof, digest: &Digest) -> Author {
-        self.cards.check(proof, digest, |credential| {
+        self.cards.check(self.delegation.node().certificate(), (proof, digest), |credential| {
             let revoked = self.revocations_now()?;
             credential.check(&judge(&self.team, &revoked)).map(drop).map_err(|error| error.to_string())
         })

@@ -119,6 +119,25 @@ fn what_is_revoked_is_kept_told_and_counts_for_programs() {
 }
 
 #[test]
+fn who_works_at_a_revoked_robot_still_hears_its_node() {
+    let acme = Desk::new("acme");
+    let (friend, lost) = (acme.node("friend", 0, 30), acme.node("lost", 0, 30));
+    let gone = [(lost.credential.certificate().subject(), crate::now())].into();
+    let set = RevokedSet::sign(&acme.team, 1, gone, &acme.root, None).unwrap();
+    for (node, name) in [(&friend, "of-friend"), (&lost, "of-lost")] {
+        node.vouch(&acme.folder.join(name)).unwrap();
+        node.revoke(set.clone()).unwrap();
+    }
+    let [elsewhere, here] =
+        ["of-friend", "of-lost"].map(|name| ProgramIdentity::open(&acme.folder.join(name)).unwrap());
+    let proof = lost.sign(&[3; 32], true).unwrap();
+    assert_eq!(here.check(&proof, &[3; 32]), Author::Member("r1".to_owned()));
+    assert_ne!(here.check(&proof, &[4; 32]), Author::Member("r1".to_owned()), "it has not signed that");
+    let refused = elsewhere.check(&proof, &[3; 32]);
+    assert!(matches!(&refused, Author::Nobody(why) if why.contains("is revoked")), "{refused:?}");
+}
+
+#[test]
 fn a_broken_folder_is_no_node_without_a_team() {
     let acme = Desk::new("acme");
     drop(acme.node("r1", 0, 30));
