@@ -378,7 +378,7 @@ fn datum_of(constant: &Constant) -> Datum {
         Constant::Text(text) => Datum::Text(text.clone()),
         Constant::Number(number) => Datum::float(*number),
         Constant::Truth(truth) => Datum::Bool(*truth),
-        Constant::Secret(key) => Datum::Text(format!("secret(\"{key}\")")),
+        Constant::Secret(_) => Datum::Text(constant.bare()),
     }
 }
 

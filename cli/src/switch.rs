@@ -5,7 +5,7 @@ use crate::change::revision;
 use crate::client::{Clients, unasked};
 use crate::stop::{Located, locate};
 use anyhow::anyhow;
-use language::plan::{Plan, Wire};
+use language::plan::Plan;
 use node::console::{self, Failure, block_on};
 use node::logic::protocol::{Answer, Request, SetsSwitched, SwitchRequest};
 use std::str::FromStr;
@@ -108,18 +108,12 @@ fn wires(plan: Option<&Plan>, sets: &[String]) -> Vec<String> {
             let name =
                 owner.zip(set.label.as_ref()).map(|(owner, label)| format!("{}/{}[{label}]", group.path, owner.name));
             if name.is_some_and(|name| sets.contains(&name)) {
-                wires.extend(
-                    set.wires.iter().filter_map(|wire| plan.wires.get(*wire as usize)).map(|wire| ends(plan, wire)),
-                );
+                let of_set = set.wires.iter().filter_map(|wire| plan.wires.get(*wire as usize));
+                wires.extend(of_set.map(|wire| plan.ends(wire)));
             }
         }
     }
     wires
-}
-
-fn ends(plan: &Plan, wire: &Wire) -> String {
-    let path = |leaf: u32| plan.leaves.get(leaf as usize).map_or("?", |leaf| leaf.path.as_str());
-    format!("{}, {} -> {}, {}", path(wire.from.leaf), wire.from.port, path(wire.to.leaf), wire.to.port)
 }
 
 #[cfg(test)]

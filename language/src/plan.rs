@@ -68,6 +68,15 @@ impl Plan {
         let main = self.groups.first()?;
         self.hosts.get(main.host as usize).map(String::as_str)
     }
+
+    /// Returns the ends of a wire: `main/a, Out -> main/b, In`.
+    pub fn ends(&self, wire: &Wire) -> String {
+        let end = |end: &LeafPort| {
+            let path = self.leaves.get(end.leaf as usize).map_or("?", |leaf| leaf.path.as_str());
+            format!("{path}, {}", end.port)
+        };
+        format!("{} -> {}", end(&wire.from), end(&wire.to))
+    }
 }
 
 /// One instance of a process group.
@@ -181,6 +190,18 @@ pub enum Constant {
     Truth(bool),
     /// `secret("team/camera/password")`: what the database has sealed at this key, for its program alone.
     Secret(String),
+}
+
+impl Constant {
+    /// Returns the value as a spec spells it, a text without quotes.
+    pub fn bare(&self) -> String {
+        match self {
+            Self::Text(text) => text.clone(),
+            Self::Number(number) => number.to_string(),
+            Self::Truth(truth) => truth.to_string(),
+            Self::Secret(key) => format!("secret(\"{key}\")"),
+        }
+    }
 }
 
 /// A data route from one leaf's output to another leaf's input.

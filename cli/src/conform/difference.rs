@@ -54,14 +54,23 @@ fn processes(recorded: &Plan, spec: &Plan) -> Option<String> {
         let groups = plan.groups.iter().map(|group| (group.path.clone(), "group"));
         groups.chain(plan.leaves.iter().map(|leaf| (leaf.path.clone(), "program"))).collect()
     };
-    let (ours, theirs) = (all(recorded), all(spec));
-    let missing = ours.keys().find(|path| !theirs.contains_key(*path));
-    let added = theirs.keys().find(|path| !ours.contains_key(*path));
-    let other = ours.iter().find(|(path, kind)| theirs.get(*path).is_some_and(|other| other != *kind));
+    let who = |path: &String| format!("`{path}`");
+    first((&all(recorded), &all(spec)), who, |kind| format!("is a {kind} in the record alone"))
+}
+
+/// Says which is the first that one side has alone, or that differs; `differs` says how, of that of the record.
+fn first<T: PartialEq>(
+    (recorded, spec): (&BTreeMap<String, T>, &BTreeMap<String, T>),
+    who: impl Fn(&String) -> String,
+    differs: impl Fn(&T) -> String,
+) -> Option<String> {
+    let missing = recorded.keys().find(|name| !spec.contains_key(*name));
+    let added = spec.keys().find(|name| !recorded.contains_key(*name));
+    let other = recorded.iter().find(|(name, one)| spec.get(*name).is_some_and(|other| other != *one));
     missing
-        .map(|path| format!("`{path}` is in the record and not in the spec"))
-        .or_else(|| added.map(|path| format!("`{path}` is in the spec and not in the record")))
-        .or_else(|| other.map(|(path, kind)| format!("`{path}` is a {kind} in the record alone")))
+        .map(|name| format!("{} is in the record and not in the spec", who(name)))
+        .or_else(|| added.map(|name| format!("{} is in the spec and not in the record", who(name))))
+        .or_else(|| other.map(|(name, one)| format!("{} {}", who(name), differs(one))))
 }
 
 fn host(plan: &Plan, host: u32) -> String {
@@ -125,7 +134,7 @@ type Set = (Option<String>, Option<String>, bool, Vec<String>);
 fn sets(plan: &Plan, group: &Group) -> BTreeSet<Set> {
     let set = |(number, set): (u32, &language::plan::ConnectionSet)| {
         let wires = set.wires.iter().filter_map(|wire| plan.wires.get(*wire as usize));
-        let mut wires: Vec<String> = wires.map(|wire| ends(plan, wire)).collect();
+        let mut wires: Vec<String> = wires.map(|wire| plan.ends(wire)).collect();
         wires.sort_unstable();
         (owner(group, set.owner), set.label.clone(), group.sets_always.contains(&number), wires)
     };
@@ -219,33 +228,18 @@ fn policy(one: &Policy, other: &Policy) -> Option<Differs> {
         .or_else(|| differs("limits", (&one.usage, &other.usage)))
 }
 
-/// A wire by its ends.
-fn ends(plan: &Plan, wire: &Wire) -> String {
-    let end = |port: &language::plan::LeafPort| {
-        let path = plan.leaves.get(port.leaf as usize).map_or("", |leaf| leaf.path.as_str());
-        format!("{path}, {}", port.port)
-    };
-    format!("{} -> {}", end(&wire.from), end(&wire.to))
-}
-
 fn wires(recorded: &Plan, spec: &Plan) -> Option<String> {
     let all = |plan: &Plan| -> BTreeMap<String, Vec<Wire>> {
         let mut all = BTreeMap::new();
         for wire in &plan.wires {
             let same = Wire { from: unnamed(), to: unnamed(), ..wire.clone() };
-            all.entry(ends(plan, wire)).or_insert_with(Vec::new).push(same);
+            all.entry(plan.ends(wire)).or_insert_with(Vec::new).push(same);
         }
         all.values_mut().for_each(|wires| wires.sort_unstable_by_key(|wire| (wire.transfer, wire.quality)));
         all
     };
-    let (ours, theirs) = (all(recorded), all(spec));
-    let missing = ours.keys().find(|ends| !theirs.contains_key(*ends));
-    let added = theirs.keys().find(|ends| !ours.contains_key(*ends));
-    let other = ours.iter().find(|(ends, wires)| theirs.get(*ends).is_some_and(|other| other != *wires));
-    missing
-        .map(|ends| format!("the connection `{ends}` is in the record and not in the spec"))
-        .or_else(|| added.map(|ends| format!("the connection `{ends}` is in the spec and not in the record")))
-        .or_else(|| other.map(|(ends, _)| format!("the connection `{ends}` differs in its quality")))
+    let who = |ends: &String| format!("the connection `{ends}`");
+    first((&all(recorded), &all(spec)), who, |_| "differs in its quality".to_owned())
 }
 
 fn unnamed() -> language::plan::LeafPort {

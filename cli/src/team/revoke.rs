@@ -68,20 +68,28 @@ pub(super) fn revoke(bundle: &mut Bundle, name: &Name, root: &SecretKeys, now: U
     Ok(format!("{name} is revoked: number {number}"))
 }
 
-/// Lists the secrets that somebody could read: they are known to whoever has its keys now.
-fn could_read(keys: &KeysArgs, bundle: &Bundle, name: &Name) -> Result<(), Failure> {
-    let own: Vec<_> = bundle.named(name).map(Certificate::subject).collect();
-    let found = block_on(async {
+/// Does something with the node of this machine, of which it gets the name; nothing if none runs.
+fn with_node<T>(
+    keys: &KeysArgs,
+    work: impl AsyncFnOnce(&Client, &str) -> Result<T, Failure>,
+) -> Result<Option<T>, Failure> {
+    block_on(async {
         let client = match Client::here(keys.run_dir.as_deref()).await {
             Ok(client) => client,
             Err(Failure::Unreachable(_)) => return Ok(None),
             Err(failure) => return Err(failure),
         };
-        let host = client.local().unwrap_or_default().to_owned();
-        let found = readable(&Databases::through(&client, host), &own).await;
+        let done = work(&client, client.local().unwrap_or_default()).await;
         client.close().await;
-        found.map(Some)
-    });
+        done.map(Some)
+    })
+}
+
+/// Lists the secrets that somebody could read: they are known to whoever has its keys now.
+fn could_read(keys: &KeysArgs, bundle: &Bundle, name: &Name) -> Result<(), Failure> {
+    let own: Vec<_> = bundle.named(name).map(Certificate::subject).collect();
+    let found =
+        with_node(keys, async |client, host| readable(&Databases::through(client, host.to_owned()), &own).await);
     match found {
         Ok(Some(found)) if found.is_empty() => console::note(&format!("the database here has no secret for `{name}`")),
         Ok(Some(found)) => {
@@ -105,17 +113,9 @@ fn could_read(keys: &KeysArgs, bundle: &Bundle, name: &Name) -> Result<(), Failu
 pub(super) fn tell(keys: &KeysArgs, bundle: &Bundle) -> Result<(), Failure> {
     let Some(set) = bundle.revoked() else { return Ok(()) };
     let request = Request::Revoke { set: set.to_bytes() };
-    let told = block_on(async {
-        let client = match Client::here(keys.run_dir.as_deref()).await {
-            Ok(client) => client,
-            Err(Failure::Unreachable(_)) => return Ok(None),
-            Err(failure) => return Err(failure),
-        };
-        let host = client.local().unwrap_or_default().to_owned();
-        let answer = client.ask(&host, &request, ANSWER_WITHIN).await;
-        client.close().await;
-        let answer = answer?;
-        if matches!(answer, Answer::Revoked { .. }) { Ok(Some(host)) } else { Err(unasked(&host, &answer)) }
+    let told = with_node(keys, async |client, host| {
+        let answer = client.ask(host, &request, ANSWER_WITHIN).await?;
+        if matches!(answer, Answer::Revoked { .. }) { Ok(host.to_owned()) } else { Err(unasked(host, &answer)) }
     })?;
     console::note(&match told {
         Some(host) => format!("the node `{host}` knows, and tells all that it meets"),

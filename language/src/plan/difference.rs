@@ -303,11 +303,7 @@ fn moved(path: &str, from: &str, to: &str) -> Option<String> {
 /// `main/a, Out -> main/b, In latch`
 fn text(plan: &Plan, wire: u32) -> String {
     let Some(wire) = plan.wires.get(wire as usize) else { return String::new() };
-    let end = |end: &LeafPort| {
-        let path = plan.leaves.get(end.leaf as usize).map_or("?", |leaf| leaf.path.as_str());
-        format!("{path}, {}", end.port)
-    };
-    let mut text = format!("{} -> {}", end(&wire.from), end(&wire.to));
+    let mut text = plan.ends(wire);
     if wire.transfer == Transfer::Pull {
         text.push_str(" pull");
     }

@@ -116,7 +116,7 @@ impl Accepts {
             Self::Between { low: Some(low), high: None } => format!("a number of {low} or more"),
             Self::Between { low: None, high: Some(high) } => format!("a number of {high} or less"),
             Self::OneOf(all) => {
-                let all: Vec<String> = all.iter().map(|one| format!("`{}`", bare(one))).collect();
+                let all: Vec<String> = all.iter().map(|one| format!("`{}`", one.bare())).collect();
                 format!("one of {}", all.join(", "))
             }
             Self::Quantity { of, low, high } => {
@@ -142,16 +142,6 @@ fn with_article(name: &str) -> String {
     format!("{article} {name}")
 }
 
-/// A value as a spec spells it, a text without quotes.
-fn bare(constant: &Constant) -> String {
-    match constant {
-        Constant::Text(text) => text.clone(),
-        Constant::Number(number) => number.to_string(),
-        Constant::Truth(truth) => truth.to_string(),
-        Constant::Secret(key) => format!("secret({key:?})"),
-    }
-}
-
 /// As an interface says it: `Number in 1..200`, `Force in 1 N..200 N`.
 impl fmt::Display for Accepts {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -163,7 +153,7 @@ impl fmt::Display for Accepts {
             Self::Truth => f.write_str("Truth"),
             Self::Secret => f.write_str("Secret"),
             Self::Between { low, high } => write!(f, "Number in {}..{}", end(low), end(high)),
-            Self::OneOf(all) => f.write_str(&all.iter().map(bare).collect::<Vec<_>>().join(" | ")),
+            Self::OneOf(all) => f.write_str(&all.iter().map(Constant::bare).collect::<Vec<_>>().join(" | ")),
             Self::Quantity { of, low: None, high: None } => f.write_str(of),
             Self::Quantity { of, low, high } => {
                 let unit = self.unit().unwrap_or_default();

@@ -107,7 +107,7 @@ pub fn overruled(keys: &[(String, String)], known: &[InstanceParameters]) -> Vec
             let read = accepts.read(text);
             if !is_same(given, read.as_ref().unwrap_or(text)) {
                 let unit = accepts.unit().map(|unit| format!(" {unit}")).unwrap_or_default();
-                let (path, given) = (without_main(&one.path), format!("{}{unit}", spelt(given)));
+                let (path, given) = (without_main(&one.path), format!("{}{unit}", given.bare()));
                 let text = read.map_or_else(|_| text.clone(), |read| format!("{read}{unit}"));
                 let unset = format!("dca param unset {}/{path} {name}", one.deployment.name);
                 sentences
@@ -121,16 +121,7 @@ pub fn overruled(keys: &[(String, String)], known: &[InstanceParameters]) -> Vec
 fn is_same(given: &Constant, text: &str) -> bool {
     match given {
         Constant::Number(number) => text.parse::<f64>().is_ok_and(|other| other.total_cmp(number).is_eq()),
-        Constant::Text(_) | Constant::Truth(_) | Constant::Secret(_) => spelt(given) == text,
-    }
-}
-
-fn spelt(constant: &Constant) -> String {
-    match constant {
-        Constant::Text(text) => text.clone(),
-        Constant::Number(number) => number.to_string(),
-        Constant::Truth(truth) => truth.to_string(),
-        Constant::Secret(key) => format!("secret(\"{key}\")"),
+        Constant::Text(_) | Constant::Truth(_) | Constant::Secret(_) => given.bare() == text,
     }
 }
 
