@@ -46,6 +46,8 @@ impl Settings {
         // On a radio of 50 kbit/s the longest of its messages still comes within a lease: a part of one is no sign of life.
         Self::new("peer", LEASE_MS)
             .set("transport/link/tx/batch_size", "16384")
+            // What can go goes at once. What cannot shares a batch with what comes next.
+            .set("transport/link/tx/queue/batching/time_limit", "0")
             // 256 KiB of answers: all that is on the way to a few command lines, so that who passes it on does not wait.
             .set("transport/link/tx/queue/size/data_low", "16")
     }
@@ -54,7 +56,7 @@ impl Settings {
     pub(crate) fn data() -> Self {
         // Programs of one host notice a crash by the closed socket; the lease is for peers that are suspended.
         Self::new("peer", LEASE_MS)
-            // What can go goes at once. What cannot shares a batch with what comes next.
+            // As for nodes.
             .set("transport/link/tx/queue/batching/time_limit", "0")
     }
 
