@@ -81,16 +81,12 @@ pub fn repairs(before: &Verified<'_>, interfaces: &[Source], options: &Options, 
 /// All that a proof of a spec is about: its sentences, each with its group; its processes; and its wires.
 fn questions(plan: &Plan, sites: &Sites) -> BTreeMap<String, usize> {
     let group = |index: u32| plan.groups.get(index as usize).map_or("", |group| &group.path);
-    let path = |leaf: u32| plan.leaves.get(leaf as usize).map_or("", |leaf| &leaf.path);
     let sentences = sites.properties.iter().map(|property| format!("{}: {}", group(property.group), property.text));
     let members = plan.groups.iter().flat_map(|group| {
         let name = |member: &Member| format!("{}/{}", group.path, member.name);
         group.members.iter().map(name)
     });
-    let wires = plan.wires.iter().map(|wire| {
-        let (from, to) = (&wire.from, &wire.to);
-        format!("{}, {} -> {}, {}", path(from.leaf), from.port, path(to.leaf), to.port)
-    });
+    let wires = plan.wires.iter().map(|wire| plan.ends(wire));
     let mut questions = BTreeMap::new();
     for question in sentences.chain(members).chain(wires) {
         *questions.entry(question).or_default() += 1;
