@@ -312,7 +312,7 @@ impl Client {
     }
 
     /// Returns every node that can be reached: the node of this machine knows at once, unless it has just begun to look.
-    async fn all(&self) -> Result<BTreeSet<String>, Failure> {
+    pub(crate) async fn all(&self) -> Result<BTreeSet<String>, Failure> {
         if let Some(local) = &self.local
             && let Some((hosts, up)) = self.reached_by(local).await
         {
@@ -484,6 +484,7 @@ mod tests {
             deployments,
             containment: Containment::default(),
             network: Network::default(),
+            estop: None,
         }
     }
 }

@@ -17,6 +17,7 @@ pub mod deploy;
 pub mod display;
 pub mod doctor;
 pub mod echo;
+pub mod estop;
 pub mod events;
 pub mod explain;
 pub mod fix;
@@ -142,6 +143,8 @@ enum Verb {
     Get(object::GetArguments),
     /// Stop a deployment everywhere
     Stop(stop::Arguments),
+    /// Stop everything on every host at once, so that nothing begins before it is released; not a safety function
+    Estop(estop::Arguments),
     /// List and change parameters of running programs
     Param(param::Arguments),
     /// Read and write the database that every robot of a team has a copy of
@@ -243,6 +246,7 @@ pub fn main() -> ExitCode {
         Verb::Call(arguments) => object::call(&arguments),
         Verb::Get(arguments) => object::get(&arguments),
         Verb::Stop(arguments) => stop::run(&arguments),
+        Verb::Estop(arguments) => estop::run(&arguments),
         Verb::Param(arguments) => param::run(arguments),
         Verb::Db(arguments) => db::run(arguments),
         Verb::Team(arguments) => team::run(&arguments),

@@ -88,18 +88,25 @@ fn text(statuses: &[NodeStatus], away: &Absences, name: Option<&str>) -> String 
         .iter()
         .map(|process| Unknown { process, state: format!("unknown ({})", away.word(&process.host)) })
         .collect();
-    let mut blocks = vec![tree(statuses, &unknown)];
+    let stopped = statuses.iter().filter_map(|status| Some(format!("{}: {}", status.host, status.estop.as_ref()?)));
+    let stopped: Vec<String> =
+        stopped.map(|by| format!("{by}; `dca estop --release` lets programs begin again")).collect();
+    let mut blocks = vec![stopped.join("\n"), tree(statuses, &unknown)];
     let row = |end| [format!("{end}"), "unconfirmed on".to_owned()];
     let rows: Vec<Vec<String>> =
         away.ends.iter().map(|end| row(&end.deployment).into_iter().chain([open_hosts(end)]).collect()).collect();
     blocks.push(table(&rows));
     blocks.retain(|block| !block.is_empty());
-    if blocks.is_empty() {
+    if blocks.len() == usize::from(!stopped.is_empty()) {
         let hosts: Vec<&str> = statuses.iter().map(|status| status.host.as_str()).collect();
         let what = name.map_or_else(|| "nothing".to_owned(), |name| format!("nothing of `{name}`"));
         let open = |status: &&NodeStatus| status.network != Network::Host;
         let networks = statuses.iter().filter(open).map(|status| vec![status.host.clone(), status.network.to_string()]);
-        let blocks = [format!("{what} is deployed on {}", hosts.join(", ")), table(&networks.collect::<Vec<_>>())];
+        let blocks = [
+            stopped.join("\n"),
+            format!("{what} is deployed on {}", hosts.join(", ")),
+            table(&networks.collect::<Vec<_>>()),
+        ];
         return blocks.into_iter().filter(|block| !block.is_empty()).collect::<Vec<_>>().join("\n\n");
     }
     let held = |status: &NodeStatus| {

@@ -7,6 +7,7 @@ pub mod cgroup;
 pub mod child;
 pub mod database;
 pub mod driver;
+pub(crate) mod estop;
 pub(crate) mod event;
 pub mod folder;
 pub(crate) mod guard;

@@ -14,6 +14,8 @@ mod components;
 mod detours;
 #[path = "agents/devices.rs"]
 mod devices;
+#[path = "agents/estop.rs"]
+mod estop;
 #[path = "agents/golden.rs"]
 mod golden;
 #[path = "agents/large.rs"]

@@ -100,6 +100,7 @@ pub(crate) mod tests {
             deployments: vec![part],
             containment: Containment::default(),
             network: Network::default(),
+            estop: None,
         }
     }
 

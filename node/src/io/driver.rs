@@ -9,6 +9,7 @@ mod start;
 use crate::io::caller::Caller;
 use crate::io::cgroup;
 use crate::io::database;
+use crate::io::estop::EstopFile;
 use crate::io::event::{Connection, Event};
 use crate::io::guard::Guard;
 use crate::io::input_log::InputLog;
@@ -96,6 +97,7 @@ struct Driver {
     /// Decides who may start, stop and change something, if it is in a team.
     guard: Option<Guard>,
     journal: Arc<Mutex<Journal>>,
+    estop: EstopFile,
     /// The jobs beside the loop.
     jobs: Sender<Job>,
     shims: BTreeMap<ProcessId, Sender<ShimOrder>>,
@@ -189,10 +191,11 @@ impl Driver {
         let boot = entropy::number().context("reading a random number from the system")?;
         let inputs = InputLog::new(dir.path(), &machine, config.adopts);
         let is_adopting = before.is_some();
+        let (estop_file, estop) = EstopFile::open(config.state.clone());
         let guard = gate::guard(&config)?;
         let state = start::state(before, offered, guard.is_some(), || {
             let (host, epoch, open) = (config.name.clone(), journal.epoch(), journal.open_ends());
-            Identity { host, boot, pid, machine, epoch, open, is_guarded: guard.is_some() }
+            Identity { host, boot, pid, machine, epoch, open, is_guarded: guard.is_some(), estop }
         });
         let mut tasks = JoinSet::new();
         let (sink, mut arrivals) = mpsc::channel(EVENTS_MAX);
@@ -231,6 +234,7 @@ impl Driver {
             guard,
             jobs,
             journal: Arc::new(Mutex::new(journal)),
+            estop: estop_file,
             shims: BTreeMap::new(),
             programs: BTreeMap::new(),
             inputs,
@@ -339,6 +343,11 @@ impl Driver {
             Effect::Settled { deployment } => {
                 let journal = Arc::clone(&self.journal);
                 self.settling.spawn_blocking(move || journal::settle(&journal, &deployment));
+            }
+            Effect::KeepEstop(estop) => {
+                self.estop.want(estop);
+                let file = self.estop.clone();
+                self.settling.spawn_blocking(move || file.write());
             }
             Effect::Answer { call, mut answer } => {
                 if let Answer::Status(status) = &mut *answer {

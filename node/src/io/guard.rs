@@ -84,6 +84,11 @@ impl Guard {
         why.map_or(Ok(()), Err)
     }
 
+    /// Puts into the audit log what is done without a signature.
+    pub(crate) fn note(&self, attempt: &Attempt) {
+        self.record(attempt, None);
+    }
+
     fn gate(&self) -> MutexGuard<'_, Gate> {
         // A gate changes only once everything was checked.
         self.0.gate.lock().unwrap_or_else(PoisonError::into_inner)

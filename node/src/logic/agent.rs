@@ -3,6 +3,7 @@
 mod calls;
 mod crash_loop;
 mod delivery;
+mod estop;
 mod input;
 mod namesakes;
 mod orders;
@@ -10,6 +11,7 @@ mod over;
 mod peers;
 mod relay;
 
+use estop::Stopped;
 pub use input::Input;
 use namesakes::Rivalry;
 use orders::Orders;
@@ -23,7 +25,7 @@ use crate::logic::link::Link;
 use crate::logic::nameserver::NameServer;
 use crate::logic::participant::Participant;
 use crate::logic::programs::Programs;
-use crate::logic::protocol::{Absent, Containment, Deployment, Network, NodeStatus, Signed};
+use crate::logic::protocol::{Absent, Containment, Deployment, Estop, Network, NodeStatus, Signed};
 use comms::logic::control::Notice;
 use comms::logic::time::Time;
 use language::plan::Plan;
@@ -62,6 +64,8 @@ pub struct Identity {
     pub open: Vec<(Deployment, Vec<String>)>,
     /// Whether it is in a team: then what others order is judged before it starts anything.
     pub is_guarded: bool,
+    /// Who had stopped everything when an earlier run ended.
+    pub estop: Option<Estop>,
 }
 
 /// The agent of a host.
@@ -97,6 +101,7 @@ pub struct Agent {
     lingers_until: Option<Time>,
     orders: Orders,
     rivalry: Rivalry,
+    stopped: Stopped,
 }
 
 /// Programs that could not be ended when their deployment was.
@@ -126,6 +131,7 @@ impl Agent {
     /// Returns an agent that knows of nobody else yet.
     pub fn new(mut identity: Identity, programs: Programs, now: Time) -> Self {
         let open = std::mem::take(&mut identity.open);
+        let stopped = Self::stopped_before(identity.estop.take());
         Self {
             absence: Absence::new(&identity.host, open, now),
             names: NameServer::new(&identity.host, identity.boot, now),
@@ -148,6 +154,7 @@ impl Agent {
             lingers_until: None,
             orders: Orders::default(),
             rivalry: Rivalry::default(),
+            stopped,
         }
     }
 
@@ -237,6 +244,7 @@ impl Agent {
             Input::Judged { number, verdict } => self.judged(number, verdict, out),
             Input::CallGone { call } => {
                 self.listeners.retain(|listener| *listener != call);
+                self.forget_stopped(call);
                 self.coordinators.values_mut().for_each(|coordinator| coordinator.forget(call));
             }
             Input::Shim { process, report, output } => {
@@ -269,6 +277,7 @@ impl Agent {
             }
             Input::Adopted { away } => {
                 self.adopted(out.now, away);
+                self.keep_estop(out);
                 self.judge_again(out);
             }
             Input::Leave => {
@@ -319,6 +328,7 @@ impl Agent {
             // The driver knows.
             containment: Containment::default(),
             network: Network::default(),
+            estop: self.stopped_by().cloned(),
         }
     }
 

@@ -124,6 +124,7 @@ impl Attachments {
             | Effect::Holders(_)
             | Effect::Peer(_)
             | Effect::Settled { .. }
+            | Effect::KeepEstop(_)
             | Effect::KillShim { .. }
             | Effect::FindPrograms { .. }
             | Effect::Answer { .. }

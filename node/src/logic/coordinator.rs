@@ -242,9 +242,8 @@ impl Coordinator {
         }
     }
 
-    /// Ends the deployment because another node of this one's name goes on with it: where that runs.
-    pub fn preempt(&mut self, place: String, out: &mut Out<'_>) {
-        let cause = FailureCause::Preempted(place);
+    /// Ends the deployment at once, for this cause.
+    pub fn abort(&mut self, cause: FailureCause, out: &mut Out<'_>) {
         if self.phase == Phase::Running {
             let origin = self.plan.groups.first().map(|main| main.path.clone()).unwrap_or_default();
             let at = self.go_at.map_or(Duration::ZERO, |go| out.now - go);

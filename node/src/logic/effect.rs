@@ -3,7 +3,7 @@
 use crate::logic::database::question::Commit;
 use crate::logic::link::Frame;
 use crate::logic::nameserver::Change;
-use crate::logic::protocol::{Answer, Deployment, Message, Namesake, ToParticipant};
+use crate::logic::protocol::{Answer, Deployment, Estop, Message, Namesake, ToParticipant};
 use comms::logic::control::Order;
 use comms::logic::time::Time;
 use language::plan::{LeafKind, Policy};
@@ -140,6 +140,8 @@ pub enum Effect {
         /// The deployment.
         deployment: Deployment,
     },
+    /// Write down that everything is stopped, and by whom, or that it is not any more; nobody waits for it.
+    KeepEstop(Option<Estop>),
     /// One element of the answer to a call.
     Answer {
         /// The call.

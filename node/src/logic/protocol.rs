@@ -7,6 +7,7 @@ mod absent;
 mod change;
 mod clock;
 mod deploying;
+mod estop;
 mod event;
 mod facts;
 mod failure;
@@ -26,6 +27,7 @@ pub use clock::{ClockKeeping, ClockReading};
 use comms::logic::codec::{Enveloped, Kind};
 use comms::logic::control::Dial;
 pub use deploying::{ToCoordinator, ToParticipant};
+pub use estop::{Estop, Estopped};
 pub use event::Event;
 pub use facts::LeafFacts;
 pub use failure::{Failure, FailureCause, ProgramEnd, signal_name};
@@ -43,7 +45,7 @@ use std::fmt;
 use std::time::Duration;
 
 /// Version of these messages.
-pub const VERSION: u16 = 9;
+pub const VERSION: u16 = 10;
 
 /// How long a node that has more to say may be silent: it says several times in that time that it is still there.
 pub const SILENCE_MAX: Duration = Duration::from_secs(8);
@@ -211,6 +213,11 @@ pub enum Request {
     /// Switches a process that runs to other connection sets of its own, on the home of the deployment. Answered by
     /// [`Answer::Switched`].
     Switch(SwitchRequest),
+    /// Stops everything on the node at once; nothing begins there before [`Request::ReleaseEstop`]. Answered by
+    /// [`Answer::Estopped`] when nothing runs.
+    Estop(Estop),
+    /// Lets programs begin again. Answered by [`Answer::Released`].
+    ReleaseEstop,
 }
 
 /// A request to switch connection sets.
@@ -275,6 +282,13 @@ pub enum Answer {
     Duplicates(Vec<Duplicate>),
     /// To `Switch`: how it went, or why nothing was switched.
     Switched(Result<SetsSwitched, String>),
+    /// To `Estop`.
+    Estopped(Estopped),
+    /// To `ReleaseEstop`.
+    Released {
+        /// Whether everything was stopped.
+        was_stopped: bool,
+    },
 }
 
 impl Enveloped for Request {
@@ -309,9 +323,18 @@ mod tests {
         let (peers, deployments) = (Vec::new(), Vec::new());
         let (host, version, up) = ("c1".into(), "1".into(), Duration::from_millis(1500));
         let containment = Containment::ControlGroup;
-        let status =
-            NodeStatus { host, pid: 7, version, up, peers, deployments, containment, network: Network::Insecure };
-        let text = r#"{"host":"c1","pid":7,"version":"1","up":1.5,"peers":[],"deployments":[],"containment":"control_group","network":"insecure"}"#;
+        let status = NodeStatus {
+            host,
+            pid: 7,
+            version,
+            up,
+            peers,
+            deployments,
+            containment,
+            network: Network::Insecure,
+            estop: None,
+        };
+        let text = r#"{"host":"c1","pid":7,"version":"1","up":1.5,"peers":[],"deployments":[],"containment":"control_group","network":"insecure","estop":null}"#;
         check(serde_json::to_string(&status), text);
         assert_eq!(serde_json::from_str::<NodeStatus>(text).unwrap(), status);
         let dot = Dot { origin: ReplicaId::new(0xfedc_ba98_7654_3210), seq: 3 };
@@ -334,8 +357,9 @@ mod tests {
         let (peers, deployments) = (Vec::new(), Vec::new());
         let (host, version, up) = ("c1".into(), "1".into(), Duration::new(3, 4));
         let containment = Containment::ControlGroup;
-        let status = NodeStatus { host, pid: 7, version, up, peers, deployments, containment, network: Network::Host };
-        assert_eq!(postcard::to_stdvec(&status).unwrap(), [2, b'c', b'1', 7, 1, b'1', 3, 4, 0, 0, 1, 0]);
+        let network = Network::Host;
+        let status = NodeStatus { host, pid: 7, version, up, peers, deployments, containment, network, estop: None };
+        assert_eq!(postcard::to_stdvec(&status).unwrap(), [2, b'c', b'1', 7, 1, b'1', 3, 4, 0, 0, 1, 0, 0]);
         let ping = Ping { from: "c1".into(), boot: 5, round: 300 };
         assert_eq!(codec::encode(&ping).unwrap(), *b"DC\x01\x00\x69\x00\x02c1\x05\xac\x02");
         let dot = Dot { origin: ReplicaId::new(300), seq: 3 };
@@ -389,6 +413,11 @@ mod tests {
         let (deployments, ended) = (vec![(deployment.clone(), true)], vec![deployment.clone()]);
         let namesake = Namesake { boot: 5, to_boot: 6, deployments, ended };
         assert_eq!(codec::encode(&namesake).unwrap(), *b"DC\x02\x00\x6a\x00\x05\x06\x01\x01d\x02\x01\x01\x01d\x02");
+        let estop = Estop { by: "a".into(), reason: "b".into() };
+        assert_eq!(postcard::to_stdvec(&Request::Estop(estop)).unwrap(), *b"\x18\x01a\x01b");
+        assert_eq!(postcard::to_stdvec(&Request::ReleaseEstop).unwrap(), [25]);
+        let estopped = Answer::Estopped(Estopped { unended: vec!["d@2 m".into()] });
+        assert_eq!(postcard::to_stdvec(&estopped).unwrap(), *b"\x14\x01\x05d@2 m");
         let report = Report::Connected { host: "c2".into() };
         let event = Event { deployment, number: 300, host: "c2".into(), ago: heard, report };
         let bytes = *b"\x0c\x01\x01d\x02\xac\x02\x02c2\x03\x04\x02\x02c2";

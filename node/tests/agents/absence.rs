@@ -96,8 +96,16 @@ fn a_home_that_was_started_again_asks() {
     let deployment = Deployment { name: "test".into(), epoch: 1 };
     let open = vec![(deployment.clone(), vec!["c1".to_owned(), "c2".to_owned()])];
     world.cut.insert("c2".to_owned());
-    let identity =
-        Identity { host: "c1".into(), boot: 9, pid: 1, machine: "c1".into(), epoch: 1, open, is_guarded: false };
+    let identity = Identity {
+        host: "c1".into(),
+        boot: 9,
+        pid: 1,
+        machine: "c1".into(),
+        epoch: 1,
+        open,
+        is_guarded: false,
+        estop: None,
+    };
     world.agents.insert("c1".into(), NodeState::new(Agent::new(identity, Programs::default(), world.now), world.now));
     world.boots.insert("c1".into(), 9);
     world.run_for(Duration::from_secs(60));

@@ -11,7 +11,7 @@ use node::logic::effect::{Effect, ProcessId};
 use node::logic::nameserver::Change;
 use node::logic::node_state::NodeState;
 use node::logic::programs::Programs;
-use node::logic::protocol::{Answer, ChangeRequest, Deployment, Ending, Namesake, Pong, Report, Request};
+use node::logic::protocol::{Answer, ChangeRequest, Deployment, Ending, Estop, Namesake, Pong, Report, Request};
 use shim::protocol::{ShimOrder, ShimReport};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -101,6 +101,8 @@ pub(super) struct World {
     pub(super) fails_at_start: bool,
     /// The ends that each host has written down.
     pub(super) settled: Vec<(String, Deployment)>,
+    /// What each host has written down of who has stopped everything.
+    pub(super) estops: BTreeMap<String, Option<Estop>>,
     /// Whether programs do not leave when they are told to.
     pub(super) lingers: bool,
     /// Whether programs never say hello.
@@ -135,7 +137,7 @@ impl World {
         let mut world = Self::default();
         for (boot, host) in (1..).zip(hosts) {
             let (own, machine, open) = ((*host).to_owned(), (*host).to_owned(), Vec::new());
-            let identity = Identity { host: own, boot, pid: 1, machine, epoch: 0, open, is_guarded };
+            let identity = Identity { host: own, boot, pid: 1, machine, epoch: 0, open, is_guarded, estop: None };
             let mut programs = Programs::default();
             programs.offer(
                 "controllers",
@@ -295,6 +297,7 @@ impl World {
             Effect::KillShim { .. } if self.immortal => {}
             Effect::KillShim { process } => self.die(host, &process, ShimReport::Signalled { signal: 9 }),
             Effect::Settled { deployment } => self.settled.push((host.into(), deployment)),
+            Effect::KeepEstop(estop) => drop(self.estops.insert(host.into(), estop)),
             Effect::FindPrograms { deployment, number, programs } => {
                 let is_missing = |(_, command): &(String, Vec<String>)| command.iter().any(|word| word == "missing");
                 let problem = |(path, _)| format!("`{path}` cannot be started: there is no such program");

@@ -5,7 +5,7 @@ use crate::io::caller::Caller;
 use crate::io::event::Event;
 use crate::io::guard::Guard;
 use crate::logic::agent::Input;
-use crate::logic::gate::Passed;
+use crate::logic::gate::{Attempt, Passed};
 use crate::logic::protocol::{Answer, Deployment, Request, ToParticipant};
 
 impl Driver {
@@ -20,7 +20,13 @@ impl Driver {
             return self.admit(call, request, caller);
         };
         match guard.call(request, |name| self.state.agent.epoch(name)) {
-            Ok(Passed::Open(request)) => self.admit(call, request, caller),
+            Ok(Passed::Open(request)) => {
+                if let Request::Estop(estop) = &request {
+                    let who = format!("{} (not signed)", estop.bounded().by);
+                    guard.note(&Attempt { who, what: estop.bounded().to_string() });
+                }
+                self.admit(call, request, caller)
+            }
             Ok(Passed::Signed(attempt, signed)) => {
                 let events = self.events.clone();
                 self.tasks.spawn(async move {

@@ -56,6 +56,8 @@ impl Agent {
             Request::Revision { name } => answer(call, self.revision(&name), out),
             Request::Change(request) => return self.change(call, *request, signed, out),
             Request::Switch(request) => return self.switch(call, &request, out),
+            Request::Estop(estop) => return self.estop(call, &estop, out),
+            Request::ReleaseEstop => self.release_estop(call, out),
             Request::Duplicates => answer(call, self.duplicates(), out),
             Request::Names => answer(call, Answer::Names(self.given_names()), out),
             Request::Events { follow } => {
@@ -133,7 +135,7 @@ impl Agent {
         let home_is_here = plan.home() == Some(&self.identity.host);
         let refusal = if self.leaving {
             Some("this node is leaving".to_owned())
-        } else if let Some(why) = self.namesake().or_else(|| self.crash_loop(out.now)) {
+        } else if let Some(why) = self.obstacle(out.now) {
             Some(why)
         } else if let Err(why) = plan.validate() {
             Some(format!("the plan is not sound: {why}"))
@@ -162,11 +164,7 @@ impl Agent {
 
     fn change(&mut self, call: u64, request: ChangeRequest, signed: Option<Arc<Signed>>, out: &mut Out<'_>) {
         let deployment = Deployment { name: request.name.clone(), epoch: request.epoch };
-        let obstacle = if self.leaving {
-            Some("this node is leaving".to_owned())
-        } else {
-            self.namesake().or_else(|| self.crash_loop(out.now))
-        };
+        let obstacle = if self.leaving { Some("this node is leaving".to_owned()) } else { self.obstacle(out.now) };
         match (obstacle, self.coordinators.get_mut(&deployment)) {
             (None, Some(home)) => home.change(call, request, signed, out),
             (obstacle, _) => {

@@ -152,7 +152,7 @@ impl Agent {
         if self.leaving {
             return refuse("its node is leaving".into(), out);
         }
-        if let Some(why) = self.namesake().or_else(|| self.crash_loop(out.now)) {
+        if let Some(why) = self.obstacle(out.now) {
             return refuse(why, out);
         }
         if let Err(why) = plan.validate() {

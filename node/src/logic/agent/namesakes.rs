@@ -7,7 +7,7 @@
 use super::Agent;
 use crate::logic::effect::{Effect, Out};
 use crate::logic::nameserver::Change;
-use crate::logic::protocol::{Answer, Deployment, Namesake};
+use crate::logic::protocol::{Answer, Deployment, FailureCause, Namesake};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -70,7 +70,7 @@ impl Agent {
             self.rivalry.ended.insert(deployment.clone(), boot);
             if let Some(coordinator) = self.coordinators.get_mut(&deployment) {
                 let place = self.names.place(boot).unwrap_or_default().to_owned();
-                coordinator.preempt(place, out);
+                coordinator.abort(FailureCause::Preempted(place), out);
             } else if let Some(participant) = self.participants.get_mut(&deployment) {
                 participant.leave(out);
             }

@@ -40,6 +40,7 @@ impl Agent {
             self.past.push_front((deployment, participant.programs()));
         }
         self.past.truncate(OVER_MAX);
+        self.tell_stopped(effects);
         if !self.coordinators.is_empty() || !self.participants.is_empty() {
             return;
         }

@@ -15,9 +15,11 @@ pub fn action(request: &Request) -> Option<Action> {
     match request {
         Request::Deploy { .. } | Request::Change(_) | Request::Switch(_) => Some(Action::Deploy),
         Request::Stop { .. } | Request::Forget { .. } => Some(Action::Stop),
+        Request::ReleaseEstop => Some(Action::Start),
         Request::Database(question) | Request::Here { question, .. } => of_question(question),
-        // The set of the revoked is signed itself.
-        Request::Revoke { .. }
+        // To stop everything is everybody's; the set of the revoked is signed itself.
+        Request::Estop(_)
+        | Request::Revoke { .. }
         | Request::Status
         | Request::Logs { .. }
         | Request::Watch { .. }
@@ -77,6 +79,8 @@ pub fn subject(request: &Request) -> String {
         Request::Stop { name } => format!("stop `{name}`"),
         Request::Switch(switch) => format!("switch `{}` of `{}`", switch.process, switch.name),
         Request::Forget { deployment } => format!("forget `{deployment}`"),
+        Request::Estop(_) => "stop everything".to_owned(),
+        Request::ReleaseEstop => "let programs begin again".to_owned(),
         Request::Database(question) | Request::Here { question, .. } => subject_of(question),
         _ => "look".to_owned(),
     }

@@ -1,5 +1,6 @@
 //! Failures, in a form that travels, and in words.
 
+use super::Estop;
 use crate::logic::printable::printable;
 use crate::logic::table::counted;
 use serde::{Deserialize, Serialize};
@@ -110,6 +111,8 @@ pub enum FailureCause {
     },
     /// Another node of its home's name goes on with its deployment: where that runs.
     Preempted(String),
+    /// Somebody has stopped everything on its home.
+    Estop(Estop),
 }
 
 /// How a program ended.
@@ -222,6 +225,7 @@ impl fmt::Display for FailureCause {
             Self::Preempted(place) => {
                 write!(f, "was ended: another node of this name goes on with the deployment ({})", printable(place))
             }
+            Self::Estop(estop) => write!(f, "was ended: {estop}"),
             Self::HostLost(host) => write!(f, "host `{host}` could not be reached any more"),
         }
     }

@@ -1,6 +1,6 @@
 //! Messages about the status of a node and of its deployments.
 
-use super::Deployment;
+use super::{Deployment, Estop};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::fmt;
@@ -28,6 +28,9 @@ pub struct NodeStatus {
     /// Whom it lets come over the network.
     #[serde(default)]
     pub network: Network,
+    /// Who has stopped everything, if somebody has.
+    #[serde(default)]
+    pub estop: Option<Estop>,
 }
 
 /// Whom a node lets come over the network.

@@ -1,0 +1,167 @@
+//! `dca estop`: stops everything on every host at once. Nothing begins there before `dca estop --release`.
+//!
+//! It asks each node itself, so no home and no other host has to be there. What it says of a host is that host's own word that none
+//! of its programs runs any more. A host that does not answer is named, and the exit code is 3.
+
+use crate::ConnectArgs;
+use crate::absent;
+use crate::client::{ANSWER_WITHIN, Client, Clients, unasked, words};
+use crate::io::user;
+use anyhow::anyhow;
+use comms::io::clock;
+use comms::logic::human::span;
+use node::console::{self, Failure, block_on};
+use node::logic::protocol::{Answer, Estop, Request};
+use serde_json::json;
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+/// How long programs may take to stop before their host counts as one that does not answer.
+const STOP_WITHIN: Duration = Duration::from_secs(30);
+
+/// The arguments of `dca estop`.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// Why, for everybody who looks
+    #[arg(conflicts_with = "release")]
+    reason: Option<String>,
+    /// Let programs begin again
+    #[arg(long)]
+    release: bool,
+    /// Print what has become of each host as JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    connect: ConnectArgs,
+}
+
+/// What has become of a host.
+enum Outcome {
+    /// Nothing of it runs, but for these.
+    Stopped(Vec<String>),
+    /// Programs may begin there; whether they might not before.
+    Released(bool),
+    /// It has refused.
+    Refused(String),
+    /// What runs there nobody knows.
+    Unknown(String),
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let request = if arguments.release {
+        Request::ReleaseEstop
+    } else {
+        Request::Estop(Estop { by: user::name_and_host(), reason: arguments.reason.clone().unwrap_or_default() })
+    };
+    let hosts = block_on(async {
+        let clients = Clients::open(&arguments.connect).await?;
+        let hosts = everywhere(&clients, &request).await;
+        clients.close().await;
+        hosts
+    })?;
+    if arguments.json {
+        let hosts: Vec<_> = hosts.iter().map(|(host, outcome)| in_json(host, outcome)).collect();
+        console::say(&json!({ "hosts": hosts }).to_string());
+    } else {
+        hosts.iter().for_each(|(host, outcome)| console::say(&format!("{host}: {}", in_words(outcome))));
+    }
+    if let Some(hanging) = named(&hosts, |outcome| matches!(outcome, Outcome::Unknown(_))) {
+        let what = if arguments.release { "is released" } else { "runs there" };
+        return Err(Failure::Unreachable(anyhow!("nobody knows what {what}: {hanging}; the same command asks again")));
+    }
+    if let Some(refused) = named(&hosts, |outcome| matches!(outcome, Outcome::Refused(_))) {
+        return Err(anyhow!("refused by {refused}").into());
+    }
+    if let Some(left) = named(&hosts, |outcome| matches!(outcome, Outcome::Stopped(left) if !left.is_empty())) {
+        return Err(anyhow!("not everything could be ended on {left}: `dca status` says which process to end").into());
+    }
+    if !arguments.release && !arguments.json {
+        console::note("nothing begins on these hosts before `dca estop --release`");
+    }
+    Ok(())
+}
+
+/// Asks each host that anybody knows of.
+async fn everywhere(clients: &Clients, request: &Request) -> Result<BTreeMap<String, Outcome>, Failure> {
+    let mut hosts = BTreeMap::new();
+    let mut all = Vec::new();
+    for client in clients.iter() {
+        let known = client.all().await?;
+        all.push((client, known));
+    }
+    for (client, known) in &all {
+        hosts.extend(wave(client, known, request).await);
+    }
+    // Who has come meanwhile, or is known to others alone.
+    let found = clients.look().await?;
+    for (client, statuses) in &found {
+        let named = statuses.nodes.iter().flat_map(|node| node.peers.iter().chain([&node.host])).cloned();
+        let more: BTreeSet<String> = named.filter(|host| !hosts.contains_key(host)).collect();
+        hosts.extend(wave(client, &more, request).await);
+    }
+    let away = absent::ask(&found).await;
+    for host in away.hosts.iter().map(|one| &one.host).chain(&away.silent) {
+        hosts.entry(host.clone()).or_insert_with(|| Outcome::Unknown(away.word(host)));
+    }
+    if let Some(why) = clients.hanging() {
+        hosts.insert("this machine".to_owned(), Outcome::Unknown(why));
+    }
+    if hosts.is_empty() {
+        return Err(Failure::Unreachable(anyhow!("no node answers: nothing was stopped")));
+    }
+    Ok(hosts)
+}
+
+/// Asks some hosts at once, and waits for all of them.
+async fn wave(client: &Client, hosts: &BTreeSet<String>, request: &Request) -> Vec<(String, Outcome)> {
+    let mut asked = Vec::new();
+    for host in hosts {
+        asked.push((host, client.order_on(host, request.clone(), 0).await));
+    }
+    let within = if *request == Request::ReleaseEstop { ANSWER_WITHIN } else { STOP_WITHIN };
+    let deadline = clock::now() + within;
+    let mut outcomes = Vec::new();
+    for (host, answers) in asked {
+        let answer = match answers {
+            Ok(mut answers) => answers.next_by(deadline).await,
+            Err(failure) => Some(Err(failure)),
+        };
+        let outcome = match answer {
+            Some(Ok(Answer::Estopped(estopped))) => Outcome::Stopped(estopped.unended),
+            Some(Ok(Answer::Released { was_stopped })) => Outcome::Released(was_stopped),
+            Some(Ok(other)) => Outcome::Refused(words(&unasked(host, &other))),
+            Some(Err(failure @ Failure::Refused(_))) => Outcome::Refused(words(&failure)),
+            Some(Err(failure)) => Outcome::Unknown(words(&failure)),
+            None => Outcome::Unknown(format!("it has not said within {} that nothing runs", span(within))),
+        };
+        outcomes.push((host.clone(), outcome));
+    }
+    outcomes
+}
+
+/// Returns the hosts of which something is so: `c1`, `c2`; nothing if there are none.
+fn named(hosts: &BTreeMap<String, Outcome>, is_so: impl Fn(&Outcome) -> bool) -> Option<String> {
+    let named: Vec<String> =
+        hosts.iter().filter(|(_, outcome)| is_so(outcome)).map(|(host, _)| format!("`{host}`")).collect();
+    (!named.is_empty()).then(|| named.join(", "))
+}
+
+fn in_words(outcome: &Outcome) -> String {
+    match outcome {
+        Outcome::Stopped(left) if left.is_empty() => "stopped; no program runs".to_owned(),
+        Outcome::Stopped(left) => format!("stopped, but this could not be ended: {}", left.join(", ")),
+        Outcome::Released(true) => "released: programs may begin again".to_owned(),
+        Outcome::Released(false) => "was not stopped: programs may begin".to_owned(),
+        Outcome::Refused(why) | Outcome::Unknown(why) => why.clone(),
+    }
+}
+
+fn in_json(host: &str, outcome: &Outcome) -> serde_json::Value {
+    match outcome {
+        Outcome::Stopped(left) => json!({ "host": host, "stopped": true, "unended": left }),
+        Outcome::Released(was_stopped) => json!({ "host": host, "released": true, "was_stopped": was_stopped }),
+        Outcome::Refused(why) => json!({ "host": host, "refused": why }),
+        Outcome::Unknown(why) => json!({ "host": host, "unknown": why }),
+    }
+}

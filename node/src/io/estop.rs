@@ -1,0 +1,115 @@
+//! The file `estop` in the folder of a node's state: while it is there, everything is stopped. It has a line with who has stopped it,
+//! and a line with why. One that cannot be read counts: nothing begins before somebody releases it.
+
+use crate::logic::protocol::Estop;
+use comms::io::file;
+use std::io::{self, ErrorKind};
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// The name of the file.
+const FILE: &str = "estop";
+/// The longest such file that is read, in bytes.
+const SIZE_MAX: usize = 4096;
+
+/// The file; none for a node whose memory ends with it.
+#[derive(Clone, Debug)]
+pub(crate) struct EstopFile(Option<Arc<Inner>>);
+
+#[derive(Debug)]
+struct Inner {
+    path: PathBuf,
+    /// What is to be in it.
+    wanted: Mutex<Option<Estop>>,
+    /// Held while it is written: a later wish never gives way to an earlier one.
+    disk: Mutex<()>,
+}
+
+impl EstopFile {
+    /// Returns the file in a folder, and who had stopped everything.
+    pub(crate) fn open(folder: Option<PathBuf>) -> (Self, Option<Estop>) {
+        let Some(path) = folder.map(|folder| folder.join(FILE)) else { return (Self(None), None) };
+        let found = match file::bytes(&path, SIZE_MAX) {
+            Err(error) if error.kind() == ErrorKind::NotFound => None,
+            Ok(bytes) => Some(read(&String::from_utf8_lossy(&bytes))),
+            Err(error) => {
+                tracing::error!(file = %path.display(), %error, "the file cannot be read, so everything stays stopped");
+                Some(read(""))
+            }
+        };
+        let inner = Inner { path, wanted: Mutex::new(found.clone()), disk: Mutex::new(()) };
+        (Self(Some(Arc::new(inner))), found)
+    }
+
+    /// Takes note of what is to be in it.
+    pub(crate) fn want(&self, estop: Option<Estop>) {
+        if let Some(inner) = &self.0 {
+            *lock(&inner.wanted) = estop;
+        }
+    }
+
+    /// Writes what is to be in it. Blocks.
+    pub(crate) fn write(&self) {
+        let Some(inner) = &self.0 else { return };
+        let turn = lock(&inner.disk);
+        let wanted = lock(&inner.wanted).clone();
+        let written = match wanted {
+            Some(Estop { by, reason }) => {
+                file::write(&inner.path, format!("{}\n{}\n", line(&by), line(&reason)).as_bytes())
+            }
+            None => removed(std::fs::remove_file(&inner.path)),
+        };
+        drop(turn);
+        if let Err(error) = written {
+            let file = inner.path.display();
+            tracing::error!(%file, %error, "whether everything is stopped cannot be written down: the next start of this node may not know it");
+        }
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn line(text: &str) -> String {
+    text.replace(['\n', '\r'], " ")
+}
+
+fn read(text: &str) -> Estop {
+    let mut lines = text.lines().map(str::to_owned);
+    let by = lines.next().filter(|by| !by.is_empty()).unwrap_or_else(|| "somebody".to_owned());
+    Estop { by, reason: lines.next().unwrap_or_default() }.bounded()
+}
+
+fn removed(result: io::Result<()>) -> io::Result<()> {
+    result.or_else(|error| if error.kind() == ErrorKind::NotFound { Ok(()) } else { Err(error) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_stopped_stays_so_until_it_is_released() {
+        let folder = std::env::temp_dir().join(format!("dca-estop-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let open = || EstopFile::open(Some(folder.clone()));
+        let (file, before) = open();
+        assert_eq!(before, None);
+        let estop = Estop { by: "ann@c1".into(), reason: "a person\nin the cell".into() };
+        file.want(Some(estop));
+        file.write();
+        assert_eq!(open().1, Some(Estop { by: "ann@c1".into(), reason: "a person in the cell".into() }));
+        file.want(None);
+        file.write();
+        file.write();
+        assert_eq!(open().1, None);
+        let somebody = Estop { by: "somebody".into(), reason: String::new() };
+        std::fs::write(folder.join(FILE), "").unwrap();
+        assert_eq!(open().1, Some(somebody.clone()), "an empty file counts");
+        std::fs::remove_file(folder.join(FILE)).unwrap();
+        rustix::fs::mkdir(folder.join(FILE), rustix::fs::Mode::RWXU).unwrap();
+        assert_eq!(open().1, Some(somebody), "what cannot be read counts");
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}

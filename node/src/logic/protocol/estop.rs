@@ -1,0 +1,54 @@
+//! Messages of `dca estop`: everything on a node stops at once, and nothing begins there until somebody releases it.
+
+use crate::logic::printable::printable;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// The longest name or reason that is kept, in characters.
+const WORDS_MAX: usize = 200;
+
+/// Who has stopped everything on a node, and why.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Estop {
+    /// A user, such as `ann@c1`, as the user says.
+    pub by: String,
+    /// The user's words; may be empty.
+    pub reason: String,
+}
+
+impl Estop {
+    /// Returns the same with no more words than are kept.
+    #[must_use]
+    pub fn bounded(&self) -> Self {
+        let bounded = |text: &str| text.chars().take(WORDS_MAX).collect();
+        Self { by: bounded(&self.by), reason: bounded(&self.reason) }
+    }
+}
+
+/// `everything was stopped by ann@c1: a person in the cell`
+impl fmt::Display for Estop {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "everything was stopped by {}", printable(&self.by).replace('\n', " "))?;
+        if self.reason.is_empty() { Ok(()) } else { write!(f, ": {}", printable(&self.reason).replace('\n', " ")) }
+    }
+}
+
+/// The answer to [`super::Request::Estop`]: no program of a deployment runs on the node, but for those named.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Estopped {
+    /// Absolute paths of programs that could not be ended, with their deployment: `door@3 main/base/wheels`.
+    pub unended: Vec<String>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_of_others_move_no_cursor_and_have_an_end() {
+        let estop = Estop { by: "ann@c1".into(), reason: "a person\nin \u{1b}[2Jthe cell".into() };
+        assert_eq!(estop.to_string(), "everything was stopped by ann@c1: a person in \\x1b[2Jthe cell");
+        let long = Estop { by: "é".repeat(1000), reason: String::new() }.bounded();
+        assert_eq!(long.by.chars().count(), WORDS_MAX);
+    }
+}

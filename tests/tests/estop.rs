@@ -1,0 +1,108 @@
+//! `dca estop` on real processes: everything on every host ends at once, nothing begins before the release, and who does not answer
+//! is named.
+
+use dca_tests::cluster::{Cluster, Host, Network, SOON, Stream, wait_until};
+use dca_tests::made_team::MadeTeam;
+use rustix::process::Signal;
+use serde_json::{Value, json};
+
+/// A program on each of two hosts. What is to run at the end would leave a file.
+fn endless(mark: &str) -> String {
+    format!(
+        r#"
+module Idle(host: Host) {{ exec "sleep 3600"; plain; done; }}
+module Mark(host: Host) {{ exec "touch {mark}"; plain; done; }}
+process main() {{
+    host {{ c1 }}
+    instantiated_processes {{ here instof Idle(c1); there instof Idle(c2); last instof Mark(c1); }}
+    internal_event_actions {{ (here , there) finally last }}
+}}
+"#
+    )
+}
+
+fn estop_json(host: &Host, arguments: &[&str]) -> (Option<i32>, Value) {
+    let ended = host.ask(&[&["estop", "--json"], arguments].concat());
+    (ended.code, serde_json::from_str(&ended.out).unwrap_or_else(|why| panic!("{why}: {ended}")))
+}
+
+#[test]
+fn everything_ends_at_once_and_stays_so_over_a_restart() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let mark = cluster.folder().join("mark");
+    let spec = cluster.file("endless.dca", &endless(&mark.display().to_string()));
+    let nodes = [here.node("c1", &[]), here.node("c2", &[])];
+    let deploy = here.dca(&["deploy", "--no-record", &spec]);
+    deploy.wait_for(Stream::Err, "▸", SOON);
+    assert_eq!(here.pids().len(), 2);
+    let all = here.ask(&["estop", "a person in the cell"]);
+    assert_eq!((all.code, all.out.as_str()), (Some(0), "c1: stopped; no program runs\nc2: stopped; no program runs\n"));
+    assert!(all.err.contains("nothing begins on these hosts before `dca estop --release`"), "{all}");
+    assert_eq!(here.pids().len(), 0, "no program is left when it says so");
+    let ended = deploy.ended(SOON);
+    assert_eq!(ended.code, Some(1), "{ended}");
+    assert!(
+        ended.out.contains("everything was stopped by ") && ended.out.contains(": a person in the cell"),
+        "{ended}"
+    );
+    assert!(!mark.exists(), "`finally` is not begun");
+
+    let refused = here.ask(&["deploy", "--no-record", &spec]);
+    assert_eq!(refused.code, Some(1), "{refused}");
+    let why = "`dca estop --release` lets programs begin again";
+    assert!(format!("{}{}", refused.out, refused.err).contains(why), "{refused}");
+    let status = here.ask(&["status"]);
+    assert!(status.out.contains("c1: everything was stopped by ") && status.out.contains(why), "{status}");
+    // A node that ends as asked, and one that is killed, know it when they are started again.
+    nodes[0].signal(Signal::TERM);
+    nodes[1].signal(Signal::KILL);
+    assert!(wait_until(SOON, || nodes.iter().all(|node| !node.is_running())).is_some());
+    let _again = [here.node("c1", &[]), here.node("c2", &[])];
+    let refused = here.ask(&["deploy", "--no-record", &spec]);
+    assert_eq!(refused.code, Some(1), "{refused}");
+    assert_eq!(estop_json(&here, &["again"]).0, Some(0));
+    let released = here.ask(&["estop", "--release"]);
+    let words = "c1: released: programs may begin again\nc2: released: programs may begin again\n";
+    assert_eq!((released.code, released.out.as_str()), (Some(0), words));
+    let again = here.dca(&["deploy", "--no-record", &spec]);
+    again.wait_for(Stream::Err, "▸", SOON);
+    assert_eq!(here.pids().len(), 2);
+    assert_eq!(here.ask(&["stop", "endless"]).code, Some(0));
+    assert!(mark.exists(), "an ordinary stop does what the plan says");
+}
+
+/// A node that is suspended has said nothing, so nobody says of it that it has stopped.
+#[test]
+fn who_does_not_answer_is_named() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let (_c1, c2) = (here.node("c1", &[]), here.node("c2", &[]));
+    c2.signal(Signal::STOP);
+    let (code, hosts) = estop_json(&here, &[]);
+    assert_eq!(code, Some(3), "{hosts:#}");
+    assert_eq!(hosts["hosts"][0], json!({ "host": "c1", "stopped": true, "unended": [] }));
+    assert_eq!(hosts["hosts"][1]["host"], "c2");
+    assert!(hosts["hosts"][1]["unknown"].is_string(), "{hosts:#}");
+    c2.signal(Signal::CONT);
+    assert!(wait_until(SOON, || estop_json(&here, &[]).0 == Some(0)).is_some());
+}
+
+/// In a team everybody stops everything, without a key; who lets programs begin again has to be an operator.
+#[test]
+fn in_a_team_everybody_stops_and_an_operator_releases() {
+    let Some(network) = Network::new(1) else { return };
+    let (cluster, team) = (Cluster::new(), MadeTeam::default());
+    let host = cluster.host(&network, 1);
+    team.admit(&host, "c1");
+    let _node = host.node("c1", &[]);
+    let (code, hosts) = estop_json(&host, &["smoke"]);
+    assert_eq!((code, hosts), (Some(0), json!({ "hosts": [{ "host": "c1", "stopped": true, "unended": [] }] })));
+    let refused = host.ask(&["estop", "--release"]);
+    assert_eq!(refused.code, Some(1), "{refused}");
+    let status = host.ask(&["status"]);
+    assert!(status.out.contains("everything was stopped by ") && status.out.contains(": smoke"), "{status}");
+    let audit = host.ask(&["audit", "c1", "--state", &host.state().display().to_string()]);
+    let lines: Vec<&str> = audit.out.lines().filter(|line| line.contains("everything was stopped by")).collect();
+    assert!(matches!(&lines[..], [line] if line.contains("(not signed)")), "{audit}");
+}
