@@ -183,9 +183,7 @@ impl Driver {
     async fn open(config: Config, events: Sender<Event>) -> anyhow::Result<Self> {
         let machine = start::machine();
         let (dir, before) = start::take_folder(&config, &machine).await?;
-        let journal =
-            Journal::open(&config.state.as_deref().map_or_else(|| dir.journal(), |state| state.join("journal")))
-                .context("opening the journal")?;
+        let journal = start::journal(&config, &dir)?;
         let offered = start::offered(&config).await?;
         let pid = std::process::id();
         let boot = entropy::number().context("reading a random number from the system")?;

@@ -7,6 +7,7 @@ use crate::io::child::leftovers;
 use crate::io::database::{self, DatabaseThread};
 use crate::io::event::Event;
 use crate::io::input_log::InputLog;
+use crate::io::journal::Journal;
 use crate::io::programs;
 use crate::io::run_dir::{self, PROGRAMS, RunDir};
 use crate::io::secrets::Secrets;
@@ -37,6 +38,12 @@ pub(super) fn database_options(config: &Config, dir: &RunDir) -> database::Optio
 pub(super) fn starter(config: &Config, database: &DatabaseThread, events: Sender<Event>) -> Starter {
     let secrets = Secrets::new(config.member.clone(), database.handle().clone(), &config.name);
     Starter::new(programs::beside("dca-shim"), secrets, events)
+}
+
+/// Opens the journal: in the state that survives the node, if it has one.
+pub(super) fn journal(config: &Config, dir: &RunDir) -> anyhow::Result<Journal> {
+    let path = config.state.as_deref().map_or_else(|| dir.journal(), |state| state.join("journal"));
+    Journal::open(&path).context("opening the journal")
 }
 
 /// The file in a node's folder that says of which team it is.
