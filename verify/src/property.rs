@@ -7,7 +7,7 @@ mod stops;
 mod watch;
 
 use crate::explore::{Found, Graph, Limits, explore};
-use crate::finding::{Finding, diagnostic, help};
+use crate::finding::{Assumption, Finding, Verdict, diagnostic, help};
 use crate::model::Model;
 use crate::story::{seconds, story, tell};
 use crate::system::{FaultKind, Frame, Injection, Label, Mode, Phase, System, crashes, is_restarted};
@@ -37,6 +37,16 @@ struct Question<'q, 'm, 'a> {
 
 impl<'m, 'a> Question<'_, 'm, 'a> {
     fn answer(&self) -> Option<Finding> {
+        self.times.take_messages();
+        let found = self.found()?;
+        let is_timed = self.times.take_messages() && has_limit(&self.property.sentence);
+        Some(match found.verdict {
+            Verdict::Proved if is_timed => Finding { assumes: Some(no_time_for_messages()), ..found },
+            Verdict::Proved | Verdict::Fails | Verdict::Open => found,
+        })
+    }
+
+    fn found(&self) -> Option<Finding> {
         let calm = Mode::default();
         let rough = Mode { aborts: true, crashes: true, stops: true, ..Mode::default() };
         Some(match &self.property.sentence {
@@ -311,6 +321,23 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         };
         leaves.into_iter().filter_map(|leaf| place_of(model, leaf)).collect()
     }
+}
+
+/// What a time across hosts rests on.
+fn no_time_for_messages() -> Assumption {
+    let text = "messages between hosts take no time: what they take comes on top, and is not counted";
+    Assumption { text: text.to_owned(), story: None }
+}
+
+/// Whether a sentence says how long something takes.
+fn has_limit(sentence: &Sentence) -> bool {
+    matches!(
+        sentence,
+        Sentence::FinishesWithin(_)
+            | Sentence::StopsWithin(_)
+            | Sentence::After(_, Consequence::Stopped(_, Some(_)))
+            | Sentence::On(_, Consequence::Stopped(_, Some(_)))
+    )
 }
 
 /// Lets orders to start these programs travel, too, where they run on other hosts than their supervisors.

@@ -5,7 +5,7 @@ mod turn;
 use crate::model::Model;
 use crate::system::{is_never_done, is_restarted};
 use language::plan::{Expression, Group, MemberKind};
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
@@ -38,12 +38,26 @@ pub(crate) struct Times<'m, 'a> {
     pub(crate) hung: BTreeSet<u32>,
     /// The `using` whose turn is being worked out, so that none asks for itself.
     pub(crate) turns: RefCell<Vec<usize>>,
+    /// Whether a time that was asked for has a message between hosts in it, which counts as no time.
+    has_messages: Cell<bool>,
 }
 
 impl<'m, 'a> Times<'m, 'a> {
     /// What is known when nothing hangs.
     pub(crate) fn new(model: &'m Model<'a>, assumed: BTreeMap<(u32, u32), (Duration, Duration)>) -> Self {
-        Self { model, assumed, endless: BTreeSet::new(), hung: BTreeSet::new(), turns: RefCell::default() }
+        Self {
+            model,
+            assumed,
+            endless: BTreeSet::new(),
+            hung: BTreeSet::new(),
+            turns: RefCell::default(),
+            has_messages: Cell::default(),
+        }
+    }
+
+    /// Whether there is a message between hosts in what was asked for since this was asked before.
+    pub(crate) fn take_messages(&self) -> bool {
+        self.has_messages.take()
     }
 }
 
@@ -57,6 +71,7 @@ impl Times<'_, '_> {
     /// How long a member takes.
     pub(crate) fn of_member(&self, group: u32, slot: u32) -> Span {
         let member = &self.model.plan.groups[group as usize].members[slot as usize];
+        self.count_messages(group, slot);
         let mut span = match member.kind {
             MemberKind::Group(inner) => self.of_group(inner),
             MemberKind::Leaf(leaf) => {
@@ -84,6 +99,17 @@ impl Times<'_, '_> {
         span
     }
 
+    /// A member is started and stopped by messages, and answers with one, if it is on another host than its supervisor.
+    pub(crate) fn count_messages(&self, group: u32, slot: u32) {
+        let plan = self.model.plan;
+        let source = &plan.groups[group as usize];
+        let host = match source.members[slot as usize].kind {
+            MemberKind::Leaf(leaf) => plan.leaves[leaf as usize].host,
+            MemberKind::Group(inner) => plan.groups[inner as usize].host,
+        };
+        self.has_messages.set(self.has_messages.get() || host != source.host);
+    }
+
     /// The same where some programs hang and others never end by themselves; nothing is assumed of the groups around them.
     pub(crate) fn without_end(&self, hung: &[u32], others: &[u32]) -> Self {
         let leaves: BTreeSet<u32> = hung.iter().chain(others).copied().collect();
@@ -96,6 +122,7 @@ impl Times<'_, '_> {
             endless: leaves,
             hung: hung.iter().copied().collect(),
             turns: RefCell::default(),
+            has_messages: Cell::default(),
         }
     }
 

@@ -59,3 +59,44 @@ fn a_spec_of_several_hosts_says_that_none_is_lost() {
     assert!(says(["c1", "c2"]));
     assert!(!says(["c1", "c1"]));
 }
+
+/// A claim about time counts no time for messages, and says so where any are on the way.
+#[test]
+fn times_across_hosts_rest_on_messages_that_take_none() {
+    let spec = |[one, other]: [&str; 2], sentence: &str| {
+        format!(
+            "module Step {{ done; duration 1 s .. 2 s; stop within 1 s; }}
+            process Far(){{
+                host{{c2}}
+                instantiated_processes{{ arm instof Step(c2); }}
+                internal_event_actions{{ arm }}
+            }}
+            process main(){{
+                host{{c1}}
+                instantiated_processes{{ a instof Step({one}); b instof Step({other}); c instof Step(c1); far instof Far(); }}
+                internal_event_actions{{ (a # b) ; c ; far }}
+                verify{{ {sentence}; }}
+            }}"
+        )
+    };
+    let (here, there) = (["c1", "c1"], ["c1", "c2"]);
+    let cases = [
+        (spec(here, "finishes within 9 s"), true),
+        (spec(there, "stops within 1 s"), true),
+        (spec(here, "after a.done: b stopped within 1 s"), false),
+        (spec(there, "after a.done: b stopped within 1 s"), true),
+        (spec(there, "after b.done: a stopped within 1 s"), true),
+        (spec(there, "after a.done: b stopped"), false),
+        (spec(there, "after far.arm.done: c stopped within 2 s"), true),
+        (spec(here, "on crash of a: c stopped within 3 s"), false),
+        (spec(there, "on crash of b: a stopped within 3 s"), true),
+        (spec(here, "never a with c"), false),
+    ];
+    for (text, is_across) in cases {
+        let (report, told) = verified(&text);
+        let found = report.findings.last().expect("an answer");
+        assert_eq!(found.verdict, Verdict::Proved, "{told}");
+        let is_said = told.contains("  as long as messages between hosts take no time");
+        assert_eq!(is_said, is_across, "{text}\n{told}");
+    }
+}

@@ -26,6 +26,12 @@ impl Times<'_, '_> {
             Some((group, slot, *other))
         });
         let last = common.map_or(who.group, |(group, ..)| group);
+        for &(group, slot) in causes.iter().take_while(|(inner, _)| *inner != last) {
+            self.count_messages(group, slot);
+        }
+        if let Some((group, slot, _)) = common {
+            self.count_messages(group, slot);
+        }
         let inside = causes.iter().take_while(|(inner, _)| *inner != last);
         let before = inside.map(|(inner, _)| self.of_group(*inner).stop).try_fold(Duration::ZERO, sum)?;
         let Some((group, slot, other)) = common else {
@@ -113,6 +119,7 @@ impl Times<'_, '_> {
         let inside = stopped.iter().position(|at| *at == (place.group, place.slot)).and_then(|at| at.checked_sub(1));
         match (place.source.members[place.slot as usize].kind, inside) {
             (MemberKind::Group(_), Some(inside)) => {
+                self.count_messages(place.group, place.slot);
                 let (group, slot) = stopped[inside];
                 let source = &self.model.plan.groups[group as usize];
                 self.until_stopped(Place { group, source, slot }, &source.expression, stopped)
