@@ -18,7 +18,7 @@ use crate::times::Times;
 use case::{Case, Struck};
 use language::plan::MemberKind;
 pub(crate) use pairs::pairs;
-pub(crate) use settle::NOTED_AFTER;
+pub(crate) use settle::{NOTED_AFTER, stops_by_itself_after};
 use std::collections::BTreeMap;
 use std::time::Duration;
 

@@ -73,3 +73,30 @@ fn nothing_bounds_what_has_no_limit() {
         assert!(!holds(expression, "9000 s"), "{expression}");
     }
 }
+
+/// Whether it is proved that `p` on the lost host, whose supervisor is on another, stops within so many seconds.
+fn stops_after_loss(policy: &str, limit: u32) -> bool {
+    let text = format!(
+        "module Watch {{ service; stop within 3 s; }}
+        module Step {{ done; }}
+        process main(){{
+            host{{c1}}
+            instantiated_processes{{ p instof Watch(c2){policy} a instof Step(c1); }}
+            internal_event_actions{{ p # a }}
+            verify{{ on loss of host(c2): p stopped within {limit} s; }}
+        }}"
+    );
+    let source = Source::new("test.dca", text);
+    let (compiled, sites) = compile_with_sites(&source, &[], &Options::named("test"));
+    let (plan, sites) = compiled.plan.zip(sites).unwrap_or_else(|| panic!("{:?}", compiled.diagnostics));
+    verify::sentences(&plan, &sites, &LIMITS).iter().all(|finding| finding.verdict == Verdict::Proved)
+}
+
+/// From the loss to its note 6 s, and 3 s for the stop; by its own rules it stops up to 1 s after the time that it says.
+#[test]
+fn what_is_cut_off_stops_by_its_own_rules() {
+    for (policy, least) in [(";", 9), (" { on_link_loss safe_stop_after 10 s; }", 14)] {
+        assert!(stops_after_loss(policy, least), "`{policy}`: {least} s");
+        assert!(!stops_after_loss(policy, least - 1), "`{policy}`: {} s", least - 1);
+    }
+}

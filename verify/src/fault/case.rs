@@ -1,6 +1,6 @@
 //! What one fault, or two, come to: how bad that is, and its row.
 
-use super::settle::{NOTED_AFTER, Settled, longest_stop, settle};
+use super::settle::{Settled, longest_stop, settle, stops_by_itself_after};
 use super::{Mission, Row, Severity};
 use crate::explore::Graph;
 use crate::limits::is_limit;
@@ -9,7 +9,6 @@ use crate::story::{Step, Story, effects, member_name, running, seconds, tell, ti
 use crate::system::{FaultKind, Frame, Label, Occupant, Phase, Stepper, System, is_restarted, taken_along};
 use crate::times::Times;
 use language::algebra::Activity;
-use language::plan::LinkLoss;
 use std::cell::RefCell;
 use std::time::Duration;
 
@@ -386,10 +385,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         let mut longest = settled.after?;
         // What stops by itself beyond the loss does so beside all that.
         for (unit, member) in self.system.there(after).into_iter().filter(|_| self.system.mode.lost.is_some()) {
-            let waits = match self.system.link_loss((unit, member)) {
-                LinkLoss::SafeStopAfter(time) => time.saturating_add(Duration::from_secs(1)),
-                LinkLoss::Leave | LinkLoss::Keep | LinkLoss::Hold => NOTED_AFTER,
-            };
+            let waits = stops_by_itself_after(self.system.link_loss((unit, member)));
             let is_done = settled.frame.states[unit].activity(member) == Activity::Idle;
             let is_severed = self.system.is_severed(after, (unit, member)) || !is_done;
             if is_severed {

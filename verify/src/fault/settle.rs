@@ -4,11 +4,20 @@ use crate::model::Seat;
 use crate::story::effects;
 use crate::system::{Change, Frame, Label, Stepper, System};
 use crate::times::Times;
+use language::plan::LinkLoss;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// From the loss of a host to when every other has noted it: a node counts as missing 1 s after its last answer, and as lost 5 s later.
 pub(crate) const NOTED_AFTER: Duration = Duration::from_secs(6);
+/// From the loss of a host to when a program beyond it stops by itself, if it does.
+pub(crate) fn stops_by_itself_after(policy: LinkLoss) -> Duration {
+    match policy {
+        LinkLoss::SafeStopAfter(time) => time.saturating_add(Duration::from_secs(1)),
+        LinkLoss::Leave | LinkLoss::Keep | LinkLoss::Hold => NOTED_AFTER,
+    }
+}
+
 /// After so many answers without a pause between them, something is tried again and again.
 const ANSWERS_MAX: usize = 2000;
 

@@ -1,8 +1,8 @@
 //! The sentences about the loss of a host, and what the loss of one does to the others.
 
 use super::watch::Goal;
-use super::{Question, follow_starts};
-use crate::fault::{NOTED_AFTER, torn};
+use super::{Question, follow_starts, place_of};
+use crate::fault::{NOTED_AFTER, stops_by_itself_after, torn};
 use crate::finding::{Assumption, Finding, Verdict};
 use crate::story::seconds;
 use crate::system::{Loss, LossKind, Mode, System};
@@ -49,12 +49,31 @@ impl<'m> Question<'_, 'm, '_> {
     }
 
     /// Whether a stop that the loss of a host asks for may take longer, from the moment at which the host is gone.
-    fn stops_after_loss(&self, lost: &[ProcessRef], who: ProcessRef, limit: Duration) -> Option<Finding> {
+    fn stops_after_loss(&self, host: u32, lost: &[ProcessRef], who: ProcessRef, limit: Duration) -> Option<Finding> {
         let Some(rest) = limit.checked_sub(NOTED_AFTER) else {
             let why = format!("it takes up to {} until a host counts as lost", seconds(NOTED_AFTER));
             return Some(self.fails(&why, None));
         };
-        lost.iter().find_map(|member| self.stops_after((*member, who), rest))
+        let own = match who.member {
+            Some(slot) => self.times.of_member(who.group, slot).stop,
+            None => self.times.of_group(who.group).stop,
+        };
+        // Its supervisor may be on the lost host, or be cut off from it: then it stops by itself.
+        let by_itself = self.leaves_of(who).into_iter().filter(|leaf| self.is_cut_off(host, *leaf));
+        let by_itself =
+            by_itself.map(|leaf| stops_by_itself_after(self.times.model.plan.leaves[leaf as usize].policy.link_loss));
+        let noted = by_itself.max().unwrap_or(NOTED_AFTER).max(NOTED_AFTER);
+        let stop = own.map(|own| own.saturating_add(noted - NOTED_AFTER));
+        self.is_slow(stop, rest).or_else(|| lost.iter().find_map(|member| self.stops_after((*member, who), rest)))
+    }
+
+    /// Whether the loss of a host stands between a program and the home, or a supervisor above it.
+    fn is_cut_off(&self, lost: u32, leaf: u32) -> bool {
+        let model = self.times.model;
+        let own = model.plan.leaves[leaf as usize].host;
+        let group = place_of(model, leaf).map(|(group, _)| group);
+        let mut above = std::iter::successors(group, |group| Some(model.around[*group as usize]?.0));
+        above.any(|group| (model.plan.groups[group as usize].host == lost) != (own == lost))
     }
 
     /// A host dies, or is cut off; or it is back at once, every program on it has died, and they are reported one by one.
@@ -76,7 +95,7 @@ impl<'m> Question<'_, 'm, '_> {
         let lost: Vec<ProcessRef> = lost.collect();
         let (goal, other) = match consequence {
             Consequence::Stopped(who, limit) => {
-                if let Some(found) = limit.and_then(|limit| self.stops_after_loss(&lost, *who, limit)) {
+                if let Some(found) = limit.and_then(|limit| self.stops_after_loss(host, &lost, *who, limit)) {
                     return found;
                 }
                 (Goal::StillRuns(None, *who), *who)
