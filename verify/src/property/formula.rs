@@ -47,8 +47,8 @@ impl Question<'_, '_, '_> {
         };
         let whom: Vec<ProcessRef> = parts.atoms.iter().map(process).collect();
         let mut system = self.system(&whom, mode);
-        let begun =
-            parts.atoms.iter().filter(|atom| matches!(atom, Atom::Happens(event) if event.kind == EventKind::Started));
+        let is_begun = |atom: &&Atom| !matches!(atom, Atom::Happens(event) if event.kind != EventKind::Started);
+        let begun = parts.atoms.iter().filter(is_begun);
         super::follow_starts(&mut system, &begun.map(process).collect::<Vec<_>>());
         system.notes = parts.atoms.len().div_ceil(8);
         let letters = Letters { atoms: &parts.atoms, seats: Seats::new(&system, &whom) };
@@ -139,10 +139,11 @@ impl Letters<'_> {
     }
 
     fn is_true(&self, system: &System<'_>, atom: &Atom, changes: &[Change], frame: &Frame) -> bool {
+        let is_active = |who| self.seats.is_active(system, frame, who) && self.seats.has_begun(system, frame, who);
         match atom {
-            Atom::Active(who) => self.seats.is_active(system, frame, *who),
-            Atom::Running(who) => self.seats.is_active(system, frame, *who) && is_running(system, frame, *who),
-            Atom::Stopping(who) => self.seats.is_active(system, frame, *who) && !is_running(system, frame, *who),
+            Atom::Active(who) => is_active(*who),
+            Atom::Running(who) => is_active(*who) && is_running(system, frame, *who),
+            Atom::Stopping(who) => is_active(*who) && !is_running(system, frame, *who),
             Atom::Happens(event) => changes.iter().any(|change| self.seats.is(change, event)),
         }
     }

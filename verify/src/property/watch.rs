@@ -38,10 +38,10 @@ impl Goal {
             Self::Before(who, event) if event.kind == EventKind::Started => return vec![*who, event.who],
             Self::Then(event, other) | Self::Owed(event, other) => event.iter().chain([other]).collect(),
             Self::StillRuns(event, _) => event.iter().collect(),
+            Self::Without(a, b) => return vec![*a, *b],
             Self::Before(..)
             | Self::Together(_)
             | Self::BesideEachOther(_)
-            | Self::Without(..)
             | Self::Often(..)
             | Self::Ending(..)
             | Self::Sometime(_) => Vec::new(),
@@ -161,6 +161,11 @@ impl Seats {
         }
     }
 
+    /// Whether no order to start a process is on its way any more, as far as messages to it are followed.
+    pub(super) fn has_begun(&self, system: &System<'_>, frame: &Frame, who: ProcessRef) -> bool {
+        self.seat(who).is_none_or(|seat| !system.is_under_way(frame, seat.at))
+    }
+
     /// Whether a change is this event.
     pub(super) fn is(&self, change: &Change, event: &Occurrence) -> bool {
         let is_there = match (event.who.member, change.member) {
@@ -185,7 +190,11 @@ impl Observer for Watch<'_> {
         match self.goal {
             Goal::Together(all) => all.iter().filter(|who| self.is_active(system, after, **who)).count() < 2,
             Goal::BesideEachOther(all) => all.iter().filter(|who| self.is_there(system, after, **who)).count() < 2,
-            Goal::Without(a, b) => !is_running(system, after, *a) || self.is_active(system, after, *b),
+            Goal::Without(a, b) => {
+                let has_begun = |who| self.seats.has_begun(system, after, who);
+                let runs = is_running(system, after, *a) && has_begun(*a);
+                !runs || self.is_active(system, after, *b) && has_begun(*b)
+            }
             Goal::Before(who, event) => {
                 let start = Occurrence { who: *who, kind: EventKind::Started };
                 for change in changes {

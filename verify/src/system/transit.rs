@@ -98,7 +98,7 @@ impl System<'_> {
     }
 
     /// Whether something is under way to or from a member: it does not run, although its supervisor takes it for active.
-    pub(super) fn is_under_way(&self, frame: &Frame, seat: (usize, u32)) -> bool {
+    pub(crate) fn is_under_way(&self, frame: &Frame, seat: (usize, u32)) -> bool {
         self.message(frame, seat) != 0
     }
 

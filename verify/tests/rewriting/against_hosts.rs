@@ -288,9 +288,8 @@ enum Around {
 }
 
 fn holds((plan, groups): (&Plan, Around), (form, a, b): (Form, Seat, Seat), graph: &Graph) -> bool {
-    let state = |breaks: &dyn Fn(&BTreeSet<Seat>, &BTreeSet<Seat>) -> bool| {
-        !graph.objects(|_, _, seen| if breaks(&seen.active, &seen.running) { Err(()) } else { Ok(false) })
-    };
+    let state =
+        |breaks: &dyn Fn(&Seen) -> bool| !graph.objects(|_, _, seen| if breaks(seen) { Err(()) } else { Ok(false) });
     // Whether nothing forbidden happens before, or from, the first time that something else does.
     let order = |first: (Seat, &[Kind]), forbidden: Seat, is_before: bool| {
         !graph.objects(|mut was, happened, _| {
@@ -323,8 +322,11 @@ fn holds((plan, groups): (&Plan, Around), (form, a, b): (Form, Seat, Seat), grap
         Form::AfterEndEventually => follows((a, ENDS), (b, &[Kind::Done])),
         Form::Eventually => comes((a, &[Kind::Started])),
         Form::EventuallyDone => comes((a, &[Kind::Done])),
-        Form::NeverWith | Form::NeverAsFormula => state(&|active, _| active.contains(&a) && active.contains(&b)),
-        Form::Implies => state(&|active, running| running.contains(&a) && !active.contains(&b)),
+        Form::NeverWith | Form::NeverAsFormula => state(&|seen| seen.active.contains(&a) && seen.active.contains(&b)),
+        Form::Implies => {
+            let has = |seen: &Seen, of: &BTreeSet<Seat>, seat| of.contains(&seat) && !seen.starting.contains(&seat);
+            state(&|seen| has(seen, &seen.running, a) && !has(seen, &seen.active, b))
+        }
         Form::OnlyAfterDone => order((b, &[Kind::Done]), a, true),
         Form::OnlyAfterStart => order((b, &[Kind::Started]), a, true),
         Form::AfterDoneNever => order((a, &[Kind::Done]), b, false),
