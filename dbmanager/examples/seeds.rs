@@ -1,4 +1,5 @@
-//! Runs many seeds of the simulation: `cargo run --release -p dbmanager --example seeds -- <first> <count>`.
+//! Runs many seeds of the simulation: `cargo run --release -p dbmanager --example seeds -- <first> <count>`, with `keys` behind it those of
+//! robots that have keys.
 //!
 //! The named cases run first. `--example faults` runs them with injected faults.
 
@@ -16,6 +17,7 @@ fn main() -> ExitCode {
     let number =
         |index: usize, otherwise: u64| arguments.get(index).and_then(|text| text.parse().ok()).unwrap_or(otherwise);
     let (first, count) = (number(0, 1), number(1, 1000));
+    let run = if arguments.get(2).is_some_and(|word| word == "keys") { world::run_with_keys } else { world::run };
     let seeds = first..first.saturating_add(count);
     let (mut failed, mut transactions) = (0, 0);
     for (name, scene) in scenes::ALL {
@@ -25,7 +27,7 @@ fn main() -> ExitCode {
         }
     }
     for seed in seeds {
-        match world::run(seed) {
+        match run(seed) {
             Ok(count) => transactions += count,
             Err(broken) => {
                 failed += 1;

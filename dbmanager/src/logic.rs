@@ -23,6 +23,7 @@ pub mod log;
 pub mod member;
 pub mod merge;
 pub mod message;
+pub mod notary;
 pub mod owner;
 pub mod record;
 pub mod replica;

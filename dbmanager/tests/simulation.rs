@@ -47,6 +47,13 @@ fn seeds_4001_to_5000_converge_and_lose_nothing() {
 }
 
 #[test]
+fn seeds_of_teams_with_keys_converge_and_lose_nothing() {
+    for seed in 1..=1000 {
+        world::run_with_keys(seed).unwrap_or_else(|broken| panic!("seed {seed}: {broken}"));
+    }
+}
+
+#[test]
 fn a_seed_replays() {
     assert_eq!(world::run(7), world::run(7));
 }

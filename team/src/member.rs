@@ -16,7 +16,7 @@ use crate::program::ProgramIdentity;
 use anyhow::{Context as _, bail, ensure};
 use comms::io::session::{Authenticator, Author, Digest, Identity, PublicKey};
 use comms::logic::proof::Proof;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::net::{IpAddr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -37,6 +37,8 @@ const KEYS: &str = "keys";
 const TEAM: &str = "team";
 const CREDENTIAL: &str = "credential";
 const REVOKED: &str = "revoked";
+/// For so many reasons messages are refused aloud in a minute.
+const REASONS_MAX: usize = 32;
 /// The most bytes that [`Member::begin`] writes, with some to spare for the file system.
 pub const BEGIN_SIZE_MAX: usize = SECRET_LEN + TEAM_MAX + CREDENTIAL_MAX + (32 << 10);
 /// The most bytes of revocations that are kept or heard at once.
@@ -57,8 +59,8 @@ pub struct Member {
     audit: Option<Audit>,
     /// The last refusal that was logged, with its minute.
     told: Mutex<Option<(IpAddr, String, u64)>>,
-    /// The last message that was refused, with its minute.
-    forged: Mutex<Option<(String, u64)>>,
+    /// A minute, and why messages were refused in it.
+    forged: Mutex<(u64, BTreeSet<String>)>,
 }
 
 impl Member {
@@ -362,20 +364,24 @@ impl Authenticator for Member {
     }
 
     fn forged(&self, claimed: &str, why: &str) {
-        self.refuse_message(claimed, why);
+        self.refuse_message(&format!("speak as `{claimed}`"), why);
     }
 }
 
 impl Member {
-    /// Takes note that a message was refused that says to be from `claimed`. Says whether that is worth a word: who goes on and
-    /// on fills no disk, with a line a minute for each reason.
-    pub fn refuse_message(&self, claimed: &str, why: &str) -> bool {
-        let told = (why.to_owned(), crate::now().0 / 60);
-        let before = self.forged.lock().unwrap_or_else(PoisonError::into_inner).replace(told.clone());
-        let is_news = before != Some(told);
+    /// Takes note that a message was refused: what it was to do, and why it may not. Says whether that is worth a word: who goes on
+    /// and on fills no disk, with a line a minute for each reason, and no more than a few.
+    pub fn refuse_message(&self, what: &str, why: &str) -> bool {
+        let mut told = self.forged.lock().unwrap_or_else(PoisonError::into_inner);
+        let minute = crate::now().0 / 60;
+        if told.0 != minute {
+            *told = (minute, BTreeSet::new());
+        }
+        let is_news = told.1.len() < REASONS_MAX && told.1.insert(why.to_owned());
+        drop(told);
         if is_news {
-            tracing::warn!(claimed, why, "a message was refused");
-            let (who, what) = ("a member".to_owned(), format!("speak as `{claimed}`"));
+            tracing::warn!(what, why, "a message was refused");
+            let (who, what) = ("a member".to_owned(), what.to_owned());
             self.record(AuditEntry { decision: Decision::Refused, who, what, reason: why.to_owned() });
         }
         is_news

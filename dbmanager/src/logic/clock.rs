@@ -10,7 +10,8 @@
 //! whoever sees a transaction has seen its timestamp; so `a` before `b` in causality means `stamp(a) < stamp(b)` (I11). Timestamps
 //! order writes that did not see each other, and nothing else: a wrong date can make a write lose against a concurrent one
 //! (which is then listed as a conflict), but can never hide a write from somebody who saw it. Hence no date is refused: a
-//! replica that refused what others accept would differ from them for ever.
+//! replica that refused what others accept would differ from them for ever. A team whose robots have keys refuses what nobody issues who
+//! goes by the rule (`replica::authors`), which is the same for all.
 
 use crate::logic::version_vector::ReplicaId;
 use comms::logic::time::Time;
@@ -21,6 +22,9 @@ use std::time::Duration;
 const LEAD_MAX_MS: u64 = 3_600_000;
 /// How long a date that a peer has shown is remembered.
 const REFERENCE_AGE_MAX: Duration = Duration::from_secs(86_400);
+/// The last date that a wall clock is followed to, in milliseconds since 1970: the year 2200. What is above it counts on in ticks, of
+/// which nobody can use up so many.
+pub const DATE_MAX_MS: u64 = 7_258_118_400_000;
 /// Bits of the counter within a millisecond.
 const COUNTER_BITS: u32 = 16;
 
@@ -146,7 +150,7 @@ impl Clock {
     }
 
     fn follows(&self, now: Time, wall: Wall) -> bool {
-        if wall.quality < Quality::Network {
+        if wall.quality < Quality::Network || wall.millis > DATE_MAX_MS {
             return false;
         }
         let restrains = |known: &Reference| {

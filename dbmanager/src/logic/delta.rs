@@ -9,7 +9,8 @@
 
 use crate::logic::clock::{Timestamp, Wall};
 use crate::logic::log::Head;
-use crate::logic::txn::{ChainHash, EncodedTxn, FORMAT, Header};
+use crate::logic::notary::SIGNATURE_SIZE;
+use crate::logic::txn::{ChainHash, EncodedTxn, FORMAT, FORMAT_SIGNED, Header};
 use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use serde::{Deserialize, Serialize};
 
@@ -27,8 +28,10 @@ impl DeltaPush {
         let after = head.seq;
         let shorten = |encoded: &EncodedTxn| {
             let (header, rest) = encoded.split().ok()?;
+            let (rest, signature) = split_signature(encoded.format, rest)?;
             let rest = encoded.seen().map_or(Some(rest), |seen| rest.strip_suffix(&seen.0))?;
-            let short = EncodedTxn::join(encoded.format, &relative(&header, &head, encoded.hash())?, rest);
+            let rest = [rest, signature].concat();
+            let short = EncodedTxn::join(encoded.format, &relative(&header, &head, encoded.hash())?, &rest);
             head = next(&head, &header, encoded.hash());
             Some(short)
         };
@@ -51,6 +54,10 @@ impl DeltaPush {
             let header = absolute(&said, &head, origin)?;
             let rest = match short.format {
                 FORMAT => [rest, &seen(&header.context)?.0].concat(),
+                FORMAT_SIGNED => {
+                    let (rest, signature) = split_signature(short.format, rest)?;
+                    [rest, &seen(&header.context)?.0, signature].concat()
+                }
                 _ => rest.to_vec(),
             };
             let encoded = EncodedTxn::join(short.format, &header, &rest);
@@ -64,6 +71,15 @@ impl DeltaPush {
     pub fn hashes(&self) -> impl Iterator<Item = (u64, ChainHash)> {
         let hashes = self.short.iter().filter_map(|short| short.split().ok()).map(|(said, _)| said.prev);
         hashes.zip(1..).map(|(hash, number)| (self.after.saturating_add(number), hash))
+    }
+}
+
+/// Takes the signature off the end, if there is one.
+fn split_signature(format: u8, rest: &[u8]) -> Option<(&[u8], &[u8])> {
+    if format == FORMAT_SIGNED {
+        rest.split_at_checked(rest.len().checked_sub(SIGNATURE_SIZE)?)
+    } else {
+        Some((rest, &[]))
     }
 }
 

@@ -17,6 +17,7 @@
 
 use crate::logic::clock::Timestamp;
 use crate::logic::key::Key;
+use crate::logic::notary;
 use crate::logic::state::{State, Version};
 use crate::logic::txn::{Encoding, Value, Write};
 use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
@@ -52,7 +53,7 @@ pub struct Rebased {
 
 /// Returns whether a key is one of these records. They are facts of one team and do not move to another.
 pub fn is_record(key: &Key) -> bool {
-    [MEMBERS, RETIRED, REBASED].iter().any(|prefix| key.as_str().starts_with(prefix))
+    [MEMBERS, RETIRED, REBASED].iter().any(|prefix| key.as_str().starts_with(prefix)) || notary::is_record(key)
 }
 
 /// Returns the writes that say what came with `origin`: the last transactions of others, with their timestamps.
@@ -75,6 +76,18 @@ pub fn admission(origin: ReplicaId, robot: &str) -> Option<Write> {
 pub fn retirement(origin: ReplicaId) -> Option<Write> {
     let value = Value { encoding: Encoding::TEXT, bytes: [].into() };
     Some(Write { key: Key::new(format!("{RETIRED}{origin}")).ok()?, value: Some(value) })
+}
+
+/// Returns the origin that a write to this key admits, if it does that.
+pub fn admitted_by(key: &Key) -> Option<ReplicaId> {
+    ReplicaId::parse(key.as_str().strip_prefix(MEMBERS)?)
+}
+
+/// Returns the robots that `origin` was admitted for: one, unless somebody has lied.
+pub fn robots(state: &State, origin: ReplicaId) -> Vec<String> {
+    let Ok(key) = Key::new(format!("{MEMBERS}{origin}")) else { return Vec::new() };
+    let values = state.versions(&key).iter().filter_map(|version| version.value.as_ref());
+    values.map(|value| String::from_utf8_lossy(&value.bytes).into_owned()).collect()
 }
 
 /// Returns the origin that a write to this key retires, if it does that.

@@ -119,6 +119,8 @@ pub struct Join {
     pub robot: String,
     /// Origins that it has given up.
     pub replaces: Vec<ReplicaId>,
+    /// In a team with keys, the [`Claim`](crate::logic::notary::Claim) of both.
+    pub claim: Option<Vec<u8>>,
 }
 
 /// An answer. Append only.

@@ -20,6 +20,7 @@
 //! comes along when it begins anew. Only this file brings them together.
 
 mod action;
+mod authors;
 mod branch;
 mod commit;
 mod contents;
@@ -220,6 +221,7 @@ impl Replica {
             effects.push(Effect::Broadcast(Message::Hello(hello::of(&self.ledger))));
             self.peers.said_hello(now, &mut self.random);
             self.ledger.release(now, effects);
+            self.ledger.retire_revoked(now, effects);
             self.ledger.gc();
             if self.is_member() {
                 let members = self.ledger.contents().members();
@@ -239,7 +241,7 @@ impl Replica {
             self.ledger.identity.asks(peer, &mut self.random);
             let size_max = u32::try_from(self.peers.asked(now, peer)).unwrap_or(u32::MAX);
             let (vector, pending) = (self.log().vector().clone(), self.ledger.pending().vector());
-            let pull = Pull { vector, pending, size_max, join: self.ledger.identity.join() };
+            let pull = Pull { vector, pending, size_max, join: self.ledger.join() };
             effects.push(Effect::Send(peer, Message::Pull(pull)));
         }
     }
@@ -364,6 +366,10 @@ impl Replica {
         let Some(whole) = self.downloads.whole(effects) else { return };
         match self.ledger.identity.joining() {
             Some(joining) if !Members::of(&whole.state).is_active(joining) => return,
+            // It was admitted with keys that it has no more.
+            Some(joining) if !self.ledger.authors.is_own(joining, &whole.state) => {
+                return self.rejoin(now, false, effects);
+            }
             None if !self.is_of_use(now, &whole, effects) => return,
             _ => {}
         }

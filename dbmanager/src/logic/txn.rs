@@ -7,6 +7,7 @@
 
 use crate::logic::clock::{Timestamp, Wall};
 use crate::logic::key::Key;
+use crate::logic::notary::{self, Notary, SIGNATURE_SIZE};
 use crate::logic::version_vector::{Dot, VersionVector};
 pub use crate::logic::view::draft::{Draft, Grant, TxnError};
 use serde::{Deserialize, Serialize};
@@ -25,6 +26,8 @@ pub const CHANGES_MAX: usize = 4096;
 pub const REASON_SIZE_MAX: usize = 1024;
 /// The format that this version writes. Formats are only ever added, and all begin with a [`Header`].
 pub const FORMAT: u8 = 2;
+/// The format of signed transactions: the bytes of [`FORMAT`], and the signature of the writer behind them.
+pub const FORMAT_SIGNED: u8 = 3;
 /// The format that every version reads.
 pub const FORMAT_FIRST: u8 = 1;
 
@@ -188,7 +191,7 @@ pub struct EncodedTxn {
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum CodecError {
     /// Written by a newer version.
-    #[error("a transaction of format {format}, this program reads up to {FORMAT}")]
+    #[error("a transaction of format {format}, this program reads up to {FORMAT_SIGNED}")]
     Format {
         /// Its format.
         format: u8,
@@ -221,11 +224,37 @@ impl EncodedTxn {
         Ok(Self { format: FORMAT, body })
     }
 
+    /// Returns the transaction as signed bytes.
+    ///
+    /// # Errors
+    /// If it is too long.
+    pub fn seal_signed(txn: &Txn, seen: ChainHash, notary: &dyn Notary) -> Result<Self, CodecError> {
+        let Self { mut body, .. } = Self::seal_on(txn, seen)?;
+        let signature = notary.sign(&notary::written(&body));
+        body.extend(signature);
+        Ok(Self { format: FORMAT_SIGNED, body })
+    }
+
+    /// Returns the digest that is signed, and the signature; nothing if it is not signed.
+    pub fn signature(&self) -> Option<([u8; 32], &[u8])> {
+        let (body, signature) = self.body.split_last_chunk::<SIGNATURE_SIZE>()?;
+        (self.format == FORMAT_SIGNED).then(|| (notary::written(body), signature.as_slice()))
+    }
+
     /// Returns the digest of what the transaction has seen of others. The first format has none, which is also written where
     /// nothing of others was seen.
     pub fn seen(&self) -> Option<ChainHash> {
-        let seen = self.body.last_chunk::<SEEN_SIZE>().filter(|_| self.format == FORMAT)?;
-        Some(ChainHash(*seen))
+        let (_, end) = self.body.split_at_checked(self.body.len().checked_sub(self.behind())?)?;
+        end.first_chunk::<SEEN_SIZE>().copied().map(ChainHash)
+    }
+
+    /// Returns how many bytes are behind the transaction itself.
+    const fn behind(&self) -> usize {
+        match self.format {
+            FORMAT => SEEN_SIZE,
+            FORMAT_SIGNED => SEEN_SIZE + SIGNATURE_SIZE,
+            _ => 0,
+        }
     }
 
     /// Returns the transaction as bytes, in the first format.
@@ -246,13 +275,13 @@ impl EncodedTxn {
     /// # Errors
     /// If the bytes are none that this version can read.
     pub fn open(&self) -> Result<Txn, CodecError> {
-        if !(FORMAT_FIRST..=FORMAT).contains(&self.format) {
+        if !(FORMAT_FIRST..=FORMAT_SIGNED).contains(&self.format) {
             return Err(CodecError::Format { format: self.format });
         }
         if self.body.len() > TXN_SIZE_MAX + REBASE_SIZE_MAX {
             return Err(CodecError::Long { size: self.body.len() });
         }
-        let behind = if self.format == FORMAT { SEEN_SIZE } else { 0 };
+        let behind = self.behind();
         match postcard::take_from_bytes(&self.body) {
             Ok((txn, rest)) if rest.len() == behind => Ok(txn),
             Ok(_) => Err(CodecError::Body { cause: postcard::Error::DeserializeBadEncoding }),

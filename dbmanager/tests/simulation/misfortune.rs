@@ -181,8 +181,11 @@ impl World {
     fn copy_disk(&mut self, node: usize) {
         let (name, records) = (self.nodes[node].name.clone(), self.nodes[node].disk.copy());
         if !records.is_empty() {
+            let invited = self.nodes[node].invited;
             self.seat(name, records);
-            self.restart_copied(self.nodes.len() - 1);
+            let copy = self.nodes.len() - 1;
+            self.nodes[copy].invited = invited;
+            self.restart_copied(copy);
         }
     }
 
@@ -247,6 +250,8 @@ impl World {
 
     /// Destroys the disk of a robot.
     pub(crate) fn lose_disk(&mut self, node: usize) {
+        // Its keys were on it.
+        self.nodes[node].invited = 1 + self.nodes.iter().map(|node| node.invited).max().unwrap_or_default();
         self.change_disk(node, super::Disk::clear);
     }
 
@@ -306,6 +311,7 @@ impl World {
     /// Has one robot retire another.
     pub(crate) fn retire(&mut self, by: usize, node: usize) {
         let Some(target) = self.nodes[node].replica.as_ref().map(Replica::origin) else { return };
+        self.revoke(node);
         self.input(by, |_, wall| Input::Retire(target, wall));
     }
 

@@ -85,6 +85,7 @@ impl World {
                 let wrong: Vec<String> = self.nodes.iter().enumerate().filter_map(wrong).collect();
                 self.reference.blame(format!("I1: {node} and {peer} have diverged; {wrong:#?}"));
             }
+            Alarm::Forged { why, .. } => self.reference.blame(format!("{node} refuses what is honest: {why}")),
             Alarm::Malformed(peer) => self.reference.blame(format!("{node} cannot read what {peer} sent")),
             Alarm::Fork(origin) if !self.faults.can_roll_back() => {
                 self.reference.blame(format!("I7: {node} sees a fork of {origin}"));

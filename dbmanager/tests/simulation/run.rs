@@ -8,14 +8,23 @@ const STEPS: usize = 80;
 
 /// Runs one seed; returns how many transactions there were.
 pub(crate) fn run(seed: u64) -> Result<usize, String> {
-    // From random numbers of its own, so that the other seeds are what they were before there was this fault.
-    let second_team = Random::new(seed ^ 0x7ea).below(3) == 0;
-    let faults = Faults { second_team, ..Faults::swarm(&mut Random::new(seed)) };
-    run_with(seed, faults).map_err(|broken| format!("{broken}\nwith {faults:?}"))
+    let faults = faults(seed);
+    run_with(World::new(seed, faults), seed).map_err(|broken| format!("{broken}\nwith {faults:?}"))
 }
 
-fn run_with(seed: u64, faults: Faults) -> Result<usize, String> {
-    let mut world = World::new(seed, faults);
+/// Runs one seed of a team whose robots have keys; returns how many transactions there were.
+pub(crate) fn run_with_keys(seed: u64) -> Result<usize, String> {
+    let faults = faults(seed);
+    run_with(World::new(seed, faults).with_keys(), seed).map_err(|broken| format!("{broken}\nwith {faults:?}"))
+}
+
+fn faults(seed: u64) -> Faults {
+    // From random numbers of its own, so that the other seeds are what they were before there was this fault.
+    let second_team = Random::new(seed ^ 0x7ea).below(3) == 0;
+    Faults { second_team, ..Faults::swarm(&mut Random::new(seed)) }
+}
+
+fn run_with(mut world: World, seed: u64) -> Result<usize, String> {
     let size = 2 + usize::try_from(seed % 4).expect("it is small");
     world.gather(size);
     world.curse(size);

@@ -9,12 +9,16 @@ mod clients;
 mod disk;
 #[path = "history.rs"]
 pub(crate) mod history;
+#[path = "keys.rs"]
+pub(crate) mod keys;
 #[path = "misfortune.rs"]
 mod misfortune;
 #[path = "network.rs"]
 pub(crate) mod network;
 #[path = "observer.rs"]
 mod observer;
+#[path = "operator.rs"]
+mod operator;
 #[path = "reference.rs"]
 mod reference;
 #[path = "run.rs"]
@@ -30,11 +34,13 @@ use dbmanager::logic::record::{Batch, Records};
 use dbmanager::logic::replica::{AckLevel, Alarm, Answer, Config, Effect, Input, Replica};
 use dbmanager::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use disk::{Disk, Fate};
+use keys::Revoked;
 use network::Network;
 use reference::Reference;
-pub(crate) use run::run;
+pub(crate) use run::{run, run_with_keys};
 use std::collections::BTreeMap;
 use std::rc::Rc;
+use std::sync::Arc;
 use std::time::Duration;
 pub(crate) use swarm::Faults;
 
@@ -63,6 +69,8 @@ struct Node {
     replica: Option<Replica>,
     disk: Disk,
     clock: WallClock,
+    /// How often it was invited to the team: each time it has made other keys.
+    invited: u32,
     /// How much of the log is kept.
     log_size: usize,
     /// Its witness says that the disk is a copy, and nothing was written to it since.
@@ -84,6 +92,8 @@ pub(crate) struct World {
     posted: u64,
     inputs: usize,
     reference: Reference,
+    /// What the team has revoked; none if robots have no keys.
+    revoked: Option<Revoked>,
     /// Tickets of callers that are owed an answer: where, at which level, and how often a disk was lost before.
     owed: BTreeMap<u64, (usize, AckLevel, u32)>,
     /// How often a robot has forgotten something.
@@ -112,6 +122,7 @@ impl World {
             posted: 0,
             inputs: 0,
             reference: Reference::default(),
+            revoked: None,
             owed: BTreeMap::new(),
             losses: 0,
             memberless: false,
@@ -153,6 +164,7 @@ impl World {
             clock,
             log_size,
             copied: false,
+            invited: 0,
             era: 0,
             asleep,
         });
@@ -192,7 +204,14 @@ impl World {
         let open = if *copied { Replica::open_copied } else { Replica::open };
         let config = Config { robot: name.clone(), seed, log_size: *log_size };
         match open(config, disk.records()) {
-            Ok(replica) => self.nodes[node].replica = Some(replica),
+            Ok(replica) => {
+                let keys = self.keys(node);
+                let signed = keys.map(|keys| Arc::new(keys) as _);
+                self.nodes[node].replica = Some(match signed {
+                    Some(keys) => replica.signed_by(keys),
+                    None => replica,
+                });
+            }
             Err(_) if disk.doubtful => {
                 self.lose_disk(node);
                 return self.restart(node);
@@ -260,28 +279,6 @@ impl World {
         Err(format!("T7, I13: no convergence: {:#?}", self.nodes.iter().map(state).collect::<Vec<_>>()))
     }
 
-    /// Does what an operator does who is told that there are two teams with several robots each: the one of robot 0 stays.
-    fn make_one_team(&mut self, told: usize) {
-        let Some(first) = self.nodes[0].replica.as_ref().filter(|first| first.is_member()) else { return };
-        let (origin, members) = (first.origin(), first.members().clone());
-        let told = self.alarms[told..].to_vec();
-        for (node, alarm) in told {
-            let Alarm::OtherTeam(peer, _) = alarm else { continue };
-            let is_apart = |replica: &Replica| replica.is_member() && !replica.members().is_active(origin);
-            if members.is_active(peer) && self.nodes[node].replica.as_ref().is_some_and(is_apart) {
-                self.input(node, |_, wall| Input::Join(peer, wall));
-            }
-        }
-    }
-
-    /// Does what an operator does if the last member has lost its disk: an empty robot begins the team again.
-    fn found_anew(&mut self) {
-        let runs = |node: &Node, is: fn(&Replica) -> bool| node.replica.as_ref().is_some_and(is);
-        let wanted = self.memberless && !self.nodes.iter().any(|node| runs(node, Replica::is_member));
-        let empty = self.nodes.iter().position(|node| runs(node, |replica| replica.log().vector().is_empty()));
-        empty.filter(|_| wanted).into_iter().for_each(|node| self.input(node, |_, wall| Input::Found(wall)));
-    }
-
     /// Checks what must be so after each step.
     fn check_step(&mut self) -> Result<(), String> {
         self.reference.verdict()?;
@@ -304,7 +301,10 @@ impl World {
             let live: Vec<ReplicaId> = (0..self.nodes.len()).map(|node| self.replica(node).origin()).collect();
             let members: Vec<ReplicaId> = self.replica(0).members().active().map(|(origin, _)| origin).collect();
             for ghost in members.into_iter().filter(|origin| !live.contains(origin)) {
-                self.input(0, |_, wall| Input::Retire(ghost, wall));
+                // Where robots have keys, each retires what it was before.
+                let robot = self.replica(0).members().robot(ghost).filter(|_| self.revoked.is_some());
+                let by = robot.and_then(|robot| self.nodes.iter().position(|node| node.name == robot));
+                self.input(by.unwrap_or(0), |_, wall| Input::Retire(ghost, wall));
             }
             self.run_for(45_000);
             self.settle()?;

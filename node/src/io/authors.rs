@@ -28,7 +28,7 @@ impl Authors {
         // Nobody has met it yet: it says so again.
         if *author == Author::Stranger {
             tracing::debug!(claimed, "a message of somebody who is not known yet is dropped");
-        } else if member.refuse_message(claimed, &why)
+        } else if member.refuse_message(&format!("speak as `{claimed}`"), &why)
             && let Author::Member(name) = author
         {
             self.tell(name, why);

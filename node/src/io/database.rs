@@ -8,6 +8,7 @@
 //! is on the disk: a sync that is tried once more may succeed without having written anything. While the store cannot be
 //! opened either, the database answers questions and takes no writes; it tries again every few seconds.
 
+mod notary;
 mod presence;
 mod store;
 mod wire;
@@ -20,7 +21,7 @@ use crate::logic::database::{Database, Effect, Input};
 use crate::logic::protocol::{self, Answer};
 use anyhow::Context;
 use comms::io::clock::{self, ClockQuality};
-use comms::io::session::{Request, Session};
+use comms::io::session::{Author, Request, Session};
 use comms::logic::codec;
 use comms::logic::time::Time;
 use dbmanager::io::group::Groups;
@@ -34,6 +35,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{SyncSender, TrySendError, sync_channel};
 use std::time::Duration;
 use store::Place;
+use team::member::Member;
 use tokio::sync::mpsc::Sender;
 use tokio::sync::watch;
 use tokio::task::JoinSet;
@@ -63,6 +65,8 @@ pub struct Options {
     pub store: Option<Engine>,
     /// The proof that callers on this machine show.
     pub proof: String,
+    /// The node as a member of its team, if it is in one: it signs what it writes.
+    pub member: Option<Arc<Member>>,
     /// Whether it begins a team of its own at once, as the first of a command's own nodes does.
     pub founds: bool,
 }
@@ -72,8 +76,8 @@ enum Arrival {
     Call(u64, Question, Option<Caller>),
     /// From another machine.
     Elsewhere(u64, Question, Caller),
-    Envelope(Envelope),
-    Asked(Box<Request>, Envelope),
+    Envelope(Envelope, Author),
+    Asked(Box<Request>, Envelope, Author),
     Appeared,
     Leave,
 }
@@ -99,6 +103,7 @@ pub struct DatabaseThread {
 /// The state of the thread.
 struct Worker {
     machine: Database,
+    member: Option<Arc<Member>>,
     place: Place,
     arrivals: Groups<Arrival>,
     outgoing: Sender<Outgoing>,
@@ -123,6 +128,7 @@ struct Worker {
 /// The store cannot be read, is open already, or belongs to another robot.
 pub fn start(options: &Options, session: &Arc<Session>) -> anyhow::Result<DatabaseThread> {
     let (place, replica, unwritable) = Place::open(options)?;
+    let replica = notary::signed(replica, options.member.as_ref());
     let mut machine = Database::new(replica, (&options.robot, &options.team), place.name());
     let mut closed = Vec::new();
     if let Some(why) = &unwritable {
@@ -140,6 +146,7 @@ pub fn start(options: &Options, session: &Arc<Session>) -> anyhow::Result<Databa
     let (reopen_at, check_at) = (clock::now() + REOPEN_AFTER, clock::now() + CHECK_EVERY);
     let mut worker = Worker {
         machine,
+        member: options.member.clone(),
         place,
         arrivals,
         outgoing,
@@ -269,8 +276,13 @@ impl Worker {
                     self.sinks.insert(call, caller);
                     Input::Elsewhere(call, question)
                 }
-                Arrival::Envelope(envelope) => Input::Envelope(envelope),
-                Arrival::Asked(request, envelope) => {
+                Arrival::Envelope(envelope, author) if self.is_from(&envelope, &author) => Input::Envelope(envelope),
+                Arrival::Envelope(..) => continue,
+                Arrival::Asked(request, envelope, author) => {
+                    if !self.is_from(&envelope, &author) {
+                        request.refuse("it is not from whom it says");
+                        continue;
+                    }
                     self.asked_next += 1;
                     self.asked.insert(self.asked_next, request);
                     Input::Asked(self.asked_next, envelope)
@@ -325,6 +337,12 @@ impl Worker {
             }
             Effect::End(call) => self.sinks.remove(&call).into_iter().for_each(Caller::end),
             Effect::Alarm(words) => tracing::warn!("{words}"),
+            Effect::Refused { from, why } => {
+                let what = format!("pass on to the database, as `{from}`");
+                if let Some(member) = &self.member {
+                    member.refuse_message(&what, &why);
+                }
+            }
             Effect::Settings(settings) => drop(self.settings.send_replace(settings)),
         }
     }
@@ -356,7 +374,7 @@ impl Worker {
         match self.place.reopen() {
             Ok(replica) => {
                 self.told = None;
-                self.machine.reopen(replica);
+                self.machine.reopen(notary::signed(replica, self.member.as_ref()));
                 tracing::info!("the store of the database is open again");
             }
             Err(error) => {

@@ -9,6 +9,7 @@
 //! It takes nothing from peers meanwhile, since it could not keep it.
 
 mod alarms;
+mod author;
 pub mod chronicle;
 pub mod disk;
 mod look;
@@ -89,6 +90,13 @@ pub enum Effect {
     Alarm(String),
     /// The robot's settings for its node have changed to this.
     Settings(Settings),
+    /// Something was refused that nobody may write.
+    Refused {
+        /// Who has sent it.
+        from: String,
+        /// Why, for a person.
+        why: String,
+    },
 }
 
 /// The machine of a node's database.
@@ -406,7 +414,7 @@ impl Database {
                 let alarm = Alarm::OtherTeam(origin, robot);
                 effects.extend(is_new.then(|| Effect::Alarm(self.words(&alarm))));
             }
-            replica::Effect::Alarm(alarm) => self.alarm(self.words(&alarm), effects),
+            replica::Effect::Alarm(alarm) => self.take_alarm(&alarm, effects),
         }
     }
 

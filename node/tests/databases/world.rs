@@ -230,6 +230,7 @@ impl World {
             Effect::End(call) => drop(here.ended.insert(call)),
             Effect::Settings(settings) => here.settings = settings,
             Effect::Alarm(_) => {}
+            Effect::Refused { from, why } => panic!("{from} is refused without keys: {why}"),
             Effect::Broadcast(envelope) => {
                 let away = here.away;
                 for (_, other) in self.robots.iter_mut().enumerate().filter(|(other, _)| *other != number) {

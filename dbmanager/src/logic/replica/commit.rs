@@ -16,6 +16,7 @@ use super::interface::AckLevel;
 use crate::logic::clock::{Clock, Timestamp, Wall};
 use crate::logic::key::{Key, Namespace};
 use crate::logic::log::Log;
+use crate::logic::notary::Notary;
 use crate::logic::owner::{self, Owner};
 use crate::logic::record::{Batch, LOCAL};
 use crate::logic::state::{CausalContext, State};
@@ -23,6 +24,7 @@ use crate::logic::txn::{Condition, Draft, EncodedTxn, Grant, Rebase, Require, Tx
 use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use comms::logic::time::Time;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// The content of a transaction, without its place in history.
@@ -48,6 +50,8 @@ pub(super) struct CommitPipeline {
     clock: Clock,
     wall: Wall,
     local: State,
+    /// Signs transactions, in a team with keys.
+    notary: Option<Arc<dyn Notary>>,
 }
 
 impl CommitPipeline {
@@ -55,7 +59,7 @@ impl CommitPipeline {
     pub(super) fn new(origin: ReplicaId, last: Timestamp, local: State) -> Self {
         let stamps = local.scan("").flat_map(|(_, versions)| versions).map(|version| version.stamp);
         let last = stamps.chain([last]).max().unwrap_or_default();
-        Self { clock: Clock::new(origin, last), wall: Wall::default(), local }
+        Self { clock: Clock::new(origin, last), wall: Wall::default(), local, notary: None }
     }
 
     pub(super) fn local(&self) -> &State {
@@ -64,6 +68,11 @@ impl CommitPipeline {
 
     pub(super) fn wall(&self) -> Wall {
         self.wall
+    }
+
+    /// Signs transactions from now on.
+    pub(super) fn sign_with(&mut self, notary: Arc<dyn Notary>) {
+        self.notary = Some(notary);
     }
 
     /// Takes note of what the wall clock says.
@@ -145,7 +154,13 @@ impl CommitPipeline {
             rebase: change.rebase,
         };
         // All of it is what others wrote last, so it is known.
-        let seen = log.seen(&txn.context).filter(|_| !txn.context.is_empty());
+        let seen = log.seen(&txn.context);
+        if let Some(notary) = &self.notary {
+            let encoded = EncodedTxn::seal_signed(&txn, seen.unwrap_or_default(), &**notary)?;
+            self.clock = clock;
+            return Ok((txn, encoded));
+        }
+        let seen = seen.filter(|_| !txn.context.is_empty());
         let encoded = seen.map_or_else(|| EncodedTxn::seal(&txn), |seen| EncodedTxn::seal_on(&txn, seen))?;
         self.clock = clock;
         Ok((txn, encoded))

@@ -84,7 +84,7 @@ impl Identity {
     /// Returns what a sponsor is asked for, if it is to be asked.
     pub(super) fn join(&self) -> Option<Join> {
         let replaces = || self.record.past.iter().map(|past| past.origin).collect();
-        let join = |origin| Join { origin, robot: self.record.robot.clone(), replaces: replaces() };
+        let join = |origin| Join { origin, robot: self.record.robot.clone(), replaces: replaces(), claim: None };
         self.record.joining.map(join)
     }
 

@@ -98,6 +98,13 @@ pub enum Alarm {
     NeedsUpgrade(u8),
     /// A peer sent what no peer sends.
     Malformed(ReplicaId),
+    /// A peer has passed on what nobody may write. It is left out.
+    Forged {
+        /// Who has sent it.
+        from: ReplicaId,
+        /// Why, for a person.
+        why: String,
+    },
     /// The replica of this robot belongs to another team of the same name; told at each of its hellos.
     OtherTeam(ReplicaId, String),
     /// We have to begin under a new origin.

@@ -4,6 +4,7 @@
 //! *Rule.* [`Ledger::apply`] and [`Ledger::commit`] are the only ways into log and state. Transactions are applied in
 //! the order in which they come; what does not fit is buffered, or pulled again.
 
+use super::authors::{Authors, NotTaken};
 use super::commit::{Change, CommitPipeline};
 use super::contents::Contents;
 use super::download::Downloaded;
@@ -15,13 +16,15 @@ use crate::logic::delta::DeltaPush;
 use crate::logic::gc::{Acks, Stable};
 use crate::logic::log::{Head, Log, Verdict};
 use crate::logic::member;
-use crate::logic::message::{Chunk, Message, PUSH_SIZE_MAX};
+use crate::logic::message::{Chunk, Join, Message, PUSH_SIZE_MAX};
+use crate::logic::notary::{Doubt, Notary};
 use crate::logic::record::{Batch, OpenError, StoredRecords};
 use crate::logic::txn::{CodecError, Draft, EncodedTxn, TxnError};
 use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use comms::logic::random::Random;
 use comms::logic::time::Time;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// The parts that change together.
 #[derive(Debug)]
@@ -29,6 +32,7 @@ pub(super) struct Ledger {
     contents: Contents,
     pub(super) identity: Identity,
     pub(super) pipeline: CommitPipeline,
+    pub(super) authors: Authors,
     pending: PendingTxns,
     /// The transactions that others are known to have.
     pub(super) acks: Acks,
@@ -46,12 +50,26 @@ impl Ledger {
             pipeline: CommitPipeline::new(identity.origin(), log.last_stamp(), stored.local),
             contents: Contents::new(log, stored.state),
             identity,
+            authors: Authors::default(),
             pending: PendingTxns::new(stored.pending),
             acks: Acks::default(),
             batch: Batch::default(),
             log_size: config.log_size,
             changed: false,
         })
+    }
+
+    /// Signs what it writes from now on, and takes over what others have signed.
+    pub(super) fn sign_with(&mut self, notary: Arc<dyn Notary>) {
+        self.pipeline.sign_with(Arc::clone(&notary));
+        self.authors.check_with(notary);
+    }
+
+    /// Returns what a sponsor is asked for, if it is to be asked.
+    pub(super) fn join(&self) -> Option<Join> {
+        let join = self.identity.join()?;
+        let claim = self.authors.claim(join.origin, &join.replaces);
+        Some(Join { claim, ..join })
     }
 
     pub(super) fn contents(&self) -> &Contents {
@@ -98,12 +116,16 @@ impl Ledger {
     }
 
     /// Applies a transaction that may be next.
-    fn apply(&mut self, now: Time, encoded: EncodedTxn, effects: &mut Vec<Effect>) -> Result<Verdict, CodecError> {
+    fn apply(&mut self, now: Time, encoded: EncodedTxn, effects: &mut Vec<Effect>) -> Result<Verdict, NotTaken> {
         let txn = encoded.open()?;
         let verdict = self.log().judge(&txn, &encoded);
+        if verdict != Verdict::Known {
+            self.authors.check_signature((&txn, &encoded), &self.contents).map_err(NotTaken::Doubt)?;
+        }
         if verdict != Verdict::Next {
             return Ok(verdict);
         }
+        self.authors.check_rules(&txn, &self.contents).map_err(NotTaken::Doubt)?;
         let retired = txn.writes.iter().filter_map(|write| member::retired_by(&write.key));
         if retired.into_iter().any(|origin| self.pending.has(origin)) {
             return Ok(Verdict::Early);
@@ -154,11 +176,18 @@ impl Ledger {
                     effects.push(Effect::Send(from, self.contents.links_of(seen.iter())));
                     missing = true;
                 }
-                Err(CodecError::Format { format }) => {
-                    effects.push(Effect::Alarm(Alarm::NeedsUpgrade(format)));
-                    missing |= !self.buffer(&encoded);
+                Err(NotTaken::Doubt(Doubt::Unknown)) => missing = true,
+                Err(NotTaken::Doubt(Doubt::Forged(why))) => {
+                    effects.push(Effect::Alarm(Alarm::Forged { from, why }));
+                    missing = true;
                 }
-                Err(CodecError::Long { .. } | CodecError::Body { .. }) => {
+                Err(NotTaken::Codec(CodecError::Format { format })) => {
+                    effects.push(Effect::Alarm(Alarm::NeedsUpgrade(format)));
+                    // Nobody here can tell who has written it: its own origin passes it on.
+                    let is_theirs = encoded.split().is_ok_and(|(header, _)| header.stamp.origin == from);
+                    missing |= self.authors.notary().is_some() && !is_theirs || !self.buffer(&encoded);
+                }
+                Err(NotTaken::Codec(CodecError::Long { .. } | CodecError::Body { .. })) => {
                     effects.push(Effect::Alarm(Alarm::Malformed(from)));
                     missing = true;
                 }
@@ -246,6 +275,7 @@ impl Ledger {
     /// Gives a change its place in history, and applies it.
     fn commit(&mut self, now: Time, change: Change) -> Result<(Dot, EncodedTxn), TxnError> {
         let (txn, encoded) = self.pipeline.seal(now, change, (self.identity.origin(), self.contents.log()))?;
+        self.authors.check_own(&txn, &self.contents).map_err(|why| TxnError::Unproven { why })?;
         self.contents.enter(&txn, &encoded, &mut self.batch);
         Ok((txn.dot(), encoded))
     }
@@ -286,12 +316,16 @@ impl Ledger {
                 effects.push(Effect::Visible(dot, encoded.clone()));
                 self.push((before, vec![encoded]), effects);
             }
+            Err(TxnError::Unproven { why }) => {
+                effects.push(Effect::Alarm(Alarm::Forged { from: self.identity.origin(), why }));
+            }
             Err(_exhausted) => effects.push(Effect::Alarm(Alarm::Malformed(self.identity.origin()))),
         }
     }
 
     pub(super) fn retire(&mut self, now: Time, origin: ReplicaId, effects: &mut Vec<Effect>) {
-        if self.is_member() && self.contents.members().is_active(origin) && self.may_retire(origin) {
+        let may = self.may_retire(origin) && self.authors.may_retire(origin, &self.contents);
+        if may && self.is_member() && self.contents.members().is_active(origin) {
             let writes = member::retirement(origin).into_iter().collect();
             self.commit_system(now, Change::system("retire", writes), effects);
         }
@@ -335,6 +369,7 @@ impl Ledger {
         let (from, vector, joining) = (whole.from, whole.manifest.vector(), self.identity.joining());
         let log = Log::new(whole.manifest.heads.into_iter().collect());
         let old = self.contents.replace(log, whole.state, &mut self.batch);
+        self.authors.forget();
         self.pipeline.go_on_after(now, self.log().last_stamp());
         effects.push(Effect::Replaced);
         let joins = joining.is_some();

@@ -6,6 +6,7 @@ use super::interface::{Alarm, Effect};
 use super::ledger::Ledger;
 use crate::logic::member;
 use crate::logic::message::{CHUNK_SIZE_MAX, Chunk, Join, Message, Pull};
+use crate::logic::notary::{self, Claim, Notary};
 use crate::logic::version_vector::ReplicaId;
 
 /// How many origins one admission replaces.
@@ -50,23 +51,47 @@ fn admission(ledger: &Ledger, from: ReplicaId, join: &Join) -> Vec<Action> {
     if members.is_active(origin) {
         return vec![Action::Offer];
     }
+    let claim = join.claim.as_deref().unwrap_or_default();
+    if let Some(notary) = ledger.authors.notary()
+        && let Err(why) = claimed(notary, join, claim)
+    {
+        return vec![Action::Emit(Effect::Alarm(Alarm::Forged { from, why }))];
+    }
     // Of some it may not have heard yet: a retirement counts whenever the admission comes.
-    let replaced = join.replaces.iter().filter(|past| ledger.may_retire(**past)).take(REPLACED_MAX);
+    let is_theirs = |past: &&ReplicaId| {
+        let holder = ledger.authors.holder(**past, ledger.contents());
+        holder.is_none_or(|holder| holder.robot == join.robot)
+    };
+    let replaced = join.replaces.iter().filter(|past| ledger.may_retire(**past)).filter(is_theirs).take(REPLACED_MAX);
     let mut writes: Vec<_> = replaced.filter_map(|past| member::retirement(*past)).collect();
     writes.extend(member::admission(origin, &join.robot));
+    writes.extend(ledger.authors.notary().and_then(|_| notary::record(origin, claim)));
     writes.sort_by(|a, b| a.key.cmp(&b.key));
     writes.dedup_by(|a, b| a.key == b.key);
     vec![Action::Commit(Change::system("admit", writes)), Action::Offer]
+}
+
+/// Checks that who wants to join has claimed the origin under its own name.
+fn claimed(notary: &dyn Notary, join: &Join, claim: &[u8]) -> Result<(), String> {
+    let claim = Claim::from_bytes(claim).ok_or_else(|| format!("`{}` joins without a claim", join.robot))?;
+    let holder = claim.check(notary, join.origin)?;
+    if holder.robot == join.robot { Ok(()) } else { Err(format!("`{}` joins as `{}`", holder.robot, join.robot)) }
 }
 
 /// Returns what makes this the first member of a team, alone or with what is left of one that had no members but itself.
 pub(super) fn founding(ledger: &Ledger) -> Option<Change> {
     let given_up = |origin: &ReplicaId| ledger.identity.past().iter().any(|past| past.origin == *origin);
     let before: Vec<ReplicaId> = ledger.contents().members().active().map(|(origin, _)| origin).collect();
-    ledger.identity.joining().filter(|_| before.iter().all(given_up))?;
-    let admission = member::admission(ledger.identity.origin(), ledger.identity.robot());
+    // Those of before the robots had keys write nothing any more.
+    let is_over = |origin: &ReplicaId| given_up(origin) || !ledger.authors.is_claimed(*origin, ledger.contents());
+    ledger.identity.joining().filter(|_| before.iter().all(is_over))?;
+    let origin = ledger.identity.origin();
+    let admission = member::admission(origin, ledger.identity.robot());
+    let claim = ledger.authors.claim(origin, &[]).and_then(|claim| notary::record(origin, &claim));
     let retired = before.into_iter().filter_map(member::retirement);
-    Some(Change::system("found the team", admission.into_iter().chain(retired).collect()))
+    let mut writes: Vec<_> = admission.into_iter().chain(claim).chain(retired).collect();
+    writes.sort_by(|a, b| a.key.cmp(&b.key));
+    Some(Change::system("found the team", writes))
 }
 
 /// Returns transactions that a peer lacks, about `size_max` bytes of them; `None` if some that it needs are gone.
@@ -97,7 +122,7 @@ mod tests {
         let team = Team::of(2);
         let ledger = &team.replicas[0].ledger;
         let (new, before, me) = (ReplicaId::new(77), ReplicaId::new(78), ledger.identity.origin());
-        let join = |origin| Some(Join { origin, robot: "r7".into(), replaces: vec![before, me] });
+        let join = |origin| Some(Join { origin, robot: "r7".into(), replaces: vec![before, me], claim: None });
         let admit = |from, origin| pull(ledger, from, &question(VersionVector::default(), join(origin)));
         let [Action::Commit(change), Action::Offer] = &admit(new, new)[..] else { panic!("it is admitted") };
         let keys: Vec<_> = change.writes.iter().map(|write| write.key.clone()).collect();

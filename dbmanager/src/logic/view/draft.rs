@@ -77,6 +77,12 @@ pub enum TxnError {
     /// The clock has no timestamp left.
     #[error("the clock has come to its end: a peer has sent a timestamp that nobody can have issued")]
     Clock,
+    /// Nobody of the team would take it over.
+    #[error("nothing was written: {why}")]
+    Unproven {
+        /// Why, for a person.
+        why: String,
+    },
     /// The key never leaves the robot, so no other robot can have it.
     #[error("`{key}` stays on this robot, so nobody else can have it")]
     Stays {

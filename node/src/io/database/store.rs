@@ -176,7 +176,7 @@ mod tests {
         fs::create_dir_all(&base).unwrap();
         let (robot, team, folder, scratch) = ("r1".into(), "dca".into(), Some(base.clone()), base.join("scratch"));
         let proof = String::new();
-        (base, Options { robot, team, folder, scratch, store: None, proof, founds: false })
+        (base, Options { robot, team, folder, scratch, store: None, proof, member: None, founds: false })
     }
 
     #[test]

@@ -3,7 +3,7 @@
 
 use super::{Arrival, Handle};
 use crate::logic::database::question::Envelope;
-use comms::io::session::{CallError, Request, Server, Session, Subscription};
+use comms::io::session::{Author, CallError, Request, Server, Session, Subscription};
 use comms::logic::port::Policy;
 use comms::logic::{codec, key};
 use dbmanager::logic::version_vector::ReplicaId;
@@ -88,7 +88,7 @@ impl Wire {
                     let (session, handle) = (Arc::clone(&self.session), self.handle.clone());
                     let key = key::db_ask(&self.team, to.number());
                     self.on_the_way.spawn(async move {
-                        ask(session.call(&key, bytes, within).await, &handle);
+                        ask(session.call_signed(&key, bytes, within).await, &handle);
                     });
                 }
                 Outgoing::Reply(mut request, bytes) => {
@@ -121,9 +121,9 @@ impl Wire {
 }
 
 async fn hear(mut envelopes: Subscription, handle: Handle) {
-    while let Some((_, bytes)) = envelopes.next().await {
+    while let Some((_, bytes, author)) = envelopes.next_signed().await {
         match codec::decode::<Envelope>(&bytes) {
-            Ok(envelope) => handle.offer(Arrival::Envelope(envelope)),
+            Ok(envelope) => handle.offer(Arrival::Envelope(envelope, author)),
             Err(error) => tracing::debug!(%error, "a message of another replica cannot be read"),
         }
     }
@@ -132,17 +132,20 @@ async fn hear(mut envelopes: Subscription, handle: Handle) {
 async fn hear_questions(mut questions: Server, handle: Handle) {
     while let Some(request) = questions.next().await {
         match codec::decode::<Envelope>(request.payload()) {
-            Ok(envelope) => handle.offer(Arrival::Asked(Box::new(request), envelope)),
+            Ok(envelope) => {
+                let author = request.author();
+                handle.offer(Arrival::Asked(Box::new(request), envelope, author));
+            }
             Err(error) => request.refuse(&format!("the question cannot be read: {error}")),
         }
     }
 }
 
 /// Hands on the answer of another replica. Without one nothing happens: the one who asked has a deadline of its own.
-fn ask(answer: Result<Vec<u8>, CallError>, handle: &Handle) {
-    match answer.map(|bytes| codec::decode::<Envelope>(&bytes)) {
-        Ok(Ok(envelope)) => handle.offer(Arrival::Envelope(envelope)),
-        Ok(Err(error)) => tracing::debug!(%error, "an answer of another replica cannot be read"),
+fn ask(answer: Result<(Vec<u8>, Author), CallError>, handle: &Handle) {
+    match answer.map(|(bytes, author)| (codec::decode::<Envelope>(&bytes), author)) {
+        Ok((Ok(envelope), author)) => handle.offer(Arrival::Envelope(envelope, author)),
+        Ok((Err(error), _)) => tracing::debug!(%error, "an answer of another replica cannot be read"),
         Err(error) => tracing::debug!(%error, "another replica has not answered"),
     }
 }

@@ -30,6 +30,7 @@ pub(super) fn database_options(config: &Config, dir: &RunDir) -> database::Optio
         store: config.store,
         scratch: dir.path().to_owned(),
         proof: dir.proof().to_owned(),
+        member: config.member.clone(),
         founds: config.founds,
     }
 }

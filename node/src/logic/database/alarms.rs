@@ -8,6 +8,19 @@ use dbmanager::logic::version_vector::ReplicaId;
 const ALARMS_MAX: usize = 16;
 
 impl Database {
+    /// Takes an alarm of the replica. What nobody may write comes again and again, and is told once.
+    pub(super) fn take_alarm(&mut self, alarm: &Alarm, effects: &mut Vec<Effect>) {
+        let words = self.words(alarm);
+        if let Alarm::Forged { from, why } = alarm {
+            let robot = self.replica.members().robot(*from).map_or_else(|| from.to_string(), str::to_owned);
+            effects.push(Effect::Refused { from: robot, why: why.clone() });
+            if self.alarms.contains(&words) {
+                return;
+            }
+        }
+        self.alarm(words, effects);
+    }
+
     /// Keeps and reports an alarm, unless it is the same as the one before.
     pub(super) fn alarm(&mut self, words: String, effects: &mut Vec<Effect>) {
         if self.alarms.back() != Some(&words) {
@@ -41,6 +54,7 @@ impl Database {
                 "`{robot}` belongs to another team `{}`, which was begun apart from this one: neither has what the other writes",
                 self.team
             ),
+            Alarm::Forged { from, why } => format!("{} has passed on what nobody may write: {why}", robot(from)),
             Alarm::Rejoining { from } => {
                 format!("this replica has given up the name {from}, and goes on under another one")
             }

@@ -96,5 +96,6 @@ fn unwritten(effect: Effect, why: &str) -> Vec<Effect> {
         | Effect::Tell(..)
         | Effect::Ask(..)
         | Effect::Settings(_) => vec![],
+        Effect::Refused { .. } => vec![effect],
     }
 }

@@ -18,7 +18,7 @@ impl Database {
                 Ok(origin) => {
                     self.feed(now, replica::Input::Retire(origin, wall), &mut None, effects);
                     if self.replica.members().is_active(origin) {
-                        return Reply::Refused(self.why_not_retired(&member));
+                        return Reply::Refused(self.why_not_retired(&member, origin));
                     }
                     Reply::Done(format!("`{member}` ({origin}) is retired; what it had written and shown stays"))
                 }
@@ -58,7 +58,7 @@ impl Database {
         for origin in &origins {
             self.feed(now, replica::Input::Retire(*origin, wall), &mut None, effects);
             if self.replica.members().is_active(*origin) {
-                return Reply::Refused(self.why_not_retired(&origin.to_string()));
+                return Reply::Refused(self.why_not_retired(robot, *origin));
             }
         }
         match &origins[..] {
@@ -97,7 +97,13 @@ impl Database {
         }
     }
 
-    fn why_not_retired(&self, member: &str) -> String {
+    fn why_not_retired(&self, member: &str, origin: ReplicaId) -> String {
+        if self.replica.is_member() && !self.replica.may_retire(origin) {
+            return format!(
+                "`{member}` has a key that is not revoked: `dca team revoke` on it retires it, too; what a robot was called before it retires \
+                 itself, by `dca db retire ROBOT --older` there"
+            );
+        }
         if self.replica.is_member() {
             return format!(
                 "`{member}` has written what this robot cannot read: upgrade DCA on it, or ask another member"

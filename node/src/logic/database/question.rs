@@ -28,7 +28,7 @@ pub struct Envelope {
 
 impl Enveloped for Envelope {
     const KIND: Kind = Kind::Envelope;
-    const VERSION: u16 = 1;
+    const VERSION: u16 = 2;
 }
 
 /// A question to the database of one robot.

@@ -1,0 +1,65 @@
+//! The keys of simulated robots: what a robot signs is checked as with real keys, and only who knows its secret can sign as it.
+
+use dbmanager::logic::notary::{Holder, Notary};
+use std::collections::BTreeSet;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// What the team has revoked, as all know at once.
+pub(crate) type Revoked = Arc<Mutex<BTreeSet<[u8; 64]>>>;
+
+/// The keys of one robot.
+#[derive(Clone, Debug)]
+pub(crate) struct Keys {
+    robot: String,
+    secret: [u8; 32],
+    revoked: Revoked,
+}
+
+/// Robots show what they sign with, so whoever checks it could sign it: nobody here does.
+fn mac(keys: &[u8; 64], digest: &[u8; 32]) -> Vec<u8> {
+    let mut secret = [0; 32];
+    secret.copy_from_slice(&keys[..32]);
+    blake3::keyed_hash(&secret, digest).as_bytes().repeat(2)
+}
+
+impl Keys {
+    /// Returns the keys that a robot has after it was invited so many times.
+    pub(crate) fn new(robot: &str, invited: u32, revoked: &Revoked) -> Self {
+        let secret = blake3::derive_key("dca simulated keys", format!("{robot} {invited}").as_bytes());
+        Self { robot: robot.to_owned(), secret, revoked: Arc::clone(revoked) }
+    }
+
+    fn public(&self) -> [u8; 64] {
+        let mut keys = [0; 64];
+        keys[..32].copy_from_slice(&self.secret);
+        keys
+    }
+
+    /// Has the team revoke them.
+    pub(crate) fn revoke(&self) {
+        self.revoked.lock().unwrap_or_else(PoisonError::into_inner).insert(self.public());
+    }
+}
+
+impl Notary for Keys {
+    fn sign(&self, digest: &[u8; 32]) -> Vec<u8> {
+        mac(&self.public(), digest)
+    }
+
+    fn credential(&self) -> Vec<u8> {
+        [&self.public()[..], self.robot.as_bytes()].concat()
+    }
+
+    fn holder(&self, credential: &[u8]) -> Result<Holder, String> {
+        let (keys, robot) = credential.split_first_chunk::<64>().ok_or("it is too short")?;
+        Ok(Holder { robot: String::from_utf8_lossy(robot).into_owned(), keys: *keys })
+    }
+
+    fn is_signed(&self, holder: &Holder, digest: &[u8; 32], signature: &[u8]) -> bool {
+        mac(&holder.keys, digest) == signature
+    }
+
+    fn is_revoked(&self, holder: &Holder) -> bool {
+        self.revoked.lock().unwrap_or_else(PoisonError::into_inner).contains(&holder.keys)
+    }
+}

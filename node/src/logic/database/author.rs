@@ -1,0 +1,27 @@
+//! Whether messages of other replicas are from whom they say.
+
+use super::Database;
+use super::question::Envelope;
+use dbmanager::logic::message::Message;
+
+impl Database {
+    /// Checks that the member `author` may send a message: it speaks for replicas of its own robot only.
+    ///
+    /// # Errors
+    /// As whom it speaks, and why that is refused, for a person.
+    pub fn check_author(&self, envelope: &Envelope, author: &str) -> Result<(), (String, String)> {
+        let said = match &envelope.message {
+            Message::Hello(hello) => Some(hello.robot.as_str()),
+            Message::Pull(pull) => pull.join.as_ref().map(|join| join.robot.as_str()),
+            Message::Push(_)
+            | Message::Chunk(_)
+            | Message::ChunkRequest(_)
+            | Message::SnapshotChunk { .. }
+            | Message::Ack(_)
+            | Message::DeltaPush(_) => None,
+        };
+        let known = self.replica.members().robot(envelope.from);
+        let other = [known, said].into_iter().flatten().find(|robot| *robot != author);
+        other.map_or(Ok(()), |robot| Err((robot.to_owned(), format!("`{author}` speaks as `{robot}` to the database"))))
+    }
+}
