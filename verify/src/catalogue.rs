@@ -3,13 +3,16 @@
 //! Each part is explored alone, its members as boxes, while any program may fail and the whole may be stopped at any time.
 //! Parts come before what is around them, so that it is known how each box can end.
 
+mod outside;
+
 use crate::explore::{Found, Graph, Limits, Nobody, Reached, explore, is_over, is_stopping};
 use crate::finding::{Finding, diagnostic, help};
 use crate::model::{Ends, Model, Seat};
 use crate::story::{place, story_to_the_end};
-use crate::system::{Changed, Frame, Mode, Phase, System};
+use crate::system::{Changed, Frame, Label, Mode, Phase, System};
 use language::Code;
 use language::plan::Expression;
+use outside::Suspect;
 use std::collections::BTreeSet;
 
 /// What the exploration of all parts says.
@@ -31,6 +34,8 @@ struct Asked {
     unreached: bool,
     stops: bool,
     waits: bool,
+    /// What gets stuck when its part is alone.
+    suspects: Vec<Suspect>,
 }
 
 /// Explores every part; afterwards the model knows how each can end.
@@ -40,6 +45,8 @@ pub(crate) fn explore_parts(model: &mut Model<'_>, limits: &Limits<'_>) -> Catal
     for part in inside_out(model) {
         explore_part(model, part, limits, (&mut catalogue, &mut asked));
     }
+    let suspects = std::mem::take(&mut asked.suspects);
+    outside::judge(model, suspects, limits, (&mut catalogue, &mut asked));
     summary(model, &asked, &mut catalogue);
     catalogue
 }
@@ -123,21 +130,17 @@ fn judge(system: &System<'_>, graph: &Graph, part: usize, (catalogue, asked): (&
         asked.stops = true;
         catalogue.findings.push(finding);
     }
+    let has_usings = !usings(system, part).is_empty();
+    let place = catalogue.findings.len();
+    let mut suspect = |node: usize, waits: bool, finding: Option<Finding>| {
+        let suspect = |finding| Suspect { part, node, waits, has_usings, place, finding };
+        asked.suspects.extend(finding.map(suspect));
+    };
     for node in promises(system, part) {
-        if let Some(finding) = stuck(system, graph, (part, node)) {
-            asked.stuck = true;
-            // What waits for a resource is not asked any more, so nothing is said to be proved of it.
-            asked.waits |= !usings(system, part).is_empty();
-            catalogue.findings.push(finding);
-            return;
-        }
+        suspect(node, false, stuck(system, graph, (part, node)));
     }
     for node in usings(system, part) {
-        if let Some(finding) = waits_for_ever(system, graph, (part, node)) {
-            asked.waits = true;
-            catalogue.findings.push(finding);
-            return;
-        }
+        suspect(node, true, waits_for_ever(system, graph, (part, node)));
     }
 }
 
@@ -233,16 +236,16 @@ fn promised(system: &System<'_>, part: usize, expression: &Expression, next: &mu
 
 /// A state from which a node that promises to end cannot, although no program fails.
 fn stuck(system: &System<'_>, graph: &Graph, (part, node): (usize, usize)) -> Option<Finding> {
+    let running = graph.which(system, |frame| waits_or_is_active(frame, (0, node), false));
     let is_active = |frame: &Frame| frame.states[0].is_node_active(node);
     let mut ended = graph.which(system, |frame| frame.phase != Phase::Idle && !is_active(frame));
-    let running = graph.which(system, |frame| frame.phase == Phase::Running && is_active(frame));
     let first = |ended: &[bool]| {
         let can = graph.can_reach(ended, &|label| system.is_natural(label));
         (0..graph.store.count()).find(|&state| running[state as usize] && !can[state as usize])
     };
     first(&ended)?;
     // What a loop starts anew at once has ended, too, although there is no state in which it is not active.
-    round_ends(system, graph, node, (&running, &mut ended));
+    ends_round(system, graph, (0, node), (&running, &mut ended));
     let state = first(&ended)?;
     let name = system.model.group_name(system.model.parts[part].group);
     let span = blocking(system, graph, (part, node), state);
@@ -254,13 +257,57 @@ fn stuck(system: &System<'_>, graph: &Graph, (part, node): (usize, usize)) -> Op
     Some(Finding::fails(with_advice(system, graph, state, found), Some(story_to_the_end(system, graph, state))))
 }
 
-/// Adds the states from which something that happens by itself ends a node.
-fn round_ends(system: &System<'_>, graph: &Graph, node: usize, (running, ended): (&[bool], &mut [bool])) {
+/// Whether a node of a unit waits for a resource, or is active at all, while nobody stops the whole.
+fn waits_or_is_active(frame: &Frame, (unit, node): (usize, usize), waits: bool) -> bool {
+    let state = &frame.states[unit];
+    frame.phase == Phase::Running && if waits { state.is_node_waiting(node) } else { state.is_node_active(node) }
+}
+
+/// Adds the states from which something that happens by itself ends a node of a unit.
+fn ends_round(
+    system: &System<'_>,
+    graph: &Graph,
+    (unit, node): (usize, usize),
+    (running, ended): (&[bool], &mut [bool]),
+) {
     let (mut frame, mut stepper) = (system.initial(), system.stepper());
+    let mut changes = Vec::new();
     for state in (0..graph.store.count()).filter(|&state| running[state as usize]) {
         system.unpack(graph.store.get(state), &mut frame);
-        let mut natural = graph.from(state).filter(|(label, _)| system.is_natural(*label));
-        ended[state as usize] |= natural.any(|(label, _)| stepper.ended(&frame, label).contains(&node));
+        for (label, _) in graph.from(state).filter(|(label, _)| system.is_natural(*label)) {
+            let is_own = unit_of(label) == Some(unit);
+            ended[state as usize] |= is_own && stepper.ended(&frame, label).contains(&node);
+            // What is around it may start the whole of it anew.
+            if let Some((around, member)) = system.units[unit].parent {
+                stepper.apply(&mut frame, label, Some(&mut changes));
+                ended[state as usize] |= changes.iter().any(|change| {
+                    let is_end = matches!(change.what, Changed::Done(_) | Changed::Aborted | Changed::Stopped);
+                    is_end && (change.unit, change.member) == (around, Some(member))
+                });
+                stepper.undo(&mut frame);
+            }
+        }
+    }
+}
+
+/// The unit to which something happens.
+fn unit_of(label: Label) -> Option<usize> {
+    match label {
+        Label::Start | Label::Stop => Some(0),
+        Label::Done(unit, ..)
+        | Label::Aborted(unit, _)
+        | Label::Stopped(unit, _)
+        | Label::Elapsed(unit, _)
+        | Label::Reached(unit)
+        | Label::Heard(unit, _) => Some(usize::from(unit)),
+        Label::Arrived(..)
+        | Label::Fault(..)
+        | Label::Second(..)
+        | Label::Lost
+        | Label::Noted(_)
+        | Label::Died(..)
+        | Label::Back(..)
+        | Label::TooMany(_) => None,
     }
 }
 

@@ -5,16 +5,17 @@ use super::graph::{Graph, Kind, Seat, Seen};
 use super::hosts::{Links, Tags, explore};
 use super::random::{Dice, TAGS, Taste, of_size};
 use super::rules::Reference;
-use super::term::{Conf, Outcome};
+use super::term::{Conf, Outcome, expression};
 use super::text::written;
 use language::algebra::Value;
 use language::plan::{Group, MemberKind, Plan};
-use language::{Options, Source, compile_with_sites};
+use language::sites::Sites;
+use language::{Code, Options, Source, compile_with_sites};
 use std::cell::OnceCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::rc::Rc;
-use verify::{Alone, Always, Limits, Story, Verdict};
+use verify::{Alone, Always, Finding, Limits, Story, Verdict};
 
 /// What came of a seed.
 #[derive(Debug)]
@@ -123,10 +124,38 @@ pub(crate) fn compare(seed: u64) -> Compared {
             }
         }
     }
+    differences.extend(hang_difference((&plan, &sites), &graph, &limits));
     match differences.is_empty() {
         true => Compared::Same(hold, fail),
         false => Compared::Differs(format!("seed {seed}: {}\n{text}", differences.join("\n"))),
     }
+}
+
+/// What is said without any sentence: whether a group may come to where it never ends, whatever is around it.
+fn hang_difference((plan, sites): (&Plan, &Sites), graph: &Graph, limits: &Limits<'_>) -> Option<String> {
+    // What promises to end is a whole group then.
+    if plan.groups.iter().any(|group| expression(group).is_service) {
+        return None;
+    }
+    let report = verify::verify(plan, sites, limits);
+    let is_hang =
+        |found: &Finding| found.diagnostic.as_ref().is_some_and(|it| [Code::E0811, Code::E0813].contains(&it.code));
+    let found = report.findings.iter().find(|found| is_hang(found));
+    let ends = |happened: &[(Seat, Kind)], seat: Seat| {
+        happened.iter().any(|(other, kind)| *other == seat && ENDS.contains(kind))
+    };
+    let may_hang = |seat: Seat| {
+        !graph.pays(false, false, |_, happened, seen| seen.active.contains(&seat) && !ends(happened, seat))
+    };
+    let inner = (0_u32..).zip(&plan.groups).flat_map(|(group, source)| {
+        let groups = (0_u32..).zip(&source.members).filter(|(_, member)| matches!(member.kind, MemberKind::Group(_)));
+        groups.map(move |(slot, _)| (group, slot))
+    });
+    let hangs = inner.into_iter().find(|seat| may_hang(*seat)).map_or(!graph.always_ends(), |_| true);
+    let story = found.and_then(|found| found.story.as_ref()).map(|story| story.lines().join("\n"));
+    (hangs != found.is_some()).then(|| {
+        format!("hangs: {hangs} by brute force, {:?}\n{}", found.map(|it| &it.sentence), story.unwrap_or_default())
+    })
 }
 
 /// Whether a group is what the verifier takes one for that it does not look into: it takes some time, with nothing that it stops at

@@ -44,6 +44,8 @@ pub(crate) struct Edge {
 pub(crate) struct Graph {
     pub(crate) seen: Vec<Seen>,
     pub(crate) edges: Vec<Vec<Edge>>,
+    /// Whether the whole has ended there.
+    pub(crate) ended: Vec<bool>,
 }
 
 impl Graph {
@@ -60,6 +62,20 @@ impl Graph {
             }
         }
         false
+    }
+
+    /// Whether it can end from everywhere, nobody failing and nobody asking for a stop.
+    pub(crate) fn always_ends(&self) -> bool {
+        let mut back = vec![Vec::new(); self.seen.len()];
+        for (state, edges) in self.edges.iter().enumerate() {
+            edges.iter().filter(|edge| edge.is_natural).for_each(|edge| back[edge.target].push(state));
+        }
+        let mut open: Vec<usize> = (0..self.seen.len()).filter(|&state| self.ended[state]).collect();
+        let mut known: BTreeSet<usize> = open.iter().copied().collect();
+        while let Some(at) = open.pop() {
+            open.extend(back[at].iter().copied().filter(|from| known.insert(*from)));
+        }
+        known.len() == self.seen.len()
     }
 
     /// Whether what a watcher notes as owed can always come, nobody failing and nobody asking for a stop. A calm one is asked

@@ -86,7 +86,7 @@ struct World<'p> {
 /// Explores a plan while any program may fail and the whole may be stopped at any time. Nothing if there are too many states.
 pub(crate) fn explore(plan: &Plan, tags: &Tags, links: Links) -> Option<Graph> {
     let first = World::new(plan, links);
-    let mut graph = Graph { seen: vec![Seen::default()], edges: vec![Vec::new()] };
+    let mut graph = Graph { seen: vec![Seen::default()], edges: vec![Vec::new()], ended: vec![false] };
     let mut known = BTreeMap::new();
     let mut open = VecDeque::from([(0, first)]);
     while let Some((state, world)) = open.pop_front() {
@@ -101,6 +101,7 @@ pub(crate) fn explore(plan: &Plan, tags: &Tags, links: Links) -> Option<Graph> {
             let target = *known.entry(next.key()).or_insert_with(|| {
                 graph.seen.push(next.seen());
                 graph.edges.push(Vec::new());
+                graph.ended.push(next.has_ended);
                 if !next.has_ended {
                     open.push_back((graph.seen.len() - 1, next));
                 }

@@ -1,0 +1,118 @@
+//! What may get stuck alone, and whether something around it ends it: a limit, or another process.
+//!
+//! A group is explored alone first, where nothing around it counts. What is found there is looked for again in each group around it, the
+//! nearest first, until one of them always goes on.
+
+use super::{Asked, Catalogue, ends_round, waits_or_is_active};
+use crate::explore::{Limits, Nobody, Reached, explore};
+use crate::finding::Finding;
+use crate::model::{Model, Seat};
+use crate::story::{Story, story_to_the_end};
+use crate::system::{Mode, System};
+
+/// A node of a part that cannot go on when the part is alone.
+#[derive(Debug)]
+pub(super) struct Suspect {
+    pub(super) part: usize,
+    pub(super) node: usize,
+    /// Whether it waits for a resource, and not only for its end.
+    pub(super) waits: bool,
+    /// Whether the part has anything that waits for a resource.
+    pub(super) has_usings: bool,
+    /// How many findings stand before it.
+    pub(super) place: usize,
+    pub(super) finding: Finding,
+}
+
+/// What comes of a suspect where it is not alone.
+enum Outside {
+    /// Something ends it.
+    Ends,
+    /// Nothing does; the story of it, if it is another than that of the part alone.
+    Stuck(Option<Story>),
+    Open(Reached),
+}
+
+/// Adds the suspects that nothing around them ends to the findings: one for each part, at its place.
+pub(super) fn judge(
+    model: &Model<'_>,
+    suspects: Vec<Suspect>,
+    limits: &Limits<'_>,
+    (catalogue, asked): (&mut Catalogue, &mut Asked),
+) {
+    let around = around(model);
+    let mut last = None;
+    let mut found: Vec<(usize, Finding)> = Vec::new();
+    for suspect in suspects {
+        if last == Some(suspect.part) {
+            continue;
+        }
+        let finding = match outside(model, &around, &suspect, limits) {
+            Outside::Ends => continue,
+            Outside::Stuck(story) => Finding { story: story.or(suspect.finding.story), ..suspect.finding },
+            Outside::Open(reached) => {
+                let name = model.group_name(model.parts[suspect.part].group);
+                let words = reached.words();
+                Finding::open(format!("whether something around `{name}` ends it where it gets stuck: {words}"))
+            }
+        };
+        last = Some(suspect.part);
+        asked.stuck |= !suspect.waits;
+        // Of a part that is stuck it is not asked any more what waits for a resource.
+        asked.waits |= suspect.waits || suspect.has_usings;
+        found.push((suspect.place, finding));
+    }
+    for (place, finding) in found.into_iter().rev() {
+        catalogue.findings.insert(place, finding);
+    }
+}
+
+/// For each part, the one around it.
+fn around(model: &Model<'_>) -> Vec<Option<usize>> {
+    let mut around = vec![None; model.parts.len()];
+    for (part, source) in model.parts.iter().enumerate() {
+        for seat in &source.members {
+            if let Seat::Part(inner) = seat {
+                around[*inner] = Some(part);
+            }
+        }
+    }
+    around
+}
+
+fn outside(model: &Model<'_>, around: &[Option<usize>], suspect: &Suspect, limits: &Limits<'_>) -> Outside {
+    let mut stuck = Outside::Stuck(None);
+    let mut inside = vec![suspect.part];
+    while let Some(root) = around[inside[inside.len() - 1]] {
+        // Whatever else may hang is looked into, too: two may each be all that ends the other.
+        let is_open = |part: usize| inside.contains(&part) || model.parts[part].may_hang;
+        let mut system = System::new(model, root, &is_open);
+        system.mode = Mode { aborts: true, stops: true, ..Mode::default() };
+        match stuck_in(&system, suspect, limits) {
+            Outside::Stuck(story) => stuck = Outside::Stuck(story),
+            other => return other,
+        }
+        inside.push(root);
+    }
+    stuck
+}
+
+fn stuck_in(system: &System<'_>, suspect: &Suspect, limits: &Limits<'_>) -> Outside {
+    let Some(unit) = system.units.iter().position(|unit| unit.part == suspect.part) else {
+        return Outside::Stuck(None);
+    };
+    let graph = explore(system, limits, true, &Nobody).graph;
+    if let Some(reached) = graph.reached {
+        return Outside::Open(reached);
+    }
+    let holds = graph.which(system, |frame| waits_or_is_active(frame, (unit, suspect.node), suspect.waits));
+    let mut ended: Vec<bool> = holds.iter().map(|holds| !holds).collect();
+    if !suspect.waits {
+        ends_round(system, &graph, (unit, suspect.node), (&holds, &mut ended));
+    }
+    let can = graph.can_reach(&ended, &|label| system.is_natural(label));
+    match (0..graph.store.count()).find(|&state| !can[state as usize]) {
+        Some(state) => Outside::Stuck(Some(story_to_the_end(system, &graph, state))),
+        None => Outside::Ends,
+    }
+}
