@@ -105,6 +105,11 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
     fn safe(&self, mode: Mode, whom: &[ProcessRef], goal: &Goal) -> Finding {
         let mut system = self.system(whom, mode);
         follow_starts(&mut system, &goal.begun());
+        if let Goal::Without(_, guard) = goal
+            && let Some(seat) = guard.member.and_then(|slot| system.find(guard.group, slot))
+        {
+            system.follow_link(seat);
+        }
         self.is_safe(&system, goal).unwrap_or_else(|| self.proved())
     }
 

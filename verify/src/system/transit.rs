@@ -69,6 +69,18 @@ impl System<'_> {
         self.transit = followed;
     }
 
+    /// Lets all orders to start that share a link with that to a member take their time: what comes after it on the link
+    /// finds it there.
+    pub(crate) fn follow_link(&mut self, (unit, member): (usize, u32)) {
+        let link = (self.host_of(unit), self.host_of_seat((unit, member)));
+        let mut others = Vec::new();
+        for unit in (0..self.units.len()).filter(|unit| self.host_of(*unit) == link.0 && link.0 != link.1) {
+            let slots = (0_u32..).zip(&self.units[unit].seats).map(|(slot, _)| (unit, slot));
+            others.extend(slots.filter(|seat| self.host_of_seat(*seat) == link.1));
+        }
+        self.follow_messages(&others);
+    }
+
     /// The host of the supervisor of a unit.
     fn host_of(&self, unit: usize) -> u32 {
         self.model.plan.groups[self.model.parts[self.units[unit].part].group as usize].host
