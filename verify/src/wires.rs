@@ -150,7 +150,7 @@ impl<'w, 'a> Watch<'w, 'a> {
             groups.iter().flat_map(|own| outwards(*own).into_iter().take_while(|outer| *outer != root)).collect();
         let is_open = |part: usize| model.parts[part].group == root || open.contains(&model.parts[part].group);
         let mut system = System::new(model, root as usize, &is_open);
-        system.mode = Mode { aborts: true, ..Mode::default() };
+        system.mode = Mode { aborts: true, stops: true, ..Mode::default() };
         let graph = explore(&system, limits, false, &Nobody).graph;
         if graph.reached.is_some() {
             return None;
