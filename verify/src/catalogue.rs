@@ -82,12 +82,19 @@ fn explore_part(
         let Found { graph, .. } = explore(&system, limits, true, &Nobody);
         catalogue.states += u64::from(graph.store.count());
         catalogue.transitions += graph.transitions;
+        is_whole &= graph.reached.is_none();
+        if graph.reached == Some(Reached::Time) {
+            // Nothing is looked at any more, so nobody asks how this one ends.
+            if aborts {
+                catalogue.unfinished.push((model.parts[part].group, Reached::Time));
+            }
+            continue;
+        }
         let over = graph.which(&system, is_over);
         ends[index] = ends_of(&system, &graph, &over);
         // From its start it can end, and from somewhere else it cannot.
         let can = graph.can_reach(&over, &|label| system.is_natural(label));
         may_hang |= can.first() == Some(&true) && can.contains(&false);
-        is_whole &= graph.reached.is_none();
         if aborts {
             if let Some(reached) = graph.reached {
                 catalogue.unfinished.push((model.parts[part].group, reached));
@@ -403,6 +410,20 @@ fn summary(model: &Model<'_>, asked: &Asked, catalogue: &mut Catalogue) {
         },
     );
     proved(asked.waits, "nobody waits for a resource for ever");
-    proved(asked.unreached, "every process is started in some order of events");
+    let unused = unused(model);
+    let but =
+        if unused.is_empty() { String::new() } else { format!(", but for {}, which nothing runs", unused.join(", ")) };
+    proved(asked.unreached, &format!("every process is started in some order of events{but}"));
     proved(asked.stops, "every stop ends");
+}
+
+/// The members of groups that no step names, as the reader calls them.
+fn unused(model: &Model<'_>) -> Vec<String> {
+    let mut unused = Vec::new();
+    for (group, source) in (0_u32..).zip(&model.plan.groups) {
+        let runs = crate::model::runs(&source.expression);
+        let slots = (0_u32..).zip(&source.members).map(|(slot, _)| slot).filter(|slot| !runs.contains(slot));
+        unused.extend(slots.map(|slot| format!("`{}`", model.name(group, slot))));
+    }
+    unused
 }

@@ -103,6 +103,22 @@ fn the_faults_of_the_door_are_those_of_the_manual() {
     expect_test::expect_file![root().join("docs/src/verify_door.md")].assert_eq(&page);
 }
 
+#[test]
+fn what_nothing_runs_is_not_said_to_be_started() {
+    let spec = Source::new(
+        "spec.dca",
+        "module Step { done; }
+        process main(){
+            host{c1}
+            instantiated_processes{ a instof Step(c1); spare instof Step(c1); }
+            internal_event_actions{ a }
+        }",
+    );
+    let (report, _) = verified(&spec, &[]).expect("it has a plan");
+    let said = "every process is started in some order of events, but for `spare`, which nothing runs";
+    assert!(report.findings.iter().any(|found| found.sentence == said), "{:?}", report.findings);
+}
+
 /// What a limit leaves open is not decided, also of the groups around it.
 #[test]
 fn a_limit_refuses_no_good_spec() {
