@@ -205,8 +205,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         console::say(&report.text(&loaded.spec, &loaded.interfaces, check::style()));
     }
     let story = report.findings.iter().find_map(|finding| Some((finding, finding.story.as_ref()?)));
-    if let Some((file, (finding, story))) = arguments.svg.as_ref().zip(story) {
-        whole_file::put(file, story.svg(&finding.sentence).as_bytes()).context("writing the picture")?;
+    match arguments.svg.as_ref().zip(story) {
+        Some((file, (finding, story))) => {
+            whole_file::put(file, story.svg(&finding.sentence).as_bytes()).context("writing the picture")?;
+        }
+        None if arguments.svg.is_some() => console::note("no picture is written: there is no story to draw"),
+        None => {}
     }
     if let Some(folder) = &arguments.test {
         crate::test::write(folder, &loaded, &report.findings)?;
