@@ -67,8 +67,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         hosts.iter().for_each(|(host, outcome)| console::say(&format!("{host}: {}", in_words(outcome))));
     }
     if let Some(hanging) = named(&hosts, |outcome| matches!(outcome, Outcome::Unknown(_))) {
-        let what = if arguments.release { "is released" } else { "runs there" };
-        return Err(Failure::Unreachable(anyhow!("nobody knows what {what}: {hanging}; the same command asks again")));
+        let what = if arguments.release { "may begin" } else { "runs" };
+        return Err(Failure::Unreachable(anyhow!(
+            "nobody knows what {what} on {hanging}; ask again with the same command"
+        )));
     }
     if let Some(refused) = named(&hosts, |outcome| matches!(outcome, Outcome::Refused(_))) {
         return Err(anyhow!("refused by {refused}").into());
@@ -102,7 +104,7 @@ async fn everywhere(clients: &Clients, request: &Request) -> Result<BTreeMap<Str
     }
     let away = absent::ask(&found).await;
     for host in away.hosts.iter().map(|one| &one.host).chain(&away.silent) {
-        hosts.entry(host.clone()).or_insert_with(|| Outcome::Unknown(away.word(host)));
+        hosts.entry(host.clone()).or_insert_with(|| Outcome::Unknown("does not answer".to_owned()));
     }
     if let Some(why) = clients.hanging() {
         hosts.insert("this machine".to_owned(), Outcome::Unknown(why));

@@ -28,7 +28,7 @@ fn a_node_that_leaves_is_not_waited_for() {
     let Report::Finished { ending: Ending::Aborted(failure), .. } = world.last_report(call) else {
         panic!("{:?}", world.last_report(call))
     };
-    assert_eq!(failure.cause, FailureCause::NotAvailable("its node left".into()));
+    assert_eq!(failure.cause, FailureCause::NotAvailable("its host has ended its part".into()));
     assert_eq!(world.alive, BTreeSet::new());
 }
 

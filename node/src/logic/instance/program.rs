@@ -313,7 +313,7 @@ impl Instance {
         let ending = if self.is_unconfirmed() {
             Ending::Unconfirmed
         } else {
-            Ending::Aborted(self.failure(FailureCause::NotAvailable("its node left".into()), context))
+            Ending::Aborted(self.failure(FailureCause::NotAvailable("its host has ended its part".into()), context))
         };
         self.finish(ending, context);
         context.notes.push(Note::Gone);

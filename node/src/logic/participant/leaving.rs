@@ -29,7 +29,11 @@ impl Participant {
             // What was taken for it is not free before its programs have ended.
             executer.abandon(context, out);
             let origin = self.plan.groups.get(group as usize).map(|group| group.path.clone()).unwrap_or_default();
-            let failure = Failure { origin, cause: FailureCause::NotAvailable("its node left".into()), at: since_go };
+            let failure = Failure {
+                origin,
+                cause: FailureCause::NotAvailable("its host has ended its part".into()),
+                at: since_go,
+            };
             let (target, activation) = (Target::Group(group), executer.activation());
             let ending = Ending::Aborted(failure);
             if let Some(host) = self.supervisors.get(&target).and_then(|(group, _)| group_host(&self.plan, *group)) {
