@@ -39,9 +39,11 @@ pub mod object;
 pub mod output;
 pub(crate) mod outputs;
 pub mod param;
+mod queue;
 pub(crate) mod reader;
 pub mod report;
 pub mod run;
+pub mod shown;
 pub mod sim;
 pub mod status;
 pub mod stop;
@@ -141,6 +143,8 @@ enum Verb {
     Call(object::CallArguments),
     /// Read a state that a running program exports
     Get(object::GetArguments),
+    /// Show the queues of running programs: what waits, and what was dropped or rejected
+    Queue(shown::Arguments),
     /// Stop a deployment everywhere
     Stop(stop::Arguments),
     /// Stop everything on every host at once, so that nothing begins before it is released; not a safety function
@@ -245,6 +249,7 @@ pub fn main() -> ExitCode {
         Verb::List(arguments) => list::run(&arguments),
         Verb::Call(arguments) => object::call(&arguments),
         Verb::Get(arguments) => object::get(&arguments),
+        Verb::Queue(arguments) => queue::run(&arguments),
         Verb::Stop(arguments) => stop::run(&arguments),
         Verb::Estop(arguments) => estop::run(&arguments),
         Verb::Param(arguments) => param::run(arguments),

@@ -6,6 +6,7 @@ pub mod mission;
 pub mod names;
 pub(crate) mod object;
 pub mod page;
+pub(crate) mod queues;
 pub mod record;
 pub(crate) mod sentence;
 pub(crate) mod story_test;

@@ -10,6 +10,8 @@ mod mujoco;
 mod patrol;
 #[path = "../pid/pid.rs"]
 mod pid;
+#[path = "../post/post.rs"]
+mod post;
 #[path = "../serial/serial.rs"]
 mod serial;
 
@@ -27,6 +29,7 @@ fn main() -> std::process::ExitCode {
     mujoco::add(&mut registry);
     patrol::add(&mut registry);
     pid::add(&mut registry);
+    post::add(&mut registry);
     serial::add(&mut registry);
     process::run(&registry)
 }

@@ -55,6 +55,12 @@ fn a_pid_loop_brings_a_motor_to_its_speeds() {
     assert_eq!(stands.code, Some(1), "{stands}");
 }
 
+/// The queue is smaller than what is ordered: what it rejects is handed in again, and all of it is taken once.
+#[test]
+fn orders_wait_in_a_queue() {
+    check_done(&run("post", |text, _| text), "post");
+}
+
 /// What is built on the exports of another takes its place, and nobody else notices but for the speed.
 #[test]
 fn a_guard_takes_the_place_of_the_wheels() {

@@ -114,13 +114,15 @@ pub struct MessageQueue {
     arrival: u64,
     seen: Seen,
     counters: QueueCounters,
+    last_sender: String,
 }
 
 impl MessageQueue {
     /// Returns an empty queue.
     pub fn new(settings: QueueSettings) -> Self {
         let (waiting, arrivals) = (BTreeMap::new(), BTreeMap::new());
-        Self { settings, waiting, arrivals, arrival: 0, seen: Seen::default(), counters: QueueCounters::default() }
+        let (seen, counters) = (Seen::default(), QueueCounters::default());
+        Self { settings, waiting, arrivals, arrival: 0, seen, counters, last_sender: String::new() }
     }
 
     /// Receives a message.
@@ -152,6 +154,7 @@ impl MessageQueue {
             self.make_room(message.header.priority)?;
         }
         self.seen.take(now, message.header.id);
+        self.last_sender.clone_from(&message.header.sender);
         self.arrival += 1;
         self.arrivals.insert(self.arrival, message.header.priority);
         self.waiting.insert((Reverse(message.header.priority), self.arrival), message);
@@ -222,6 +225,11 @@ impl MessageQueue {
     /// Returns what has passed through it.
     pub fn counters(&self) -> QueueCounters {
         self.counters
+    }
+
+    /// Returns the sender of the last message that it took in; empty before there was one.
+    pub fn last_sender(&self) -> &str {
+        &self.last_sender
     }
 
     /// Returns its declaration.

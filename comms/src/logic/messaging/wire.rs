@@ -41,6 +41,8 @@ pub struct QueueStatus {
     pub lock: String,
     /// What has passed through it.
     pub counters: QueueCounters,
+    /// The sender of the last message that it took in, as its header has it; empty before there was one.
+    pub last_sender: String,
 }
 
 /// To a router.
@@ -263,7 +265,7 @@ impl Enveloped for QueueRequest {
 
 impl Enveloped for QueueAnswer {
     const KIND: Kind = Kind::QueueAnswer;
-    const VERSION: u16 = 1;
+    const VERSION: u16 = 2;
     const SIZE_MAX: usize = 64 << 10;
 }
 

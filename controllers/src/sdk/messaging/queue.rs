@@ -96,6 +96,7 @@ impl<T: Message> Queue<T> {
             full: settings.full,
             lock: String::new(),
             counters: self.queue.counters(),
+            last_sender: self.queue.last_sender().to_owned(),
         }
     }
 }

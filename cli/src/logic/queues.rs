@@ -1,0 +1,175 @@
+//! Queues as people see them: `dca queue`.
+
+use crate::logic::tap::is_path;
+use comms::logic::messaging::queue::Full;
+use comms::logic::messaging::wire::QueueStatus;
+use node::logic::printable::printable;
+use node::logic::table::table;
+use serde_json::{Value, json};
+
+/// What a person means by `[DEPLOYMENT:]INSTANCE[.NAME]`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct ShownName {
+    deployment: Option<String>,
+    /// The end of a path; empty means all processes.
+    process: String,
+    /// The state; any if absent.
+    state: Option<String>,
+}
+
+/// A state that is shown in a table of its own: process, name and value are a row.
+pub(crate) trait Shown: Sized {
+    /// Returns a table for people.
+    fn table(rows: &[(String, String, Self)]) -> String;
+    /// Returns one object of JSON.
+    fn object(&self, process: &str, name: &str) -> Value;
+
+    /// Returns an array of JSON.
+    fn json(rows: &[(String, String, Self)]) -> String {
+        Value::Array(rows.iter().map(|(process, name, value)| value.object(process, name)).collect()).to_string()
+    }
+}
+
+impl ShownName {
+    /// Reads a name; says what is wrong with it.
+    pub(crate) fn parse(text: &str) -> Result<Self, String> {
+        let (deployment, rest) = match text.split_once(':') {
+            Some((deployment, rest)) => (Some(deployment.to_owned()), rest),
+            None => (None, text),
+        };
+        let (process, state) = match rest.rsplit_once('.') {
+            Some((process, state)) => (process, Some(state.to_owned())),
+            None => (rest, None),
+        };
+        let is_named = !process.is_empty() || (deployment.as_ref().is_some_and(|it| !it.is_empty()) && state.is_none());
+        if !is_named || state.as_ref().is_some_and(String::is_empty) {
+            return Err(format!(
+                "`{text}` names nothing: expected [DEPLOYMENT:]INSTANCE[.NAME], such as `base.commands`"
+            ));
+        }
+        Ok(Self { deployment, process: process.to_owned(), state })
+    }
+
+    /// Returns the process that is meant, as it was written.
+    pub(crate) fn process(&self) -> String {
+        let deployment = self.deployment.as_ref().map(|name| format!("{name}:")).unwrap_or_default();
+        format!("{deployment}{}", self.process)
+    }
+
+    /// Returns whether the process with this path, of this deployment, is meant.
+    pub(crate) fn is_process(&self, deployment: &str, path: &str) -> bool {
+        let is_meant = self.process.is_empty() || is_path(path, &self.process);
+        is_meant && self.deployment.as_ref().is_none_or(|named| named == deployment)
+    }
+
+    /// Returns whether the state of this name is meant.
+    pub(crate) fn is_state(&self, name: &str) -> bool {
+        self.state.as_ref().is_none_or(|state| state == name)
+    }
+}
+
+/// `reject`, `drop lowest`, `drop oldest`
+fn policy(full: Full) -> &'static str {
+    match full {
+        Full::Reject => "reject",
+        Full::DropLowest => "drop lowest",
+        Full::DropOldest => "drop oldest",
+    }
+}
+
+impl Shown for QueueStatus {
+    fn table(rows: &[(String, String, Self)]) -> String {
+        const HEAD: [&str; 10] =
+            ["QUEUE", "TYPE", "WAITING", "MOST", "IF FULL", "ACCEPTED", "TAKEN", "DROPPED", "REJECTED", "LAST SENDER"];
+        let mut lines = vec![HEAD.map(str::to_owned).to_vec()];
+        for (process, name, queue) in rows {
+            let counters = &queue.counters;
+            let count = |number: u64| number.to_string();
+            let sender = if queue.last_sender.is_empty() { "-" } else { &queue.last_sender };
+            let cells = [
+                format!("{process}.{name}"),
+                queue.type_name.clone(),
+                format!("{} of {}", counters.depth, queue.capacity),
+                count(counters.depth_max),
+                policy(queue.full).to_owned(),
+                count(counters.accepted),
+                count(counters.taken),
+                count(counters.dropped),
+                count(counters.rejected),
+                sender.to_owned(),
+            ];
+            lines.push(cells.map(|cell| printable(&cell).to_string()).to_vec());
+        }
+        table(&lines)
+    }
+
+    fn object(&self, process: &str, name: &str) -> Value {
+        let counters = &self.counters;
+        json!({
+            "process": process,
+            "name": name,
+            "type": self.type_name,
+            "fields": self.fields,
+            "waiting": counters.depth,
+            "waiting_max": counters.depth_max,
+            "capacity": self.capacity,
+            "full": policy(self.full),
+            "accepted": counters.accepted,
+            "taken": counters.taken,
+            "dropped": counters.dropped,
+            "rejected": counters.rejected,
+            "repeated": counters.repeated,
+            "last_sender": self.last_sender,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use comms::logic::messaging::queue::QueueCounters;
+
+    #[test]
+    fn names() {
+        let name = |text: &str| ShownName::parse(text).unwrap();
+        let one = name("door:main/base.commands");
+        assert!(one.is_process("door", "main/base") && !one.is_process("other", "main/base"));
+        assert!(one.is_state("commands") && !one.is_state("requests"));
+        let all = name("base");
+        assert!(all.is_process("door", "main/base") && all.is_state("commands"));
+        assert!(name("door:").is_process("door", "main/any") && !name("door:").is_process("gate", "main/any"));
+        assert_eq!(one.process(), "door:main/base");
+        for wrong in ["", ".commands", "base.", ":", "door:.x"] {
+            assert!(ShownName::parse(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn queues_are_shown() {
+        let queue = |last_sender: &str| QueueStatus {
+            type_name: "Speed".into(),
+            fields: String::new(),
+            capacity: 8,
+            full: Full::DropOldest,
+            lock: String::new(),
+            counters: QueueCounters {
+                depth: 1,
+                depth_max: 2,
+                accepted: 3,
+                taken: 4,
+                dropped: 5,
+                rejected: 6,
+                repeated: 7,
+            },
+            last_sender: last_sender.into(),
+        };
+        let row = |sender| ("d:main/a".to_owned(), "commands".to_owned(), queue(sender));
+        let text = QueueStatus::table(&[row("joy\u{1b}[2J"), row("")]);
+        let cells: Vec<Vec<&str>> = text.lines().map(|line| line.split_whitespace().collect()).collect();
+        let start = ["d:main/a.commands", "Speed", "1", "of", "8", "2", "drop", "oldest", "3", "4", "5", "6"];
+        assert_eq!(cells[1][..12], start);
+        assert!(!text.contains('\u{1b}') && cells[2][12] == "-", "{text}");
+        let json: Value = serde_json::from_str(&QueueStatus::json(&[row("joy")])).unwrap();
+        assert_eq!((&json[0]["waiting"], &json[0]["last_sender"]), (&1.into(), &"joy".into()));
+    }
+}
