@@ -239,9 +239,10 @@ fn system_of<'a>(model: &'a Model<'a>, strikes: &[&Strike]) -> Option<System<'a>
     Some(system)
 }
 
-/// The whole, with every group open that a loss may tear or that holds one of these members.
+/// The whole, with every group open that a loss may tear, that may hang, or that holds one of these members.
 pub(crate) fn torn<'a>(model: &'a Model<'a>, named: &[(u32, u32)]) -> System<'a> {
-    let mut open: Vec<bool> = (0_u32..).zip(&model.plan.groups).map(|(group, _)| is_torn(model, group)).collect();
+    let is_open = |group: u32| is_torn(model, group) || model.parts[group as usize].may_hang;
+    let mut open: Vec<bool> = (0_u32..).zip(&model.plan.groups).map(|(group, _)| is_open(group)).collect();
     for &(group, _) in named {
         open[group as usize] = true;
     }

@@ -4,6 +4,8 @@
 mod against_formula;
 #[path = "rewriting/against_hosts.rs"]
 mod against_hosts;
+#[path = "rewriting/against_loss.rs"]
+mod against_loss;
 #[path = "rewriting/against_step.rs"]
 mod against_step;
 #[path = "rewriting/against_verify.rs"]

@@ -43,7 +43,7 @@ impl<'m> Question<'_, 'm, '_> {
         let named: Vec<(u32, u32)> = all.iter().filter_map(|who| Some((who.group, who.member?))).collect();
         let mut system = torn(self.times.model, &named);
         system.notes = 1;
-        follow_starts(&mut system, &[]);
+        system.mode.hears_late = true;
         system.lose(loss);
         self.is_safe(&system, &Goal::BesideEachOther(all.to_vec()))
     }
@@ -144,6 +144,7 @@ impl<'m> Question<'_, 'm, '_> {
             let mut system = torn(model, named.as_slice());
             system.notes = 1;
             follow_starts(&mut system, &goal.begun());
+            system.mode.hears_late = true;
             system.lose(Loss { host, kind });
             self.on_loss_in(&system, consequence, &goal)
         })

@@ -50,10 +50,16 @@ impl System<'_> {
             labels.push(Label::Aborted(at, slot));
             return;
         }
+        let is_stopping = frame.states[unit].activity(member) == Activity::Stopping;
         if self.is_unheard(frame, (unit, member)) || self.is_under_way(frame, (unit, member)) {
+            if self.may_have_ended(frame, (unit, member)) {
+                match is_stopping {
+                    true => labels.push(Label::Stopped(at, slot)),
+                    false => labels.extend(ends[1].done.iter().map(|value| Label::Done(at, slot, self.number(value)))),
+                }
+            }
             return;
         }
-        let is_stopping = frame.states[unit].activity(member) == Activity::Stopping;
         let mut hangs = self.waits_for_ever(frame, (unit, member));
         let ends = &ends[usize::from(!self.mode.aborts)];
         let is_struck = |fault: Injection| (fault.unit, fault.member) == (unit, member);

@@ -200,6 +200,12 @@ impl System<'_> {
         self.is_severed(frame, seat) && !self.is_refused(frame, seat)
     }
 
+    /// Whether the report that a member has ended may be on its way since before the loss, and be heard.
+    pub(super) fn may_have_ended(&self, frame: &Frame, seat: (usize, u32)) -> bool {
+        let has_begun = self.flags(frame, seat) & (UNREACHED | HELD | WAITS) == 0 && !self.is_under_way(frame, seat);
+        self.mode.hears_late && has_begun && self.is_unheard(frame, seat)
+    }
+
     /// Whether a member that is active has not begun, because a lost host may still use what it needs.
     pub(crate) fn waits_for_ever(&self, frame: &Frame, seat: (usize, u32)) -> bool {
         self.flags(frame, seat) & WAITS != 0

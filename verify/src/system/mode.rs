@@ -17,6 +17,8 @@ pub(crate) struct Mode {
     pub(crate) second: Option<Injection>,
     /// This host may be lost.
     pub(crate) lost: Option<Loss>,
+    /// What a program on the lost host has come to before may be heard after the loss, until that is noted.
+    pub(crate) hears_late: bool,
 }
 
 /// A fault, and whom it strikes: a member of a unit.

@@ -148,6 +148,7 @@ impl Reaction<'_, '_> {
                 None
             }
             Label::Noted(host) => {
+                self.lose_late_orders(u32::from(host));
                 self.blows = self.system.note(self.frame, u32::from(host));
                 None
             }
@@ -210,12 +211,20 @@ impl Reaction<'_, '_> {
         Some((self.system.too_many(self.frame, unit), Event::Stop))
     }
 
-    /// Orders to stop that are on their way over what is lost do not arrive.
+    /// Orders to stop that are on their way to a host that has died do not arrive.
     fn lose_orders(&mut self) {
         for unit in 0..self.system.units.len() {
-            let is_severed =
-                self.system.units[unit].parent.is_some_and(|seat| self.system.is_severed(self.frame, seat));
-            if is_severed || self.system.is_silent(self.frame, unit) {
+            if self.system.is_silent(self.frame, unit) {
+                self.forget_order(unit);
+            }
+        }
+    }
+
+    /// What is still on its way over the loss to a host that has noted it does not arrive.
+    fn lose_late_orders(&mut self, host: u32) {
+        for unit in 0..self.system.units.len() {
+            let parent = self.system.units[unit].parent.filter(|_| self.system.host_of(unit) == host);
+            if parent.is_some_and(|seat| self.system.is_severed(self.frame, seat)) {
                 self.forget_order(unit);
             }
         }
@@ -319,7 +328,9 @@ impl Reaction<'_, '_> {
                     let seat = (unit, *member);
                     self.system.is_here(self.frame, seat);
                     let begins = self.system.begins(self.frame, seat);
-                    if begins && self.system.send_start(self.frame, seat, value) {
+                    // What is sent over a loss never arrives.
+                    let is_lost = !begins && self.system.is_severed(self.frame, seat) && self.system.is_followed(seat);
+                    if is_lost || begins && self.system.send_start(self.frame, seat, value) {
                         self.change(unit, Some(*member), || Changed::Sent);
                         continue;
                     }

@@ -82,7 +82,7 @@ impl System<'_> {
     }
 
     /// The host of the supervisor of a unit.
-    fn host_of(&self, unit: usize) -> u32 {
+    pub(super) fn host_of(&self, unit: usize) -> u32 {
         self.model.plan.groups[self.model.parts[self.units[unit].part].group as usize].host
     }
 
@@ -105,6 +105,11 @@ impl System<'_> {
         self.transit.seats.iter().position(|other| *other == seat)
     }
 
+    /// Whether it is known what is under way to and from a member.
+    pub(super) fn is_followed(&self, seat: (usize, u32)) -> bool {
+        self.transit_of(seat).is_some()
+    }
+
     fn message(&self, frame: &Frame, seat: (usize, u32)) -> u8 {
         self.transit_of(seat).map_or(0, |place| frame.transit[BYTES * place + WHAT])
     }
@@ -121,7 +126,7 @@ impl System<'_> {
 
     /// Whether a member is a group of which it is known what is under way.
     pub(super) fn is_distant_group(&self, seat: (usize, u32)) -> bool {
-        self.is_group(seat) && self.transit_of(seat).is_some()
+        self.is_group(seat) && self.is_followed(seat)
     }
 
     /// Whether a group is active for the supervisor around it and does not run: something is under way to or from it.

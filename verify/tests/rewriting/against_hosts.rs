@@ -1,5 +1,6 @@
 //! Brute force beside `verify`: the same verdicts on random small specs of groups on two hosts.
 
+use super::against_loss::{loss_difference, never_after_loss};
 use super::explore::explore as explore_group;
 use super::graph::{Graph, Kind, Seat, Seen};
 use super::hosts::{Links, Tags, explore};
@@ -48,9 +49,11 @@ enum Form {
     NeverAsFormula,
     OnlyAfterAsFormula,
     AfterAsFormula,
+    /// Of the second member, once `c2` is lost.
+    LossNever,
 }
 
-const FORMS: [Form; 17] = [
+const FORMS: [Form; 18] = [
     Form::NeverWith,
     Form::Implies,
     Form::OnlyAfterDone,
@@ -68,6 +71,7 @@ const FORMS: [Form; 17] = [
     Form::NeverAsFormula,
     Form::OnlyAfterAsFormula,
     Form::AfterAsFormula,
+    Form::LossNever,
 ];
 /// So many pairs of members are asked about.
 const PAIRS: usize = 3;
@@ -87,8 +91,9 @@ pub(crate) fn compare(seed: u64) -> Compared {
             pairs.push((a, b));
         }
     }
-    let asked: Vec<(Form, Seat, Seat)> =
-        pairs.into_iter().flat_map(|(a, b)| FORMS.into_iter().map(move |form| (form, a, b))).collect();
+    let is_asked = |form: &Form| made.is_on_two_hosts() || !matches!(form, Form::LossNever);
+    let forms = |(a, b)| FORMS.into_iter().filter(is_asked).map(move |form| (form, a, b));
+    let asked: Vec<(Form, Seat, Seat)> = pairs.into_iter().flat_map(forms).collect();
     let words: Vec<String> = asked.iter().map(|asked| made.words(*asked)).collect();
     let (text, tags) = made.text(&words);
     let source = Source::new("random.dca", text.clone());
@@ -109,7 +114,14 @@ pub(crate) fn compare(seed: u64) -> Compared {
     let (mut hold, mut fail, mut differences) = (0, 0, Vec::new());
     for (((form, a, b), words), finding) in asked.iter().zip(&words).zip(&found) {
         let asked = (*form, seats(*a), seats(*b));
+        if matches!(form, Form::LossNever) {
+            differences.extend(never_after_loss((&plan, &tags), asked.2, finding));
+            continue;
+        }
         let holds = holds((&plan, Around::Them), asked, &graph);
+        if matches!(form, Form::NeverWith) && finding.verdict == Verdict::Proved {
+            differences.extend(loss_difference((&plan, &tags), (asked.1, asked.2), finding));
+        }
         match (holds, finding.verdict) {
             (true, Verdict::Proved) => hold += 1,
             (false, Verdict::Fails) => fail += 1,
@@ -214,6 +226,11 @@ impl Made {
         groups.flat_map(|(group, source)| (0_u32..).zip(&source.members).map(move |(slot, _)| (group, slot))).collect()
     }
 
+    /// Whether anything is on `c2`.
+    fn is_on_two_hosts(&self) -> bool {
+        self.hosts.iter().any(|(own, others)| *own == 1 || others.contains(&1))
+    }
+
     /// What a member is called in a sentence about `main`.
     fn name(&self, (group, slot): Seat) -> String {
         match group {
@@ -242,6 +259,7 @@ impl Made {
             Form::NeverAsFormula => format!("holds ltl \"G !({a} & {b})\""),
             Form::OnlyAfterAsFormula => format!("holds ltl \"!{a}.started W {b}.started\""),
             Form::AfterAsFormula => format!("holds ltl \"G ({a}.done -> G !{b}.started)\""),
+            Form::LossNever => format!("on loss of host(c2): never {b}"),
         }
     }
 
@@ -362,6 +380,7 @@ fn holds((plan, groups): (&Plan, Around), (form, a, b): (Form, Seat, Seat), grap
         Form::AfterStartNever => order((a, &[Kind::Started]), b, false),
         Form::AfterEndNever => order((a, ENDS), b, false),
         Form::AtMostOnce => order((a, &[Kind::Started]), a, false),
+        Form::LossNever => unreachable!("it is asked of another graph"),
         // What happens at once has no order in a formula.
         Form::OnlyAfterAsFormula => !graph.objects(|was, happened, _| {
             let has = |seat: Seat| happened.contains(&(seat, Kind::Started));

@@ -27,6 +27,8 @@ pub(crate) struct Seen {
     pub(crate) unheard: BTreeSet<Seat>,
     /// The groups in which something is being stopped, or a `shield` or a `finally` holds a stop up.
     pub(crate) stopping: BTreeSet<u32>,
+    /// Whether a host has been lost.
+    pub(crate) is_lost: bool,
 }
 
 /// The way to a state.

@@ -5,6 +5,9 @@
 //! for an order to stop a group, which may take its time. Nothing of this is shared with the verifier, which keeps no queues
 //! and leaves out what no sentence can tell apart.
 
+#[path = "loss.rs"]
+mod loss;
+
 use super::explore::armed;
 use super::graph::{Edge, Graph, Kind, Seat, Seen};
 use super::rules::{Event, Order, Reference};
@@ -13,6 +16,8 @@ use language::algebra::Value;
 use language::plan::{MemberKind, Plan};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::rc::Rc;
+
+pub(crate) use loss::{Fate, Loss};
 
 /// Larger graphs are left out.
 const STATES_MAX: usize = 1_500;
@@ -53,6 +58,12 @@ enum Move {
     Reached(u32),
     /// What is at the front of the queue from one host to another arrives.
     Arrives(Way),
+    /// The host that may be lost is.
+    Lost,
+    /// The node of a host notes the loss.
+    Noted(u32),
+    /// A supervisor hears from its own node that a member is out of reach.
+    Refused(Seat),
 }
 
 /// What may overtake what on the way from one host to another.
@@ -81,11 +92,22 @@ struct World<'p> {
     is_stopping: bool,
     has_ended: bool,
     happened: Vec<(Seat, Kind)>,
+    /// What may be lost, if anything, and what has become of it.
+    loss: Option<Loss>,
+    rift: loss::Rift,
 }
 
 /// Explores a plan while any program may fail and the whole may be stopped at any time. Nothing if there are too many states.
 pub(crate) fn explore(plan: &Plan, tags: &Tags, links: Links) -> Option<Graph> {
-    let first = World::new(plan, links);
+    explore_from(World::new(plan, links), tags)
+}
+
+/// Explores a plan while a host may be lost, no program fails, and nobody asks for a stop. What is seen is what really runs.
+pub(crate) fn explore_loss(plan: &Plan, tags: &Tags, loss: Loss) -> Option<Graph> {
+    explore_from(World { loss: Some(loss), ..World::new(plan, Links::InOrder) }, tags)
+}
+
+fn explore_from(first: World<'_>, tags: &Tags) -> Option<Graph> {
     let mut graph = Graph { seen: vec![Seen::default()], edges: vec![Vec::new()], ended: vec![false] };
     let mut known = BTreeMap::new();
     let mut open = VecDeque::from([(0, first)]);
@@ -102,7 +124,7 @@ pub(crate) fn explore(plan: &Plan, tags: &Tags, links: Links) -> Option<Graph> {
                 graph.seen.push(next.seen());
                 graph.edges.push(Vec::new());
                 graph.ended.push(next.has_ended);
-                if !next.has_ended {
+                if !next.has_ended || next.rift.is_lost {
                     open.push_back((graph.seen.len() - 1, next));
                 }
                 graph.seen.len() - 1
@@ -126,6 +148,8 @@ impl<'p> World<'p> {
             is_stopping: false,
             has_ended: false,
             happened: Vec::new(),
+            loss: None,
+            rift: loss::Rift::default(),
         }
     }
 
@@ -133,7 +157,7 @@ impl<'p> World<'p> {
         let states: Vec<_> = self.supervisors.iter().map(|one| (&one.conf, &one.queue)).collect();
         let queues: Vec<_> = self.queues.iter().filter(|(_, queue)| !queue.is_empty()).collect();
         let (stopping, ended) = (self.is_stopping, self.has_ended);
-        format!("{states:?} {:?} {queues:?} {:?} {stopping} {ended}", self.programs, self.orders)
+        format!("{states:?} {:?} {queues:?} {:?} {stopping} {ended} {:?}", self.programs, self.orders, self.rift)
     }
 
     // ---- where things are ----
@@ -186,6 +210,10 @@ impl<'p> World<'p> {
     }
 
     fn seen(&self) -> Seen {
+        if self.loss.is_some() {
+            let active = self.programs.keys().copied().collect();
+            return Seen { active, is_lost: self.rift.is_lost, ..Seen::default() };
+        }
         if self.has_ended {
             return Seen::default();
         }
@@ -200,7 +228,7 @@ impl<'p> World<'p> {
         let starting = messages().filter_map(start).collect();
         let is_group = |seat: &Seat| matches!(self.kind(*seat), MemberKind::Group(_));
         let unheard = messages().filter_map(end).filter(is_group).collect();
-        Seen { active, running, starting, unheard, stopping: self.stopping() }
+        Seen { active, running, starting, unheard, stopping: self.stopping(), is_lost: false }
     }
 
     fn stopping(&self) -> BTreeSet<u32> {
@@ -218,13 +246,17 @@ impl<'p> World<'p> {
         if state == 0 {
             return vec![Move::Start];
         }
-        let mut all = if self.is_stopping { Vec::new() } else { vec![Move::Stop] };
+        let is_calm = self.loss.is_some();
+        let mut all = if self.is_stopping || is_calm { Vec::new() } else { vec![Move::Stop] };
+        self.loss_moves(&mut all);
         for (&seat, &is_told) in &self.programs {
             if is_told {
                 all.push(Move::Ends(seat, End::Stopped));
                 continue;
             }
-            all.push(Move::Ends(seat, End::Failed));
+            if !is_calm {
+                all.push(Move::Ends(seat, End::Failed));
+            }
             if self.plan.groups[seat.0 as usize].members[seat.1 as usize].service {
                 continue;
             }
@@ -236,7 +268,7 @@ impl<'p> World<'p> {
                 })),
             }
         }
-        for (group, supervisor) in (0_u32..).zip(&self.supervisors) {
+        for (group, supervisor) in (0_u32..).zip(&self.supervisors).filter(|(group, _)| !self.is_silent(*group)) {
             let mut timers = Vec::new();
             supervisor.conf.iter().for_each(|conf| armed(conf, &mut timers));
             all.extend(timers.into_iter().map(|timer| Move::Elapsed(group, timer)));
@@ -264,7 +296,18 @@ impl<'p> World<'p> {
                 self.ends(seat, end)
             }
             Move::Arrives(link) => self.arrives(link),
+            Move::Lost => {
+                self.is_lost();
+                None
+            }
+            Move::Noted(host) => return self.note(host),
+            Move::Refused(seat) => self.gives_up(seat),
         };
+        self.follow(work);
+    }
+
+    /// Lets everything happen that follows at once.
+    fn follow(&mut self, work: Option<Work>) {
         let mut open: VecDeque<Work> = work.into_iter().collect();
         while let Some(work) = open.pop_front() {
             self.react(work, &mut open);
@@ -318,6 +361,10 @@ impl<'p> World<'p> {
     }
 
     fn react(&mut self, work: Work, open: &mut VecDeque<Work>) {
+        let (Work::Begin(of, _) | Work::Halt(of) | Work::Happen(of, _)) = &work;
+        if self.is_silent(*of) {
+            return;
+        }
         let (group, ended) = match work {
             Work::Begin(group, value) => (group, self.supervisors[group as usize].begin(value)),
             Work::Halt(group) if self.supervisors[group as usize].conf.is_none() => return,
@@ -356,6 +403,9 @@ impl<'p> World<'p> {
     }
 
     fn send(&mut self, (from, to): (u32, u32), seat: Seat, message: Message) {
+        if self.is_cut(from, to) {
+            return;
+        }
         let own = (self.links == Links::EachMember).then_some(seat);
         self.queues.entry((from, to, own)).or_default().push_back(message);
     }

@@ -1,0 +1,58 @@
+//! Brute force beside what `verify` says of the loss of a host.
+
+use super::graph::{Kind, Seat};
+use super::hosts::{Fate, Loss, Tags, explore_loss};
+use language::plan::{MemberKind, Plan};
+use verify::{Finding, Story, Verdict};
+
+/// Whether something may start once `c2` has died or is cut off. What fails because that host has only lost its programs is not
+/// compared.
+pub(crate) fn never_after_loss((plan, tags): (&Plan, &Tags), who: Seat, finding: &Finding) -> Option<String> {
+    let host = (0_u32..).zip(&plan.hosts).find(|(_, name)| *name == "c2").map(|(host, _)| host)?;
+    if has_using(plan) {
+        return None;
+    }
+    let mut may_start = false;
+    for fate in [Fate::Dead, Fate::Cut] {
+        let graph = explore_loss(plan, tags, Loss { host, fate })?;
+        may_start |=
+            graph.objects(|_, happened, seen| match seen.is_lost && happened.contains(&(who, Kind::Started)) {
+                true => Err(()),
+                false => Ok(false),
+            });
+    }
+    let story = finding.story.as_ref().map(|story| Story::lines(story).join("\n")).unwrap_or_default();
+    let is_other = finding.verdict == Verdict::Fails && story.contains("LOSES ALL ITS PROGRAMS");
+    let differs = may_start != (finding.verdict == Verdict::Fails) && !is_other;
+    differs.then(|| format!("`{}`: it may start: {may_start} by brute force\n{story}", finding.sentence))
+}
+
+fn has_using(plan: &Plan) -> bool {
+    plan.groups.iter().any(|group| format!("{:?}", group.expression).contains("Using"))
+}
+
+/// What is said below the proof that two never run at the same time: whether they may once a host has died or is cut off. Nothing is
+/// compared where something is taken with `using`, since that stays taken.
+pub(crate) fn loss_difference((plan, tags): (&Plan, &Tags), (a, b): (Seat, Seat), finding: &Finding) -> Option<String> {
+    let is_group =
+        |(group, slot): Seat| matches!(plan.groups[group as usize].members[slot as usize].kind, MemberKind::Group(_));
+    if is_group(a) || is_group(b) || has_using(plan) {
+        return None;
+    }
+    let mut may_run = false;
+    for host in 0..u32::try_from(plan.hosts.len()).expect("few hosts") {
+        for fate in [Fate::Dead, Fate::Cut] {
+            let graph = explore_loss(plan, tags, Loss { host, fate })?;
+            may_run |= graph.seen.iter().any(|seen| seen.active.contains(&a) && seen.active.contains(&b));
+        }
+    }
+    let story = finding.assumes.as_ref().and_then(|it| it.story.as_ref()).map(|story| Story::lines(story).join("\n"));
+    (may_run != finding.assumes.is_some()).then(|| {
+        format!(
+            "`{}`: after a loss both may run: {may_run} by brute force, {:?}\n{}",
+            finding.sentence,
+            finding.assumes.as_ref().map(|it| &it.text),
+            story.unwrap_or_default()
+        )
+    })
+}

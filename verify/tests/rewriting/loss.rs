@@ -1,0 +1,123 @@
+//! The loss of a host in the world of several hosts: what its death or a cut does, by the manual's page "When hosts cannot be
+//! reached", for programs without an `on_link_loss`.
+//!
+//! What is under way arrives until the node at its end has noted the loss; what is sent after it never does. A node that has lost the
+//! home leaves. The supervisors that are left hear that what ran beyond the loss has failed, or that nobody confirms its stop.
+
+use super::{Event, Move, Seat, Work, World};
+use language::plan::MemberKind;
+use std::collections::BTreeSet;
+
+/// Which host may be lost, and how.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Loss {
+    pub(crate) host: u32,
+    pub(crate) fate: Fate,
+}
+
+/// What has become of a lost host.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Fate {
+    /// It does nothing any more.
+    Dead,
+    /// It goes on, and nothing passes between it and the others.
+    Cut,
+}
+
+/// What has happened of a loss.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Rift {
+    pub(super) is_lost: bool,
+    /// The hosts whose nodes have noted it.
+    noted: BTreeSet<u32>,
+    /// The hosts where nothing runs any more.
+    left: BTreeSet<u32>,
+}
+
+impl World<'_> {
+    /// Whether the loss stands between two hosts.
+    pub(super) fn is_cut(&self, one: u32, other: u32) -> bool {
+        self.loss.is_some_and(|loss| self.rift.is_lost && (one == loss.host) != (other == loss.host))
+    }
+
+    /// Whether the supervisor of a group does nothing any more.
+    pub(super) fn is_silent(&self, group: u32) -> bool {
+        self.rift.left.contains(&self.plan.groups[group as usize].host)
+    }
+
+    pub(super) fn loss_moves(&self, all: &mut Vec<Move>) {
+        if self.loss.is_none() {
+            return;
+        }
+        if !self.rift.is_lost {
+            return all.push(Move::Lost);
+        }
+        let hosts = 0..u32::try_from(self.plan.hosts.len()).expect("few hosts");
+        let unknowing = hosts.filter(|host| !self.rift.left.contains(host) && !self.rift.noted.contains(host));
+        all.extend(unknowing.map(Move::Noted));
+        all.extend(self.out_of_reach(|host| self.rift.noted.contains(&host)).into_iter().map(Move::Refused));
+    }
+
+    /// The members beyond the loss that are active for a supervisor on such a host.
+    fn out_of_reach(&self, is_on: impl Fn(u32) -> bool) -> Vec<Seat> {
+        let mut seats = Vec::new();
+        for (group, source) in (0_u32..).zip(&self.plan.groups).filter(|(group, _)| !self.is_silent(*group)) {
+            let slots = (0_u32..).zip(&source.members).map(|(slot, _)| (group, slot));
+            let is_away =
+                |seat: &Seat| self.link(*seat).is_some_and(|(own, other)| is_on(own) && self.is_cut(own, other));
+            seats.extend(slots.filter(|seat| is_away(seat) && self.is_being_stopped(*seat).is_some()));
+        }
+        seats
+    }
+
+    pub(super) fn is_lost(&mut self) {
+        self.rift.is_lost = true;
+        if let Some(loss) = self.loss.filter(|loss| loss.fate == Fate::Dead) {
+            self.leaves(loss.host);
+        }
+    }
+
+    /// Nothing runs on a host any more, and nothing reaches it.
+    fn leaves(&mut self, host: u32) {
+        self.rift.left.insert(host);
+        self.queues.retain(|(_, to, _), _| *to != host);
+        let gone: Vec<Seat> = self.programs.keys().copied().filter(|seat| self.host_of(*seat) == host).collect();
+        self.programs.retain(|seat, _| !gone.contains(seat));
+    }
+
+    fn host_of(&self, seat: Seat) -> u32 {
+        match self.kind(seat) {
+            MemberKind::Leaf(leaf) => self.plan.leaves[leaf as usize].host,
+            MemberKind::Group(inner) => self.plan.groups[inner as usize].host,
+        }
+    }
+
+    /// The node of a host notes the loss.
+    pub(super) fn note(&mut self, host: u32) {
+        let is_late = |from: u32| self.is_cut(from, host);
+        let late: Vec<_> = self.queues.keys().copied().filter(|(from, to, _)| *to == host && is_late(*from)).collect();
+        late.iter().for_each(|way| drop(self.queues.remove(way)));
+        if self.is_cut(self.plan.groups[0].host, host) {
+            return self.leaves(host);
+        }
+        self.rift.noted.insert(host);
+        // Programs here whose supervisors are beyond the loss stop by their own rules.
+        let own = |seat: &Seat| self.plan.groups[seat.0 as usize].host;
+        let here = self.programs.keys().copied().filter(|seat| self.host_of(*seat) == host);
+        let gone: Vec<Seat> = here.filter(|seat| self.is_cut(own(seat), host)).collect();
+        self.programs.retain(|seat, _| !gone.contains(seat));
+        for seat in self.out_of_reach(|own| own == host) {
+            let work = self.gives_up(seat);
+            self.follow(work);
+        }
+    }
+
+    /// What a supervisor hears of a member beyond the loss.
+    pub(super) fn gives_up(&self, (group, slot): Seat) -> Option<Work> {
+        let event = match self.is_being_stopped((group, slot))? {
+            true => Event::Unconfirmed(slot),
+            false => Event::Aborted(slot),
+        };
+        Some(Work::Happen(group, event))
+    }
+}
