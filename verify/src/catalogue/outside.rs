@@ -90,7 +90,7 @@ fn outside(model: &Model<'_>, around: &[Option<usize>], suspect: &Suspect, limit
         system.mode = Mode { aborts: true, stops: true, ..Mode::default() };
         match stuck_in(&system, suspect, limits) {
             Outside::Stuck(story) => stuck = Outside::Stuck(story),
-            other => return other,
+            found @ (Outside::Ends | Outside::Open(_)) => return found,
         }
         inside.push(root);
     }
