@@ -42,6 +42,7 @@ pub mod param;
 mod queue;
 pub(crate) mod reader;
 pub mod report;
+mod router;
 pub mod run;
 pub mod shown;
 pub mod sim;
@@ -145,6 +146,8 @@ enum Verb {
     Get(object::GetArguments),
     /// Show the queues of running programs: what waits, and what was dropped or rejected
     Queue(shown::Arguments),
+    /// Show the routers of running programs: who has subscribed, with which filters, and what was lost
+    Router(shown::Arguments),
     /// Stop a deployment everywhere
     Stop(stop::Arguments),
     /// Stop everything on every host at once, so that nothing begins before it is released; not a safety function
@@ -250,6 +253,7 @@ pub fn main() -> ExitCode {
         Verb::Call(arguments) => object::call(&arguments),
         Verb::Get(arguments) => object::get(&arguments),
         Verb::Queue(arguments) => queue::run(&arguments),
+        Verb::Router(arguments) => router::run(&arguments),
         Verb::Stop(arguments) => stop::run(&arguments),
         Verb::Estop(arguments) => estop::run(&arguments),
         Verb::Param(arguments) => param::run(arguments),

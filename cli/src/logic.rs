@@ -8,6 +8,7 @@ pub(crate) mod object;
 pub mod page;
 pub(crate) mod queues;
 pub mod record;
+mod routers;
 pub(crate) mod sentence;
 pub(crate) mod story_test;
 pub(crate) mod tap;

@@ -1,16 +1,23 @@
-//! Orders through a queue: a clerk who takes the most urgent one first, and customers who order.
+//! Orders through a queue, and news of them through a router: a clerk who takes the most urgent order first, and customers who
+//! order and hear when their own orders are ready.
 
 use crate::headline;
-use controllers::sdk::messaging::{Full, Queue, QueueClient, QueueMessage, Receipt, SendEnd};
+use controllers::sdk::messaging::{
+    Delivery, Filter, Full, Queue, QueueClient, QueueMessage, Receipt, Router, RouterUser, SendEnd, Subscribed,
+    Subscription,
+};
 use controllers::sdk::serde::{Deserialize, Serialize};
 use controllers::sdk::{
-    About, Arguments, Calls, Controller, Exports, Kind, Message, Outputs, Parameter, Progress, Quantity, Registry,
-    Signal, Tick,
+    About, Arguments, Calls, Controller, Exports, Kind, Message, ObjectError, Outputs, Parameter, Progress, Quantity,
+    Registry, Signal, Tick,
 };
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 /// How many orders wait for the clerk.
 const ORDERS_MAX: usize = 8;
+/// How many news wait for a customer.
+const NEWS_MAX: usize = 64;
 /// How long a customer tries to hand in an order.
 const WITHIN: Duration = Duration::from_secs(30);
 
@@ -34,6 +41,9 @@ struct Clerk {
     /// How long this one still takes (s).
     left: f64,
     orders: Queue<Order>,
+    /// Whose order it is that is worked on, and its marker.
+    of: Option<(String, u64, Order)>,
+    ready: Router<Order>,
     amount: f64,
 }
 
@@ -52,6 +62,8 @@ impl Controller for Clerk {
             pace: arguments.number("pace"),
             left: 0.0,
             orders: Queue::new(ORDERS_MAX, Full::Reject),
+            of: None,
+            ready: Router::new("clerk", NEWS_MAX).map_err(|cause| cause.to_string())?,
             amount: 0.0,
         })
     }
@@ -59,16 +71,29 @@ impl Controller for Clerk {
     fn exports(exports: &mut Exports<Self>) {
         exports
             .procedure("Orders", "Takes an order.", |clerk: &mut Self, message| Ok(clerk.orders.receive(message)))
-            .state("orders", "The orders that wait.", |clerk| clerk.orders.status());
+            .state("orders", "The orders that wait.", |clerk| clerk.orders.status())
+            .procedure_later("Ready", "Tells of orders that are ready.", |clerk: &mut Self, subscription, reply| {
+                clerk.ready.ask(subscription, reply);
+            })
+            .state("ready", "Who is told of orders that are ready.", |clerk| clerk.ready.status());
     }
 
     fn main_calc(&mut self, tick: Tick, (): &(), (): &mut ()) -> Progress {
         self.left -= tick.dt();
-        if self.left <= 0.0
-            && let Some(order) = self.orders.take(tick.now)
-        {
-            (self.amount, self.left) = (self.amount + order.data.amount, self.pace);
+        if self.left <= 0.0 {
+            if let Some((customer, marker, order)) = self.of.take() {
+                self.amount += order.amount;
+                // Its category is the customer, by which the customers filter.
+                if let Err(why) = self.ready.send(tick.now, (&customer, 0, marker), &order) {
+                    return Progress::Aborted(why);
+                }
+            }
+            if let Some(order) = self.orders.take(tick.now) {
+                self.of = Some((order.header.sender, order.header.marker, order.data));
+                self.left = self.pace;
+            }
         }
+        self.ready.work(tick.now);
         Progress::Continue
     }
 
@@ -82,13 +107,20 @@ struct CustomerOutputs {
     /// The clerk's queue.
     #[calls("Orders")]
     orders: Calls<QueueMessage, Receipt>,
+    /// The clerk's router.
+    #[calls("Ready", optional)]
+    ready: Calls<Subscription, Delivery>,
 }
 
-/// Hands in some orders, and is done when all of them are accepted.
+/// Hands in some orders, and is done when all of them are ready; if it is connected to no router, when they are accepted.
 struct Customer {
     count: u64,
     priority: u8,
     client: QueueClient<Order>,
+    user: RouterUser,
+    news: Queue<Order>,
+    /// The markers of orders that are ready.
+    ready: BTreeSet<u64>,
     sent: u64,
     accepted: u64,
     is_waiting: bool,
@@ -108,14 +140,26 @@ impl Controller for Customer {
         About::task("Hands in orders.").every(Duration::from_millis(5)).with(ORDERS)
     }
 
+    fn exports(exports: &mut Exports<Self>) {
+        exports.state("news", "The news that wait.", |customer| customer.news.status());
+    }
+
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "both are within their ranges")]
     fn new(arguments: &Arguments) -> Result<Self, String> {
-        let client = QueueClient::new(arguments.text("name")).map_err(|cause| cause.to_string())?;
+        let name = arguments.text("name");
+        let client = QueueClient::new(name).map_err(|cause| cause.to_string())?;
+        let own = Filter { category: Some(name.to_owned()), ..Filter::default() };
+        let user = RouterUser::new(name, vec![own]).map_err(|cause| cause.to_string())?;
+        let (news, ready) = (Queue::new(NEWS_MAX, Full::Reject), BTreeSet::new());
         let (count, priority) = (arguments.number("count") as u64, arguments.number("priority") as u8);
-        Ok(Self { count, priority, client, sent: 0, accepted: 0, is_waiting: false })
+        Ok(Self { count, priority, client, user, news, ready, sent: 0, accepted: 0, is_waiting: false })
     }
 
     fn main_calc(&mut self, tick: Tick, (): &(), outputs: &mut CustomerOutputs) -> Progress {
+        self.user.work(tick.now, &mut outputs.ready, &mut self.news);
+        while let Some(news) = self.news.take(tick.now) {
+            self.ready.insert(news.header.marker);
+        }
         self.client.work(tick.now, &mut outputs.orders);
         while let Some((_, end)) = self.client.end_of() {
             self.is_waiting = false;
@@ -127,11 +171,24 @@ impl Controller for Customer {
                 SendEnd::Deadline => return Progress::Aborted("the clerk does not answer".to_owned()),
             }
         }
-        if self.accepted >= self.count {
+        // A customer who hears no news would miss what is ready before it hears them.
+        let hears = match self.user.state() {
+            Subscribed::Yes => true,
+            // A spec need not connect it.
+            Subscribed::Unknown(ObjectError::NotConnected { .. }) => false,
+            Subscribed::Asking | Subscribed::Refused(_) | Subscribed::Unknown(_) => return Progress::Continue,
+        };
+        let done = if hears { u64::try_from(self.ready.len()).unwrap_or(u64::MAX) } else { self.accepted };
+        if done >= self.count {
             return Progress::Done(Vec::new());
         }
         if !self.is_waiting && self.sent < self.count {
-            let sent = self.client.send(tick.now, ("order", self.priority, 0), (&Order { amount: 1.0 }, None), WITHIN);
+            let sent = self.client.send(
+                tick.now,
+                ("order", self.priority, self.sent + 1),
+                (&Order { amount: 1.0 }, None),
+                WITHIN,
+            );
             if let Err(why) = sent {
                 return Progress::Aborted(why);
             }

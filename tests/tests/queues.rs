@@ -1,4 +1,4 @@
-//! Queues of running programs, and `dca queue`.
+//! Queues and routers of running programs, `dca queue` and `dca router`.
 
 use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, executable};
 use rustix::process::Signal;
@@ -19,10 +19,14 @@ process main() {
 ";
 
 fn deployed(cluster: &Cluster) -> (Host, [Program; 2]) {
+    deploy(cluster, POST)
+}
+
+fn deploy(cluster: &Cluster, text: &str) -> (Host, [Program; 2]) {
     let here = cluster.here();
     let program = executable("dca-examples").display().to_string();
     let node = here.node("c1", &["--controllers", &program]);
-    let file = cluster.file("post.dca", POST);
+    let file = cluster.file("post.dca", text);
     let deploy = here.dca(&["deploy", "--no-record", "--controllers", &program, &file]);
     deploy.wait_for(Stream::Err, "▸", SOON);
     (here, [node, deploy])
@@ -50,7 +54,7 @@ fn queues_are_shown_from_the_command_line() {
     assert_eq!(count("accepted"), count("taken") + count("dropped") + count("waiting"), "{asked}");
     for (arguments, code, why) in [
         (&["queue", "nobody"][..], 1, "no process `nobody` is running"),
-        (&["queue", "calm"], 1, "no queue `calm`: it shows none"),
+        (&["queue", "calm.letters"], 1, "no queue `calm.letters`: it shows `news`"),
         (&["queue", "clerk.letters"], 1, "no queue `clerk.letters`: it shows `orders`"),
         (&["queue", "clerk."], 1, "names nothing"),
         (&["queue", "--within", "no"], 2, "this is no number of seconds"),
@@ -60,11 +64,63 @@ fn queues_are_shown_from_the_command_line() {
     }
     let all = here.ask(&["queue", "--within", "60"]);
     let rows: Vec<&str> = all.out.lines().filter_map(|line| line.split_whitespace().next()).collect();
-    assert_eq!(rows, ["QUEUE", "post:main/clerk.orders", "post:main/other.orders"], "{all}");
+    assert_eq!(rows, ["QUEUE", "post:main/calm.news", "post:main/clerk.orders", "post:main/other.orders"], "{all}");
     let clerk = cluster.leaf("main/clerk").expect("it runs");
     clerk.signal(Signal::STOP);
     let partly = here.ask(&["queue", "--within", "2"]);
     assert!(partly.code == Some(3) && partly.err.contains("`post:main/clerk` did not answer"), "{partly}");
     assert!(partly.out.contains("post:main/other.orders"), "{partly}");
     clerk.signal(Signal::CONT);
+}
+
+/// A router tells each customer of its own orders. One that is suspended, or killed, is dropped from the register after 5 s, which is
+/// counted; it delays nobody, and is told again once it was started again.
+#[test]
+fn a_router_drops_who_is_gone_and_delays_nobody() {
+    let cluster = Cluster::new();
+    let text = POST
+        .replace("clerk instof Clerk(c1, pace = 1 h)", "clerk instof Clerk(c1, pace = 10 ms)")
+        .replace("calm instof", "hasty instof Customer(c1, name = \"hasty\", count = 100000); calm instof")
+        .replace("count = 100)", "count = 100000)")
+        .replace(
+            "calm, Orders",
+            "hasty, Orders -> clerk, Orders; hasty, Ready -> clerk, Ready; calm, Ready -> clerk, Ready; calm, Orders",
+        )
+        .replace("other, calm", "other, hasty, retry(5) calm");
+    let (here, _running) = deploy(&cluster, &text);
+    let look = || {
+        let asked = here.ask(&["router", "clerk.ready", "--json", "--within", "60"]);
+        assert_eq!(asked.code, Some(0), "{asked}");
+        json(&asked.out)[0].clone()
+    };
+    let delivered = |router: &Value, name: &str| {
+        let all = router["subscribers"].as_array().expect("it is an array");
+        let one = all.iter().filter(|one| one["name"] == name).max_by_key(|one| one["delivered"].as_u64());
+        one.and_then(|one| one["delivered"].as_u64())
+    };
+    let wait_for = |what: &str, is_so: &dyn Fn(&Value) -> bool| {
+        let found = (0..3000).map(|_| look()).find(is_so);
+        found.unwrap_or_else(|| panic!("no {what}: {}", look()))
+    };
+    let both = |router: &Value| ["calm", "hasty"].iter().all(|name| delivered(router, name) > Some(3));
+    let router = wait_for("news to both", &both);
+    assert_eq!((&router["gone"], &router["type"]), (&0.into(), &"Order".into()), "{router}");
+    let filters: Vec<&str> =
+        router["subscribers"].as_array().into_iter().flatten().filter_map(|one| one["filters"][0].as_str()).collect();
+    assert_eq!(filters, ["category calm", "category hasty"], "{router}");
+    let calm = cluster.leaf("main/calm").expect("it runs");
+    calm.signal(Signal::STOP);
+    let gone = wait_for("end of who is suspended", &|router| router["gone"] == 1);
+    let others = delivered(&gone, "hasty");
+    wait_for("news to the other one", &|router| delivered(router, "hasty") > others);
+    // Its node has ended it, since its loop did not come round, and `retry` has started it again.
+    wait_for("news to the next one", &|router| delivered(router, "calm") > Some(3));
+    let calm = cluster.leaf("main/calm").expect("it runs");
+    calm.signal(Signal::KILL);
+    wait_for("end of who was killed", &|router| router["gone"] == 2);
+    wait_for("news to the third one", &both);
+    let table = here.ask(&["router", "--within", "60"]);
+    assert!(table.code == Some(0) && table.out.contains("category hasty"), "{table}");
+    let none = here.ask(&["router", "hasty"]);
+    assert!(none.code == Some(1) && none.err.contains("no router `hasty`: it shows none"), "{none}");
 }

@@ -1,19 +1,24 @@
 //! Queues and locks of a controller: the second paper's messaging level and synchronisation layer, over exports and calls.
 //!
 //! A queue is exported as a procedure that takes a `QueueMessage` and answers a `Receipt`, a lock as one that takes a `LockRequest`
-//! and answers a `LockAnswer`. So a spec connects, checks and switches them as it does any call.
+//! and answers a `LockAnswer`, a router as one that takes a `Subscription` and answers a `Delivery`. So a spec connects, checks and switches them as it does any call.
 
 mod lock;
 mod queue;
+mod router;
 
 pub use comms::logic::messaging::fencing::Refusal;
 pub use comms::logic::messaging::header::{Header, Message as QueueMessage, MessageId};
 pub use comms::logic::messaging::lock::LockSettings;
 pub use comms::logic::messaging::queue::{Full, QueueCounters, Receipt, Rejected};
-pub use comms::logic::messaging::wire::{Denied, LockAnswer, LockRequest, LockStatus, QueueStatus};
+pub use comms::logic::messaging::router::{Filter, Gone};
+pub use comms::logic::messaging::wire::{
+    Denied, LockAnswer, LockRequest, LockStatus, QueueStatus, RouterRefusal, RouterStatus,
+};
 
 pub use lock::{Lock, LockUser};
 pub use queue::{Queue, QueueClient, SendEnd, Taken};
+pub use router::{Delivery, Dropped, Router, RouterUser, Subscribed, Subscription};
 
 use super::port::Message;
 

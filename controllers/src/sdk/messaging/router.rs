@@ -1,0 +1,330 @@
+//! A router of a controller, and the user that subscribes to one.
+//!
+//! The subscriber always has one call open at the router, and the router answers it with the next message that the filters of the
+//! subscriber take. So a spec connects a subscription as any call, filters are evaluated at the sender, and who is gone is noticed.
+
+use super::{Queue, QueueMessage, Receipt, Rejected};
+use crate::sdk::calls::Calls;
+use crate::sdk::export::Reply;
+use crate::sdk::port::Message;
+use comms::io::entropy;
+use comms::logic::messaging::header::Header;
+use comms::logic::messaging::request::Numbering;
+use comms::logic::messaging::router::{
+    DeliveryEnd, Filter, GONE_AFTER, Gone, RENEW_EVERY, Router as Machine, RouterEffect, RouterInput, RouterSettings,
+};
+use comms::logic::messaging::wire::{RouterAnswer, RouterRefusal, RouterRequest, RouterStatus};
+use comms::logic::object::ObjectError;
+use comms::logic::time::Time;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::io;
+use std::marker::PhantomData;
+use std::time::Duration;
+
+/// How many subscribers ask between two calculations at most.
+const ASKED_MAX: usize = 512;
+/// How many subscribers that were dropped wait to be told of.
+const DROPPED_MAX: usize = 256;
+/// How long a subscriber waits for an answer: longer than a router waits for a message.
+const ASK_WITHIN: Duration = Duration::from_secs(3);
+/// The pause after a subscription that was refused, or did not reach the router.
+const PAUSE: Duration = Duration::from_millis(500);
+
+/// A subscriber that is ready for its next message; also what became of the last one.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Subscription {
+    /// Who that is, for people.
+    pub name: String,
+    /// One life of one subscriber: a random number.
+    pub life: u64,
+    /// The type that it takes.
+    pub type_name: String,
+    /// It wants what one of these takes; everything if there is none.
+    pub filters: Vec<Filter>,
+    /// The number of the last delivery that it has, and what became of it.
+    pub last: Option<(u64, Receipt)>,
+}
+
+/// The answer of a router to a [`Subscription`].
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Delivery {
+    /// Nothing yet: the subscriber is in the register, and asks again.
+    Nothing,
+    /// The next message.
+    Message {
+        /// The number of the delivery.
+        number: u64,
+        /// The message.
+        message: QueueMessage,
+    },
+    /// The subscriber is not in the register, and cannot be.
+    Refused(RouterRefusal),
+}
+
+impl Message for Subscription {
+    const TYPE: &'static str = "Subscription";
+}
+
+impl Message for Delivery {
+    const TYPE: &'static str = "Delivery";
+}
+
+impl Message for RouterStatus {
+    const TYPE: &'static str = "RouterStatus";
+}
+
+/// Sends each message to all who have subscribed and whose filters take its header. A field of a controller, which exports a
+/// procedure for it: `exports.procedure_later("News", "...", |desk: &mut Desk, subscription, reply| desk.news.ask(subscription, reply))`.
+///
+/// A subscriber that is slow fills an outbox of its own, whose oldest message gives way, and delays nobody. One of which nothing is
+/// heard for 5 s is dropped from the register; both are counted.
+#[derive(Debug)]
+pub struct Router<T> {
+    machine: Machine,
+    sender: String,
+    numbering: Numbering,
+    asked: Vec<(Subscription, Reply<Delivery>)>,
+    /// Subscribers that wait for a message, and since when.
+    open: BTreeMap<String, (Reply<Delivery>, Time)>,
+    /// Deliveries whose subscriber has not asked yet.
+    ready: BTreeMap<String, (u64, QueueMessage)>,
+    /// Deliveries whose receipt has not come yet.
+    sent: BTreeMap<String, u64>,
+    dropped: Vec<Dropped>,
+    of: PhantomData<fn(T)>,
+}
+
+/// A subscriber that was dropped from the register.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Dropped {
+    /// Its name.
+    pub name: String,
+    /// The reason.
+    pub why: Gone,
+    /// How many messages that were for it were lost.
+    pub lost: u64,
+}
+
+impl<T: Message> Router<T> {
+    /// Returns a router without subscribers; `sender` is the sender of its messages, and `outbox_max` how many of them wait for
+    /// a subscriber at most; zero counts as one.
+    ///
+    /// # Errors
+    /// If the system gives no random number for its life.
+    pub fn new(sender: &str, outbox_max: usize) -> io::Result<Self> {
+        let settings = RouterSettings { type_name: T::TYPE.to_owned(), outbox_max, gone_after: GONE_AFTER };
+        Ok(Self {
+            machine: Machine::new(settings),
+            sender: sender.to_owned(),
+            numbering: Numbering::new(entropy::number()?),
+            asked: Vec::new(),
+            open: BTreeMap::new(),
+            ready: BTreeMap::new(),
+            sent: BTreeMap::new(),
+            dropped: Vec::new(),
+            of: PhantomData,
+        })
+    }
+
+    /// Takes a subscription; it is looked at by the next [`Router::work`].
+    pub fn ask(&mut self, subscription: Subscription, reply: Reply<Delivery>) {
+        if self.asked.len() < ASKED_MAX {
+            self.asked.push((subscription, reply));
+        } else {
+            reply.refuse("too many subscribe at the same time");
+        }
+    }
+
+    /// Sends a message to all whose filters take it, with the next [`Router::work`]; returns its number.
+    ///
+    /// # Errors
+    /// If the data or a name is too long.
+    pub fn send(&mut self, now: Time, (category, priority, marker): (&str, u8, u64), data: &T) -> Result<u64, String> {
+        let data = postcard::to_stdvec(data).map_err(|cause| format!("a `{}` cannot be written: {cause}", T::TYPE))?;
+        let id = self.numbering.next();
+        let (category, sender, recipient) = (category.to_owned(), self.sender.clone(), String::new());
+        let header = Header { category, id, sender, recipient, priority, marker };
+        let message = QueueMessage { header, type_name: T::TYPE.to_owned(), fence: None, data };
+        message.check().map_err(|malformed| malformed.to_string())?;
+        self.handle(now, RouterInput::Publish(message));
+        Ok(id.number)
+    }
+
+    /// Answers subscribers, and drops those that are gone. Called once in each calculation.
+    pub fn work(&mut self, now: Time) {
+        for (subscription, reply) in std::mem::take(&mut self.asked) {
+            self.subscribe(now, subscription, reply);
+        }
+        self.handle(now, RouterInput::Tick);
+        let waiting = std::mem::take(&mut self.open);
+        for (key, (reply, since)) in waiting {
+            if !reply.is_wanted() {
+                continue;
+            }
+            if let Some((number, message)) = self.ready.remove(&key) {
+                self.sent.insert(key, number);
+                reply.send(Delivery::Message { number, message });
+            } else if now.since(since) >= RENEW_EVERY {
+                reply.send(Delivery::Nothing);
+            } else {
+                self.open.insert(key, (reply, since));
+            }
+        }
+    }
+
+    /// Returns a subscriber that was dropped since; called until there is none. They are counted whether this is called or not.
+    pub fn dropped(&mut self) -> Option<Dropped> {
+        if self.dropped.is_empty() { None } else { Some(self.dropped.remove(0)) }
+    }
+
+    /// Returns what people see of it.
+    pub fn status(&self) -> RouterStatus {
+        let mut status = self.machine.status(T::FIELDS.to_owned());
+        status.subscribers.iter_mut().for_each(|one| one.queue = name_of(&one.queue).to_owned());
+        status
+    }
+
+    fn subscribe(&mut self, now: Time, subscription: Subscription, reply: Reply<Delivery>) {
+        let Subscription { name, life, type_name, filters, last } = subscription;
+        let key = format!("{name} {life:016x}");
+        let before = self.sent.remove(&key);
+        if let Some(number) = before {
+            let end = match last {
+                Some((known, receipt)) if known == number => DeliveryEnd::Receipt(receipt),
+                // The answer was lost on its way. It is sent again, and its queue takes it once.
+                _ => DeliveryEnd::Unreachable,
+            };
+            self.handle(now, RouterInput::Delivered { queue: key.clone(), delivery: number, end });
+        }
+        let request = RouterRequest::Subscribe { queue: key.clone(), type_name, filters };
+        match self.handle(now, RouterInput::Request(request)) {
+            Some(RouterAnswer::Refused(refusal)) => reply.send(Delivery::Refused(refusal)),
+            // It is told at once that it is in the register.
+            Some(RouterAnswer::Subscribed { is_known: false, .. }) => reply.send(Delivery::Nothing),
+            Some(RouterAnswer::Subscribed { .. } | RouterAnswer::Unsubscribed | RouterAnswer::Status(_)) | None => {
+                self.open.insert(key, (reply, now));
+            }
+        }
+    }
+
+    fn handle(&mut self, now: Time, input: RouterInput) -> Option<RouterAnswer> {
+        let (mut effects, mut answer) = (Vec::new(), None);
+        self.machine.handle(now, input, &mut effects);
+        for effect in effects {
+            match effect {
+                RouterEffect::Answer(answered) => answer = Some(answered),
+                RouterEffect::Deliver { queue, delivery, mut message, .. } => {
+                    message.header.recipient = name_of(&queue).to_owned();
+                    self.ready.insert(queue, (delivery, message));
+                }
+                RouterEffect::Dropped { queue, why, lost } => {
+                    self.ready.remove(&queue);
+                    self.sent.remove(&queue);
+                    self.open.remove(&queue);
+                    if self.dropped.len() < DROPPED_MAX {
+                        self.dropped.push(Dropped { name: name_of(&queue).to_owned(), why, lost });
+                    }
+                }
+            }
+        }
+        answer
+    }
+}
+
+/// Returns the name of a subscriber, without its life.
+fn name_of(key: &str) -> &str {
+    key.rsplit_once(' ').map_or(key, |(name, _)| name)
+}
+
+/// Whether a router sends to a user.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Subscribed {
+    /// It is not known yet.
+    Asking,
+    /// It does.
+    Yes,
+    /// It does not, and says why.
+    Refused(RouterRefusal),
+    /// There is no router to be had, or it did not answer.
+    Unknown(ObjectError),
+}
+
+/// Subscribes to the router that the spec connects: beside a field `#[calls("News")] news: Calls<Subscription, Delivery>`. What comes
+/// goes into a queue of the controller.
+#[derive(Debug)]
+pub struct RouterUser {
+    name: String,
+    life: u64,
+    filters: Vec<Filter>,
+    /// The number of the call that is open, and when it is not waited for any more.
+    open: Option<(u64, Time)>,
+    last: Option<(u64, Receipt)>,
+    /// When it asks next.
+    due: Time,
+    state: Subscribed,
+}
+
+impl RouterUser {
+    /// Returns a user that wants what one of the filters takes, or everything if there is none; `name` is for people.
+    ///
+    /// # Errors
+    /// If the system gives no random number for its life.
+    pub fn new(name: &str, filters: Vec<Filter>) -> io::Result<Self> {
+        let (life, name, due) = (entropy::number()?, name.to_owned(), Time::ZERO);
+        Ok(Self { name, life, filters, open: None, last: None, due, state: Subscribed::Asking })
+    }
+
+    /// Takes what has come, and asks for more. Called once in each calculation.
+    pub fn work<T: Message>(&mut self, now: Time, calls: &mut Calls<Subscription, Delivery>, queue: &mut Queue<T>) {
+        while let Some((number, answer)) = calls.answer() {
+            if self.open.take_if(|(open, _)| *open == number).is_some() {
+                self.answered(now, answer, queue);
+            }
+        }
+        // The answers to calls of an earlier activation never come.
+        self.open.take_if(|(_, until)| *until <= now);
+        if self.open.is_none() && self.due <= now {
+            let (name, life, type_name) = (self.name.clone(), self.life, T::TYPE.to_owned());
+            let (filters, last) = (self.filters.clone(), self.last.clone());
+            let subscription = Subscription { name, life, type_name, filters, last };
+            self.open = Some((calls.call(subscription, ASK_WITHIN), now + 2 * ASK_WITHIN));
+        }
+    }
+
+    /// Wants other messages from now on.
+    pub fn set_filters(&mut self, filters: Vec<Filter>) {
+        self.filters = filters;
+    }
+
+    /// Returns whether the router sends to it.
+    pub const fn state(&self) -> &Subscribed {
+        &self.state
+    }
+
+    fn answered<T: Message>(&mut self, now: Time, answer: Result<Delivery, ObjectError>, queue: &mut Queue<T>) {
+        self.due = now;
+        self.state = match answer {
+            Ok(Delivery::Nothing) => Subscribed::Yes,
+            Ok(Delivery::Message { number, message }) => {
+                let receipt = queue.receive(message);
+                if let Receipt::Rejected(Rejected::WrongType { .. }) = receipt {
+                    self.due = now + PAUSE;
+                }
+                self.last = Some((number, receipt));
+                Subscribed::Yes
+            }
+            Ok(Delivery::Refused(refusal)) => {
+                self.due = now + PAUSE;
+                Subscribed::Refused(refusal)
+            }
+            Err(error) => {
+                self.due = now + PAUSE;
+                Subscribed::Unknown(error)
+            }
+        };
+    }
+}
+
+#[cfg(test)]
+mod tests;
