@@ -6,6 +6,7 @@ pub mod import;
 pub mod own;
 pub mod past;
 pub mod read;
+pub mod readers;
 pub mod secret;
 pub mod team;
 pub mod watch;

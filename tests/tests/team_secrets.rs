@@ -161,6 +161,33 @@ fn the_search_finds_what_is_there(cluster: &Cluster) {
     assert_eq!(found, [format!("/proc/{}/environ", child.id())]);
 }
 
+/// Instead of bytes that say nothing; only a file keeps them, and can be imported.
+fn every_verb_says_who_may_read(robots: &Robots) {
+    let phrase = "secret for r2, generation 1";
+    for verb in [&["history"][..], &["history", KEY], &["diff", "0"], &["at", "now"]] {
+        let shown = robots.done(&[&["db"][..], verb].concat());
+        assert!(shown.out.contains(phrase) && !shown.out.contains("$sealed"), "{shown}");
+        let json = robots.done(&[&["db"][..], verb, &["--json"]].concat());
+        let read: serde_json::Value = serde_json::from_str(&json.out).expect("it is JSON");
+        assert!(read.to_string().contains(r#"{"secret":{"for":["r2"],"generation":1}}"#), "{json}");
+    }
+    let watch = robots.host(1).dca(&robots.with(&["db", "watch", KEY, "--from", "0"]));
+    watch.wait_for(Stream::Out, phrase, SOON);
+    drop(watch);
+
+    let file = robots.cluster.folder().join("team.toml").display().to_string();
+    drop(robots.done(&["db", "export", "team/", "-o", &file]));
+    let text = fs::read_to_string(&file).expect("it was written");
+    assert!(text.contains(&format!("\n# {phrase}\n\"{KEY}\" = {{\"$sealed\" = \"")), "{text}");
+    assert!(robots.done(&["db", "export", "team/"]).out.starts_with(text.trim_end()), "as on standard output");
+    assert!(robots.done(&["db", "import", &file]).err.contains("nothing differs"));
+    drop(robots.done(&["db", "delete", KEY]));
+    let gone = robots.done(&["db", "import", &file, "--dry-run"]);
+    assert!(gone.out.contains(&format!("+ {KEY}  {phrase}")), "{gone}");
+    drop(robots.done(&["db", "import", &file, "--level", "everywhere", "--within", "25s"]));
+    assert_eq!(robots.done(&["db", "get", KEY]).out, format!("{phrase}\n"));
+}
+
 #[test]
 fn a_secret_is_for_its_robot_alone() {
     let Some(robots) = Robots::new() else { return };
@@ -169,6 +196,7 @@ fn a_secret_is_for_its_robot_alone() {
     assert!(said[0].err.contains("sealed for 1 robot as generation 1"), "{}", said[0]);
     let shown = robots.done(&["db", "get", KEY]);
     assert_eq!(shown.out, "secret for r2, generation 1\n");
+    every_verb_says_who_may_read(&robots);
 
     let mission = robots.deploy("r2", "camera");
     mission.wait_for(Stream::Err, "camera", SOON);

@@ -2,6 +2,7 @@
 
 use super::databases::{DatabaseArgs, refusal};
 use super::past::a_moment;
+use super::readers::Readers;
 use super::write::{CommitArgs, written};
 use crate::io::named_file;
 use crate::io::whole_file::WholeFile;
@@ -50,15 +51,22 @@ impl Export {
     pub(crate) fn run(self) -> Result<(), Failure> {
         let question = Question::Export { prefix: self.prefix, at: self.at };
         let (mut text, mut file) = (String::new(), self.output.as_deref().map(WholeFile::create).transpose()?);
+        let (readers, mut rest) = (Readers::of(&self.database), String::new());
         self.database.ask_all(question, |reply| {
             let Reply::Text(part) = reply else { return Err(refusal(&reply)) };
-            match &mut file {
-                Some(file) => file.write(part.as_bytes())?,
-                None => text.push_str(&part),
+            rest.push_str(&part);
+            // A part may end in the middle of a line.
+            let lines: String = rest.drain(..rest.rfind('\n').map_or(0, |end| end + 1)).collect();
+            readers.explain(&lines, &mut text);
+            if let Some(file) = &mut file {
+                file.write(text.as_bytes())?;
+                text.clear();
             }
             Ok(())
         })?;
-        if let Some(file) = file {
+        text.push_str(&rest);
+        if let Some(mut file) = file {
+            file.write(text.as_bytes())?;
             return Ok(file.finish()?);
         }
         console::say(&if self.database.json { serde_json::json!({ "file": text }).to_string() } else { text });

@@ -6,6 +6,7 @@
 
 use super::databases::{Databases, refusal};
 use super::file::read;
+use super::readers::Readers;
 use super::write::{CommitArgs, CommitProgress};
 use crate::logic::mission::{Line, Style};
 use crate::output::Output;
@@ -105,13 +106,14 @@ impl Import {
 
     /// Shows what changes, to a person.
     fn show(&self, import: &transfer::Import) {
+        let readers = Readers::of(&self.commit.database);
         if self.commit.database.json {
             return;
         }
         if import.differences.is_empty() {
             console::note("nothing differs");
         } else {
-            console::say(&table::differences(&import.differences));
+            console::say(&table::differences(&import.differences, &|datum| readers.text(datum)));
         }
         for key in &import.settles {
             console::note(&format!("note: this settles the concurrent writes at `{key}`"));
@@ -126,7 +128,7 @@ impl Import {
             let json = serde_json::json!({
                 "differences": differences, "settles": settles, "transactions": transactions, "reached": !done.pending,
             });
-            console::say(&serde_json::to_string_pretty(&json)?);
+            console::say(&serde_json::to_string_pretty(&Readers::of(&self.commit.database).json(json))?);
         } else {
             match &transactions[..] {
                 [] => {}

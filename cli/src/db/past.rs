@@ -2,6 +2,7 @@
 
 use super::databases::{DatabaseArgs, keys, refusal};
 use super::read;
+use super::readers::Readers;
 use super::write::CommitArgs;
 use anyhow::Context;
 use dbmanager::logic::key::Key;
@@ -125,12 +126,13 @@ impl History {
             entries.extend(part);
             Ok(())
         })?;
+        let readers = Readers::of(&self.database);
         if self.database.json {
-            console::say(&serde_json::to_string_pretty(&entries)?);
+            console::say(&serde_json::to_string_pretty(&readers.json(serde_json::to_value(&entries)?))?);
         } else if entries.is_empty() {
             console::note("nothing of that is in the log");
         } else {
-            console::say(&table::history(&entries, span));
+            console::say(&table::history(&entries, span, &|datum| readers.text(datum)));
         }
         Ok(())
     }
@@ -146,14 +148,15 @@ impl Conflicts {
             races.extend(more);
             Ok(())
         })?;
+        let readers = Readers::of(&self.database);
         if self.database.json {
             let listed = conflicts.iter().map(json).collect::<Result<Vec<_>, _>>()?;
             let json = serde_json::json!({ "conflicts": listed, "races": races });
-            console::say(&serde_json::to_string_pretty(&json)?);
+            console::say(&serde_json::to_string_pretty(&readers.json(json))?);
         } else if conflicts.is_empty() && races.is_empty() {
             console::say("no conflicts");
         } else {
-            console::say(&table::conflicts(&conflicts, &races));
+            console::say(&table::conflicts(&conflicts, &races, &|datum| readers.text(datum)));
             console::note(
                 "`dca db resolve KEY --seen SEEN --by ROBOT` (or `--value`, `--shown`, `--delete`) settles one everywhere",
             );
@@ -208,12 +211,13 @@ impl Diff {
             differences.extend(part);
             Ok(())
         })?;
+        let readers = Readers::of(&self.database);
         if self.database.json {
-            console::say(&serde_json::to_string_pretty(&differences)?);
+            console::say(&serde_json::to_string_pretty(&readers.json(serde_json::to_value(&differences)?))?);
         } else if differences.is_empty() {
             console::note("nothing has changed");
         } else {
-            console::say(&table::differences(&differences));
+            console::say(&table::differences(&differences, &|datum| readers.text(datum)));
         }
         Ok(())
     }

@@ -1,7 +1,7 @@
 //! `dca db get`: prints the values of keys.
 
 use super::databases::{DatabaseArgs, keys, refusal};
-use super::secret;
+use super::readers::Readers;
 use anyhow::{Context, anyhow};
 use dbmanager::logic::key::Key;
 use dbmanager::logic::state::{Version, differ};
@@ -37,8 +37,9 @@ impl Get {
             let (key, count) = (&self.key, versions.len());
             console::note(&format!("note: {count} writes to `{key}` did not see each other; `dca db conflicts {key}`"));
         }
-        let known = secret::Known::of(&self.database, std::iter::once(&datum));
-        console::say(&if self.database.json { known.json(&datum) } else { known.text(&datum) });
+        let readers = Readers::of(&self.database);
+        let json = || readers.json(serde_json::to_value(&datum).unwrap_or_default()).to_string();
+        console::say(&if self.database.json { json() } else { readers.text(&datum) });
         Ok(())
     }
 }
@@ -55,18 +56,18 @@ pub(crate) fn list(database: &DatabaseArgs, prefix: String, at: AsOf) -> Result<
     let siblings = |versions: &[Version]| if differ(versions) { versions.len() } else { 1 };
     let shown: Vec<(Key, Datum, usize)> =
         entries.into_iter().filter_map(|(key, all)| Some((key, shown(&all)?, siblings(&all)))).collect();
-    let known = secret::Known::of(database, shown.iter().map(|(_, datum, _)| datum));
+    let readers = Readers::of(database);
     if database.json {
         let fields = shown.iter().map(|(key, datum, _)| {
-            let value = serde_json::from_str(&known.json(datum)).unwrap_or(serde_json::Value::Null);
-            (key.to_string(), value)
+            let value = serde_json::to_value(datum).unwrap_or_default();
+            (key.to_string(), readers.json(value))
         });
         console::say(&serde_json::Value::Object(fields.collect()).to_string());
         return Ok(());
     }
     for (key, datum, versions) in shown {
         let more = if versions > 1 { format!("  # {versions} concurrent writes") } else { String::new() };
-        console::say(&format!("{key} = {}{more}", known.text(&datum)));
+        console::say(&format!("{key} = {}{more}", readers.text(&datum)));
     }
     Ok(())
 }

@@ -1,6 +1,7 @@
-//! `dca db put --secret`: seals a value for some robots, and shows who may read one. The value never leaves this process in the clear.
+//! `dca db put --secret`: seals a value for some robots. The value never leaves this process in the clear.
 
-use super::databases::{ANSWER_WITHIN, DatabaseArgs, Databases, refusal};
+use super::databases::{ANSWER_WITHIN, Databases, refusal};
+use super::readers;
 use super::write::CommitArgs;
 use crate::client::signer;
 use crate::io::keyring::{Keyring, typed_secret};
@@ -14,7 +15,6 @@ use node::console::{self, Failure};
 use node::logic::database::question::{AsOf, Question, Reply};
 use node::logic::parameters;
 use node::logic::protocol::TeamOfNode;
-use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
@@ -52,7 +52,7 @@ impl SecretArgs {
         let secret = value(self.file.as_deref())?;
         let (sealed, said) = commit.database.with(async |databases| {
             let team = databases.team().await?.context("the robot is in no team: a secret is for robots of one")?;
-            let readers = readers(&keyring, &team, &self.readers)?;
+            let readers = keys_of(&keyring, &team, &self.readers)?;
             let before = stored(databases, &key).await?;
             Ok(sealed((&secret, &key), &readers, before.as_ref(), KeyId(team.id))?)
         })?;
@@ -94,7 +94,7 @@ fn standard_input() -> anyhow::Result<Zeroizing<Vec<u8>>> {
 }
 
 /// Returns the keys of robots, as this machine knows them.
-fn readers(keyring: &Keyring, team: &TeamOfNode, names: &[Name]) -> anyhow::Result<Vec<PublicKeys>> {
+fn keys_of(keyring: &Keyring, team: &TeamOfNode, names: &[Name]) -> anyhow::Result<Vec<PublicKeys>> {
     let bundle = signer::bundle(keyring, KeyId(team.id))?.with_context(|| {
         format!(
             "this machine does not know who is in the team `{}`: have the operator run `dca team export`, and give what it prints \
@@ -133,7 +133,7 @@ async fn stored(databases: &Databases<'_>, key: &Key) -> Result<Option<Sealed>, 
     let Reply::Entries(entries) = reply else { return Err(refusal(&reply)) };
     let versions = entries.into_iter().next().map(|(_, versions)| versions).unwrap_or_default();
     let value = versions.last().and_then(|version| version.value.as_ref()).map(Datum::of);
-    Ok(value.as_ref().and_then(read))
+    Ok(value.as_ref().and_then(readers::sealed))
 }
 
 /// Seals a secret; returns the value to write, and what to say of it.
@@ -163,63 +163,6 @@ fn count(readers: usize) -> String {
     if readers == 1 { "1 robot".to_owned() } else { format!("{readers} robots") }
 }
 
-/// Returns a sealed secret; nothing if the value is none.
-fn read(datum: &Datum) -> Option<Sealed> {
-    let Datum::Sealed(bytes) = datum else { return None };
-    Sealed::from_bytes(bytes).ok()
-}
-
-/// The names of those who can read secrets, as far as this machine knows them.
-#[derive(Debug, Default)]
-pub(crate) struct Known(BTreeMap<KeyId, String>);
-
-impl Known {
-    /// Looks names up, if there is a secret among these values.
-    pub(crate) fn of<'a>(database: &DatabaseArgs, mut values: impl Iterator<Item = &'a Datum>) -> Self {
-        if !values.any(|datum| read(datum).is_some()) {
-            return Self::default();
-        }
-        let keyring = Keyring::at(database.key_place().folder.as_deref());
-        let teams = keyring.and_then(|keyring| keyring.teams()?.iter().map(|name| keyring.team(name)).collect());
-        let teams: Vec<Bundle> = teams.unwrap_or_else(|error| {
-            console::note(&format!("note: the names of the readers are not known here: {error:#}"));
-            Vec::new()
-        });
-        let mut names = BTreeMap::new();
-        for bundle in &teams {
-            let of_team = bundle.holders(::team::now()).into_iter().map(|holder| {
-                let claims = holder.certificate.claims();
-                (holder.certificate.subject(), claims.name.to_string())
-            });
-            names.extend(of_team);
-        }
-        Self(names)
-    }
-
-    fn readers(&self, sealed: &Sealed) -> Vec<String> {
-        sealed.readers().map(|id| self.0.get(&id).cloned().unwrap_or_else(|| format!("key {id}"))).collect()
-    }
-
-    /// Returns a value as it is shown to people: of a secret, who may read it.
-    pub(crate) fn text(&self, datum: &Datum) -> String {
-        read(datum).map_or_else(
-            || datum.to_toml(),
-            |sealed| format!("secret for {}, generation {}", self.readers(&sealed).join(", "), sealed.number()),
-        )
-    }
-
-    /// The same as JSON.
-    pub(crate) fn json(&self, datum: &Datum) -> String {
-        read(datum).map_or_else(
-            || datum.to_json(),
-            |sealed| {
-                serde_json::json!({ "secret": { "for": self.readers(&sealed), "generation": sealed.number() } })
-                    .to_string()
-            },
-        )
-    }
-}
-
 /// Returns the keys of all secrets that one of these can open, in the database that is asked.
 pub(crate) async fn readable(databases: &Databases<'_>, keys: &[KeyId]) -> Result<Vec<String>, Failure> {
     let question = Question::List { prefix: String::new(), at: AsOf::Now };
@@ -229,7 +172,7 @@ pub(crate) async fn readable(databases: &Databases<'_>, keys: &[KeyId]) -> Resul
         let Reply::Entries(entries) = reply else { return Err(refusal(&reply)) };
         // Also of writes that did not see each other.
         let is_readable = |value: &Value| {
-            let sealed = read(&Datum::of(value));
+            let sealed = readers::sealed(&Datum::of(value));
             sealed.is_some_and(|sealed| sealed.readers().any(|reader| keys.contains(&reader)))
         };
         found.extend(entries.into_iter().filter_map(|(key, versions)| {

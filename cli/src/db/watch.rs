@@ -1,6 +1,7 @@
 //! `dca db watch`: prints every change of keys as it happens, also those of a time in which no robot could be reached.
 
 use super::databases::{ANSWER_WITHIN, DatabaseArgs, Databases, Replies, keys, refusal};
+use super::readers::Readers;
 use crate::reader::Reader;
 use anyhow::anyhow;
 use comms::io::clock;
@@ -108,12 +109,14 @@ impl Watch {
     }
 
     fn print(&self, event: &Event) -> Result<(), Failure> {
+        // Looked up anew each time: a watch outlives changes of the team.
+        let readers = Readers::of(&self.database);
         if self.database.json {
-            console::say(&serde_json::to_string(event)?);
+            console::say(&readers.json(serde_json::to_value(event)?).to_string());
             return Ok(());
         }
         // The first line of the table is its heading.
-        let lines = table::history(std::slice::from_ref(&event.entry), Span::All);
+        let lines = table::history(std::slice::from_ref(&event.entry), Span::All, &|datum| readers.text(datum));
         lines.lines().skip(1).for_each(console::say);
         for key in &event.conflicts {
             console::note(&format!("note: `{key}` has concurrent writes; `dca db conflicts {key}`"));

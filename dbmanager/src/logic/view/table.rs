@@ -25,6 +25,9 @@ pub fn table(rows: &[Vec<String>]) -> String {
     rows.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
+/// How a value is shown, such as [`Datum::to_toml`].
+pub type Show<'a> = &'a dyn Fn(&Datum) -> String;
+
 /// The keys that a list of transactions is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Span {
@@ -35,7 +38,7 @@ pub enum Span {
 }
 
 /// Returns transactions, the oldest first: one line for each key that was changed.
-pub fn history(history: &[HistoryEntry], span: Span) -> String {
+pub fn history(history: &[HistoryEntry], span: Span, show: Show<'_>) -> String {
     let mut rows = vec![head(match span {
         Span::Key => &["WHEN (UTC)", "BY", "VALUE", "WHY", "TRANSACTION", ""],
         Span::All => &["WHEN (UTC)", "BY", "KEY", "VALUE", "WHY", "TRANSACTION", ""],
@@ -54,7 +57,7 @@ pub fn history(history: &[HistoryEntry], span: Span) -> String {
             let mut row = vec![first(when(entry.when)), first(entry.by.clone())];
             row.extend((span == Span::All).then(|| key.to_string()));
             let why = first(shortened(&entry.reason));
-            row.extend([shown(value.as_ref()), why, first(entry.dot.to_string()), first(note.clone())]);
+            row.extend([shown(value.as_ref(), show), why, first(entry.dot.to_string()), first(note.clone())]);
             rows.push(row);
         }
     }
@@ -62,14 +65,14 @@ pub fn history(history: &[HistoryEntry], span: Span) -> String {
 }
 
 /// Returns what has changed: `+` appeared, `-` is gone, `~` is another.
-pub fn differences(differences: &[Difference]) -> String {
+pub fn differences(differences: &[Difference], show: Show<'_>) -> String {
     let row = |difference: &Difference| {
         let Difference { key, before, after, siblings } = difference;
         let (sign, values) = match (before, after) {
-            (None, Some(after)) => ("+", shown(Some(after))),
-            (Some(before), None) => ("-", shown(Some(before))),
-            (Some(before), Some(after)) if before == after => ("~", shown(Some(after))),
-            _ => ("~", format!("{} → {}", shown(before.as_ref()), shown(after.as_ref()))),
+            (None, Some(after)) => ("+", shown(Some(after), show)),
+            (Some(before), None) => ("-", shown(Some(before), show)),
+            (Some(before), Some(after)) if before == after => ("~", shown(Some(after), show)),
+            _ => ("~", format!("{} → {}", shown(before.as_ref(), show), shown(after.as_ref(), show))),
         };
         let note = match siblings {
             0 | 1 => String::new(),
@@ -81,7 +84,7 @@ pub fn differences(differences: &[Difference]) -> String {
 }
 
 /// Returns what nobody has settled, a block for each.
-pub fn conflicts(conflicts: &[Conflict], races: &[Race]) -> String {
+pub fn conflicts(conflicts: &[Conflict], races: &[Race], show: Show<'_>) -> String {
     let mut blocks = Vec::new();
     for conflict in conflicts {
         let Conflict { key, versions } = conflict;
@@ -90,7 +93,7 @@ pub fn conflicts(conflicts: &[Conflict], races: &[Race]) -> String {
             let Sibling { dot, value, by, when: at, reason } = sibling;
             let mark = if index + 1 == versions.len() { "shown" } else { "" };
             let why = reason.as_deref().map_or("(why and when is not kept on this robot)".to_owned(), shortened);
-            rows.push(vec![shown(value.as_ref()), mark.to_owned(), by.clone(), when(*at), dot.to_string(), why]);
+            rows.push(vec![shown(value.as_ref(), show), mark.to_owned(), by.clone(), when(*at), dot.to_string(), why]);
         }
         let (count, seen) = (versions.len(), conflict.seen());
         blocks
@@ -123,8 +126,8 @@ fn when(when: When) -> String {
     format!("{}{}", if when.trusted { "" } else { "~" }, date::text(when.millis))
 }
 
-fn shown(value: Option<&Datum>) -> String {
-    value.map_or("(deleted)".to_owned(), |datum| shortened(&datum.to_toml()))
+fn shown(value: Option<&Datum>, show: Show<'_>) -> String {
+    value.map_or("(deleted)".to_owned(), |datum| shortened(&show(datum)))
 }
 
 /// Returns a text on one line, with its end left out if it is long.

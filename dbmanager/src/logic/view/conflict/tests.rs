@@ -16,7 +16,7 @@ fn both_values_who_and_why() {
         team/gain: 2 writes did not see each other (--seen 39158c935eeb)
           1.5               r1  2026-11-21 10:00:02  0000000000000001:2  brighter
           (deleted)  shown  r2  2026-11-21 10:00:02  0000000000000002:1  not used any more"#]]
-    .assert_eq(&table::conflicts(&conflicts, &[]));
+    .assert_eq(&table::conflicts(&conflicts, &[], &Datum::to_toml));
     team[0].forget(0);
     assert_eq!(team[0].past().conflicts("team/")[0].versions[0].reason, None, "the log does not reach back");
     team[1].put("keep it", "team/gain", "1.5");
@@ -44,7 +44,7 @@ fn require_absent_both_create() {
         team/leader: r2 relied on there being nothing, unaware of a change
           relied on it    r2  2026-11-21 10:00:02  0000000000000002:1  relies
           had changed it  r1  2026-11-21 10:00:02  0000000000000001:2  relies"#]]
-    .assert_eq(&table::conflicts(&past.conflicts(""), &past.races("")));
+    .assert_eq(&table::conflicts(&past.conflicts(""), &past.races(""), &Datum::to_toml));
     assert_eq!(team[1].past().races(""), past.races(""));
     team[0].put("r1 it is", "team/leader", "\"r1\"");
     assert_eq!(team[0].past().races(""), vec![]);

@@ -94,7 +94,8 @@ fn a_dry_run_shows_what_would_change() {
     let file =
         export(&team[0].state, "team/").replace("\"team/b\" = 2", "\"team/c\" = [3]").replace("= 1\n", "= 1.5\n");
     let file = file.replace("format = 1.5", "format = 1");
-    let shown = |absent| table::differences(&import(&file, &team[0].state, absent, "").unwrap().differences);
+    let shown =
+        |absent| table::differences(&import(&file, &team[0].state, absent, "").unwrap().differences, &Datum::to_toml);
     expect![[r#"
         ~ team/a  1 → 1.5
         - team/b  2
