@@ -23,6 +23,7 @@ pub(crate) use mode::{Injection, Mode};
 pub(crate) use reaction::Stepper;
 use restart::Restarts;
 pub(crate) use restart::{crashes, is_never_done, is_restarted, taken_along};
+use std::collections::BTreeSet;
 use transit::Transit;
 
 /// Something that happens to a system.
@@ -194,10 +195,14 @@ impl<'a> System<'a> {
         let index = self.units.len();
         let start = self.units.last().map_or(0, |unit| unit.start + unit.packing.length());
         self.units.push(Unit { part, parent, seats: Vec::new(), packing, start });
+        // A piece has a place for each member of its group, and runs some of them.
+        let own: BTreeSet<u32> = crate::model::runs(&source.expression).into_iter().collect();
         let mut seats = Vec::with_capacity(source.members.len());
         for (slot, seat) in (0..).zip(&source.members) {
             seats.push(match *seat {
-                Seat::Part(inner) if is_open(inner) => Occupant::Unit(self.add(inner, Some((index, slot)), is_open)),
+                Seat::Part(inner) if own.contains(&slot) && is_open(inner) => {
+                    Occupant::Unit(self.add(inner, Some((index, slot)), is_open))
+                }
                 Seat::Part(inner) => {
                     self.is_whole &= self.model.parts[inner].is_whole;
                     Occupant::Box(self.model.parts[inner].ends.clone())

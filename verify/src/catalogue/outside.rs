@@ -6,7 +6,7 @@
 use super::{Asked, Catalogue, ends_round, waits_or_is_active};
 use crate::explore::{Limits, Nobody, Reached, explore};
 use crate::finding::Finding;
-use crate::model::{Model, Seat};
+use crate::model::{Model, Seat, runs};
 use crate::story::{Story, story_to_the_end};
 use crate::system::{Mode, System};
 
@@ -71,8 +71,8 @@ pub(super) fn judge(
 fn around(model: &Model<'_>) -> Vec<Option<usize>> {
     let mut around = vec![None; model.parts.len()];
     for (part, source) in model.parts.iter().enumerate() {
-        for seat in &source.members {
-            if let Seat::Part(inner) = seat {
+        for slot in runs(&source.expression) {
+            if let Some(Seat::Part(inner)) = source.members.get(slot as usize) {
                 around[*inner] = Some(part);
             }
         }
