@@ -17,6 +17,9 @@ impl Message for Wrench {
     const TYPE: &'static str = "Wrench";
 }
 
+/// Where the answer to a call comes.
+type Answer = Receiver<Result<Vec<u8>, ObjectError>>;
+
 /// Who has the router.
 struct Desk {
     news: Router<Speed>,
@@ -27,7 +30,7 @@ struct Reader<T> {
     user: RouterUser,
     calls: Calls<Subscription, Delivery>,
     queue: Queue<T>,
-    open: Option<(u64, Receiver<Result<Vec<u8>, ObjectError>>)>,
+    open: Option<(u64, Answer)>,
     taken: Vec<u64>,
 }
 
