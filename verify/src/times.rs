@@ -207,7 +207,7 @@ impl Times<'_, '_> {
             Expression::Shield { bound, .. } => {
                 let held = match (bound, parts[0].end) {
                     // What ends before its bound is never stopped.
-                    (Some(bound), Some(end)) if end <= *bound => Some(end),
+                    (Some(bound), Some(end)) if end < *bound => Some(end),
                     (Some(bound), _) => add(Some(*bound), stop),
                     (None, end) => end,
                 };

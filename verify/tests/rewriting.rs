@@ -8,6 +8,8 @@ mod against_hosts;
 mod against_loss;
 #[path = "rewriting/against_step.rs"]
 mod against_step;
+#[path = "rewriting/against_times.rs"]
+mod against_times;
 #[path = "rewriting/against_verify.rs"]
 mod against_verify;
 #[path = "rewriting/completion.rs"]
@@ -104,4 +106,22 @@ fn sentences_about_two_hosts_hold_where_brute_force_says_so() {
     assert!(differences.is_empty(), "{} differences beside {specs}: {}", differences.len(), differences[0]);
     assert!(specs >= usize::try_from(asked).unwrap_or(0) * HOSTS_LEAST / 10, "only {specs} specs were compared");
     assert!(holds > specs && fails > specs, "{holds} sentences hold, {fails} do not");
+}
+
+/// As many random groups are run with a clock; `TIMES=20000` in the environment runs more.
+const TIMES: u64 = 4_000;
+
+#[test]
+fn no_run_takes_longer_than_what_is_proved() {
+    let asked = std::env::var("TIMES").ok().and_then(|asked| asked.parse().ok()).unwrap_or(TIMES);
+    let (mut proved, mut wrong) = (0, Vec::new());
+    for seed in 0..asked {
+        match against_times::compare(seed) {
+            Ok(count) => proved += u64::from(count),
+            Err(how) => wrong.push(how),
+        }
+    }
+    println!("{proved} limits hold, {} do not", wrong.len());
+    assert!(wrong.is_empty(), "{}: {}", wrong.len(), wrong[..wrong.len().min(6)].join("\n"));
+    assert!(proved > asked / 4, "only {proved} limits hold");
 }

@@ -101,7 +101,7 @@ impl Times<'_, '_> {
         if let Expression::Shield { bound, of: body } = expression {
             return match (bound, of(body).end) {
                 // What ends before its bound is never stopped.
-                (Some(bound), Some(end)) if end <= *bound => Some(end),
+                (Some(bound), Some(end)) if end < *bound => Some(end),
                 (Some(bound), _) => sum(*bound, inner(body)),
                 (None, end) => end,
             };
