@@ -195,12 +195,12 @@ impl<'a> System<'a> {
         let index = self.units.len();
         let start = self.units.last().map_or(0, |unit| unit.start + unit.packing.length());
         self.units.push(Unit { part, parent, seats: Vec::new(), packing, start });
-        // A piece has a place for each member of its group, and runs some of them.
-        let own: BTreeSet<u32> = crate::model::runs(&source.expression).into_iter().collect();
+        // A part has a slot for each member of its group, also for those that its pieces run: there they are never active.
+        let runs: BTreeSet<u32> = crate::model::runs(&source.expression).into_iter().collect();
         let mut seats = Vec::with_capacity(source.members.len());
         for (slot, seat) in (0..).zip(&source.members) {
             seats.push(match *seat {
-                Seat::Part(inner) if own.contains(&slot) && is_open(inner) => {
+                Seat::Part(inner) if runs.contains(&slot) && is_open(inner) => {
                     Occupant::Unit(self.add(inner, Some((index, slot)), is_open))
                 }
                 Seat::Part(inner) => {

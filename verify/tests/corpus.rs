@@ -119,6 +119,42 @@ fn what_nothing_runs_is_not_said_to_be_started() {
     assert!(report.findings.iter().any(|found| found.sentence == said), "{:?}", report.findings);
 }
 
+/// So many operands with limits are taken apart; what is inside a member group is still found in the piece that runs it.
+const LARGE: &str = "
+module Step { done; }
+process Arm(){
+    host{c1}
+    instantiated_processes{ grasp instof Step(c1); }
+    internal_event_actions{ grasp }
+}
+process main(){
+    host{c1}
+    instantiated_processes{
+        left instof Arm(); right instof Arm();
+        a instof Step(c1); b instof Step(c1); c instof Step(c1); d instof Step(c1);
+    }
+    internal_event_actions{
+        (left within 4 s), (right within 5 s), (a within 6 s), (b within 7 s), (c within 8 s), (d within 9 s)
+    }
+    verify{
+        never left.grasp with right.grasp;
+        holds ltl \"G !left.grasp\";
+        right.grasp only after left.grasp.done;
+        after left.grasp.done: right.grasp stopped;
+        on crash of a: never left.grasp.done;
+    }
+}";
+
+#[test]
+fn what_is_inside_a_member_of_a_large_group_is_found() {
+    let (report, _) = verified(&Source::new("spec.dca", LARGE), &[]).expect("it has a plan");
+    let sentences: Vec<_> = report.findings.iter().filter(|found| found.place.is_some()).collect();
+    assert_eq!(sentences.len(), 5);
+    for found in sentences {
+        assert_eq!(found.verdict, Verdict::Fails, "{}", found.sentence);
+    }
+}
+
 /// What a limit leaves open is not decided, also of the groups around it.
 #[test]
 fn a_limit_refuses_no_good_spec() {

@@ -81,6 +81,10 @@ fn around(model: &Model<'_>) -> Vec<Option<usize>> {
 }
 
 fn outside(model: &Model<'_>, around: &[Option<usize>], suspect: &Suspect, limits: &Limits<'_>) -> Outside {
+    if suspect.part != 0 && around[suspect.part].is_none() {
+        // Nothing runs it.
+        return Outside::Ends;
+    }
     let mut stuck = Outside::Stuck(None);
     let mut inside = vec![suspect.part];
     while let Some(root) = around[inside[inside.len() - 1]] {
