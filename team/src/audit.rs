@@ -7,8 +7,9 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use trust::audit::{Decision, Entry, LINE_MAX, Log, Verifier};
 use trust::identity::KeyId;
@@ -20,7 +21,9 @@ pub const FILE: &str = "audit";
 const SIZE_MAX: u64 = 16 << 20;
 /// How many records wait for the disk; more are counted.
 const WAITING_MAX: usize = 256;
-/// How many records there are in a minute; more are counted, so that nobody fills the disk.
+/// How many of them are refusals: who is refused again and again keeps nothing out that was done.
+const REFUSED_MAX: usize = 128;
+/// How many records of either decision there are in a minute; more are counted, so that nobody fills the disk.
 const PER_MINUTE: u32 = 600;
 
 /// Somebody wanted something, and what became of it.
@@ -41,7 +44,10 @@ pub struct AuditEntry {
 pub struct Audit {
     records: Option<SyncSender<(UnixTime, AuditEntry)>>,
     writer: Option<JoinHandle<()>>,
-    quota: Mutex<Quota>,
+    /// How many refusals wait.
+    refused: Arc<AtomicUsize>,
+    /// Of what was done, and of what was refused.
+    quotas: Mutex<[Quota; 2]>,
 }
 
 /// How many records there were in this minute, and how many there would have been.
@@ -61,30 +67,58 @@ impl Audit {
         let (records, waiting) = sync_channel(WAITING_MAX);
         let writer = Writer::open(folder.join(FILE), team, node)?;
         let thread = std::thread::Builder::new().name("dca-audit".to_owned());
-        let writer = thread.spawn(move || writer.run(&waiting)).context("starting the thread of the audit log")?;
-        Ok(Self { records: Some(records), writer: Some(writer), quota: Mutex::default() })
+        let refused = Arc::new(AtomicUsize::new(0));
+        let taken = Arc::clone(&refused);
+        let writer =
+            thread.spawn(move || writer.run(&waiting, &taken)).context("starting the thread of the audit log")?;
+        Ok(Self { records: Some(records), writer: Some(writer), refused, quotas: Mutex::default() })
     }
 
-    /// Has a record written. What comes too fast is only counted, and told of in the next minute.
+    /// Has a record written. What comes too fast is only counted, and told of in the next minute, or at the end.
     pub fn record(&self, entry: AuditEntry) {
         let now = crate::now();
-        let mut quota = self.quota.lock().unwrap_or_else(PoisonError::into_inner);
-        let lost = quota.begin(now);
-        let records = self.records.iter();
-        let told = lost.map(|count| {
-            let (who, what) = ("many".to_owned(), format!("{count} more like this"));
-            AuditEntry { decision: Decision::Refused, who, what, reason: "too many in a minute".to_owned() }
-        });
+        let mut quotas = self.quotas.lock().unwrap_or_else(PoisonError::into_inner);
+        let quota = &mut quotas[usize::from(entry.decision == Decision::Refused)];
+        let told = quota.begin(now).map(|count| more(entry.decision, count));
         for entry in told.into_iter().chain([entry]) {
-            let taken = quota.takes() && records.clone().all(|records| records.try_send((now, entry.clone())).is_ok());
+            let taken = quota.takes() && self.send(now, entry);
             quota.lost += u32::from(!taken);
         }
     }
+
+    /// Gives a record to the writer; says whether there was room.
+    fn send(&self, now: UnixTime, entry: AuditEntry) -> bool {
+        let is_refusal = entry.decision == Decision::Refused;
+        if is_refusal && self.refused.fetch_add(1, Ordering::Relaxed) >= REFUSED_MAX {
+            self.refused.fetch_sub(1, Ordering::Relaxed);
+            return false;
+        }
+        let is_sent = self.records.iter().all(|records| records.try_send((now, entry.clone())).is_ok());
+        if is_refusal && !is_sent {
+            self.refused.fetch_sub(1, Ordering::Relaxed);
+        }
+        is_sent
+    }
+}
+
+/// Says how many records were left out.
+fn more(decision: Decision, count: u32) -> AuditEntry {
+    let what = if decision == Decision::Done { "done" } else { "refused" };
+    let (who, what) = ("many".to_owned(), format!("{count} more that were {what}"));
+    AuditEntry { decision, who, what, reason: "too many in a minute".to_owned() }
 }
 
 impl Drop for Audit {
     fn drop(&mut self) {
-        self.records = None;
+        let quotas = std::mem::take(self.quotas.get_mut().unwrap_or_else(PoisonError::into_inner));
+        if let Some(records) = self.records.take() {
+            for (quota, decision) in quotas.into_iter().zip([Decision::Done, Decision::Refused]) {
+                if quota.lost > 0 {
+                    // The writer takes what waits, and then this: there is nobody else any more.
+                    drop(records.send((crate::now(), more(decision, quota.lost))));
+                }
+            }
+        }
         if let Some(writer) = self.writer.take() {
             drop(writer.join());
         }
@@ -156,8 +190,11 @@ impl Writer {
         written.with_context(|| format!("writing `{}`", self.path.display()))
     }
 
-    fn run(mut self, records: &Receiver<(UnixTime, AuditEntry)>) {
+    fn run(mut self, records: &Receiver<(UnixTime, AuditEntry)>, refused: &AtomicUsize) {
         while let Ok((at, entry)) = records.recv() {
+            if entry.decision == Decision::Refused {
+                refused.fetch_sub(1, Ordering::Relaxed);
+            }
             let AuditEntry { decision, who, what, reason } = &entry;
             let line = self.log.add(&Entry { at, decision: *decision, who, what, request: [0; 16], reason });
             let written = self.write(&line).and_then(|()| self.turn_over());
@@ -235,6 +272,32 @@ mod tests {
         drop(Audit::open(&folder, team, node).unwrap());
         assert_eq!(lines(&folder).len(), 1);
         assert_eq!(fs::read_dir(&folder).unwrap().count(), 2);
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn who_is_refused_again_and_again_keeps_nothing_out_that_was_done() {
+        let folder = std::env::temp_dir().join(format!("dca-audit-flood-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let audit = Audit::open(&folder, KeyId([1; 32]), KeyId([2; 32])).unwrap();
+        for number in 0..10_000 {
+            audit.record(entry("a stranger"));
+            if number % 1000 == 999 {
+                let (who, what, reason) = ("dan".into(), format!("write {number}"), String::new());
+                audit.record(AuditEntry { decision: Decision::Done, who, what, reason });
+            }
+        }
+        drop(audit);
+        let lines = lines(&folder);
+        assert_eq!(lines.iter().filter(|line| line.contains("\tdan\t")).count(), 10);
+        let strangers = lines.iter().filter(|line| line.contains("a stranger")).count();
+        // A minute may have ended meanwhile.
+        let more = |line: &String| -> Option<usize> {
+            line.split_once(" more that were refused")?.0.split('\t').next_back()?.parse().ok()
+        };
+        let more: usize = lines.iter().filter_map(more).sum();
+        assert_eq!(strangers + more, 10_000, "all are counted");
+        assert!(lines.iter().all(|line| !line.contains("more that were done")));
         fs::remove_dir_all(&folder).unwrap();
     }
 
