@@ -104,7 +104,7 @@ fn first_of(text: &str) -> Result<Option<Script>, String> {
         }
         events.iter().for_each(|event| script += &format!("{event}\n"));
     }
-    for (word, key) in [("travels", "travels"), ("runs", "running"), ("stops", "stopping")] {
+    for (word, key) in [("travels", "travels"), ("runs", "running"), ("stops", "stopping"), ("untold", "untold")] {
         let names: Vec<&str> = story[key].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
         if !names.is_empty() {
             script += &format!("{word} {}\n", names.join(", "));

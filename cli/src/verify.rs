@@ -285,7 +285,7 @@ fn assumption(assumes: &Assumption) -> Value {
     json!({ "text": assumes.text, "story": assumes.story.as_ref().map(story) })
 }
 
-/// A story as an object: `{"steps": [{"cause", "effects", "events"}], "travels", "running", "stopping", "ended"}`.
+/// A story as an object: `{"steps": [{"cause", "effects", "events"}], "travels", "running", "stopping", "untold", "ended"}`.
 pub(crate) fn story(story: &Story) -> Value {
     let steps = story.steps.iter().map(|step| {
         let events: Vec<String> = step.events.iter().map(ToString::to_string).collect();
@@ -297,5 +297,5 @@ pub(crate) fn story(story: &Story) -> Value {
         Became::Stopped => "stopped",
         Became::Active | Became::Stopping => "",
     });
-    json!({ "steps": steps.collect::<Vec<_>>(), "travels": story.travels, "running": story.running, "stopping": story.stopping, "ended": ended })
+    json!({ "steps": steps.collect::<Vec<_>>(), "travels": story.travels, "running": story.running, "stopping": story.stopping, "untold": story.untold, "ended": ended })
 }

@@ -9,7 +9,7 @@ use crate::explore::{Found, Graph, Limits, Nobody, Reached, explore, is_over, is
 use crate::finding::{Finding, diagnostic, help};
 use crate::model::{Ends, Model, Seat};
 use crate::story::{place, story_to_the_end};
-use crate::system::{Changed, Frame, Label, Mode, Phase, System};
+use crate::system::{Changed, Frame, Label, Mode, Phase, System, escalates};
 use language::Code;
 use language::plan::Expression;
 use outside::Suspect;
@@ -103,10 +103,19 @@ fn explore_part(
             }
         }
     }
-    // A group of another supervisor can always fail: its host may be lost.
-    ends[0].aborts |= !model.parts[part].is_piece;
+    ends[0].aborts |= is_taken_down(model, part);
     let own = &mut model.parts[part];
     (own.ends, own.is_whole, own.may_hang) = (ends, is_whole, may_hang);
+}
+
+/// Whether a group can fail whatever its expression says: its programs die more often than it bears, or its supervisor is lost to
+/// the one around it, on another host.
+fn is_taken_down(model: &Model<'_>, part: usize) -> bool {
+    let source = &model.parts[part];
+    let groups = &model.plan.groups;
+    let host = |group: u32| groups[group as usize].host;
+    let is_away = model.around[source.group as usize].is_some_and(|(around, _)| host(around) != host(source.group));
+    !source.is_piece && (is_away || escalates(model, source.group))
 }
 
 /// How the whole of a system ends, of all that was seen.

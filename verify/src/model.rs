@@ -102,11 +102,22 @@ impl<'a> Model<'a> {
 
     /// Whether a part of a group runs a member of it, itself or in a piece.
     pub(crate) fn holds(&self, part: usize, slot: u32) -> bool {
+        self.held(part).contains(&slot)
+    }
+
+    /// The members of its group that a part runs, itself or in pieces.
+    pub(crate) fn held(&self, part: usize) -> Vec<u32> {
         let source = &self.parts[part];
-        runs(&source.expression).into_iter().any(|member| match source.members.get(member as usize) {
-            Some(Seat::Part(inner)) if self.parts[*inner].is_piece => self.holds(*inner, slot),
-            Some(Seat::Part(_) | Seat::Leaf(_)) | None => member == slot,
-        })
+        let mut held = Vec::new();
+        for member in runs(&source.expression) {
+            match source.members.get(member as usize) {
+                Some(Seat::Part(inner)) if self.parts[*inner].is_piece => held.extend(self.held(*inner)),
+                Some(Seat::Part(_) | Seat::Leaf(_)) | None => held.push(member),
+            }
+        }
+        held.sort_unstable();
+        held.dedup();
+        held
     }
 
     /// What a process is called by a reader: its path without `main/`.

@@ -17,6 +17,8 @@ pub struct Script {
     pub running: Vec<String>,
     /// What is being stopped at the end.
     pub stopping: Vec<String>,
+    /// What may run at the end, or not: paths as in `running`.
+    pub untold: Vec<String>,
     /// How the whole has ended; none if it has not.
     pub ended: Option<Became>,
 }
@@ -62,6 +64,7 @@ impl Script {
             travels: story.travels.clone(),
             running: story.running.clone(),
             stopping: story.stopping.clone(),
+            untold: story.untold.clone(),
             ended: story.ended,
         })
     }
@@ -105,7 +108,7 @@ impl Script {
         let path = |name: &String| if name == "main" { name.clone() } else { format!("main/{name}") };
         let (runs, stops) = (simulation.running(), simulation.stopping());
         let is_leaf = |path: &String| plan.leaves.iter().any(|leaf| leaf.path == *path);
-        let named: Vec<String> = self.running.iter().chain(&self.stopping).map(path).collect();
+        let named: Vec<String> = self.running.iter().chain(&self.stopping).chain(&self.untold).map(path).collect();
         let is_named = |leaf: &&&str| {
             named.iter().any(|name| {
                 leaf.strip_prefix(name.as_str()).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
@@ -156,7 +159,7 @@ impl fmt::Display for Script {
             writeln!(f, "travels {}", self.travels.join(", "))?;
         }
         self.events.iter().try_for_each(|event| writeln!(f, "{event}"))?;
-        for (word, names) in [("runs", &self.running), ("stops", &self.stopping)] {
+        for (word, names) in [("runs", &self.running), ("stops", &self.stopping), ("untold", &self.untold)] {
             if !names.is_empty() {
                 writeln!(f, "{word} {}", names.join(", "))?;
             }
@@ -180,6 +183,7 @@ impl FromStr for Script {
                 ("travels", rest) => script.travels = names(rest),
                 ("runs", rest) => script.running = names(rest),
                 ("stops", rest) => script.stopping = names(rest),
+                ("untold", rest) => script.untold = names(rest),
                 ("ends", word) => {
                     let end = ENDS.iter().find(|(end, _)| *end == word.trim()).map(|(_, became)| *became);
                     let why = || "`ends done`, `ends failed` or `ends stopped`".to_owned();

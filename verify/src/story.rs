@@ -3,7 +3,7 @@
 mod event;
 
 use crate::explore::Graph;
-use crate::model::Model;
+use crate::model::{Model, Seat};
 use crate::system::{Change, Changed, FaultKind, Frame, Label, LossKind, Phase, System};
 use event::event;
 use language::TraceEvent;
@@ -61,6 +61,8 @@ pub struct Story {
     pub running: Vec<String>,
     /// What is being stopped at the end.
     pub stopping: Vec<String>,
+    /// What may run at the end, and of which the story does not tell: processes that share nothing with what it is about.
+    pub untold: Vec<String>,
     /// The processes whose orders and reports take their time between hosts, as far as they are started in it: paths.
     pub travels: Vec<String>,
     /// How the whole has ended; none if it has not.
@@ -124,6 +126,7 @@ pub(crate) fn tell_run(system: &System<'_>, way: &[Label], again: Option<&[Label
         story.again = Some(story.steps.len());
     }
     (story.running, story.stopping) = running(system, &frame);
+    story.untold = untold(system, &frame);
     story.travels.sort();
     story.travels.dedup();
     story.ended = match frame.phase {
@@ -183,6 +186,22 @@ pub(crate) fn running(system: &System<'_>, frame: &Frame) -> (Vec<String>, Vec<S
         }
     }
     (running, stopping)
+}
+
+/// The processes in the pieces of groups that go on and are not looked into.
+fn untold(system: &System<'_>, frame: &Frame) -> Vec<String> {
+    if frame.phase == Phase::Idle || frame.phase.is_over() && !system.is_split(frame) {
+        return Vec::new();
+    }
+    let pieces = system.there(frame).into_iter().filter(|(unit, member)| member_name(system, *unit, *member).is_none());
+    let mut names = Vec::new();
+    for (unit, member) in pieces {
+        let part = &system.model.parts[system.units[unit].part];
+        if let Some(Seat::Part(piece)) = part.members.get(member as usize) {
+            names.extend(system.model.held(*piece).into_iter().map(|slot| system.model.name(part.group, slot)));
+        }
+    }
+    names
 }
 
 /// The name of a member; none for a piece of a group.
@@ -370,6 +389,9 @@ impl Story {
         }
         if !self.stopping.is_empty() {
             lines.push(format!("     is being stopped: {}", self.stopping.join(", ")));
+        }
+        if !self.untold.is_empty() {
+            lines.push(format!("     may run beside it: {}", self.untold.join(", ")));
         }
         lines
     }

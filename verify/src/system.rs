@@ -22,7 +22,7 @@ pub use mode::FaultKind;
 pub(crate) use mode::{Injection, Mode};
 pub(crate) use reaction::Stepper;
 use restart::Restarts;
-pub(crate) use restart::{crashes, is_never_done, is_restarted, taken_along};
+pub(crate) use restart::{crashes, escalates, is_never_done, is_restarted, taken_along};
 use std::collections::BTreeSet;
 use transit::Transit;
 

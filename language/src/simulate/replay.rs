@@ -88,11 +88,24 @@ impl<'a> Simulation<'a> {
         self.known(event)?;
         self.happens(event).map_err(|why| {
             let event = event.clone();
-            match matches!(event, TraceEvent::Lost(_) | TraceEvent::Cut(_) | TraceEvent::Noted(_)) {
+            match self.is_about_hosts(&event) {
                 true => ReplayError::Unsupported { event },
                 false => ReplayError::Impossible { event, why },
             }
         })
+    }
+
+    /// Whether an event comes of the loss of a host, or may: a group fails when its host is lost to that of the group around it.
+    fn is_about_hosts(&self, event: &TraceEvent) -> bool {
+        let groups = &self.plan.groups;
+        match event {
+            TraceEvent::Lost(_) | TraceEvent::Cut(_) | TraceEvent::Noted(_) => true,
+            TraceEvent::Fails(path) => {
+                let seat = self.group(path).and_then(|group| Some((group, self.seats.get(&group)?)));
+                seat.is_some_and(|(group, seat)| groups[seat.group].host != groups[group].host)
+            }
+            _ => false,
+        }
     }
 
     /// Whether the plan has what the event is about.

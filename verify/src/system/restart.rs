@@ -70,7 +70,7 @@ pub(crate) fn crashes(model: &Model<'_>, group: u32, leaf: u32) -> Vec<FaultKind
 }
 
 /// Whether the programs of a group can die more often than it bears.
-fn escalates(model: &Model<'_>, group: u32) -> bool {
+pub(crate) fn escalates(model: &Model<'_>, group: u32) -> bool {
     let source = &model.plan.groups[group as usize];
     let Some(borne) = source.supervision.intensity else { return false };
     let restarted = |kind: MemberKind| matches!(kind, MemberKind::Leaf(leaf) if is_restarted(model, leaf));

@@ -59,7 +59,7 @@ impl Simulation<'_> {
         }
     }
 
-    /// What may happen below a group: answers first, then ends, then failures, then timers.
+    /// What may happen below a group: answers first, then ends, failures, timers, and deaths that are more than a group bears.
     fn possible(&self, path: &str) -> Vec<TraceEvent> {
         let prefix = format!("{path}/");
         let is_below = |other: &&str| other.starts_with(&prefix);
@@ -81,6 +81,9 @@ impl Simulation<'_> {
         let is_own = |group: usize| own(group) == path || own(group).starts_with(&prefix);
         let timers = self.timers.values().filter(|timer| is_own(timer.group));
         events.extend(timers.map(|timer| TraceEvent::Elapsed(own(timer.group).to_owned(), timer.timer + 1)));
+        let bears = |group: &usize| self.plan.groups[*group].supervision.intensity.is_some();
+        let below = self.seats.keys().copied().filter(|group| is_own(*group) && bears(group));
+        events.extend(below.map(|group| TraceEvent::TooMany(own(group).to_owned())));
         events
     }
 
