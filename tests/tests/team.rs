@@ -85,7 +85,12 @@ fn a_team_has_users_and_loses_them() {
     let listed = desk.done(&["team"]);
     assert!(listed.contains("operator") && !listed.contains("deployer") && !listed.contains('!'), "{listed}");
     let exported = desk.done(&["team", "export"]);
-    assert_eq!(exported.lines().count(), 3, "{exported}");
+    assert_eq!(exported.lines().count(), 4, "{exported}");
+    let half = desk.cluster.file("half.team", exported.rsplit_once("\ncertificate").expect("there is one").0);
+    desk.refused(
+        &["team", "import", &half],
+        "its last line does not fit the others: a part was lost or changed; export it again",
+    );
     assert_eq!(desk.done(&["team", "user", "remove", "dan"]), "dan is revoked: number 1\n");
     let listed = desk.done(&["team"]);
     assert!(listed.contains("revocations: number 1, keys 1") && listed.contains("! revoked"), "{listed}");
@@ -145,7 +150,7 @@ fn a_short_passphrase_and_a_changed_file_are_refused() {
     let at = changed.len() - 20;
     changed[at] = if changed[at] == b'0' { b'1' } else { b'0' };
     fs::write(&own, changed).expect("a file of ours");
-    desk.refused(&["team", "--team", "acme"], "line 3");
+    desk.refused(&["team", "--team", "acme"], "its last line does not fit the others");
 }
 
 #[test]

@@ -1,14 +1,16 @@
 //! What everybody may know of a team, as one text: its keys, the certificates it has given, and the keys it has revoked.
 //!
 //! ```text
-//! dca-team 1
+//! dca-team 2
 //! team KTP…
 //! certificate 4N8…
 //! revoked 92A…
+//! end 6TW…
 //! ```
 //!
 //! The operator's machine keeps it as a file; it is no secret. Each line proves itself by its signatures, so a changed file is
-//! noticed. One from which lines were taken out is not: the number of the revocations tells that to whoever knows a higher one.
+//! noticed. The last line has the hash of all before it, so a file of which a part was lost is noticed, too. Who takes lines out on purpose can
+//! write another last line: the number of the revocations tells that to whoever knows a higher one. Version 1 had no last line, and is still read.
 
 use crate::certificate::Certificate;
 use crate::identity::KeyId;
@@ -23,7 +25,10 @@ pub const CERTIFICATES_MAX: usize = 4096;
 /// The most bytes of a bundle.
 pub const BUNDLE_MAX: usize = 8 << 20;
 
-const BEGIN: &str = "dca-team 1";
+const BEGIN: &str = "dca-team 2";
+/// That of files without a last line.
+const BEGIN_OLD: &str = "dca-team 1";
+const END: &str = "end ";
 
 /// A team and those it knows.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -42,6 +47,9 @@ pub enum BundleError {
     /// It does not begin as one.
     #[error("its first line is not `{BEGIN}`")]
     Begin,
+    /// Its last line is missing, or is not that of these lines.
+    #[error("its last line does not fit the others: a part was lost or changed; export it again")]
+    Cut,
     /// A line is not what belongs there.
     #[error("line {0} cannot be read, or does not belong there")]
     Line(usize),
@@ -136,7 +144,8 @@ impl Bundle {
         if let Some(set) = &self.revoked {
             text += &format!("revoked {}\n", encode(&set.to_bytes()));
         }
-        text
+        let end = encode(blake3::hash(text.as_bytes()).as_bytes());
+        text + &format!("{END}{end}\n")
     }
 
     /// Reads a text, and checks who has signed its lines. Whether a certificate has ended is not checked.
@@ -147,10 +156,12 @@ impl Bundle {
         if text.len() > BUNDLE_MAX {
             return Err(BundleError::TooLong);
         }
-        let mut lines = text.lines().enumerate().map(|(index, line)| (index + 1, line));
-        if lines.next().is_none_or(|(_, line)| line != BEGIN) {
-            return Err(BundleError::Begin);
-        }
+        let lines = match text.lines().next() {
+            Some(BEGIN) => whole(text)?,
+            Some(BEGIN_OLD) => text.lines().collect(),
+            _ => return Err(BundleError::Begin),
+        };
+        let mut lines = lines.into_iter().enumerate().map(|(index, line)| (index + 1, line)).skip(1);
         let team = field(lines.next().unwrap_or((2, "")), "team ")?;
         let mut bundle = Self::new(Team::from_bytes(&team).map_err(|_no_team| BundleError::Line(2))?);
         for (number, line) in lines {
@@ -191,6 +202,17 @@ impl Bundle {
         let judge = Judge { team: &self.team, revoked: &nobody, now, grace: 0 };
         self.credential(certificate).check(&judge).is_ok()
     }
+}
+
+/// Returns the lines before the last one, which has their hash.
+fn whole(text: &str) -> Result<Vec<&str>, BundleError> {
+    let mut lines: Vec<&str> = text.lines().collect();
+    let end = lines.pop().and_then(|line| line.strip_prefix(END)).ok_or(BundleError::Cut)?;
+    let mut hasher = blake3::Hasher::new();
+    for line in &lines {
+        hasher.update(line.as_bytes()).update(b"\n");
+    }
+    if encode(hasher.finalize().as_bytes()) == end { Ok(lines) } else { Err(BundleError::Cut) }
 }
 
 fn field((number, line): (usize, &str), name: &str) -> Result<Vec<u8>, BundleError> {

@@ -66,13 +66,34 @@ fn a_line_that_the_team_has_not_signed_is_refused() {
     assert_eq!(Bundle::from_text(&other.to_text()), Err(BundleError::Signature(6)), "only the team's own key");
     // Lines in another order, twice, or of another kind.
     let lines: Vec<&str> = good.lines().collect();
-    let with = |order: &[usize]| order.iter().map(|index| format!("{}\n", lines[*index])).collect::<String>();
+    let with = |order: &[usize]| {
+        let text: String = order.iter().map(|index| format!("{}\n", lines[*index])).collect();
+        text.replacen("dca-team 2", "dca-team 1", 1)
+    };
     assert!(Bundle::from_text(&with(&[0, 1, 2, 3, 4, 5])).is_ok());
     assert_eq!(Bundle::from_text(&with(&[0, 1, 3, 2])), Err(BundleError::Signature(3)), "the admin is not known yet");
     assert_eq!(Bundle::from_text(&with(&[0, 1, 2, 2])), Err(BundleError::Line(4)));
     assert_eq!(Bundle::from_text(&with(&[0, 1, 5, 2])), Err(BundleError::Line(4)));
     assert_eq!(Bundle::from_text(&with(&[1])), Err(BundleError::Begin));
     assert_eq!(Bundle::from_text(&with(&[0])), Err(BundleError::Line(2)));
+    assert_eq!(Bundle::from_text(&with(&[0, 1, 6])), Err(BundleError::Line(3)), "version 1 has no last line");
     assert_eq!(Bundle::from_text(&good.to_uppercase()), Err(BundleError::Begin));
     assert_eq!(Bundle::from_text(&"x".repeat(9 << 20)), Err(BundleError::TooLong));
+}
+
+#[test]
+fn a_text_of_which_a_part_was_lost_is_refused() {
+    let world = World::new();
+    let good = bundle(&world).to_text();
+    assert!(Bundle::from_text(good.trim_end()).is_ok() && Bundle::from_text(&good.replace('\n', "\r\n")).is_ok());
+    let lines: Vec<&str> = good.lines().collect();
+    for gone in 1..lines.len() {
+        let kept = |index: &usize| *index != gone;
+        let text: String = (0..lines.len()).filter(kept).map(|index| format!("{}\n", lines[index])).collect();
+        assert_eq!(Bundle::from_text(&text), Err(BundleError::Cut), "without line {}", gone + 1);
+    }
+    for length in "dca-team 2\n".len()..good.trim_end().len() {
+        assert_eq!(Bundle::from_text(&good[..length]), Err(BundleError::Cut), "the first {length} bytes");
+    }
+    assert_eq!(Bundle::from_text(&format!("{good}{good}")), Err(BundleError::Cut));
 }
