@@ -9,17 +9,21 @@ use anyhow::{anyhow, ensure};
 use node::console::{self, Failure, block_on};
 use node::logic::protocol::{Answer, Request};
 use std::collections::BTreeMap;
-use trust::bundle::Bundle;
+use trust::bundle::{Bundle, Holder};
 use trust::certificate::Certificate;
 use trust::identity::SecretKeys;
 use trust::name::{Name, UnixTime};
 use trust::revocation::{REVOKED_MAX, RevokedSet};
+use trust::role::Role;
 
 /// The arguments of `dca team revoke`.
 #[derive(Debug, clap::Args)]
 pub(super) struct RevokeArgs {
     /// The name of the robot or user; without it the nodes of this machine are told again of all who are revoked
     name: Option<Name>,
+    /// Also if it is the only admin: somebody else has the key
+    #[arg(long, requires = "name")]
+    last_admin: bool,
 }
 
 impl RevokeArgs {
@@ -28,11 +32,15 @@ impl RevokeArgs {
         let (keyring, mut bundle) = keys.bundle()?;
         if let Some(name) = &self.name {
             // Nobody is asked for a passphrase before the request is known to be possible.
-            ensure_to_revoke(&bundle, name)?;
+            let check = |bundle: &Bundle| {
+                ensure_to_revoke(bundle, name)?;
+                ensure_other_admin(bundle, name, self.last_admin)
+            };
+            check(&bundle)?;
             let root = keyring.root(&bundle)?.unlock(&keys.passphrase(Asked::Known)?)?;
             let said;
             (said, bundle) = keyring.change(bundle.team().name(), |bundle| {
-                ensure_to_revoke(bundle, name)?;
+                check(bundle)?;
                 revoke(bundle, name, &root, now())
             })?;
             console::say(&said);
@@ -49,6 +57,21 @@ fn ensure_to_revoke(bundle: &Bundle, name: &Name) -> anyhow::Result<()> {
     let mut named = bundle.named(name).peekable();
     ensure!(named.peek().is_some(), "there is no `{name}` in the team");
     ensure!(named.any(|known| !bundle.has_revoked(&known.subject())), "`{name}` is revoked already");
+    Ok(())
+}
+
+/// Refuses to revoke the only admin whose keys are trusted, unless that is what somebody wants.
+pub(super) fn ensure_other_admin(bundle: &Bundle, name: &Name, is_wanted: bool) -> anyhow::Result<()> {
+    let holders = bundle.holders(now());
+    let is_trusted = |holder: &&Holder<'_>| holder.standing.is_ok();
+    let claims = holders.iter().filter(is_trusted).map(|holder| holder.certificate.claims());
+    let (own, others): (Vec<_>, Vec<_>) =
+        claims.filter(|claims| claims.role == Role::Admin).partition(|claims| claims.name == *name);
+    ensure!(
+        is_wanted || own.is_empty() || !others.is_empty(),
+        "`{name}` is the only admin of the team: make another one first, `dca team user add NAME --role admin --key KEY`; if somebody \
+         else has the key of `{name}`, `--last-admin` revokes it all the same"
+    );
     Ok(())
 }
 

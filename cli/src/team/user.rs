@@ -50,6 +50,9 @@ struct Add {
 struct Remove {
     /// The name of the user
     name: Name,
+    /// Also if it is the only admin: somebody else has the key
+    #[arg(long)]
+    last_admin: bool,
 }
 
 impl UserArgs {
@@ -159,7 +162,7 @@ impl Remove {
         ensure!(named.peek().is_some(), "there is no user `{}` in the team", self.name);
         let is_left = named.any(|known| known.kind() == Kind::User && !bundle.has_revoked(&known.subject()));
         ensure!(is_left, "`{}` is revoked already", self.name);
-        Ok(())
+        revoke::ensure_other_admin(bundle, &self.name, self.last_admin)
     }
 
     fn carry_out(&self, bundle: &mut Bundle, root: &SecretKeys, now: UnixTime) -> anyhow::Result<String> {
