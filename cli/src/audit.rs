@@ -1,10 +1,10 @@
 //! `dca audit`: the log of a node, and whether a file is such a log that nobody has worked on.
 
 use crate::io::named_file;
-use anyhow::{Context as _, anyhow};
+use anyhow::{Context as _, anyhow, ensure};
 use dbmanager::logic::view::{date, table};
 use node::console::{self, Failure};
-use node::io::state_dir;
+use node::io::{run_dir, state_dir};
 use std::path::{Path, PathBuf};
 use team::{audit, member};
 use trust::audit::{Head, Log, Verifier};
@@ -22,6 +22,9 @@ pub struct Arguments {
     /// Folder for the state of this machine's nodes, as `dca-node --state` has it
     #[arg(long, value_name = "DIR", requires = "node")]
     state: Option<PathBuf>,
+    /// Folder with the sockets of this machine's nodes, as `dca-node --run-dir` has it: the node there says where its state is
+    #[arg(long, value_name = "DIR", requires = "node", conflicts_with = "state")]
+    run_dir: Option<PathBuf>,
     /// A file to verify instead
     #[arg(long, value_name = "FILE")]
     verify: Option<PathBuf>,
@@ -34,16 +37,31 @@ pub struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let heads = arguments.heads.as_deref().map_or(Ok(Vec::new()), heads)?;
     match (&arguments.node, &arguments.verify) {
-        (Some(node), _) => show(node, arguments.state.as_deref()),
+        (Some(node), _) => show(&state(node, arguments)?),
         (None, Some(path)) => verify(path, heads),
         (None, None) => Ok(()),
     }
 }
 
+/// Returns the folder with the state of a node: below the one that was given, else where the node itself says.
+fn state(node: &Name, arguments: &Arguments) -> anyhow::Result<PathBuf> {
+    let base = arguments.run_dir.clone().unwrap_or_else(run_dir::default_base);
+    let told = || state_dir::told(&base, node.as_str());
+    if let (None, Some(folder)) = (&arguments.state, told()) {
+        return Ok(folder);
+    }
+    ensure!(
+        arguments.run_dir.is_none(),
+        "no node `{node}` has said in `{}` where its state is; name that folder with `--state`",
+        base.display()
+    );
+    let base = arguments.state.clone().or_else(state_dir::default_base).context("choose a folder with `--state`")?;
+    Ok(base.join(node.as_str()))
+}
+
 /// Shows the records of a node's log, and whether they are as they were written.
-fn show(node: &Name, state: Option<&Path>) -> Result<(), Failure> {
-    let base = state.map(Path::to_owned).or_else(state_dir::default_base).context("choose a folder with `--state`")?;
-    let path = base.join(node.as_str()).join(member::FOLDER).join(audit::FILE);
+fn show(state: &Path) -> Result<(), Failure> {
+    let path = state.join(member::FOLDER).join(audit::FILE);
     let text = named_file::text(&path, LOG_MAX).with_context(|| format!("reading `{}`", path.display()))?;
     let rows: Vec<Vec<String>> = text.lines().filter_map(row).collect();
     if !rows.is_empty() {

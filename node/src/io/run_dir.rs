@@ -6,6 +6,7 @@
 //!   c1/                     one node
 //!     lock                  held while the node runs
 //!     cgroup                names the control group that it runs in, if it could have one
+//!     state                 names the folder with its state, if it has one
 //!     proof                 what commands of this user on this machine show to the node, and nobody else can read
 //!     node.sock             its zenoh session, for other nodes and command lines of this machine
 //!     journal               what it has committed, if it has no folder that survives it

@@ -9,10 +9,18 @@
 
 use crate::io::folder;
 use anyhow::Context;
+use comms::io::file;
+use std::ffi::OsString;
 use std::fs::{DirBuilder, Metadata};
-use std::io::ErrorKind;
+use std::io::{self, ErrorKind};
+use std::os::unix::ffi::{OsStrExt, OsStringExt};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
+
+/// The file in the run folder of a node that names the folder with its state.
+const TOLD: &str = "state";
+/// The longest path of it, in bytes. Source: limits.h, Linux.
+const TOLD_MAX: usize = 4096;
 
 /// Returns the folder of a node below `base`, or below the one that the system has for such things; makes it.
 ///
@@ -47,6 +55,23 @@ pub fn default_base() -> Option<PathBuf> {
     }
     let folder = |name| std::env::var_os(name).map(PathBuf::from).filter(|folder| folder.is_absolute());
     folder("XDG_STATE_HOME").or_else(|| Some(folder("HOME")?.join(".local/state"))).map(|base| base.join("dca"))
+}
+
+/// Writes into the run folder of a node where its state is, for commands of this user.
+///
+/// # Errors
+/// The disk refuses.
+pub(crate) fn tell(run: &Path, state: &Path) -> io::Result<()> {
+    file::write(&run.join(TOLD), state.as_os_str().as_bytes())
+}
+
+/// Returns where the state of the node `name` is, as it has said in its run folder below `base`; nothing if no such node has run there,
+/// or it has none.
+pub fn told(base: &Path, name: &str) -> Option<PathBuf> {
+    // A name comes from a person: it must not lead elsewhere.
+    let plain = Path::new(name).components().eq([std::path::Component::Normal(name.as_ref())]);
+    let path = file::bytes(&base.join(name).join(TOLD), TOLD_MAX).ok().filter(|path| plain && !path.is_empty())?;
+    Some(PathBuf::from(OsString::from_vec(path)))
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@ use crate::io::programs;
 use crate::io::run_dir::{self, PROGRAMS, RunDir};
 use crate::io::secrets::Secrets;
 use crate::io::starter::Starter;
+use crate::io::state_dir;
 use crate::logic::agent::{Agent, Identity};
 use crate::logic::node_state::NodeState;
 use crate::logic::programs::Programs;
@@ -52,10 +53,14 @@ const TEAM: &str = "team";
 /// The longest such file that is read, in bytes.
 const TEAM_MAX: usize = 4096;
 
-/// Writes down of which team this node is, which others on this machine look at before they dial it, and what its programs show.
+/// Writes down of which team this node is, which others on this machine look at before they dial it, where its state is, and what its
+/// programs show.
 pub(super) fn show_team(config: &Config, dir: &RunDir) -> anyhow::Result<()> {
     let folder = dir.path();
     file::write(&folder.join(TEAM), team(config).as_bytes()).context("writing down of which team this node is")?;
+    if let Some(state) = &config.state {
+        state_dir::tell(folder, state).context("writing down where the state of this node is")?;
+    }
     match &config.member {
         Some(member) => member.vouch(&programs_identity(dir)),
         None => {
