@@ -152,6 +152,13 @@ impl Set {
         let found = programs(&self.commit.database)?;
         let program = found.one(&self.instance)?;
         let parameter = program.parameter(&self.parameter)?;
+        if parameter.accepts == Accepts::Secret {
+            let (name, of) = (&parameter.name, program.name());
+            return Err(anyhow!(
+                "`{name}` of `{of}` is a secret, which is no parameter of the database: `dca db put --secret KEY --for ROBOT` changes it"
+            )
+            .into());
+        }
         let value = parameter.accepts.read(&self.value);
         let value = value
             .map_err(|expected| anyhow!("`{}` cannot be `{}`: expected {expected}", parameter.name, self.value))?;

@@ -2,7 +2,7 @@
 
 use crate::logic::database::settings::{parameter_key, stands_for};
 use crate::logic::protocol::{InstanceParameters, ParameterStatus};
-use language::plan::{Argument, Constant, Parameter};
+use language::plan::{Accepts, Argument, Constant, Parameter};
 use std::collections::BTreeMap;
 
 /// The verdict on a key below `robot/HOST/params/` and a value for it.
@@ -28,6 +28,12 @@ pub fn given(parameters: &[Parameter], arguments: &[Argument]) -> Vec<ParameterS
         parameter: parameter.clone(),
     };
     parameters.iter().map(status).collect()
+}
+
+/// Returns the parameters of a plain program that somebody may ask for: its secrets. It is told nothing else while it runs.
+pub fn of_plain(arguments: &[Argument]) -> Vec<Parameter> {
+    let secrets = arguments.iter().filter(|argument| matches!(argument.value, Constant::Secret(_)));
+    secrets.filter_map(|argument| Some(Parameter { name: argument.name.clone()?, accepts: Accepts::Secret })).collect()
 }
 
 /// Returns parameters of the database as their program gets them: quantities as numbers in SI units. What the program does not
@@ -164,7 +170,6 @@ fn near<'a>(name: &str, all: &[&'a str]) -> Option<&'a str> {
 mod tests {
     use super::*;
     use crate::logic::protocol::Deployment;
-    use language::plan::Accepts;
 
     fn instance(path: &str, parameters: Option<&[(&str, Accepts)]>) -> InstanceParameters {
         let deployment = Deployment { name: "door".into(), epoch: 1 };
@@ -174,6 +179,18 @@ mod tests {
         };
         let parameters = parameters.map(|all| all.iter().map(status).collect());
         InstanceParameters { deployment, path: path.into(), module: "Sensor".into(), parameters }
+    }
+
+    #[test]
+    fn a_secret_of_a_plain_program_is_known_and_takes_no_value() {
+        let argument = |name: &str, value| Argument { name: Some(name.to_owned()), value };
+        let arguments =
+            [argument("password", Constant::Secret("team/password".into())), argument("rate", Constant::Number(5.0))];
+        let parameters = Some(given(&of_plain(&arguments), &arguments));
+        let known = [InstanceParameters { parameters, ..instance("main/camera", None) }];
+        let why = "`password` cannot be `1`: expected `secret(\"KEY\")` in the spec";
+        let verdict = check("robot/c3/params/door/camera/password", "1", &known);
+        assert_eq!(verdict, Verdict::Refused(why.to_owned()));
     }
 
     #[test]

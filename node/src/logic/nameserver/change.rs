@@ -83,7 +83,7 @@ impl fmt::Display for Change {
             Self::Appeared { host, place, replaces: false, .. } => write!(f, "the node `{host}` is there: {place}"),
             Self::Appeared { host, place, .. } => write!(f, "the node `{host}` was started again: {place}"),
             Self::Missing { host, why, .. } => write!(f, "the node `{host}` is missing: {why}"),
-            Self::Lost { host } => write!(f, "the node `{host}` is lost: it was missing for {}", span(LOST_AFTER)),
+            Self::Lost { host } => write!(f, "the node `{host}` is lost: it did not answer for {}", span(LOST_AFTER)),
             Self::Detour { host, via, .. } => {
                 write!(f, "the node `{host}` does not answer itself; `{via}` reaches it and passes messages on")
             }

@@ -88,9 +88,10 @@ impl Participant {
         let leaves = self.instances.iter().filter_map(|(number, _)| self.plan.leaves.get(number as usize));
         let of_leaf = |leaf: &Leaf| {
             // A plain program is told nothing while it runs.
+            let secrets = parameters::of_plain(&leaf.arguments);
             let declared = match leaf.kind {
                 LeafKind::Controller => programs.parameters(&leaf.module),
-                LeafKind::Plain => Some(&[][..]),
+                LeafKind::Plain => Some(&secrets[..]),
             };
             InstanceParameters {
                 deployment: self.deployment.clone(),
