@@ -21,12 +21,14 @@ const END: &str = "\"}";
 pub(crate) struct Readers {
     keys: Option<PathBuf>,
     names: OnceCell<BTreeMap<KeyId, String>>,
+    /// Whether somebody was told that a name is not known.
+    unknown: OnceCell<()>,
 }
 
 impl Readers {
     /// Returns those in the teams whose keys these arguments name.
     pub(crate) fn of(database: &DatabaseArgs) -> Self {
-        Self { keys: database.key_place().folder, names: OnceCell::new() }
+        Self { keys: database.key_place().folder, names: OnceCell::new(), unknown: OnceCell::new() }
     }
 
     /// Returns a value for people.
@@ -98,6 +100,11 @@ impl Readers {
 
     fn names_of(&self, sealed: &Sealed) -> Vec<String> {
         let names = self.names.get_or_init(|| self.look_up());
+        if sealed.readers().any(|id| !names.contains_key(&id)) {
+            self.unknown.get_or_init(|| {
+                console::note("note: names of readers are known where the team is: `dca team import` brings it, `--keys` says where");
+            });
+        }
         sealed.readers().map(|id| names.get(&id).cloned().unwrap_or_else(|| format!("key {id}"))).collect()
     }
 
@@ -142,7 +149,11 @@ mod tests {
         let names = BTreeMap::from([(robots[0].id(), "r2".to_owned())]);
         let shown = sealed.readers().map(|id| names.get(&id).cloned().unwrap_or_else(|| format!("key {id}")));
         let said = format!("secret for {}, generation 1", shown.collect::<Vec<_>>().join(", "));
-        (Readers { keys: None, names: OnceCell::from(names) }, Datum::Sealed(sealed.to_bytes()), said)
+        (
+            Readers { keys: None, names: OnceCell::from(names), unknown: OnceCell::new() },
+            Datum::Sealed(sealed.to_bytes()),
+            said,
+        )
     }
 
     #[test]
