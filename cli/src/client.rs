@@ -485,6 +485,7 @@ mod tests {
             containment: Containment::default(),
             network: Network::default(),
             estop: None,
+            policy: None,
         }
     }
 }

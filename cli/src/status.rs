@@ -100,8 +100,8 @@ fn text(statuses: &[NodeStatus], away: &Absences, name: Option<&str>) -> String 
     if blocks.len() == usize::from(!stopped.is_empty()) {
         let hosts: Vec<&str> = statuses.iter().map(|status| status.host.as_str()).collect();
         let what = name.map_or_else(|| "nothing".to_owned(), |name| format!("nothing of `{name}`"));
-        let open = |status: &&NodeStatus| status.network != Network::Host;
-        let networks = statuses.iter().filter(open).map(|status| vec![status.host.clone(), status.network.to_string()]);
+        let open = |status: &&NodeStatus| status.network != Network::Host || status.policy.is_some();
+        let networks = statuses.iter().filter(open).map(|status| vec![status.host.clone(), guard(status)]);
         let blocks = [
             stopped.join("\n"),
             format!("{what} is deployed on {}", hosts.join(", ")),
@@ -109,9 +109,15 @@ fn text(statuses: &[NodeStatus], away: &Absences, name: Option<&str>) -> String 
         ];
         return blocks.into_iter().filter(|block| !block.is_empty()).collect::<Vec<_>>().join("\n\n");
     }
-    let held = |status: &NodeStatus| {
-        vec![status.host.clone(), format!("held by {}", status.containment), status.network.to_string()]
-    };
+    let held =
+        |status: &NodeStatus| vec![status.host.clone(), format!("held by {}", status.containment), guard(status)];
     blocks.push(table(&statuses.iter().map(held).collect::<Vec<_>>()));
     blocks.join("\n\n")
+}
+
+/// Returns whom a node lets come over the network, and which policy says what runs there.
+fn guard(status: &NodeStatus) -> String {
+    let policy = status.policy.as_ref().map(|file| format!("policy {file}"));
+    let words = [status.network.to_string(), policy.unwrap_or_default()];
+    words.into_iter().filter(|word| !word.is_empty()).collect::<Vec<_>>().join(", ")
 }

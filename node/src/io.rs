@@ -15,6 +15,7 @@ pub mod input_log;
 pub mod journal;
 pub mod logging;
 pub mod peers;
+pub mod policy;
 pub mod programs;
 mod ready;
 pub mod run_dir;

@@ -1,158 +1,164 @@
-//! What a node lets others start on it: a file of its own, which nobody can change from afar.
+//! The execution policy of a node: which programs others may start on it, and with what. A file on its own disk, which nobody can
+//! change from afar.
 //!
 //! ```toml
 //! folders = ["/opt/robot/bin"]        # programs below these, or
-//! hashes = []                         # programs with these BLAKE3 hashes
-//! signers = ["deployer", "ci"]        # roles whose deployments run here
-//! users = ["dca-run"]                 # as whom programs may run
-//! root = false
-//! devices = ["/dev/ttyUSB0"]
-//! realtime = 49                       # the highest real-time priority
-//! memory = 2147483648                 # bytes a program
-//! network = "loopback"                # none, loopback or any
-//! secrets = ["team/camera/"]          # paths that programs may be given
+//! hashes = ["blake3:5f0e…"]           # programs with these BLAKE3 hashes
+//! user = "dca-run"                    # as whom programs run
+//! root = false                        # whether any may run as root
+//! devices = ["arm", "camera"]         # what programs may claim
+//! secrets = ["team/camera/"]          # keys of secrets that they may be given
+//! realtime = 40                       # the highest real-time priority; 0 for none
+//! memory = 2_000_000_000              # bytes of a program
+//! cores = 1.5                         # its share of the processors
+//! cpu = 3600                          # its processor time, in seconds
+//! pids = 64                           # its processes and threads
+//! files = 1024                        # its open files
+//! file_size = 100_000_000             # its longest file, in bytes
 //! ```
 //!
-//! A policy of the team can only take away what the file of the node allows. All reasons of a refusal are said at once.
+//! A rule that is not there restricts nothing, but for `root`, which has to be said. A limit is the highest that a spec may ask for, and
+//! what a program has whose spec asks for none.
 
-use crate::role::Role;
 use serde::Deserialize;
 use std::path::{Component, Path, PathBuf};
 use thiserror::Error;
+use toml::Spanned;
 
 /// The most bytes of the file.
 pub const POLICY_MAX: usize = 256 << 10;
 /// The most entries of a list.
 pub const ENTRIES_MAX: usize = 1024;
 /// The highest real-time priority that a program may have: that of the node's own threads is 50.
-pub const REALTIME_MAX: u8 = 49;
-
-/// How far a program may talk.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Network {
-    /// Not at all.
-    None,
-    /// Within its machine.
-    Loopback,
-    /// With anybody.
-    Any,
-}
+pub const REALTIME_MAX: u64 = 49;
+/// The most processors that a rule may name.
+const CORES_MAX: f64 = 4096.0;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
-    #[serde(default)]
-    folders: Vec<PathBuf>,
-    #[serde(default)]
-    hashes: Vec<String>,
-    signers: Vec<String>,
-    #[serde(default)]
-    users: Vec<String>,
-    #[serde(default)]
-    root: bool,
-    #[serde(default)]
-    devices: Vec<PathBuf>,
-    #[serde(default)]
-    realtime: u8,
-    memory: Option<u64>,
-    #[serde(default = "loopback")]
-    network: Network,
-    #[serde(default)]
-    secrets: Vec<String>,
+    folders: Option<Spanned<Vec<PathBuf>>>,
+    hashes: Option<Spanned<Vec<String>>>,
+    user: Option<Spanned<String>>,
+    root: Option<Spanned<bool>>,
+    devices: Option<Spanned<Vec<String>>>,
+    secrets: Option<Spanned<Vec<String>>>,
+    realtime: Option<Spanned<u64>>,
+    memory: Option<Spanned<u64>>,
+    cores: Option<Spanned<f64>>,
+    cpu: Option<Spanned<u64>>,
+    pids: Option<Spanned<u64>>,
+    files: Option<Spanned<u64>>,
+    file_size: Option<Spanned<u64>>,
 }
 
-const fn loopback() -> Network {
-    Network::Loopback
+/// A rule, and where it stands.
+#[derive(Clone, Debug, PartialEq)]
+struct Rule<T> {
+    value: T,
+    /// From 1 on.
+    line: usize,
 }
 
 /// A policy that was read and checked.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Policy {
-    folders: Vec<PathBuf>,
-    hashes: Vec<[u8; 32]>,
-    signers: Vec<Role>,
-    users: Vec<String>,
-    root: bool,
-    devices: Vec<PathBuf>,
-    realtime: u8,
-    memory: Option<u64>,
-    network: Network,
-    secrets: Vec<String>,
+    folders: Option<Rule<Vec<PathBuf>>>,
+    hashes: Option<Rule<Vec<[u8; 32]>>>,
+    user: Option<Rule<String>>,
+    root: Option<Rule<bool>>,
+    devices: Option<Rule<Vec<String>>>,
+    secrets: Option<Rule<Vec<String>>>,
+    limits: Vec<(&'static str, Rule<u64>)>,
 }
 
-/// What is to be started.
+/// The limits that a program asks for, or gets.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Limits {
+    /// Its real-time priority.
+    pub realtime: Option<u64>,
+    /// Its memory, in bytes.
+    pub memory: Option<u64>,
+    /// Its share of the processors, in thousandths of one.
+    pub cores: Option<u64>,
+    /// Its processor time, in seconds.
+    pub cpu: Option<u64>,
+    /// Its processes and threads.
+    pub pids: Option<u64>,
+    /// Its open files.
+    pub files: Option<u64>,
+    /// Its longest file, in bytes.
+    pub file_size: Option<u64>,
+}
+
+/// A program that is to be started.
 #[derive(Clone, Copy, Debug)]
 pub struct Start<'a> {
     /// The program, without links: the caller has resolved them.
     pub program: &'a Path,
-    /// Its BLAKE3 hash.
-    pub hash: [u8; 32],
-    /// The role of who has signed for it.
-    pub signer: Role,
-    /// As whom it is to run.
+    /// Its BLAKE3 hash; needed only where [`Policy::needs_hash`] says so.
+    pub hash: Option<[u8; 32]>,
+    /// As whom it is to run, for a person.
     pub user: &'a str,
-    /// Its devices.
-    pub devices: &'a [PathBuf],
-    /// Its real-time priority; 0 for none.
-    pub realtime: u8,
-    /// Its limit of memory, in bytes; none for no limit.
-    pub memory: Option<u64>,
-    /// How far it has to talk.
-    pub network: Network,
-    /// The paths of the secrets it is to be given.
+    /// Whether that is root.
+    pub is_root: bool,
+    /// The devices that it claims.
+    pub devices: &'a [String],
+    /// The keys of the secrets that it is to be given.
     pub secrets: &'a [String],
+    /// The limits that it asks for.
+    pub limits: Limits,
 }
 
-/// Why a program is not started.
-#[derive(Clone, Debug, PartialEq, Eq, Error)]
-pub enum Denied {
-    /// It is in no folder that is allowed, and its hash is not listed.
-    #[error("`{0}` is in no folder that this node allows, and its hash is not listed")]
-    Program(PathBuf),
-    /// Its signer has a role that is not allowed.
-    #[error("this node runs nothing that {0} has signed")]
-    Signer(Role),
-    /// It would run as somebody who is not listed.
-    #[error("this node runs no program as `{0}`")]
-    User(String),
-    /// It would run as root.
-    #[error("this node runs no program as root")]
-    Root,
-    /// It would use a device that is not listed.
-    #[error("this node gives no program the device `{0}`")]
-    Device(PathBuf),
-    /// Its priority is too high.
-    #[error("real-time priority {found} is above {limit}")]
-    Realtime {
-        /// What was asked for.
-        found: u8,
-        /// The highest.
-        limit: u8,
-    },
-    /// It has no limit of memory, or one that is too high.
-    #[error("a program needs a limit of memory of at most {0} bytes")]
-    Memory(u64),
-    /// It would talk too far.
-    #[error("this node lets no program talk so far")]
-    Network,
-    /// It would be given a secret that is not listed.
-    #[error("this node gives no program the secret `{0}`")]
-    Secret(String),
+/// A rule that a program breaks.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Denied {
+    /// The word of the rule.
+    pub rule: &'static str,
+    /// The line of the file where it stands, from 1 on; none for a rule that would have to be there.
+    pub line: Option<usize>,
+    /// What it says against the program.
+    pub why: String,
 }
 
-/// A policy cannot be used. A node without a valid one starts nothing.
+impl Denied {
+    /// Returns the reason in a sentence that names the rule and its place in the file at `path`.
+    #[must_use]
+    pub fn sentence(&self, path: &Path) -> String {
+        let Self { rule, line, why } = self;
+        match line {
+            Some(line) => format!("{why} (rule `{rule}`, `{}` line {line})", path.display()),
+            None => format!("{why} (there is no rule `{rule}` in `{}`)", path.display()),
+        }
+    }
+}
+
+/// Why a policy cannot be used. A node without a valid one starts nothing.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum PolicyError {
-    /// It is no TOML, or has a field that does not belong there.
-    #[error("the policy cannot be read: {0}")]
-    Toml(String),
+    /// It is no TOML, or has a rule that nobody knows.
+    #[error("line {line}: {why}")]
+    Toml {
+        /// From 1 on.
+        line: usize,
+        /// What is wrong.
+        why: String,
+    },
     /// The file is too long.
     #[error("a policy has at most {POLICY_MAX} bytes, and {ENTRIES_MAX} entries in a list")]
     TooLong,
     /// A value is not allowed.
-    #[error("`{0}` is not allowed in the field `{1}` of a policy")]
-    Value(String, &'static str),
+    #[error("line {line}: `{value}` is not allowed in `{rule}`: {hint}")]
+    Value {
+        /// From 1 on.
+        line: usize,
+        /// The value.
+        value: String,
+        /// The word of the rule.
+        rule: &'static str,
+        /// What is allowed.
+        hint: &'static str,
+    },
 }
 
 impl Policy {
@@ -164,88 +170,232 @@ impl Policy {
         if text.len() > POLICY_MAX {
             return Err(PolicyError::TooLong);
         }
-        let file: File = toml::from_str(text).map_err(|error| PolicyError::Toml(error.message().to_owned()))?;
-        let lengths = [file.folders.len(), file.hashes.len(), file.signers.len(), file.users.len()];
-        if lengths.into_iter().chain([file.devices.len(), file.secrets.len()]).any(|length| length > ENTRIES_MAX) {
-            return Err(PolicyError::TooLong);
-        }
-        if file.realtime > REALTIME_MAX {
-            return Err(PolicyError::Value(file.realtime.to_string(), "realtime"));
-        }
-        plain_paths(&file.folders, "folders")?;
-        plain_paths(&file.devices, "devices")?;
-        let hash = |text: &String| hash(text).ok_or_else(|| PolicyError::Value(text.clone(), "hashes"));
-        let signer = |text: &String| text.parse().map_err(|_unknown| PolicyError::Value(text.clone(), "signers"));
+        let file: File = toml::from_str(text).map_err(|error| PolicyError::Toml {
+            line: line(text, error.span().map_or(0, |span| span.start)),
+            why: error.message().trim_end().replace('\n', "; "),
+        })?;
+        let reader = Reader { text };
+        let limits = [
+            reader.limit("realtime", file.realtime)?,
+            reader.limit("memory", file.memory)?,
+            reader.cores(file.cores)?,
+            reader.limit("cpu", file.cpu)?,
+            reader.limit("pids", file.pids)?,
+            reader.limit("files", file.files)?,
+            reader.limit("file_size", file.file_size)?,
+        ];
+        let no_path = "it is a path from the root on, without `..`";
+        let no_hash = "it is 64 digits from 0 to f";
+        let no_name = "it is not empty";
+        let is_named = |name: &String| (!name.is_empty()).then(|| name.clone());
         Ok(Self {
-            hashes: file.hashes.iter().map(hash).collect::<Result<_, _>>()?,
-            signers: file.signers.iter().map(signer).collect::<Result<_, _>>()?,
-            folders: file.folders,
-            users: file.users,
-            root: file.root,
-            devices: file.devices,
-            realtime: file.realtime,
-            memory: file.memory,
-            network: file.network,
-            secrets: file.secrets,
+            folders: reader.list("folders", file.folders, no_path, |path| is_plain(path).then(|| path.clone()))?,
+            hashes: reader.list("hashes", file.hashes, no_hash, |text| hash(text))?,
+            user: file.user.map(|user| reader.checked("user", user, no_name, is_named)).transpose()?,
+            root: file.root.map(|root| reader.rule(root)),
+            devices: reader.list("devices", file.devices, no_name, is_named)?,
+            secrets: reader.list("secrets", file.secrets, no_name, is_named)?,
+            limits: limits.into_iter().flatten().collect(),
         })
     }
 
-    /// Returns every reason against starting a program; none if it may be started.
+    /// Returns as whom programs run; none if as whoever runs the node.
     #[must_use]
-    pub fn denials(&self, start: &Start<'_>) -> Vec<Denied> {
+    pub fn user(&self) -> Option<&str> {
+        self.user.as_ref().map(|user| user.value.as_str())
+    }
+
+    /// Returns the line of the rule `user`, from 1 on.
+    #[must_use]
+    pub fn user_line(&self) -> Option<usize> {
+        self.user.as_ref().map(|user| user.line)
+    }
+
+    /// Returns whether only the hash of a program can say whether it may be started.
+    #[must_use]
+    pub fn needs_hash(&self, program: &Path) -> bool {
+        self.hashes.is_some() && !self.is_in_folder(program)
+    }
+
+    /// Returns the limits that a program gets.
+    ///
+    /// # Errors
+    /// Every reason against starting it.
+    pub fn admit(&self, start: &Start<'_>) -> Result<Limits, Vec<Denied>> {
         let mut denied = Vec::new();
-        let is_below = |folder: &PathBuf| start.program.starts_with(folder) && start.program != folder.as_path();
-        let is_in_folder = is_plain(start.program) && self.folders.iter().any(is_below);
-        if !is_in_folder && !self.hashes.contains(&start.hash) {
-            denied.push(Denied::Program(start.program.to_owned()));
+        denied.extend(self.against_program(start));
+        if start.is_root && !self.root.as_ref().is_some_and(|root| root.value) {
+            let line = self.root.as_ref().map(|root| root.line);
+            denied.push(Denied { rule: "root", line, why: "no program runs as root on this node".to_owned() });
         }
-        if !self.signers.contains(&start.signer) {
-            denied.push(Denied::Signer(start.signer));
+        if let Some(user) = self.user.as_ref().filter(|user| user.value != start.user) {
+            let why =
+                format!("programs run as `{}` on this node, and this one would run as `{}`", user.value, start.user);
+            denied.push(Denied { rule: "user", line: Some(user.line), why });
         }
-        if start.user == "root" || start.user == "0" {
-            denied.extend((!self.root).then_some(Denied::Root));
-        } else if !self.users.iter().any(|user| user == start.user) {
-            denied.push(Denied::User(start.user.to_owned()));
+        if let Some(devices) = &self.devices {
+            let others = start.devices.iter().filter(|device| !devices.value.contains(device));
+            denied.extend(others.map(|device| Denied {
+                rule: "devices",
+                line: Some(devices.line),
+                why: format!("no program may claim `{device}` on this node"),
+            }));
         }
-        let devices = start.devices.iter().filter(|device| !self.devices.contains(device));
-        denied.extend(devices.map(|device| Denied::Device(device.clone())));
-        if start.realtime > self.realtime {
-            denied.push(Denied::Realtime { found: start.realtime, limit: self.realtime });
+        if let Some(secrets) = &self.secrets {
+            let others = start.secrets.iter().filter(|key| !secrets.value.iter().any(|listed| gives(listed, key)));
+            denied.extend(others.map(|key| Denied {
+                rule: "secrets",
+                line: Some(secrets.line),
+                why: format!("no program is given the secret `{key}` on this node"),
+            }));
         }
-        if let Some(limit) = self.memory
-            && start.memory.is_none_or(|memory| memory > limit)
-        {
-            denied.push(Denied::Memory(limit));
-        }
-        if start.network > self.network {
-            denied.push(Denied::Network);
-        }
-        let secrets = start.secrets.iter().filter(|path| !self.gives(path));
-        denied.extend(secrets.map(|path| Denied::Secret(path.clone())));
-        denied
+        let limits = self.limited(&start.limits, &mut denied);
+        if denied.is_empty() { Ok(limits) } else { Err(denied) }
     }
 
-    /// A listed path that ends in `/` stands for all below it.
-    fn gives(&self, path: &str) -> bool {
-        self.secrets.iter().any(|listed| if listed.ends_with('/') { path.starts_with(listed) } else { path == listed })
+    fn is_in_folder(&self, program: &Path) -> bool {
+        let is_below = |folder: &PathBuf| program.starts_with(folder) && program != folder.as_path();
+        is_plain(program) && self.folders.as_ref().is_some_and(|folders| folders.value.iter().any(is_below))
+    }
+
+    fn against_program(&self, start: &Start<'_>) -> Option<Denied> {
+        let is_listed = |hashes: &Rule<Vec<[u8; 32]>>| start.hash.is_some_and(|hash| hashes.value.contains(&hash));
+        if self.is_in_folder(start.program) || self.hashes.as_ref().is_some_and(is_listed) {
+            return None;
+        }
+        let program = start.program.display();
+        let (rule, line, why) = match (&self.folders, &self.hashes) {
+            (None, None) => return None,
+            (Some(folders), None) => {
+                ("folders", folders.line, format!("`{program}` is in none of the folders of programs"))
+            }
+            (None, Some(hashes)) => ("hashes", hashes.line, format!("the hash of `{program}` is not listed")),
+            (Some(folders), Some(_)) => {
+                let why = format!("`{program}` is in none of the folders of programs, and its hash is not listed");
+                ("folders", folders.line, why)
+            }
+        };
+        Some(Denied { rule, line: Some(line), why })
+    }
+
+    /// Returns the limits that were asked for, and those of this policy in place of what was not.
+    fn limited(&self, asked: &Limits, denied: &mut Vec<Denied>) -> Limits {
+        let mut limits = *asked;
+        for (rule, Rule { value, line }) in &self.limits {
+            let limit = match *rule {
+                // No program needs a priority: this rule gives none.
+                "realtime" => {
+                    deny_above(("real-time priority", *rule), (asked.realtime, *value), *line, denied);
+                    continue;
+                }
+                "memory" => &mut limits.memory,
+                "cores" => &mut limits.cores,
+                "cpu" => &mut limits.cpu,
+                "pids" => &mut limits.pids,
+                "files" => &mut limits.files,
+                _ => &mut limits.file_size,
+            };
+            deny_above((*rule, *rule), (*limit, *value), *line, denied);
+            limit.get_or_insert(*value);
+        }
+        limits
     }
 }
 
-/// Returns every reason against starting a program: those of the node's own policy, and those of the team's, if it has one.
-#[must_use]
-pub fn denials(local: &Policy, team: Option<&Policy>, start: &Start<'_>) -> Vec<Denied> {
-    let mut denied = local.denials(start);
-    for reason in team.into_iter().flat_map(|policy| policy.denials(start)) {
-        if !denied.contains(&reason) {
-            denied.push(reason);
-        }
-    }
-    denied
+fn deny_above(
+    (what, rule): (&str, &'static str),
+    (asked, limit): (Option<u64>, u64),
+    line: usize,
+    denied: &mut Vec<Denied>,
+) {
+    let Some(asked) = asked.filter(|asked| *asked > limit) else { return };
+    let [asked, limit] = [asked, limit].map(|value| amount(rule, value));
+    let why = format!("its {what} of {asked} is above {limit}");
+    denied.push(Denied { rule, line: Some(line), why });
 }
 
-fn plain_paths(paths: &[PathBuf], field: &'static str) -> Result<(), PolicyError> {
-    let wrong = paths.iter().find(|path| !is_plain(path));
-    wrong.map_or(Ok(()), |path| Err(PolicyError::Value(path.display().to_string(), field)))
+/// Returns a value of a limit as a person writes it.
+fn amount(rule: &str, value: u64) -> String {
+    match rule {
+        "memory" | "file_size" => format!("{value} B"),
+        "cpu" => format!("{value} s"),
+        "cores" => format!("{}.{:03}", value / 1000, value % 1000),
+        _ => value.to_string(),
+    }
+}
+
+/// Turns what was read into rules.
+struct Reader<'a> {
+    text: &'a str,
+}
+
+impl Reader<'_> {
+    fn rule<T>(&self, read: Spanned<T>) -> Rule<T> {
+        let line = line(self.text, read.span().start);
+        Rule { value: read.into_inner(), line }
+    }
+
+    fn checked<T: ToString, U>(
+        &self,
+        rule: &'static str,
+        read: Spanned<T>,
+        hint: &'static str,
+        check: impl Fn(&T) -> Option<U>,
+    ) -> Result<Rule<U>, PolicyError> {
+        let Rule { value, line } = self.rule(read);
+        let checked = check(&value);
+        checked.map(|value| Rule { value, line }).ok_or_else(|| PolicyError::Value {
+            line,
+            value: value.to_string(),
+            rule,
+            hint,
+        })
+    }
+
+    fn list<T: AsRef<Path>, U>(
+        &self,
+        rule: &'static str,
+        read: Option<Spanned<Vec<T>>>,
+        hint: &'static str,
+        check: impl Fn(&T) -> Option<U>,
+    ) -> Result<Option<Rule<Vec<U>>>, PolicyError> {
+        let Some(Rule { value: entries, line }) = read.map(|read| self.rule(read)) else { return Ok(None) };
+        if entries.len() > ENTRIES_MAX {
+            return Err(PolicyError::TooLong);
+        }
+        let wrong = |entry: &T| PolicyError::Value { line, value: entry.as_ref().display().to_string(), rule, hint };
+        let value = entries.iter().map(|entry| check(entry).ok_or_else(|| wrong(entry))).collect::<Result<_, _>>()?;
+        Ok(Some(Rule { value, line }))
+    }
+
+    fn limit(
+        &self,
+        rule: &'static str,
+        read: Option<Spanned<u64>>,
+    ) -> Result<Option<(&'static str, Rule<u64>)>, PolicyError> {
+        let is_priority = rule == "realtime";
+        let hint = if is_priority { "it is 0 to 49" } else { "it is above 0" };
+        let is_good = |value: &u64| if is_priority { *value <= REALTIME_MAX } else { *value > 0 };
+        let check = |value: &u64| is_good(value).then_some(*value);
+        read.map(|read| Ok((rule, self.checked(rule, read, hint, check)?))).transpose()
+    }
+
+    fn cores(&self, read: Option<Spanned<f64>>) -> Result<Option<(&'static str, Rule<u64>)>, PolicyError> {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "it is between 1 and 4 million")]
+        let check = |cores: &f64| (0.001..=CORES_MAX).contains(cores).then(|| (cores * 1000.0).round() as u64);
+        let hint = "it is from 0.001 to 4096";
+        read.map(|read| Ok(("cores", self.checked("cores", read, hint, check)?))).transpose()
+    }
+}
+
+/// A listed key that ends in `/` stands for all below it.
+fn gives(listed: &str, key: &str) -> bool {
+    if listed.ends_with('/') { key.starts_with(listed) } else { key == listed }
+}
+
+/// Returns the line of a place in a text, from 1 on.
+fn line(text: &str, place: usize) -> usize {
+    text.bytes().take(place).filter(|byte| *byte == b'\n').count() + 1
 }
 
 /// Returns whether a path begins at the root and does not go back.

@@ -6,12 +6,12 @@ use comms::io::session;
 use comms::logic::human::cause;
 use node::io::folder::no_folder;
 use node::io::programs::ANSWER_WITHIN;
-use node::io::{cgroup, programs, run_dir};
+use node::io::{cgroup, policy, programs, run_dir};
 use rustix::fs::{Access, access, statvfs};
 use rustix::process::{Resource, getrlimit};
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, TcpListener};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// The command that gives a program a real-time priority. Source: chrt(1), util-linux.
@@ -34,7 +34,24 @@ pub async fn look(run: &Path, state: Option<&Path>) -> Machine {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         controllers: controllers(&programs::beside("dca-controller")),
         nodes: run_dir::running(run).unwrap_or_default().into_iter().map(|(name, _)| name).collect(),
+        policies: policies(state),
     }
+}
+
+/// Returns the policy of this machine, or those of the nodes whose states are below this folder.
+fn policies(state: Option<&Path>) -> Vec<Result<String, String>> {
+    let found = |node: Option<&Path>| {
+        let found = policy::find(node).map_err(|error| format!("{error:#}"));
+        found.map(|found| found.map(|found| found.path.display().to_string())).transpose()
+    };
+    let own = found(None);
+    if own.is_some() {
+        return own.into_iter().collect();
+    }
+    let mut nodes: Vec<PathBuf> =
+        state.and_then(|state| state.read_dir().ok()).into_iter().flatten().flatten().map(|node| node.path()).collect();
+    nodes.sort();
+    nodes.iter().filter_map(|node| found(Some(node))).collect()
 }
 
 fn listen() -> io::Result<()> {

@@ -76,6 +76,8 @@ pub struct Machine {
     pub controllers: Result<usize, String>,
     /// The nodes that run on this machine, of this user.
     pub nodes: Vec<String>,
+    /// The execution policies of this machine and its nodes: their files, or why one cannot be used.
+    pub policies: Vec<Result<String, String>>,
 }
 
 /// A folder, or the place where it would be made.
@@ -94,7 +96,7 @@ pub fn findings(machine: &Machine) -> Vec<Check> {
     let mut checks = vec![containment(machine), clock(machine), discovery(machine), listening(machine), files(machine)];
     checks.push(realtime(machine));
     checks.extend(machine.folders.iter().map(|(name, folder)| space(name, folder)));
-    checks.extend([shim(machine), controllers(machine), nodes(machine)]);
+    checks.extend([shim(machine), controllers(machine), policy(machine), nodes(machine)]);
     checks
 }
 
@@ -227,6 +229,24 @@ fn controllers(machine: &Machine) -> Check {
     )
 }
 
+fn policy(machine: &Machine) -> Check {
+    let wrong: Vec<&str> = machine.policies.iter().filter_map(|one| one.as_ref().err().map(String::as_str)).collect();
+    let files: Vec<&str> = machine.policies.iter().flatten().map(String::as_str).collect();
+    let (level, finding) = if !wrong.is_empty() {
+        (Level::Failed, wrong.join("; "))
+    } else if files.is_empty() {
+        (Level::Ok, "none: whoever may deploy can start any program as the user of the node".to_owned())
+    } else {
+        (Level::Ok, format!("`{}` says what may run", files.join("`, `")))
+    };
+    check(
+        "policy",
+        level,
+        finding,
+        "a node with such a policy does not start, and one that runs starts nothing more: mend the file",
+    )
+}
+
 fn nodes(machine: &Machine) -> Check {
     let finding = match &machine.nodes[..] {
         [] => "none runs here as this user".to_owned(),
@@ -254,6 +274,7 @@ mod tests {
             version: "1".into(),
             controllers: Ok(20),
             nodes: vec!["c1".into()],
+            policies: vec![Ok("/etc/dca/policy.toml".into())],
         }
     }
 
@@ -261,7 +282,7 @@ mod tests {
     fn a_good_machine_has_no_hints() {
         let checks = findings(&good());
         assert!(checks.iter().all(|check| check.level == Level::Ok && check.hint.is_none()), "{checks:#?}");
-        assert_eq!(checks.len(), 10);
+        assert_eq!(checks.len(), 11);
     }
 
     /// Checks that one finding of a machine with a flaw has this level and says this; the others are good.
@@ -293,5 +314,6 @@ mod tests {
         check_flaw(|it| it.shim = Ok("2".into()), Level::Failed, "shim", "version 2, and these programs have 1");
         check_flaw(|it| it.shim = Err("it is not there".into()), Level::Failed, "shim", "it is not there");
         check_flaw(|it| it.controllers = Err("no".into()), Level::Warning, "controllers", "no");
+        check_flaw(|it| it.policies.push(Err("line 3: no".into())), Level::Failed, "policy", "line 3: no");
     }
 }

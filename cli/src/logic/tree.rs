@@ -101,6 +101,7 @@ pub(crate) mod tests {
             containment: Containment::default(),
             network: Network::default(),
             estop: None,
+            policy: None,
         }
     }
 

@@ -214,11 +214,11 @@ fn remove_stale(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Checks that a command names something that can be executed, so that a spec is refused before anything runs.
+/// Returns what a command executes, so that a spec is refused before anything runs.
 ///
 /// # Errors
 /// It is not there, or must not be executed by this user.
-pub fn check_executable(command: &[String]) -> io::Result<()> {
+pub fn check_executable(command: &[String]) -> io::Result<PathBuf> {
     let name = command.first().map_or("", String::as_str);
     let found = if name.contains('/') {
         vec![PathBuf::from(name)]
@@ -240,7 +240,7 @@ pub fn check_executable(command: &[String]) -> io::Result<()> {
             format!("`{name}` is not executable by this user"),
         ));
     }
-    Ok(())
+    Ok(file.clone())
 }
 
 impl ShimOrders {

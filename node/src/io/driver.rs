@@ -16,6 +16,7 @@ use crate::io::input_log::InputLog;
 use crate::io::journal::{self, Journal};
 use crate::io::logging::{self, Log};
 use crate::io::peers::{Arrival, Peers};
+use crate::io::policy::ExecutionPolicy;
 use crate::io::run_dir::RunDir;
 use crate::io::service_manager::ServiceManager;
 use crate::io::starter::{self, Job};
@@ -36,6 +37,7 @@ use comms::logic::time::Time;
 use shim::protocol::{ShimOrder, ShimReport};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::PathBuf;
+use std::process;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use team::member::Member;
@@ -96,6 +98,8 @@ struct Driver {
     database: database::DatabaseThread,
     /// Decides who may start, stop and change something, if it is in a team.
     guard: Option<Guard>,
+    /// Decides what runs here.
+    policy: ExecutionPolicy,
     journal: Arc<Mutex<Journal>>,
     estop: EstopFile,
     /// The jobs beside the loop.
@@ -185,15 +189,14 @@ impl Driver {
         let (dir, before) = start::take_folder(&config, &machine).await?;
         let journal = start::journal(&config, &dir)?;
         let offered = start::offered(&config).await?;
-        let pid = std::process::id();
         let boot = entropy::number().context("reading a random number from the system")?;
         let inputs = InputLog::new(dir.path(), &machine, config.adopts);
         let is_adopting = before.is_some();
         let (estop_file, estop) = EstopFile::open(config.state.clone());
-        let guard = gate::guard(&config)?;
+        let (guard, policy) = gate::open(&config)?;
         let state = start::state(before, offered, guard.is_some(), || {
             let (host, epoch, open) = (config.name.clone(), journal.epoch(), journal.open_ends());
-            Identity { host, boot, pid, machine, epoch, open, is_guarded: guard.is_some(), estop }
+            Identity { host, boot, pid: process::id(), machine, epoch, open, is_guarded: guard.is_some(), estop }
         });
         let mut tasks = JoinSet::new();
         let (sink, mut arrivals) = mpsc::channel(EVENTS_MAX);
@@ -214,7 +217,7 @@ impl Driver {
         let session = Arc::clone(peers.session());
         let database = tokio::task::spawn_blocking(move || database::start(&options, &session)).await??;
         let (jobs, waiting) = mpsc::channel(starter::JOBS_MAX);
-        tasks.spawn(start::starter(&config, &database, events.clone()).run(waiting));
+        tasks.spawn(start::starter(&config, &database, (policy.clone(), events.clone())).run(waiting));
         let forward = events.clone();
         tasks.spawn(async move {
             while let Some(arrival) = arrivals.recv().await {
@@ -230,6 +233,7 @@ impl Driver {
             peers,
             database,
             guard,
+            policy,
             jobs,
             journal: Arc::new(Mutex::new(journal)),
             estop: estop_file,
@@ -351,6 +355,7 @@ impl Driver {
                 if let Answer::Status(status) = &mut *answer {
                     status.containment = cgroup::containment();
                     status.network = start::network(&self.config);
+                    status.policy = self.policy.in_use();
                 }
                 if !self.peers.answer(call, *answer) {
                     self.peers.take(call);

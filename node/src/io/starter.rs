@@ -5,10 +5,11 @@ use crate::io::child::leftovers;
 use crate::io::child::reach::{Reached, reach};
 use crate::io::child::{self, ShimOrders, ShimReports};
 use crate::io::event::{Event, hear_programs};
+use crate::io::policy::ExecutionPolicy;
 use crate::io::run_dir;
 use crate::io::secrets::Secrets;
 use crate::logic::attachments::Attachment;
-use crate::logic::effect::ProcessId;
+use crate::logic::effect::{ProcessId, SpawnOrder};
 use crate::logic::protocol::Deployment;
 use anyhow::Context;
 use comms::io::control::Listener;
@@ -43,13 +44,13 @@ pub(crate) enum Job {
 #[derive(Debug)]
 pub(crate) struct Start {
     pub(crate) process: ProcessId,
+    /// As the agent wants it.
+    pub(crate) order: SpawnOrder,
     pub(crate) shim: ShimStart,
     /// Where programs of its deployment connect, if it does.
     pub(crate) control: Option<PathBuf>,
     /// The first orders of its shim.
     pub(crate) orders: Receiver<ShimOrder>,
-    /// The keys of the secrets that it gets.
-    pub(crate) secrets: Vec<String>,
 }
 
 /// A program of a killed node, to be reached again.
@@ -65,6 +66,7 @@ pub(crate) struct Adopted {
 #[derive(Debug)]
 pub(crate) struct Starter {
     shim: PathBuf,
+    policy: ExecutionPolicy,
     secrets: Secrets,
     events: Sender<Event>,
     /// How many programs have connected.
@@ -76,9 +78,10 @@ pub(crate) struct Starter {
 }
 
 impl Starter {
-    pub(crate) fn new(shim: PathBuf, secrets: Secrets, events: Sender<Event>) -> Self {
+    pub(crate) fn new(shim: PathBuf, policy: ExecutionPolicy, secrets: Secrets, events: Sender<Event>) -> Self {
         Self {
             shim,
+            policy,
             secrets,
             events,
             connected: Arc::default(),
@@ -164,15 +167,8 @@ impl Starter {
     }
 
     async fn start(&mut self, start: Start) {
-        let (process, orders) = (start.process.clone(), start.orders);
-        let started = match self.secrets.open(&start.secrets).await {
-            Ok(secrets) => {
-                let started = self.try_start(start.process, start.shim, start.control).await;
-                started.map(|(shim, reports)| (shim.with(secrets), reports))
-            }
-            Err(error) => Err(error),
-        };
-        match started {
+        let Start { process, order, shim, control, orders } = start;
+        match self.try_start(order, shim, control).await {
             Ok((shim, reports)) => {
                 self.tasks.spawn(shim.pass(Vec::new(), orders));
                 self.tasks.spawn(hear(process, reports, self.events.clone()));
@@ -186,27 +182,36 @@ impl Starter {
         }
     }
 
+    /// Starts the shim of a program, if the policy of this host admits it: that is asked before its secrets are opened.
     async fn try_start(
         &mut self,
-        process: ProcessId,
-        start: ShimStart,
+        order: SpawnOrder,
+        mut start: ShimStart,
         control: Option<PathBuf>,
     ) -> anyhow::Result<(ShimOrders, ShimReports)> {
-        let unbound = control.filter(|_| !self.listeners.contains_key(&process.deployment));
+        let keys: Vec<String> = order.secrets.iter().map(|secret| secret.key.clone()).collect();
+        let deployment = order.process.deployment.clone();
+        let policy = self.policy.clone();
+        let admitting = tokio::task::spawn_blocking(move || {
+            start.limits = policy.admit(&order)?;
+            anyhow::Ok(start)
+        });
+        let start = admitting.await??;
+        let secrets = self.secrets.open(&keys).await?;
+        let unbound = control.filter(|_| !self.listeners.contains_key(&deployment));
         let shim = self.shim.clone();
         let starting = tokio::task::spawn_blocking(move || {
-            child::check_executable(&start.command)?;
             run_dir::make_process(&start.dir).context("making its folder")?;
             let listener = unbound.map(|path| Listener::bind(&path)).transpose();
             let listener = listener.context("opening its control socket")?;
             let started = child::start(&shim, &start).with_context(|| format!("starting {}", shim.display()))?;
             anyhow::Ok((listener, started))
         });
-        let (listener, started) = starting.await??;
+        let (listener, (shim, reports)) = starting.await??;
         if let Some(listener) = listener {
-            self.listen(listener, &process.deployment);
+            self.listen(listener, &deployment);
         }
-        Ok(started)
+        Ok((shim.with(secrets), reports))
     }
 }
 

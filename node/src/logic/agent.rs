@@ -329,6 +329,7 @@ impl Agent {
             containment: Containment::default(),
             network: Network::default(),
             estop: self.stopped_by().cloned(),
+            policy: None,
         }
     }
 

@@ -31,6 +31,8 @@ pub struct SpawnOrder {
     pub command: Vec<String>,
     /// Which of its words are secrets.
     pub secrets: Vec<SecretArgument>,
+    /// The devices that it claims.
+    pub devices: Vec<String>,
     /// Whether it speaks the control protocol; a plain program is held before `exec` until it is activated.
     pub kind: LeafKind,
     /// Its policy: what it may use, and what happens when its agent is gone.
@@ -132,8 +134,8 @@ pub enum Effect {
         deployment: Deployment,
         /// The change that asks, echoed.
         number: u32,
-        /// Absolute path of each instance, its executable and its arguments.
-        programs: Vec<(String, Vec<String>)>,
+        /// How each would be started.
+        programs: Vec<SpawnOrder>,
     },
     /// Write down that every host has confirmed the end of a deployment; nobody waits for it.
     Settled {

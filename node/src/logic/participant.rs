@@ -15,7 +15,7 @@ mod switching;
 mod unended;
 
 use crate::logic::claims::Claims;
-use crate::logic::effect::{Out, ProcessId, SpawnOrder, earliest};
+use crate::logic::effect::{Out, ProcessId, earliest};
 use crate::logic::executer::{ExecContext, Executer, below_using, group_host, leaf_host};
 use crate::logic::instance::{Instance, InstanceContext, Note};
 use crate::logic::programs::{self, Programs};
@@ -26,7 +26,7 @@ use change::Changing;
 use coming::supervisors;
 use comms::logic::control::Notice;
 use comms::logic::time::Time;
-use language::plan::{Leaf, Plan};
+use language::plan::Plan;
 use links::Switching;
 use loss::Loss;
 use serde::{Deserialize, Serialize};
@@ -264,16 +264,16 @@ impl Participant {
         [self.instances.deadline(), self.executers.deadline()].into_iter().fold(self.loss_deadline(), earliest)
     }
 
-    fn start_programs(&mut self, host: &str, programs: &Programs, out: &mut Out<'_>) {
+    fn start_programs(&mut self, host: &str, offered: &Programs, out: &mut Out<'_>) {
         let live = self.plan.live_leaves();
         let mine = |(number, _): &(u32, _)| live.contains(number) && leaf_host(&self.plan, *number) == Some(host);
         let plan = Arc::clone(&self.plan);
         let mut orders = Vec::new();
         for (number, leaf) in (0_u32..).zip(&plan.leaves).filter(mine) {
-            match programs.command(leaf) {
+            match offered.command(leaf) {
                 Ok(command) => {
                     let process = ProcessId { deployment: self.deployment.clone(), leaf: number };
-                    orders.push((number, spawn_order(process, command, leaf), leaf.stop_within));
+                    orders.push((number, programs::order(process, command, (&plan, leaf)), leaf.stop_within));
                 }
                 Err(why) => self.reasons.push(format!("host `{host}`: {why}")),
             }
@@ -440,9 +440,4 @@ impl Participant {
     fn since_go(&self, now: Time) -> Duration {
         self.go_at.map_or(Duration::ZERO, |at| now - at)
     }
-}
-
-fn spawn_order(process: ProcessId, command: Vec<String>, leaf: &Leaf) -> SpawnOrder {
-    let (path, secrets) = (leaf.path.clone(), programs::secrets(leaf, &command));
-    SpawnOrder { process, path, command, secrets, kind: leaf.kind, policy: leaf.policy.clone() }
 }

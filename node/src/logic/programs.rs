@@ -1,8 +1,8 @@
 //! The programs of this host: which executable runs a controller type.
 
-use crate::logic::effect::SecretArgument;
+use crate::logic::effect::{ProcessId, SecretArgument, SpawnOrder};
 use language::Source;
-use language::plan::{Argument, Constant, Leaf, Parameter, words};
+use language::plan::{Argument, Constant, Leaf, Parameter, Plan, words};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -83,8 +83,15 @@ impl Programs {
     }
 }
 
+/// Returns how the program of a leaf of this plan is started.
+pub fn order(process: ProcessId, command: Vec<String>, (plan, leaf): (&Plan, &Leaf)) -> SpawnOrder {
+    let claimed = plan.claims.iter().filter(|claim| claim.leaf == process.leaf).map(|claim| claim.device.clone());
+    let (path, secrets, devices) = (leaf.path.clone(), secrets(leaf, &command), claimed.collect());
+    SpawnOrder { process, path, command, secrets, devices, kind: leaf.kind, policy: leaf.policy.clone() }
+}
+
 /// Returns the secrets among the arguments of a leaf, which are the last words of its command.
-pub fn secrets(leaf: &Leaf, command: &[String]) -> Vec<SecretArgument> {
+fn secrets(leaf: &Leaf, command: &[String]) -> Vec<SecretArgument> {
     let first = command.len().saturating_sub(leaf.arguments.len());
     let secrets = leaf.arguments.iter().enumerate().filter_map(|(place, argument)| match &argument.value {
         Constant::Secret(key) => Some(SecretArgument { word: u32::try_from(first + place).ok()?, key: key.clone() }),

@@ -45,7 +45,7 @@ use std::fmt;
 use std::time::Duration;
 
 /// Version of these messages.
-pub const VERSION: u16 = 10;
+pub const VERSION: u16 = 11;
 
 /// How long a node that has more to say may be silent: it says several times in that time that it is still there.
 pub const SILENCE_MAX: Duration = Duration::from_secs(8);
@@ -333,8 +333,9 @@ mod tests {
             containment,
             network: Network::Insecure,
             estop: None,
+            policy: None,
         };
-        let text = r#"{"host":"c1","pid":7,"version":"1","up":1.5,"peers":[],"deployments":[],"containment":"control_group","network":"insecure","estop":null}"#;
+        let text = r#"{"host":"c1","pid":7,"version":"1","up":1.5,"peers":[],"deployments":[],"containment":"control_group","network":"insecure","estop":null,"policy":null}"#;
         check(serde_json::to_string(&status), text);
         assert_eq!(serde_json::from_str::<NodeStatus>(text).unwrap(), status);
         let dot = Dot { origin: ReplicaId::new(0xfedc_ba98_7654_3210), seq: 3 };
@@ -358,8 +359,9 @@ mod tests {
         let (host, version, up) = ("c1".into(), "1".into(), Duration::new(3, 4));
         let containment = Containment::ControlGroup;
         let network = Network::Host;
-        let status = NodeStatus { host, pid: 7, version, up, peers, deployments, containment, network, estop: None };
-        assert_eq!(postcard::to_stdvec(&status).unwrap(), [2, b'c', b'1', 7, 1, b'1', 3, 4, 0, 0, 1, 0, 0]);
+        let (estop, policy) = (None, Some("p".into()));
+        let status = NodeStatus { host, pid: 7, version, up, peers, deployments, containment, network, estop, policy };
+        assert_eq!(postcard::to_stdvec(&status).unwrap(), *b"\x02c1\x07\x011\x03\x04\0\0\x01\0\0\x01\x01p");
         let ping = Ping { from: "c1".into(), boot: 5, round: 300 };
         assert_eq!(codec::encode(&ping).unwrap(), *b"DC\x01\x00\x69\x00\x02c1\x05\xac\x02");
         let dot = Dot { origin: ReplicaId::new(300), seq: 3 };

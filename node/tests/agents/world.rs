@@ -7,7 +7,7 @@ use comms::logic::time::Time;
 use language::plan::{Plan, Policy};
 use language::{Options, Source, compile};
 use node::logic::agent::{Agent, Identity, Input};
-use node::logic::effect::{Effect, ProcessId};
+use node::logic::effect::{Effect, ProcessId, SpawnOrder};
 use node::logic::nameserver::Change;
 use node::logic::node_state::NodeState;
 use node::logic::programs::Programs;
@@ -299,8 +299,8 @@ impl World {
             Effect::Settled { deployment } => self.settled.push((host.into(), deployment)),
             Effect::KeepEstop(estop) => drop(self.estops.insert(host.into(), estop)),
             Effect::FindPrograms { deployment, number, programs } => {
-                let is_missing = |(_, command): &(String, Vec<String>)| command.iter().any(|word| word == "missing");
-                let problem = |(path, _)| format!("`{path}` cannot be started: there is no such program");
+                let is_missing = |order: &SpawnOrder| order.command.iter().any(|word| word == "missing");
+                let problem = |SpawnOrder { path, .. }| format!("`{path}` cannot be started: there is no such program");
                 let problems = programs.into_iter().filter(is_missing).map(problem).collect();
                 self.at(1, host, Coming::Input(Input::Found { deployment, number, problems }));
             }

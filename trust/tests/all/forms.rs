@@ -183,7 +183,7 @@ fn damaged_requests_texts_and_logs_panic_nowhere() {
     let line = invite(&world).to_line().to_string();
     let key = world.root.public().to_text();
     let bundle = crate::bundle::bundle(&world).to_text();
-    let policy = "folders = [\"/opt\"]\nsigners = [\"ci\"]\nrealtime = 3\n";
+    let policy = "folders = [\"/opt\"]\nrealtime = 3\n";
     for _ in 0..600 {
         let mut bytes = good.clone();
         dice.damage(&mut bytes);

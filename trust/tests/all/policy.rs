@@ -1,65 +1,79 @@
 //! What a node starts, and what it does not.
 
-use std::path::{Path, PathBuf};
-use trust::policy::{Denied, Network, Policy, PolicyError, Start, denials};
-use trust::role::Role;
+use std::path::Path;
+use trust::policy::{Denied, Limits, Policy, PolicyError, Start};
 
 const FILE: &str = r#"
 folders = ["/opt/robot/bin"]
-signers = ["deployer", "ci"]
-users = ["dca-run"]
-devices = ["/dev/ttyUSB0"]
-realtime = 40
-memory = 1000000
+user = "dca-run"
+devices = ["arm"]
 secrets = ["team/camera/", "team/one"]
+realtime = 40
+memory = 1_000_000
+cores = 1.5
 "#;
 
-fn start<'a>(devices: &'a [PathBuf], secrets: &'a [String]) -> Start<'a> {
+fn start<'a>(devices: &'a [String], secrets: &'a [String]) -> Start<'a> {
     Start {
         program: Path::new("/opt/robot/bin/servo"),
-        hash: [1; 32],
-        signer: Role::Deployer,
+        hash: None,
         user: "dca-run",
+        is_root: false,
         devices,
-        realtime: 40,
-        memory: Some(1_000_000),
-        network: Network::Loopback,
         secrets,
+        limits: Limits { realtime: Some(40), memory: Some(1_000_000), ..Limits::default() },
     }
 }
 
 #[test]
-fn what_the_file_allows_is_started() {
+fn what_the_file_allows_is_started_within_its_limits() {
     let policy = Policy::parse(FILE).unwrap();
-    let devices = [PathBuf::from("/dev/ttyUSB0")];
-    let secrets = ["team/camera/password", "team/one"].map(str::to_owned);
-    assert_eq!(policy.denials(&start(&devices, &secrets)), []);
+    let (devices, secrets) = (["arm".to_owned()], ["team/camera/password", "team/one"].map(str::to_owned));
+    let asked = start(&devices, &secrets);
+    let cores = Some(1500);
+    assert_eq!(policy.admit(&asked), Ok(Limits { cores, ..asked.limits }));
+    // Who asks for nothing has the limits of the node, and no priority.
+    let modest = Start { limits: Limits::default(), ..asked };
+    assert_eq!(policy.admit(&modest), Ok(Limits { memory: Some(1_000_000), cores, ..Limits::default() }));
+    assert_eq!(
+        Policy::parse("").unwrap().admit(&asked),
+        Ok(asked.limits),
+        "a rule that is not there restricts nothing"
+    );
 }
 
 #[test]
-fn all_reasons_are_said_at_once() {
+fn all_reasons_are_said_at_once_each_with_its_rule_and_line() {
     let policy = Policy::parse(FILE).unwrap();
-    let (devices, secrets) = ([PathBuf::from("/dev/mem")], ["team/one/more".to_owned()]);
-    let wrong = Start {
-        program: Path::new("/tmp/servo"),
-        signer: Role::Operator,
-        user: "root",
-        realtime: 41,
-        memory: None,
-        network: Network::Any,
-        ..start(&devices, &secrets)
-    };
+    let (devices, secrets) = (["camera".to_owned()], ["team/one/more".to_owned()]);
+    let limits = Limits { realtime: Some(41), memory: Some(2_000_000), cores: Some(1600), ..Limits::default() };
+    let wrong =
+        Start { program: Path::new("/tmp/servo"), user: "root", is_root: true, limits, ..start(&devices, &secrets) };
+    let denied = policy.admit(&wrong).unwrap_err();
+    let said: Vec<String> = denied.iter().map(|one| one.sentence(Path::new("/p"))).collect();
     let expected = [
-        Denied::Program("/tmp/servo".into()),
-        Denied::Signer(Role::Operator),
-        Denied::Root,
-        Denied::Device("/dev/mem".into()),
-        Denied::Realtime { found: 41, limit: 40 },
-        Denied::Memory(1_000_000),
-        Denied::Network,
-        Denied::Secret("team/one/more".to_owned()),
+        "`/tmp/servo` is in none of the folders of programs (rule `folders`, `/p` line 2)",
+        "no program runs as root on this node (there is no rule `root` in `/p`)",
+        "programs run as `dca-run` on this node, and this one would run as `root` (rule `user`, `/p` line 3)",
+        "no program may claim `camera` on this node (rule `devices`, `/p` line 4)",
+        "no program is given the secret `team/one/more` on this node (rule `secrets`, `/p` line 5)",
+        "its real-time priority of 41 is above 40 (rule `realtime`, `/p` line 6)",
+        "its memory of 2000000 B is above 1000000 B (rule `memory`, `/p` line 7)",
+        "its cores of 1.600 is above 1.500 (rule `cores`, `/p` line 8)",
     ];
-    assert_eq!(policy.denials(&wrong), expected);
+    assert_eq!(said, expected);
+}
+
+#[test]
+fn root_has_to_be_said() {
+    let asked = Start { user: "root", is_root: true, ..start(&[], &[]) };
+    let check = |text: &str, line: Option<usize>| {
+        let why = "no program runs as root on this node".to_owned();
+        assert_eq!(Policy::parse(text).unwrap().admit(&asked), Err(vec![Denied { rule: "root", line, why }]));
+    };
+    check("", None);
+    check("memory = 1_000_000\nroot = false", Some(2));
+    assert!(Policy::parse("root = true").unwrap().admit(&asked).is_ok());
 }
 
 #[test]
@@ -69,33 +83,34 @@ fn a_folder_is_no_prefix_of_a_name_and_no_way_out() {
         ["/opt/robot/bin", "/opt/robot/binary/x", "/opt/robot/bin/../x", "opt/robot/bin/x", "/opt/robot/bin/./../x"];
     for path in paths {
         let start = Start { program: Path::new(path), ..start(&[], &[]) };
-        assert_eq!(policy.denials(&start), [Denied::Program(path.into())]);
+        let denied = policy.admit(&start).unwrap_err();
+        assert_eq!(denied.iter().map(|one| one.rule).collect::<Vec<_>>(), ["folders"], "{path}");
     }
-    let by_hash = format!("hashes = [\"blake3:{}\"]\n{FILE}", "01".repeat(32));
-    let start = Start { program: Path::new("/tmp/servo"), ..start(&[], &[]) };
-    assert_eq!(Policy::parse(&by_hash).unwrap().denials(&start), []);
-}
-
-#[test]
-fn the_team_can_only_take_away() {
-    let local = Policy::parse("folders = [\"/opt\"]\nsigners = [\"ci\"]\nusers = [\"a\"]").unwrap();
-    let generous = Policy::parse("folders = [\"/\"]\nsigners = [\"ci\", \"deployer\"]\nusers = [\"a\", \"dca-run\"]\nroot = true\nrealtime = 49\nnetwork = \"any\"").unwrap();
-    let asked = start(&[], &[]);
-    assert_eq!(denials(&local, Some(&generous), &asked), local.denials(&asked));
-    assert_eq!(denials(&generous, None, &asked), []);
-    let both = denials(&generous, Some(&local), &asked);
-    assert_eq!(both, local.denials(&asked));
+    let by_hash = Policy::parse(&format!("hashes = [\"blake3:{}\"]\n{FILE}", "01".repeat(32))).unwrap();
+    let elsewhere = Start { program: Path::new("/tmp/servo"), hash: Some([1; 32]), ..start(&[], &[]) };
+    assert!(by_hash.needs_hash(elsewhere.program) && by_hash.admit(&elsewhere).is_ok());
+    assert!(!by_hash.needs_hash(Path::new("/opt/robot/bin/servo")));
+    for hash in [None, Some([2; 32])] {
+        assert!(by_hash.admit(&Start { hash, ..elsewhere }).is_err());
+    }
 }
 
 #[test]
 fn a_policy_that_is_not_understood_is_none() {
     let wrong = |text: &str| Policy::parse(text).unwrap_err().to_string();
-    assert!(wrong("").contains("signers"), "who may sign is never guessed");
-    assert!(wrong("signers = []\nfolder = [\"/opt\"]").contains("unknown field `folder`"));
-    assert!(wrong("signers = []\nfolders = [\"opt\"]").contains("`opt` is not allowed in the field `folders`"));
-    assert!(wrong("signers = []\nfolders = [\"/opt/../etc\"]").contains("folders"));
-    assert!(wrong("signers = [\"king\"]").contains("`king`"));
-    assert!(wrong("signers = []\nrealtime = 50").contains("realtime"));
-    assert!(wrong("signers = []\nhashes = [\"12\"]").contains("hashes"));
+    let unknown = wrong("root = true\n\nfolder = [\"/opt\"]");
+    assert!(unknown.starts_with("line 3: unknown field `folder`, expected one of `folders`, "), "{unknown}");
+    let check = |text: &str, expected: &str| assert_eq!(wrong(text), expected);
+    let path = "it is a path from the root on, without `..`";
+    check("folders = [\"opt\"]", &format!("line 1: `opt` is not allowed in `folders`: {path}"));
+    check("\nfolders = [\"/opt/../etc\"]", &format!("line 2: `/opt/../etc` is not allowed in `folders`: {path}"));
+    check("realtime = 50", "line 1: `50` is not allowed in `realtime`: it is 0 to 49");
+    check("hashes = [\"12\"]", "line 1: `12` is not allowed in `hashes`: it is 64 digits from 0 to f");
+    check("pids = 0", "line 1: `0` is not allowed in `pids`: it is above 0");
+    check("cores = nan", "line 1: `NaN` is not allowed in `cores`: it is from 0.001 to 4096");
+    check("user = \"\"", "line 1: `` is not allowed in `user`: it is not empty");
+    assert!(wrong("root = true\nroot = true").starts_with("line 2: duplicate key"), "a rule is said once");
+    assert!(wrong("root = true\nmemory = \"much\"").starts_with("line 2: invalid type"));
+    assert!(wrong("root = true\n[folders").starts_with("line 2: "), "half a file is none");
     assert_eq!(Policy::parse(&" ".repeat(300_000)), Err(PolicyError::TooLong));
 }

@@ -4,6 +4,7 @@ use super::Driver;
 use crate::io::caller::Caller;
 use crate::io::event::Event;
 use crate::io::guard::Guard;
+use crate::io::policy::ExecutionPolicy;
 use crate::logic::agent::Input;
 use crate::logic::gate::{Attempt, Passed};
 use crate::logic::protocol::{Answer, Deployment, Request, ToParticipant};
@@ -87,7 +88,8 @@ fn refuse(caller: &Caller, why: String) {
     caller.offer(Answer::Refused(why));
 }
 
-/// Returns the gate of a node, if it is in a team.
-pub(super) fn guard(config: &super::Config) -> anyhow::Result<Option<Guard>> {
-    config.member.as_ref().map(Guard::open).transpose()
+/// Returns the gate of a node, if it is in a team, and the execution policy of its host.
+pub(super) fn open(config: &super::Config) -> anyhow::Result<(Option<Guard>, ExecutionPolicy)> {
+    let guard = config.member.as_ref().map(Guard::open).transpose()?;
+    Ok((guard, ExecutionPolicy::open(config.state.clone(), config.member.clone())?))
 }

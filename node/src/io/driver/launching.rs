@@ -22,16 +22,12 @@ const INHERITED: [&str; 6] = ["PATH", "HOME", "USER", "LANG", "TZ", "RUST_LOG"];
 
 impl Driver {
     /// Looks at executables in a task: a folder of another machine may not answer.
-    pub(super) fn find_programs(
-        &mut self,
-        (deployment, number): (Deployment, u32),
-        programs: Vec<(String, Vec<String>)>,
-    ) {
-        let events = self.events.clone();
+    pub(super) fn find_programs(&mut self, (deployment, number): (Deployment, u32), programs: Vec<SpawnOrder>) {
+        let (events, policy) = (self.events.clone(), self.policy.clone());
         self.tasks.spawn(async move {
-            let problem = |(path, command): (String, Vec<String>)| {
-                let problem = child::check_executable(&command).err()?;
-                Some(format!("`{path}` cannot be started: {problem}"))
+            let problem = move |order: SpawnOrder| {
+                let problem = policy.admit(&order).err()?;
+                Some(format!("`{}` cannot be started: {problem:#}", order.path))
             };
             let looking = tokio::task::spawn_blocking(move || programs.into_iter().filter_map(problem).collect()).await;
             let problems = looking.unwrap_or_else(|error| vec![error.to_string()]);
@@ -57,7 +53,7 @@ impl Driver {
     /// Works out how a program is started, and opens the way for its orders.
     pub(super) fn start(&mut self, order: SpawnOrder) -> Start {
         let (sender, orders) = mpsc::channel(starter::ORDERS_MAX);
-        let process = order.process;
+        let process = order.process.clone();
         self.shims.insert(process.clone(), sender);
         self.living.entry(process.deployment.clone()).or_default();
         let is_controller = order.kind == LeafKind::Controller;
@@ -74,13 +70,12 @@ impl Driver {
             limits: child::limits(&order.policy.usage),
             groups: Vec::new(),
             descriptors: descriptors::before(),
-            environment: self.environment(order.path, &dir, control.as_deref()),
+            environment: self.environment(order.path.clone(), &dir, control.as_deref()),
             secrets: order.secrets.iter().map(|secret| secret.word).collect(),
-            command: order.command,
+            command: order.command.clone(),
             dir,
         };
-        let secrets = order.secrets.into_iter().map(|secret| secret.key).collect();
-        Start { process, shim, control, orders, secrets }
+        Start { process, order, shim, control, orders }
     }
 
     /// Returns where a program of this kind talks to its node, if it does.

@@ -8,6 +8,7 @@ use crate::io::database::{self, DatabaseThread};
 use crate::io::event::Event;
 use crate::io::input_log::InputLog;
 use crate::io::journal::Journal;
+use crate::io::policy::ExecutionPolicy;
 use crate::io::programs;
 use crate::io::run_dir::{self, PROGRAMS, RunDir};
 use crate::io::secrets::Secrets;
@@ -37,9 +38,13 @@ pub(super) fn database_options(config: &Config, dir: &RunDir) -> database::Optio
 }
 
 /// Returns what starts programs, and opens their secrets with the keys of this node.
-pub(super) fn starter(config: &Config, database: &DatabaseThread, events: Sender<Event>) -> Starter {
+pub(super) fn starter(
+    config: &Config,
+    database: &DatabaseThread,
+    (policy, events): (ExecutionPolicy, Sender<Event>),
+) -> Starter {
     let secrets = Secrets::new(config.member.clone(), database.handle().clone(), &config.name);
-    Starter::new(programs::beside("dca-shim"), secrets, events)
+    Starter::new(programs::beside("dca-shim"), policy, secrets, events)
 }
 
 /// Opens the journal: in the state that survives the node, if it has one.

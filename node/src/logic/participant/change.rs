@@ -5,12 +5,12 @@
 //! more. In between both kinds of wires are linked, so no value
 //! is lost on a wire that stays, and a new one is open only when both its ends stand.
 
-use super::{Participant, Phase, spawn_order};
+use super::{Participant, Phase};
 use crate::logic::claims::Claims;
 use crate::logic::effect::{Effect, Out, ProcessId};
 use crate::logic::executer::leaf_host;
 use crate::logic::instance::{Instance, Start};
-use crate::logic::programs::Programs;
+use crate::logic::programs::{self, Programs};
 use crate::logic::protocol::{ChangeOrder, ChangeReply, LeafFacts, ToCoordinator};
 use language::plan::{LeafKind, Plan};
 use serde::{Deserialize, Serialize};
@@ -111,7 +111,7 @@ impl Participant {
                     self.instances.get(*leaf).is_none_or(|instance| !instance.is_same_program(start))
                 };
                 let differing = starts.into_iter().filter(differs);
-                let programs = differing.map(|(_, (order, _))| (order.path, order.command)).collect();
+                let programs = differing.map(|(_, (order, _))| order).collect();
                 out.effects.push(Effect::FindPrograms { deployment: self.deployment.clone(), number, programs });
             }
             Err(problems) => self.examined((number, host), problems, out),
@@ -125,13 +125,15 @@ impl Participant {
     }
 
     /// Returns how each program of this host is started by a plan.
-    fn starts(&self, plan: &Plan, host: &str, programs: &Programs) -> Result<Vec<(u32, Start)>, Vec<String>> {
+    fn starts(&self, plan: &Plan, host: &str, offered: &Programs) -> Result<Vec<(u32, Start)>, Vec<String>> {
         let (mut starts, mut problems, live) = (Vec::new(), Vec::new(), plan.live_leaves());
         let is_mine = |number: &u32| live.contains(number) && leaf_host(plan, *number) == Some(host);
         for (number, leaf) in (0_u32..).zip(&plan.leaves).filter(|(number, _)| is_mine(number)) {
             let process = ProcessId { deployment: self.deployment.clone(), leaf: number };
-            match programs.command(leaf) {
-                Ok(command) => starts.push((number, (spawn_order(process, command, leaf), leaf.stop_within))),
+            match offered.command(leaf) {
+                Ok(command) => {
+                    starts.push((number, (programs::order(process, command, (plan, leaf)), leaf.stop_within)));
+                }
                 Err(why) => problems.push(why),
             }
         }

@@ -31,6 +31,9 @@ pub struct NodeStatus {
     /// Who has stopped everything, if somebody has.
     #[serde(default)]
     pub estop: Option<Estop>,
+    /// The file with the execution policy that holds there, if one does.
+    #[serde(default)]
+    pub policy: Option<String>,
 }
 
 /// Whom a node lets come over the network.

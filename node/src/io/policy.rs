@@ -1,0 +1,297 @@
+//! The execution policy of this host, as its files say it: `/etc/dca/policy.toml` for all nodes of the machine, else `policy.toml`
+//! beside the state of the node.
+//!
+//! The file is read anew each time that a program is started, so a change of it holds from the next start on, also for a program that
+//! is started again. Nothing else says what may run here, and nobody changes it from afar.
+
+use crate::io::child;
+use crate::logic::effect::SpawnOrder;
+use anyhow::{Context, anyhow, ensure};
+use comms::io::file;
+use rustix::process::getuid;
+use shim::protocol::Limits;
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::ErrorKind;
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+use team::audit::AuditEntry;
+use team::member::Member;
+use trust::audit::Decision;
+use trust::policy::{self, POLICY_MAX, Policy, Start};
+
+/// The policy of a machine.
+pub const SYSTEM: &str = "/etc/dca/policy.toml";
+/// The name of the policy of a node, in the folder of its state.
+pub const FILE: &str = "policy.toml";
+/// The users of a machine. Source: passwd(5).
+const USERS: &str = "/etc/passwd";
+/// The longest list of users that is read, in bytes.
+const USERS_MAX: usize = 4 << 20;
+/// How many hashes of programs are kept.
+const HASHES_MAX: usize = 256;
+
+/// A policy, and where it stands.
+#[derive(Debug)]
+pub struct PolicyFile {
+    /// Its path.
+    pub path: PathBuf,
+    /// What it says.
+    pub policy: Policy,
+}
+
+/// Returns the policy that holds for a node whose state is in this folder; none if there is none. Blocks.
+///
+/// # Errors
+/// There is one, and it cannot be used: why, with its path and line.
+pub fn find(state: Option<&Path>) -> anyhow::Result<Option<PolicyFile>> {
+    let places = std::iter::once(PathBuf::from(SYSTEM)).chain(state.map(|state| state.join(FILE)));
+    for path in places {
+        match fs::symlink_metadata(&path) {
+            Err(error) if error.kind() == ErrorKind::NotFound => {}
+            // What is there and cannot be read is not the same as nothing.
+            _ => {
+                let read = read(&path).with_context(|| format!("the policy `{}` cannot be used", path.display()));
+                return read.map(|policy| Some(PolicyFile { path, policy }));
+            }
+        }
+    }
+    Ok(None)
+}
+
+fn read(path: &Path) -> anyhow::Result<Policy> {
+    let file = file::opened(path)?;
+    let found = file.metadata()?;
+    let (owner, own) = (found.uid(), getuid().as_raw());
+    ensure!(owner == 0 || owner == own, "it belongs to user {owner}, not to root or to the user of the node");
+    ensure!(found.mode() & 0o022 == 0, "others may write to it; `chmod go-w` it");
+    let text = String::from_utf8(file::bounded(file, POLICY_MAX)?).context("it is no UTF-8")?;
+    let policy = Policy::parse(&text)?;
+    if let (Some(user), Some(line)) = (policy.user(), policy.user_line()) {
+        ensure!(uid_of(user)?.is_some(), "line {line}: this machine has no user `{user}`");
+    }
+    Ok(policy)
+}
+
+/// Returns the number of a user; none if the machine has no such user.
+fn uid_of(name: &str) -> anyhow::Result<Option<u32>> {
+    Ok(users()?.into_iter().find_map(|(user, uid)| (user == name).then_some(uid)))
+}
+
+fn users() -> anyhow::Result<Vec<(String, u32)>> {
+    let bytes = file::bytes(Path::new(USERS), USERS_MAX).with_context(|| format!("reading `{USERS}`"))?;
+    let text = String::from_utf8_lossy(&bytes);
+    let user = |line: &str| {
+        let mut fields = line.split(':');
+        Some((fields.next()?.to_owned(), fields.nth(1)?.parse().ok()?))
+    };
+    Ok(text.lines().filter_map(user).collect())
+}
+
+/// Returns the name of the user of this process, or its number where it has none.
+fn own_name() -> String {
+    let own = getuid().as_raw();
+    let named = users().ok().and_then(|users| users.into_iter().find(|(_, uid)| *uid == own));
+    named.map_or_else(|| own.to_string(), |(name, _)| name)
+}
+
+/// A program as it was when its hash was taken: device, inode, length, and when it was changed in any way.
+type Stamp = (u64, u64, u64, i64, i64);
+
+/// Decides what runs on this host.
+#[derive(Clone, Debug)]
+pub(crate) struct ExecutionPolicy(Arc<Inner>);
+
+#[derive(Debug)]
+struct Inner {
+    state: Option<PathBuf>,
+    /// Has the audit log, if the node is in a team.
+    member: Option<Arc<Member>>,
+    hashes: Mutex<BTreeMap<Stamp, [u8; 32]>>,
+    /// The file that held when it was read last.
+    in_use: Mutex<Option<PathBuf>>,
+}
+
+impl ExecutionPolicy {
+    /// Reads the policy for the first time.
+    ///
+    /// # Errors
+    /// It cannot be used: such a node does not begin.
+    pub(crate) fn open(state: Option<PathBuf>, member: Option<Arc<Member>>) -> anyhow::Result<Self> {
+        let found = find(state.as_deref())?;
+        if let Some(PolicyFile { path, .. }) = &found {
+            tracing::info!(path = %path.display(), "an execution policy holds here");
+        }
+        let in_use = Mutex::new(found.map(|found| found.path));
+        Ok(Self(Arc::new(Inner { state, member, hashes: Mutex::default(), in_use })))
+    }
+
+    /// Returns the file that held when a program was started last, or the node.
+    pub(crate) fn in_use(&self) -> Option<String> {
+        let in_use = self.0.in_use.lock().unwrap_or_else(PoisonError::into_inner);
+        in_use.as_ref().map(|path| path.display().to_string())
+    }
+
+    /// Returns the limits with which a program is started. Blocks.
+    ///
+    /// # Errors
+    /// It cannot be started, or the policy does not admit it: with the rule, the file and the line. That is in the audit log.
+    pub(crate) fn admit(&self, order: &SpawnOrder) -> anyhow::Result<Limits> {
+        let asked = child::limits(&order.policy.usage);
+        let program = child::check_executable(&order.command)?;
+        let admitted = self.decide(order, &program, &asked);
+        if let Err(error) = &admitted {
+            self.refused(order, &format!("{error:#}"));
+        }
+        admitted
+    }
+
+    fn decide(&self, order: &SpawnOrder, program: &Path, asked: &Limits) -> anyhow::Result<Limits> {
+        let found = find(self.0.state.as_deref());
+        if let Ok(found) = &found {
+            let path = found.as_ref().map(|found| found.path.clone());
+            *self.0.in_use.lock().unwrap_or_else(PoisonError::into_inner) = path;
+        }
+        let Some(PolicyFile { path, policy }) = found.context("this node starts nothing")? else {
+            return Ok(asked.clone());
+        };
+        let program = fs::canonicalize(program).with_context(|| format!("finding `{}`", program.display()))?;
+        let hash = policy.needs_hash(&program).then(|| self.hash(&program)).transpose()?;
+        let secrets: Vec<String> = order.secrets.iter().map(|secret| secret.key.clone()).collect();
+        let own = getuid();
+        let is_own = policy.user().map(uid_of).transpose()?.flatten() == Some(own.as_raw());
+        let user = policy.user().filter(|_| is_own).map_or_else(own_name, str::to_owned);
+        let admitted = policy.admit(&Start {
+            program: &program,
+            hash,
+            user: &user,
+            is_root: own.is_root(),
+            devices: &order.devices,
+            secrets: &secrets,
+            limits: words_of(asked),
+        });
+        match admitted {
+            Ok(limits) => Ok(with(asked.clone(), &limits)),
+            Err(denied) => {
+                let reasons: Vec<String> = denied.iter().map(|denied| denied.sentence(&path)).collect();
+                Err(anyhow!("the policy of this node refuses it: {}", reasons.join("; ")))
+            }
+        }
+    }
+
+    /// Returns the hash of a program, which is taken once as long as nobody changes the file.
+    fn hash(&self, program: &Path) -> anyhow::Result<[u8; 32]> {
+        let failed = || format!("reading `{}`", program.display());
+        let file = file::opened(program).with_context(failed)?;
+        let found = file.metadata().with_context(failed)?;
+        let stamp = (found.dev(), found.ino(), found.len(), found.ctime(), found.ctime_nsec());
+        let known = |hashes: &BTreeMap<Stamp, [u8; 32]>| hashes.get(&stamp).copied();
+        if let Some(hash) = known(&self.0.hashes.lock().unwrap_or_else(PoisonError::into_inner)) {
+            return Ok(hash);
+        }
+        let hash = hash_of(file).with_context(failed)?;
+        let mut hashes = self.0.hashes.lock().unwrap_or_else(PoisonError::into_inner);
+        if hashes.len() >= HASHES_MAX {
+            hashes.pop_first();
+        }
+        hashes.insert(stamp, hash);
+        Ok(hash)
+    }
+
+    fn refused(&self, order: &SpawnOrder, why: &str) {
+        let SpawnOrder { process, path, .. } = order;
+        tracing::warn!(deployment = %process.deployment, instance = path, why, "a program was refused");
+        if let Some(member) = &self.0.member {
+            let (who, what) = (format!("deployment {}", process.deployment), format!("start {path}"));
+            member.record(AuditEntry { decision: Decision::Refused, who, what, reason: why.to_owned() });
+        }
+    }
+}
+
+fn hash_of(file: File) -> std::io::Result<[u8; 32]> {
+    let mut hasher = blake3::Hasher::new();
+    std::io::copy(&mut std::io::BufReader::with_capacity(64 << 10, file), &mut hasher)?;
+    Ok(*hasher.finalize().as_bytes())
+}
+
+/// Returns limits in the words of a policy.
+fn words_of(limits: &Limits) -> policy::Limits {
+    policy::Limits {
+        realtime: limits.realtime.map(|realtime| u64::from(realtime.priority)),
+        memory: limits.memory,
+        cores: limits.cpu_share.map(u64::from),
+        cpu: limits.cpu.map(|time| time.as_secs()),
+        pids: limits.pids,
+        files: limits.files,
+        file_size: limits.file_size,
+    }
+}
+
+/// Returns the limits that a program asks for, with those of the policy.
+fn with(asked: Limits, admitted: &policy::Limits) -> Limits {
+    Limits {
+        memory: admitted.memory,
+        cpu: admitted.cpu.map(Duration::from_secs),
+        files: admitted.files,
+        pids: admitted.pids,
+        // A policy names 4096 processors at most.
+        cpu_share: admitted.cores.and_then(|cores| u32::try_from(cores).ok()),
+        file_size: admitted.file_size,
+        ..asked
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::PermissionsExt;
+
+    fn folder(name: &str) -> PathBuf {
+        let folder = std::env::temp_dir().join(format!("dca-policy-{name}-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        folder
+    }
+
+    #[test]
+    fn a_policy_that_cannot_be_trusted_or_read_is_refused() {
+        if fs::symlink_metadata(SYSTEM).is_ok() {
+            println!("skipped: this machine has a policy");
+            return;
+        }
+        let folder = folder("file");
+        let file = folder.join(FILE);
+        assert!(find(Some(&folder)).unwrap().is_none() && find(None).unwrap().is_none());
+        let check = |mode, text: &str, expected: &str| {
+            fs::write(&file, text).unwrap();
+            fs::set_permissions(&file, fs::Permissions::from_mode(mode)).unwrap();
+            let error = format!("{:#}", find(Some(&folder)).unwrap_err());
+            assert_eq!(error, format!("the policy `{}` cannot be used: {expected}", file.display()));
+        };
+        check(0o622, "root = true", "others may write to it; `chmod go-w` it");
+        check(0o600, "\nuser = \"nobody-here\"", "line 2: this machine has no user `nobody-here`");
+        check(0o600, "\npids = 0", "line 2: `0` is not allowed in `pids`: it is above 0");
+        fs::write(&file, "root = true").unwrap();
+        assert_eq!(find(Some(&folder)).unwrap().unwrap().path, file);
+        fs::remove_file(&file).unwrap();
+        std::os::unix::fs::symlink("/nowhere", &file).unwrap();
+        assert!(find(Some(&folder)).is_err(), "a link that leads nowhere is not the same as no policy");
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn a_program_that_changes_has_another_hash() {
+        let (folder, policy) = (folder("hash"), ExecutionPolicy::open(None, None).unwrap());
+        let program = folder.join("program");
+        let written = |bytes: &str| {
+            fs::write(&program, bytes).unwrap();
+            policy.hash(&program).unwrap()
+        };
+        for bytes in ["one", "two!", "three"] {
+            assert_eq!(written(bytes), *blake3::hash(bytes.as_bytes()).as_bytes());
+            assert_eq!(policy.hash(&program).unwrap(), *blake3::hash(bytes.as_bytes()).as_bytes());
+        }
+        fs::remove_dir_all(&folder).unwrap();
+    }
+}

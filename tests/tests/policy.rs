@@ -1,0 +1,197 @@
+//! The execution policy of a node, with real programs: what it admits runs within its limits, and the rest is refused before anything
+//! runs, with the rule, the file and the line.
+
+use dca_tests::cluster::{Cluster, Ended, Host, Network, SOON, Stream, executable, wait_until};
+use rustix::process::Signal;
+use std::fs;
+use std::path::PathBuf;
+use std::process::Command;
+
+/// Returns a spec with one program on `c1`: its command, and more of its module and its instance.
+fn spec(command: &str, module: &str, instance: &str) -> String {
+    format!(
+        "module Tool(host) {{ exec \"{command}\"; plain; done; {module} }}
+        process main() {{
+            host {{ c1 }}
+            instantiated_processes {{ tool instof Tool(c1) {{ {instance} }} }}
+            internal_event_actions {{ tool }}
+        }}"
+    )
+}
+
+/// The rule without which a test that is root starts nothing.
+fn own_user() -> &'static str {
+    if rustix::process::getuid().is_root() { "root = true" } else { "root = false" }
+}
+
+/// Gives the node a policy; returns its path.
+fn put(host: &Host, name: &str, text: &str) -> PathBuf {
+    let folder = host.state().join(name);
+    fs::create_dir_all(&folder).expect("a folder of ours");
+    let file = folder.join("policy.toml");
+    fs::write(&file, text).expect("a folder of ours");
+    file
+}
+
+/// The path of a program as a policy sees it.
+fn real(program: &str) -> PathBuf {
+    fs::canonicalize(program).expect("it is there")
+}
+
+fn deploy(cluster: &Cluster, spec: &str) -> Ended {
+    cluster.here().ask(&["deploy", &cluster.file("tool.dca", spec)])
+}
+
+#[track_caller]
+fn expect_refused(ended: &Ended, why: &str) {
+    assert!(ended.code == Some(1) && format!("{ended}").contains(why), "{why}: {ended}");
+}
+
+#[test]
+fn a_program_runs_as_the_policy_of_its_node_says_or_is_refused_in_a_sentence() {
+    let cluster = Cluster::new();
+    let host = cluster.here();
+    let shell = real("/bin/sh");
+    let folder = shell.parent().expect("it is in a folder").display();
+    let policy = [
+        own_user(),
+        &format!("folders = [\"{folder}\"]"),
+        "realtime = 10",
+        "memory = 4_000_000_000",
+        "files = 77",
+        "devices = [\"arm\"]",
+    ];
+    let file = put(&host, "c1", &policy.join("\n"));
+    let _node = host.node("c1", &[]);
+    let place = |line: usize| format!("`{}` line {line})", file.display());
+
+    let limits = cluster.folder().join("limits").display().to_string();
+    let admitted =
+        deploy(&cluster, &spec(&format!("sh -c 'ulimit -n > {limits}; ulimit -v >> {limits}'"), "claims arm;", ""));
+    assert_eq!(admitted.code, Some(0), "{admitted}");
+    let told = fs::read_to_string(&limits).expect("it ran");
+    // A control group limits memory where this host lets a program have one.
+    let expected = [format!("77\n{}\n", 4_000_000_000_u64 / 1024), "77\nunlimited\n".to_owned()];
+    assert!(expected.contains(&told), "what the spec does not limit, the node does: {told}");
+
+    let ran = cluster.folder().join("ran");
+    let touch = format!("touch {}", ran.display());
+    let own = executable("dca-shim");
+    let elsewhere = deploy(&cluster, &spec(&format!("{} --version", own.display()), "", ""));
+    let own = real(&own.display().to_string());
+    let why = "the policy of this node refuses it: ";
+    let none = format!("{why}`{}` is in none of the folders of programs (rule `folders`, {}", own.display(), place(2));
+    expect_refused(&elsewhere, &none);
+    let limit = |limit: &str| deploy(&cluster, &spec(&touch, "", limit));
+    expect_refused(
+        &limit("realtime 11;"),
+        &format!("{why}its real-time priority of 11 is above 10 (rule `realtime`, {}", place(3)),
+    );
+    expect_refused(
+        &limit("memory 5000 MB;"),
+        &format!("its memory of 5000000000 B is above 4000000000 B (rule `memory`, {}", place(4)),
+    );
+    let camera = deploy(&cluster, &spec(&touch, "claims camera;", ""));
+    expect_refused(&camera, &format!("{why}no program may claim `camera` on this node (rule `devices`, {}", place(6)));
+    assert!(!ran.exists(), "nothing has run");
+
+    // The file counts as it is at each start, and what nobody understands admits nothing.
+    put(&host, "c1", "hurry = true");
+    expect_refused(&deploy(&cluster, &spec(&touch, "", "")), "cannot be used: line 1: unknown field `hurry`");
+    assert!(!ran.exists(), "nothing has run");
+    let touched = fs::read(real("/usr/bin/touch")).expect("it can be read");
+    put(&host, "c1", &format!("{}\nhashes = [\"{}\"]", own_user(), hash_of(&touched)));
+    let listed = deploy(&cluster, &spec(&touch, "", ""));
+    assert!(listed.code == Some(0) && ran.exists(), "{listed}");
+    expect_refused(&deploy(&cluster, &spec("true", "", "")), "is not listed (rule `hashes`, ");
+
+    let shown = host.ask(&["status"]);
+    assert!(shown.out.contains(&format!("policy {}", file.display())), "{shown}");
+    assert_eq!(host.statuses(&[])[0].policy.as_deref(), Some(&*file.display().to_string()));
+    fs::remove_file(&file).expect("a file of ours");
+    assert_eq!(deploy(&cluster, &spec("true", "", "")).code, Some(0), "without a policy anything runs, as before");
+    assert_eq!(host.statuses(&[])[0].policy, None);
+}
+
+fn hash_of(bytes: &[u8]) -> String {
+    format!("blake3:{}", blake3::hash(bytes).to_hex())
+}
+
+#[test]
+fn a_node_with_a_damaged_policy_does_not_begin_and_the_doctor_says_why() {
+    let cluster = Cluster::new();
+    let host = cluster.here();
+    let file = put(&host, "c1", "root = true\nrealtime = 50\n");
+    let why = format!(
+        "the policy `{}` cannot be used: line 2: `50` is not allowed in `realtime`: it is 0 to 49",
+        file.display()
+    );
+    let ended = host.start_node("c1", &[]).ended(SOON);
+    assert!(ended.code == Some(1) && ended.err.contains(&why), "{ended}");
+    let state = host.state().display().to_string();
+    let doctor = || {
+        let folder = host.run_dir().display().to_string();
+        let shown = Command::new(executable("dca")).args(["doctor", "--run-dir", &folder, "--state", &state]).output();
+        String::from_utf8_lossy(&shown.expect("it can be started").stdout).into_owned()
+    };
+    let said = doctor();
+    assert!(said.contains("FAILED   policy") && said.contains(&why), "{said}");
+    put(&host, "c1", "root = true\nrealtime = 49\n");
+    let said = doctor();
+    assert!(said.contains(&format!("ok       policy       `{}` says what may run", file.display())), "{said}");
+}
+
+/// A program that runs keeps on running when the policy gets stricter, and is not started again.
+#[test]
+fn a_stricter_policy_counts_from_the_next_start_on() {
+    let cluster = Cluster::new();
+    let host = cluster.here();
+    put(&host, "c1", own_user());
+    let _node = host.node("c1", &[]);
+    let text = spec("sleep 600", "", "restart transient;");
+    let mission = host.dca(&["deploy", &cluster.file("tool.dca", &text)]);
+    assert!(wait_until(SOON, || cluster.leaf("main/tool").is_some()).is_some(), "it runs");
+    let file = put(&host, "c1", &format!("{}\nfolders = []", own_user()));
+    cluster.leaf("main/tool").expect("it runs on").signal(Signal::KILL);
+    let ended = mission.ended(SOON);
+    let why = format!("(rule `folders`, `{}` line 2)", file.display());
+    assert!(ended.code == Some(1) && format!("{ended}").contains(&why), "{ended}");
+}
+
+/// In a team each refusal is a line of the audit log, although a deployer has signed the deployment.
+#[test]
+fn each_refusal_is_in_the_audit_log() {
+    let (cluster, Some(network)) = (Cluster::new(), Network::new(1)) else { return };
+    let host = cluster.host(&network, 1);
+    let passphrase = cluster.file("passphrase", "correct horse battery\n");
+    let mode = <fs::Permissions as std::os::unix::fs::PermissionsExt>::from_mode(0o600);
+    fs::set_permissions(&passphrase, mode).expect("a file of ours");
+    let keys = cluster.folder().join("keys").display().to_string();
+    let with = |arguments: &[&str]| {
+        let keys = ["--keys", &keys, "--passphrase", &passphrase];
+        arguments.iter().copied().chain(keys).map(str::to_owned).collect::<Vec<String>>()
+    };
+    let ask = |arguments: &[&str]| host.ask(&with(arguments).iter().map(String::as_str).collect::<Vec<_>>());
+    let begun = ask(&["team", "init", "acme"]);
+    assert_eq!(begun.code, Some(0), "{begun}");
+    let invite = with(&["team", "invite", "c1"]);
+    let invitation = host.dca(&invite.iter().map(String::as_str).collect::<Vec<_>>());
+    invitation.wait_for(Stream::Out, "\n", SOON);
+    let said = invitation.text(Stream::Out);
+    let line = said.trim().strip_prefix("dca team join ").expect("it prints what to type").to_owned();
+    let state = host.state().display().to_string();
+    let joined = host.ask(&["team", "join", &line, "--state", &state]);
+    assert_eq!((joined.code, invitation.ended(SOON).code), (Some(0), Some(0)), "{joined}");
+    let file = put(&host, "c1", "folders = [\"/nowhere\"]");
+    let node = host.node("c1", &[]);
+    let text = spec("true", "", "");
+    let refused = ask(&["deploy", &cluster.file("tool.dca", &text)]);
+    expect_refused(&refused, "is in none of the folders of programs");
+    node.signal(Signal::TERM);
+    assert_eq!(node.ended(SOON).code, Some(0));
+    let audit = host.ask(&["audit", "c1", "--run-dir", &host.run_dir().display().to_string()]);
+    let about: Vec<&str> = audit.out.lines().filter(|line| line.contains("start main/tool")).collect();
+    assert_eq!(about.len(), 1, "{audit}");
+    let words = ["refused", "deployment tool@", "(rule `folders`", &format!("`{}` line 1)", file.display())];
+    assert!(words.iter().all(|word| about[0].contains(word)), "{audit}");
+}
