@@ -15,7 +15,7 @@ use crate::io::session::{
 use crate::logic::codec;
 use crate::logic::control::{Dial, Location};
 use crate::logic::human::span;
-use crate::logic::switch::{Arrival, Boundary};
+use crate::logic::switch::{Arrival, Boundary, Sequence};
 use crate::logic::time::Time;
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
@@ -28,7 +28,7 @@ use zenoh::bytes::ZBytes;
 use zenoh::pubsub::Subscriber;
 use zenoh::qos::CongestionControl;
 use zenoh::query::{Query, Queryable, Reply};
-use zenoh::sample::Sample;
+use zenoh::sample::{Sample, SourceInfo};
 
 /// How long [`DataSession::close`] waits. Zenoh alone can take 10 s when a peer has vanished.
 const CLOSE_WITHIN: Duration = Duration::from_secs(1);
@@ -239,17 +239,18 @@ impl DataSession {
     }
 
     /// Calls `on_arrival` with each value put on `key`, and with each word between values, as [`DataSession::on_sample`] does.
+    /// What a publisher has numbered comes with its number.
     ///
     /// # Errors
     /// If the session is closed.
     pub fn on_wire(
         &self,
         key: &str,
-        mut on_arrival: impl FnMut(Arrival<Cow<'_, [u8]>>) + Send + Sync + 'static,
+        mut on_arrival: impl FnMut(Arrival<Cow<'_, [u8]>>, Option<Sequence>) + Send + Sync + 'static,
     ) -> Result<Subscription, DataError> {
         let on_sample = move |sample: Sample| match sample.attachment().map(|word| codec::decode(&word.to_bytes())) {
-            None => on_arrival(Arrival::Value(sample.payload().to_bytes())),
-            Some(Ok(boundary)) => on_arrival(Arrival::Boundary(boundary)),
+            None => on_arrival(Arrival::Value(sample.payload().to_bytes()), sequence(&sample)),
+            Some(Ok(boundary)) => on_arrival(Arrival::Boundary(boundary), sequence(&sample)),
             Some(Err(error)) => {
                 tracing::warn!(key = sample.key_expr().as_str(), %error, "a word between values is ignored");
             }
@@ -346,14 +347,30 @@ impl Publisher {
             .map_err(|cause| session_error(self.publisher.key_expr().as_str(), &cause))
     }
 
-    /// Sends a word between values.
+    /// Sends a value with its sequence number to whoever listens now.
     ///
     /// # Errors
     /// If the session is closed.
-    pub fn mark(&self, boundary: &Boundary) -> Result<(), DataError> {
+    pub fn put_numbered(&self, payload: impl Into<Payload>, number: u32) -> Result<(), DataError> {
+        self.publisher
+            .put(payload.into().0)
+            .source_info(self.source_info(number))
+            .wait()
+            .map_err(|cause| session_error(self.publisher.key_expr().as_str(), &cause))
+    }
+
+    fn source_info(&self, number: u32) -> SourceInfo {
+        SourceInfo::new(self.publisher.id(), number)
+    }
+
+    /// Sends a word between values, with the number of the value before it.
+    ///
+    /// # Errors
+    /// If the session is closed.
+    pub fn mark(&self, boundary: &Boundary, number: u32) -> Result<(), DataError> {
         let failed = |cause: String| DataError::Session { key: self.publisher.key_expr().to_string(), cause };
         let word = codec::encode(boundary).map_err(|error| failed(error.to_string()))?;
-        let put = self.publisher.put(ZBytes::new()).attachment(word).wait();
+        let put = self.publisher.put(ZBytes::new()).attachment(word).source_info(self.source_info(number)).wait();
         put.map_err(|cause| failed(crate::io::session::plain(&cause)))
     }
 
@@ -381,6 +398,12 @@ impl Listeners {
         *self.matching.lock().unwrap_or_else(PoisonError::into_inner) = matching;
         self.changed.notify_all();
     }
+}
+
+fn sequence(sample: &Sample) -> Option<Sequence> {
+    let source = sample.source_info()?;
+    let id = source.source_id();
+    Some(Sequence { publisher: (u128::from_le_bytes(id.zid().to_le_bytes()), id.eid()), number: source.source_sn() })
 }
 
 fn session_error(key: &str, cause: &zenoh::Error) -> DataError {

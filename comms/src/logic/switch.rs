@@ -7,10 +7,12 @@
 //! A switch has a *generation*, the same for all who take part in it. Boundaries may be repeated at will.
 
 mod flow;
+mod gaps;
 mod intake;
 
 use crate::logic::codec::{Enveloped, Kind};
 pub use flow::Flow;
+pub use gaps::{Gaps, PublisherId, Sequence};
 pub use intake::{Arrival, Intake, Passed, Taken};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;

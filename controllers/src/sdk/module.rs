@@ -25,6 +25,11 @@ pub trait Module: Send {
     /// If there is no such input, or the bytes are not of its type. The input keeps its older value.
     fn deliver(&mut self, port: &str, bytes: &[u8], arrived: Time) -> Result<Delivery, DeliveryError>;
 
+    /// Takes note that so many values were sent to an input, and do not come.
+    fn lose(&mut self, port: &str, count: u64) {
+        let _ = (port, count);
+    }
+
     /// Calls `Init(value)` and `Run()`.
     ///
     /// # Errors
@@ -167,6 +172,16 @@ impl<C: Controller> Module for Instance<C> {
         result.map_err(|cause| DeliveryError::Decode { port: declared.name, expected: declared.type_name, cause })?;
         let trigger = self.interface.about.schedule.trigger;
         Ok(if trigger == Some(declared.name) { Delivery::Triggers } else { Delivery::Stored })
+    }
+
+    fn lose(&mut self, port: &str, count: u64) {
+        let inputs = &self.interface.ports[..self.input_count];
+        let index = inputs.iter().position(|declared| declared.name == port);
+        self.inputs.visit(&mut |at, input| {
+            if Some(at) == index {
+                input.lose(count);
+            }
+        });
     }
 
     fn init(&mut self, value: &[u8], now: Time) -> Result<(), String> {

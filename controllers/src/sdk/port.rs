@@ -45,11 +45,12 @@ pub struct In<T> {
     arrived: Time,
     received: u64,
     seen: u64,
+    lost: u64,
 }
 
 impl<T> Default for In<T> {
     fn default() -> Self {
-        Self { value: None, arrived: Time::ZERO, received: 0, seen: 0 }
+        Self { value: None, arrived: Time::ZERO, received: 0, seen: 0, lost: 0 }
     }
 }
 
@@ -96,6 +97,12 @@ impl<T: Message> In<T> {
     pub fn received(&self) -> u64 {
         self.received
     }
+
+    /// Returns how many values were sent to this input in this activation and have not come: the link has dropped them, or they
+    /// found no room in the queue of the wire. What a switch of connections has held back and dropped is told with the switch.
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
 }
 
 /// How many values an [`Every`] keeps at most; the oldest gives way.
@@ -121,7 +128,8 @@ impl<T: Message> Every<T> {
         self.values.iter()
     }
 
-    /// Returns how many values found no room in this activation.
+    /// Returns how many values were sent to this input in this activation and are not among those that it had: see [`In::lost`].
+    /// Those that found no room here count, too.
     pub fn lost(&self) -> u64 {
         self.lost
     }
@@ -158,6 +166,8 @@ pub trait AnyIn {
     /// # Errors
     /// If `bytes` are not a value of this port's type.
     fn deliver(&mut self, bytes: &[u8], arrived: Time) -> Result<(), postcard::Error>;
+    /// Takes note of values that do not come.
+    fn lose(&mut self, count: u64);
     /// Notes that a calculation has seen the newest value.
     fn mark_seen(&mut self);
     /// Forgets everything.
@@ -170,6 +180,10 @@ impl<T: Message> AnyIn for In<T> {
         self.arrived = arrived;
         self.received += 1;
         Ok(())
+    }
+
+    fn lose(&mut self, count: u64) {
+        self.lost += count;
     }
 
     fn mark_seen(&mut self) {
@@ -190,6 +204,10 @@ impl<T: Message> AnyIn for Every<T> {
         }
         self.values.push_back(value);
         Ok(())
+    }
+
+    fn lose(&mut self, count: u64) {
+        self.lost += count;
     }
 
     fn mark_seen(&mut self) {
@@ -326,7 +344,8 @@ mod tests {
         }
         assert!(input.iter().map(|sample| sample.stamp).eq((1..=3).map(Time::from_nanos)));
         input.mark_seen();
-        assert_eq!((input.iter().count(), input.lost()), (0, 0));
+        input.lose(3);
+        assert_eq!((input.iter().count(), input.lost()), (0, 3));
     }
 
     #[test]

@@ -1,12 +1,16 @@
 //! Controllers for tests that count: a source of numbers at 1 kHz, a sink that writes down which of them it has got, a filter in
-//! between, and one that is done after a while.
+//! between, and one that is done after a while. Others beat at 100 Hz and write down when, or what they have heard of that.
 
+use comms::logic::time::Time;
 use controllers::sdk::{
-    About, Arguments, Controller, Every, Inputs, Kind, Message, Out, Outputs, Parameter, Progress, Registry, Stopping,
-    Tick, process,
+    About, Arguments, Controller, Every, In, Inputs, Kind, Message, Out, Outputs, Parameter, Progress, Registry,
+    Stopping, Tick, process,
 };
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -190,11 +194,174 @@ impl Controller for Pulse {
     }
 }
 
+/// How often something beats.
+const BEAT: Duration = Duration::from_millis(10);
+/// So many bytes fill the buffers of a link whose reader is suspended in less than a second.
+const PADDING: usize = 4096;
+
+/// One beat.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Beat {
+    from: String,
+    number: u64,
+    sent: Time,
+    padding: String,
+}
+
+impl Message for Beat {
+    const TYPE: &'static str = "Beat";
+}
+
+/// A file of lines, each of which is there once it was written. Whoever is started again goes on behind the line `begins`.
+struct Log {
+    path: PathBuf,
+    file: Option<File>,
+}
+
+impl Log {
+    const PARAMETERS: &[Parameter] = &[Parameter::new("file", Kind::Text(&[]))];
+
+    fn of(arguments: &Arguments) -> Self {
+        Self { path: arguments.text("file").into(), file: None }
+    }
+
+    fn name(&self) -> String {
+        self.path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+    }
+
+    fn begin(&mut self) -> Result<(), String> {
+        let opened = OpenOptions::new().create(true).append(true).open(&self.path);
+        self.file = Some(opened.map_err(|error| error.to_string())?);
+        self.add("begins\n");
+        Ok(())
+    }
+
+    fn add(&mut self, lines: &str) {
+        let written = self.file.as_mut().map(|file| file.write_all(lines.as_bytes()));
+        written.transpose().expect("the folder is the test's own");
+    }
+}
+
+#[derive(Outputs)]
+struct BeatOutputs {
+    #[port("Out")]
+    out: Out<Beat>,
+}
+
+/// Beats, and writes down when: `1234 10` is the time and how long it was since the beat before, in nanoseconds.
+struct Heart {
+    log: Log,
+    number: u64,
+}
+
+impl Controller for Heart {
+    type Inputs = ();
+    type Outputs = BeatOutputs;
+    const TYPE: &'static str = "Heart";
+
+    fn about() -> About {
+        About::service("Beats at 100 Hz.").every(BEAT).with(Log::PARAMETERS)
+    }
+
+    fn new(arguments: &Arguments) -> Result<Self, String> {
+        Ok(Self { log: Log::of(arguments), number: 0 })
+    }
+
+    fn init(&mut self, _: &[u8]) -> Result<(), String> {
+        self.log.begin()
+    }
+
+    fn main_calc(&mut self, tick: Tick, (): &(), outputs: &mut BeatOutputs) -> Progress {
+        self.number += 1;
+        let (from, padding) = (self.log.name(), "-".repeat(PADDING));
+        outputs.out.send(Beat { from, number: self.number, sent: tick.now, padding });
+        self.log.add(&format!("{} {}\n", tick.now.nanos(), tick.elapsed.as_nanos()));
+        Progress::Continue
+    }
+}
+
+/// A line of who hears: the time and how old the beat was, in nanoseconds, whose it was, its number, and how many were lost so far.
+fn line(now: Time, beat: &Beat, lost: u64) -> String {
+    let age = now.since(beat.sent).as_nanos();
+    format!("{} {age} {} {} {lost}\n", now.nanos(), beat.from, beat.number)
+}
+
+#[derive(Inputs)]
+struct EarInputs {
+    #[port("In")]
+    beats: Every<Beat>,
+}
+
+/// Writes down each beat as it comes.
+struct Ear(Log);
+
+impl Controller for Ear {
+    type Inputs = EarInputs;
+    type Outputs = ();
+    const TYPE: &'static str = "Ear";
+
+    fn about() -> About {
+        About::service("Hears each beat.").every(BEAT).triggered_by("In").with(Log::PARAMETERS)
+    }
+
+    fn new(arguments: &Arguments) -> Result<Self, String> {
+        Ok(Self(Log::of(arguments)))
+    }
+
+    fn init(&mut self, _: &[u8]) -> Result<(), String> {
+        self.0.begin()
+    }
+
+    fn main_calc(&mut self, tick: Tick, inputs: &EarInputs, (): &mut ()) -> Progress {
+        let lost = inputs.beats.lost();
+        let lines: String = inputs.beats.iter().map(|beat| line(tick.now, beat, lost)).collect();
+        self.0.add(&lines);
+        Progress::Continue
+    }
+}
+
+#[derive(Inputs)]
+struct EyeInputs {
+    #[port("In")]
+    beat: In<Beat>,
+}
+
+/// Writes down the newest beat at each look.
+struct Eye(Log);
+
+impl Controller for Eye {
+    type Inputs = EyeInputs;
+    type Outputs = ();
+    const TYPE: &'static str = "Eye";
+
+    fn about() -> About {
+        About::service("Looks at the newest beat at 100 Hz.").every(BEAT).with(Log::PARAMETERS)
+    }
+
+    fn new(arguments: &Arguments) -> Result<Self, String> {
+        Ok(Self(Log::of(arguments)))
+    }
+
+    fn init(&mut self, _: &[u8]) -> Result<(), String> {
+        self.0.begin()
+    }
+
+    fn main_calc(&mut self, tick: Tick, inputs: &EyeInputs, (): &mut ()) -> Progress {
+        if let Some(beat) = inputs.beat.fresh() {
+            self.0.add(&line(tick.now, beat, inputs.beat.lost()));
+        }
+        Progress::Continue
+    }
+}
+
 fn main() -> ExitCode {
     let mut registry = Registry::default();
     registry.add::<Source>();
     registry.add::<Sink>();
     registry.add::<Pass>();
     registry.add::<Pulse>();
+    registry.add::<Heart>();
+    registry.add::<Ear>();
+    registry.add::<Eye>();
     process::run(&registry)
 }

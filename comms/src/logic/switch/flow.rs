@@ -13,6 +13,8 @@ pub struct Flow {
     passed: Option<Time>,
     /// How many values have passed since then.
     sent: u64,
+    /// How many values have passed in all; after `u32::MAX` comes 0.
+    number: u32,
     /// Kept for who is connected later.
     last: Option<Vec<u8>>,
 }
@@ -33,8 +35,14 @@ impl Flow {
         if passes {
             self.passed = Some(now);
             self.sent += 1;
+            self.number = self.number.wrapping_add(1);
         }
         passes
+    }
+
+    /// Returns the sequence number of the value that has passed last.
+    pub fn number(&self) -> u32 {
+        self.number
     }
 
     /// Returns whether the wire is open.
@@ -49,6 +57,7 @@ impl Flow {
         }
         let last = self.last.clone();
         (self.open, self.passed, self.sent) = (true, last.is_some().then_some(now), u64::from(last.is_some()));
+        self.number = self.number.wrapping_add(u32::from(last.is_some()));
         last
     }
 
@@ -74,7 +83,7 @@ mod tests {
         assert!(!flow.offer(b"a", at(0)));
         assert_eq!(flow.open(at(1)), None);
         assert!(flow.offer(b"b", at(1)) && flow.offer(b"c", at(1)));
-        assert_eq!((flow.close(), flow.close()), (2, 2));
+        assert_eq!((flow.close(), flow.close(), flow.number()), (2, 2, 2));
         assert!(!flow.offer(b"d", at(3)));
     }
 
@@ -87,6 +96,7 @@ mod tests {
         flow.close();
         assert!(!flow.offer(b"b", at(3)));
         assert_eq!((flow.open(at(4)), flow.close()), (Some(b"b".to_vec()), 1));
+        assert_eq!(flow.number(), 2, "numbers go on when a wire is opened again");
     }
 
     #[test]

@@ -58,6 +58,8 @@ pub(super) struct Cycle {
     signals_due: Time,
     peaks: Watch,
     overruns: u64,
+    /// Values that were sent to inputs in this activation, and have not come.
+    lost: u64,
     leaving: bool,
 }
 
@@ -81,6 +83,7 @@ impl Cycle {
             signals_due: Time::ZERO,
             peaks: Watch::default(),
             overruns: 0,
+            lost: 0,
             leaving: false,
         }
     }
@@ -179,7 +182,7 @@ impl Cycle {
         self.activation = activation;
         self.take_samples();
         let time = now();
-        (self.due, self.signals_due, self.overruns) = (time, time, 0);
+        (self.due, self.signals_due, self.overruns, self.lost) = (time, time, 0, 0);
         self.peaks = Watch::default();
         self.phase = Phase::Running;
         for sample in std::mem::take(&mut self.latched) {
@@ -232,7 +235,11 @@ impl Cycle {
                     self.latched.retain(|other| other.port != sample.port);
                     self.latched.push(sample);
                 }
-                Item::Sample(_) => {}
+                Item::Lost(port, count) if !matches!(self.phase, Phase::Idle) => {
+                    self.lost += count;
+                    self.call(|module| module.lose(port, count));
+                }
+                Item::Sample(_) | Item::Lost(..) => {}
                 Item::Taken(switch) => {
                     if triggered && matches!(self.phase, Phase::Running) {
                         // What came before the switch has its calculation before anything that comes after it.
@@ -351,6 +358,9 @@ impl Cycle {
         if self.overruns > 0 {
             tracing::info!(overruns = self.overruns, "deadlines were missed");
         }
+        if self.lost > 0 {
+            tracing::info!(lost = self.lost, "values did not arrive");
+        }
         self.tell(&match ending {
             Ending::Done(value) => Notice::Done { activation, value },
             Ending::Aborted(reason) => Notice::Aborted { activation, reason },
@@ -375,9 +385,13 @@ impl Cycle {
         }
         self.signals_due = time + every;
         let missed = self.peaks.sampled(&values, time);
-        #[expect(clippy::cast_precision_loss, reason = "a count for people")]
-        let value = self.overruns as f64;
-        values.push(Signal { name: "overruns".to_owned(), unit: String::new(), value, headline: false });
+        let counts = [("overruns", Some(self.overruns)), ("lost values", Some(self.lost).filter(|lost| *lost > 0))];
+        for (name, count) in counts {
+            #[expect(clippy::cast_precision_loss, reason = "a count for people")]
+            let value = count.map(|count| count as f64);
+            let signal = |value| Signal { name: name.to_owned(), unit: String::new(), value, headline: false };
+            values.extend(value.map(signal));
+        }
         self.links.show(&Signals { stamp: time, values });
         if !missed.is_empty() {
             self.links.show(&Peaks { stamp: time, values: missed });

@@ -7,7 +7,7 @@ use comms::io::clock::{Wakeup, now};
 use comms::io::data::{DataSession, IncomingCall};
 use comms::logic::control::{Notice, Shape};
 use comms::logic::object::{Admission, CallId, CallTable, Next, ObjectError};
-use comms::logic::switch::{Arrival, Expect, Flip, Intake, Passed};
+use comms::logic::switch::{Arrival, Expect, Flip, Gaps, Intake, Passed, Sequence};
 use comms::logic::time::Time;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -66,6 +66,8 @@ impl Hold {
 #[derive(Debug)]
 pub(super) enum Item {
     Sample(Arrived),
+    /// So many values were sent to this input, and do not come.
+    Lost(&'static str, u64),
     /// A switch of inputs has come: all samples before it came before the switch.
     Taken(TakenSwitch),
 }
@@ -93,6 +95,8 @@ struct Waiting {
     items: VecDeque<Item>,
     /// The order of samples that switches of wires ask for.
     intake: Intake<Sample>,
+    /// By wire, which numbers have come.
+    gaps: BTreeMap<u32, Gaps>,
     /// By generation, the switches that are expected: the number of the order, and outputs to flip.
     expected: BTreeMap<u64, (u64, Option<Flip>)>,
     /// Calls that others make.
@@ -145,7 +149,19 @@ impl Inbox {
     }
 
     /// Takes what has come over a wire.
-    pub(super) fn arrive(&self, wire: u32, (port, hold): (&'static str, Hold), arrival: Arrival<Vec<u8>>) {
+    pub(super) fn arrive(
+        &self,
+        (wire, sequence): (u32, Option<Sequence>),
+        (port, hold): (&'static str, Hold),
+        arrival: Arrival<Vec<u8>>,
+    ) {
+        if let Some(sequence) = sequence {
+            let (mut waiting, is_value) = (self.lock(), matches!(arrival, Arrival::Value(_)));
+            let gaps = waiting.gaps.entry(wire).or_default();
+            let lost = if is_value { gaps.value(sequence) } else { gaps.boundary(sequence) };
+            let end = waiting.items.len();
+            waiting.lost(end, port, lost.into());
+        }
         let arrival = match arrival {
             Arrival::Value(bytes) => Arrival::Value(Sample { port, bytes, hold }),
             Arrival::Boundary(boundary) => Arrival::Boundary(boundary),
@@ -166,6 +182,8 @@ impl Inbox {
 
     /// Forgets wires that are not linked any more.
     pub(super) fn forget(&self, wires: impl IntoIterator<Item = u32>) {
+        let wires: Vec<u32> = wires.into_iter().collect();
+        self.lock().gaps.retain(|wire, _| !wires.contains(wire));
         self.pass(|intake, out| wires.into_iter().for_each(|wire| intake.forget(wire, out)));
     }
 
@@ -272,9 +290,21 @@ impl Waiting {
         let same = |item: &Item| matches!(item, Item::Sample(other) if other.port == port);
         if self.items.iter().filter(|item| same(item)).count() >= hold.count_max {
             let oldest = self.items.iter().position(same);
-            oldest.and_then(|oldest| self.items.remove(oldest));
+            if let Some(oldest) = oldest.filter(|oldest| self.items.remove(*oldest).is_some()) {
+                self.lost(oldest, port, 1);
+            }
         }
         self.items.push_back(Item::Sample(Arrived { port, bytes, at: now(), is_latched: hold.is_latched }));
+    }
+
+    /// Notes values of an input that are lost, before the item at this place.
+    fn lost(&mut self, at: usize, port: &'static str, count: u64) {
+        let before = at.checked_sub(1).and_then(|before| self.items.get_mut(before));
+        match before {
+            _ if count == 0 => {}
+            Some(Item::Lost(other, lost)) if *other == port => *lost += count,
+            _ => self.items.insert(at, Item::Lost(port, count)),
+        }
     }
 
     fn passed(&mut self, passed: Passed<Sample>) {
@@ -301,12 +331,40 @@ mod tests {
             inbox.sample("In", vec![number], short);
             inbox.sample("Other", vec![number], Hold::default());
         }
-        let sample = |item| if let Item::Sample(sample) = item { sample } else { panic!("it is no sample") };
-        let taken: Vec<Arrived> = inbox.take_items().into_iter().map(sample).collect();
+        let (mut taken, mut lost) = (Vec::new(), Vec::new());
+        for item in inbox.take_items() {
+            match item {
+                Item::Sample(sample) => taken.push(sample),
+                Item::Lost(port, count) => lost.push((port, count)),
+                Item::Taken(_) => panic!("there is no switch"),
+            }
+        }
+        assert_eq!(lost.iter().map(|(_, count)| count).sum::<u64>(), 2);
+        assert!(lost.iter().all(|(port, _)| *port == "In"));
         let of =
             |port| taken.iter().filter(|sample| sample.port == port).map(|sample| sample.bytes[0]).collect::<Vec<_>>();
         assert_eq!((of("In"), of("Other")), (vec![2, 3], vec![0, 1, 2, 3]));
         assert!(taken.iter().all(|sample| sample.is_latched == (sample.port == "In")));
         assert_eq!(Hold::of(&Shape::default()), Hold::default());
+    }
+
+    /// A link has lost numbers 2 to 4; then one gives way in a full queue.
+    #[test]
+    fn what_a_link_has_lost_is_counted_before_what_comes_after_it() {
+        let inbox = Inbox::default();
+        let hold = Hold::of(&Shape { queue: Some(2), ..Shape::default() });
+        inbox.link(3);
+        for number in [1, 5, 6] {
+            let sequence = Sequence { publisher: (1, 1), number };
+            inbox.arrive((3, Some(sequence)), ("In", hold), Arrival::Value(vec![0]));
+        }
+        let items = inbox.take_items();
+        let what = |item: &Item| match item {
+            Item::Sample(_) => 0,
+            Item::Lost("In", count) => *count,
+            Item::Lost(..) | Item::Taken(_) => panic!("{item:?}"),
+        };
+        assert_eq!(items.iter().map(what).filter(|what| *what > 0).sum::<u64>(), 4);
+        assert_eq!(items.iter().map(what).filter(|what| *what == 0).count(), 2);
     }
 }

@@ -4,7 +4,7 @@ use super::agreement;
 use super::inbox::{Hold, Inbox};
 use super::objects::{Callers, Serving};
 use super::taps::Taps;
-use super::wire::{Fetch, Transport, Wire, hear, port, put, subscribe, wire};
+use super::wire::{Fetch, Transport, Wire, hear, port, put, put_numbered, subscribe, wire};
 use crate::sdk::interface::{Binding, Direction, Interface, PortInterface};
 use comms::io::clock::now;
 use comms::io::data::{DataError, DataSession, Payload, Priority, Publisher, Responder, Subscription};
@@ -211,15 +211,16 @@ impl Links {
         for wire in close {
             let Some(wire) = made.wires.get_mut(wire) else { continue };
             let sent = wire.flow.close();
-            wire.way.mark(&Boundary::Closed { generation: *generation, sent });
+            wire.way.mark(&Boundary::Closed { generation: *generation, sent }, wire.flow.number());
             wire.way.keep(None);
         }
         for Opening { wire, after } in open {
             let Some(wire) = made.wires.get_mut(wire) else { continue };
-            let (was_open, last) = (wire.flow.is_open(), wire.flow.open(now));
-            wire.way.mark(&Boundary::Opened { generation: *generation, after: after.clone() });
+            let (was_open, before) = (wire.flow.is_open(), wire.flow.number());
+            let last = wire.flow.open(now);
+            wire.way.mark(&Boundary::Opened { generation: *generation, after: after.clone() }, before);
             match (&wire.way, last) {
-                (Transport::Push(publisher), Some(last)) => put(publisher, last.into()),
+                (Transport::Push(publisher), Some(last)) => put_numbered(publisher, last.into(), wire.flow.number()),
                 (Transport::Push(_), None) => {}
                 (Transport::Pull { .. }, _) if was_open => {}
                 (Transport::Pull { .. }, last) => wire.way.keep(last),
@@ -246,7 +247,7 @@ impl Links {
         }
         for wire in passing.iter().filter_map(|number| made.wires.get(number)) {
             if let Transport::Push(publisher) = &wire.way {
-                put(publisher, payload.clone());
+                put_numbered(publisher, payload.clone(), wire.flow.number());
             }
         }
     }

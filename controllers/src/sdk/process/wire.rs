@@ -5,7 +5,7 @@ use crate::sdk::interface::{Binding, Direction, Interface, PortInterface};
 use comms::io::clock::now;
 use comms::io::data::{DataError, DataSession, Payload, Priority, Publisher, Responder, Subscription};
 use comms::logic::control::{Incoming, Outgoing, Shape};
-use comms::logic::switch::{Arrival, Boundary, Flow};
+use comms::logic::switch::{Arrival, Boundary, Flow, Sequence};
 use std::borrow::Cow;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -30,9 +30,9 @@ pub(super) enum Transport {
 
 impl Transport {
     /// Says a word between the values of a wire that is pushed.
-    pub(super) fn mark(&self, boundary: &Boundary) {
+    pub(super) fn mark(&self, boundary: &Boundary, number: u32) {
         if let Self::Push(publisher) = self
-            && let Err(error) = publisher.mark(boundary)
+            && let Err(error) = publisher.mark(boundary, number)
         {
             tracing::debug!(%error, "a switch was not told");
         }
@@ -90,12 +90,12 @@ pub(super) fn hear(
     inbox: &Arc<Inbox>,
 ) -> Result<Subscription, String> {
     let (inbox, wire) = (Arc::clone(inbox), incoming.wire);
-    let hear = move |arrival: Arrival<Cow<'_, [u8]>>| {
+    let hear = move |arrival: Arrival<Cow<'_, [u8]>>, sequence: Option<Sequence>| {
         let arrival = match arrival {
             Arrival::Value(bytes) => Arrival::Value(bytes.into_owned()),
             Arrival::Boundary(boundary) => Arrival::Boundary(boundary),
         };
-        inbox.arrive(wire, input, arrival);
+        inbox.arrive((wire, sequence), input, arrival);
     };
     session.on_wire(&incoming.key, hear).map_err(|error| error.to_string())
 }
@@ -127,6 +127,13 @@ pub(super) fn port<'a>(
     let found = interface.port(name).filter(|port| port.direction == direction && port.binding == Binding::Wire);
     let word = if direction == Direction::In { "input" } else { "output" };
     found.ok_or_else(|| format!("`{}` has no {word} `{name}`", interface.type_name))
+}
+
+/// Sends a value over a wire.
+pub(super) fn put_numbered(publisher: &Publisher, payload: Payload, number: u32) {
+    if let Err(error) = publisher.put_numbered(payload, number) {
+        tracing::debug!(%error, "a value was not sent");
+    }
 }
 
 pub(super) fn put(publisher: &Publisher, payload: Payload) {

@@ -1,0 +1,79 @@
+//! The consumer's count of the values that were lost on a wire: each has a sequence number, and a number that is missing is one of them.
+
+/// Identifies what has published on a wire: a session and, within it, the publisher. A program that is started again is another one.
+pub type PublisherId = (u128, u32);
+
+/// The sequence number of what comes over a wire.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sequence {
+    /// Who has sent it.
+    pub publisher: PublisherId,
+    /// How many values it had sent over this wire then, a value included that has this number itself. After `u32::MAX` comes 0.
+    pub number: u32,
+}
+
+/// The count of one wire.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Gaps {
+    last: Option<Sequence>,
+}
+
+impl Gaps {
+    /// Takes note of a value; returns how many before it have not arrived since this wire was first heard.
+    pub fn value(&mut self, sequence: Sequence) -> u32 {
+        self.next(sequence, 1)
+    }
+
+    /// Takes note of a word between values, as [`Gaps::value`].
+    pub fn boundary(&mut self, sequence: Sequence) -> u32 {
+        self.next(sequence, 0)
+    }
+
+    fn next(&mut self, sequence: Sequence, step: u32) -> u32 {
+        let last = self.last.filter(|last| last.publisher == sequence.publisher);
+        let ahead = last.map_or(step, |last| sequence.number.wrapping_sub(last.number));
+        // More than half of all numbers ahead is behind: it was counted as lost, and comes late.
+        if ahead > u32::MAX / 2 {
+            return 0;
+        }
+        self.last = Some(sequence);
+        ahead.saturating_sub(step)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn of(publisher: u32, number: u32) -> Sequence {
+        Sequence { publisher: (7, publisher), number }
+    }
+
+    proptest! {
+        /// Whatever arrives: all that was sent between the first word and the last one has come, or is counted.
+        #[test]
+        fn what_does_not_arrive_is_counted(first: u32, sent in proptest::collection::vec(any::<[bool; 2]>(), 0..200)) {
+            let (mut gaps, mut number, mut lost) = (Gaps::default(), first, 0);
+            prop_assert_eq!(gaps.boundary(of(1, first)), 0);
+            for [is_value, arrives] in &sent {
+                number = number.wrapping_add(u32::from(*is_value));
+                if *arrives {
+                    let sequence = of(1, number);
+                    lost += if *is_value { gaps.value(sequence) } else { gaps.boundary(sequence) };
+                }
+            }
+            lost += gaps.boundary(of(1, number));
+            let missing = sent.iter().filter(|one| **one == [true, false]).count();
+            prop_assert_eq!(usize::try_from(lost).unwrap(), missing);
+        }
+    }
+
+    #[test]
+    fn who_comes_anew_is_counted_from_its_first_word() {
+        let mut gaps = Gaps::default();
+        assert_eq!((gaps.value(of(1, 40)), gaps.value(of(1, 43))), (0, 2));
+        assert_eq!((gaps.boundary(of(2, 0)), gaps.value(of(2, 1)), gaps.value(of(2, 4))), (0, 0, 2));
+        assert_eq!((gaps.value(of(2, 3)), gaps.value(of(2, 5))), (0, 0), "what comes late was counted");
+    }
+}
