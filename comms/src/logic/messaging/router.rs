@@ -19,6 +19,8 @@ use std::time::Duration;
 pub const SUBSCRIBERS_MAX: usize = 256;
 /// How many filters a subscription has at most.
 pub const FILTERS_MAX: usize = 16;
+/// The longest name in the register, in bytes: that of a queue, and behind it a blank and the life of who has it, in 16 digits.
+const KEY_SIZE_MAX: usize = NAME_SIZE_MAX + 17;
 /// How long an answer of a queue is waited for.
 pub const DELIVER_WITHIN: Duration = Duration::from_millis(500);
 /// How often a subscriber renews its subscription.
@@ -273,7 +275,7 @@ impl Router {
         if type_name != self.settings.type_name {
             return Err(RouterRefusal::WrongType { sent: self.settings.type_name.clone(), taken: type_name });
         }
-        let is_short = queue.len() <= NAME_SIZE_MAX && filters.iter().all(Filter::is_short);
+        let is_short = queue.len() <= KEY_SIZE_MAX && filters.iter().all(Filter::is_short);
         if filters.len() > FILTERS_MAX || !is_short {
             return Err(RouterRefusal::Filters { max: count(FILTERS_MAX), size_max: count(NAME_SIZE_MAX) });
         }

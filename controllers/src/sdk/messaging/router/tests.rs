@@ -195,3 +195,24 @@ fn golden() {
         assert_eq!(hex(postcard::to_stdvec(&delivery).unwrap()), golden);
     }
 }
+
+/// As the error says, whatever the router puts behind a name.
+#[test]
+fn a_name_has_255_bytes_at_most() {
+    for (size, is_taken) in [(255, true), (256, false)] {
+        let (mut desk, mut reader) = (desk(), Reader::<Speed>::new(&"n".repeat(size), None, 2));
+        for ms in [20, 40] {
+            reader.turn(&mut desk, at(ms), Fate::Good);
+            desk.news.work(at(ms));
+        }
+        reader.turn(&mut desk, at(60), Fate::Good);
+        match reader.user.state() {
+            Subscribed::Yes => assert!(is_taken),
+            Subscribed::Refused(refusal) => {
+                assert!(!is_taken);
+                assert_eq!(*refusal, RouterRefusal::Filters { max: 16, size_max: 255 });
+            }
+            state @ (Subscribed::Asking | Subscribed::Unknown(_)) => panic!("{size}: {state:?}"),
+        }
+    }
+}
