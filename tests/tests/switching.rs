@@ -191,3 +191,29 @@ fn a_person_switches_what_runs() {
     all.sort_unstable();
     assert!(all.windows(2).all(|pair| pair[1].0 == pair[0].1 + 1), "numbers were lost or doubled: {all:?}");
 }
+
+/// A producer that does not do its part: it is not confirmed, and the command says whose.
+#[test]
+fn a_switch_that_somebody_does_not_confirm_has_exit_code_3() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    let file = spec(&cluster, "c1", "source, one, other, gate[a]");
+    // Suspended for longer than the home waits, it is no program that hangs.
+    let text = std::fs::read_to_string(&file).expect("it was just written");
+    let declared = text.lines().find(|line| line.contains("source instof Source")).expect("it is there").to_owned();
+    let unwatched = declared.replace(';', " { watchdog none; }");
+    let mission = start(&here, &cluster.file("count.dca", &text.replace(&declared, &unwatched)));
+    let source = cluster.leaf("main/source").expect("it runs");
+    source.signal(Signal::STOP);
+    let switched = here.ask(&["switch", "count", "gate[b]", "--json"]);
+    assert_eq!(switched.code, Some(3), "{switched}");
+    assert!(switched.err.contains("`main/source` did not confirm the switch in time"), "{switched}");
+    let json: Value = serde_json::from_str(&switched.out).expect("it is JSON");
+    assert_eq!(json["unconfirmed"], serde_json::json!(["main/source"]), "{json}");
+    source.signal(Signal::CONT);
+    let back = here.ask(&["switch", "count", "gate[a]"]);
+    assert_eq!(back.code, Some(0), "it goes on: {back}");
+    assert_eq!(here.ask(&["stop", "count"]).code, Some(0));
+    assert_eq!(mission.ended(SOON).code, Some(1));
+}
