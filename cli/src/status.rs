@@ -117,7 +117,7 @@ fn text(statuses: &[NodeStatus], away: &Absences, name: Option<&str>) -> String 
 
 /// Returns whom a node lets come over the network, and which policy says what runs there.
 fn guard(status: &NodeStatus) -> String {
-    let policy = status.policy.as_ref().map(|file| format!("policy {file}"));
+    let policy = status.policy.as_ref().map(ToString::to_string);
     let words = [status.network.to_string(), policy.unwrap_or_default()];
     words.into_iter().filter(|word| !word.is_empty()).collect::<Vec<_>>().join(", ")
 }

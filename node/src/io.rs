@@ -24,3 +24,4 @@ pub mod service_manager;
 pub(crate) mod starter;
 pub mod state_dir;
 pub mod tail;
+mod users;

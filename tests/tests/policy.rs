@@ -106,8 +106,9 @@ fn a_program_runs_as_the_policy_of_its_node_says_or_is_refused_in_a_sentence() {
     expect_refused(&deploy(&cluster, &spec("true", "", "")), "is not listed (rule `hashes`, ");
 
     let shown = host.ask(&["status"]);
-    assert!(shown.out.contains(&format!("policy {}", file.display())), "{shown}");
-    assert_eq!(host.statuses(&[])[0].policy.as_deref(), Some(&*file.display().to_string()));
+    assert!(shown.out.contains(&format!("policy {}, sandbox standard", file.display())), "{shown}");
+    let in_use = host.statuses(&[])[0].policy.clone().expect("one holds");
+    assert_eq!((in_use.file, &*in_use.sandbox), (file.display().to_string(), "standard"));
     fs::remove_file(&file).expect("a file of ours");
     assert_eq!(deploy(&cluster, &spec("true", "", "")).code, Some(0), "without a policy anything runs, as before");
     assert_eq!(host.statuses(&[])[0].policy, None);
@@ -139,6 +140,45 @@ fn a_node_with_a_damaged_policy_does_not_begin_and_the_doctor_says_why() {
     put(&host, "c1", "root = true\nrealtime = 49\n");
     let said = doctor();
     assert!(said.contains(&format!("ok       policy       `{}` says what may run", file.display())), "{said}");
+}
+
+/// A node of root starts programs as somebody without rights; what cannot be so is refused.
+#[test]
+fn programs_run_as_the_user_of_the_policy_without_rights() {
+    if !rustix::process::getuid().is_root() {
+        println!("skipped: needs root");
+        return;
+    }
+    let (cluster, open) = (Cluster::new(), Cluster::new());
+    let host = cluster.here();
+    let file = put(&host, "c1", "user = \"nobody\"");
+    let _node = host.node("c1", &[]);
+    let mode = <fs::Permissions as std::os::unix::fs::PermissionsExt>::from_mode(0o777);
+    fs::set_permissions(open.folder(), mode).expect("a folder of ours");
+    let told = open.folder().join("told");
+    let script =
+        format!("(id -un; echo $USER; grep -E '^(CapEff|NoNewPrivs):' /proc/self/status) > {}", told.display());
+    let ran = deploy(&cluster, &spec(&format!("sh -c \\\"{script}\\\""), "", ""));
+    assert_eq!(ran.code, Some(0), "{ran}");
+    let expected = "nobody\nnobody\nCapEff:\t0000000000000000\nNoNewPrivs:\t1\n";
+    assert_eq!(fs::read_to_string(&told).expect("it ran"), expected);
+    let only = |kind: &str| {
+        format!(
+            "programs run as `nobody` on this node, and this one would run as `root`: {kind} runs as the user of its node; start the \
+             node as that user (rule `user`, `{}` line 1)",
+            file.display()
+        )
+    };
+    expect_refused(&deploy(&cluster, &spec("true", "", "watchdog 1 s;")), &only("one that gives signs of life"));
+    let controller = "process main() { host { c1 } instantiated_processes { laser instof LaserSensor(c1); }
+        internal_event_actions { laser } }";
+    expect_refused(&deploy(&cluster, controller), &only("a controller"));
+    put(&host, "c1", "sandbox = \"none\"\nroot = true");
+    let script = format!("grep NoNewPrivs: /proc/self/status > {}", told.display());
+    let ran = deploy(&cluster, &spec(&format!("sh -c \\\"{script}\\\""), "", ""));
+    assert_eq!(ran.code, Some(0), "{ran}");
+    assert_eq!(fs::read_to_string(&told).expect("it ran"), "NoNewPrivs:\t0\n", "who says so gets no sandbox");
+    assert_eq!(host.statuses(&[])[0].policy.as_ref().map(|policy| &*policy.sandbox), Some("none"));
 }
 
 /// A program that runs keeps on running when the policy gets stricter, and is not started again.

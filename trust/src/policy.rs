@@ -6,6 +6,7 @@
 //! hashes = ["blake3:5f0e…"]           # programs with these BLAKE3 hashes
 //! user = "dca-run"                    # as whom programs run
 //! root = false                        # whether any may run as root
+//! sandbox = "standard"                # or "none"
 //! devices = ["arm", "camera"]         # what programs may claim
 //! secrets = ["team/camera/"]          # keys of secrets that they may be given
 //! realtime = 40                       # the highest real-time priority; 0 for none
@@ -17,7 +18,7 @@
 //! file_size = 100_000_000             # its longest file, in bytes
 //! ```
 //!
-//! A rule that is not there restricts nothing, but for `root`, which has to be said. A limit is the highest that a spec may ask for, and
+//! A rule that is not there restricts nothing, but for `root` and `sandbox = "none"`, which have to be said. A limit is the highest that a spec may ask for, and
 //! what a program has whose spec asks for none.
 
 use serde::Deserialize;
@@ -41,6 +42,8 @@ struct File {
     hashes: Option<Spanned<Vec<String>>>,
     user: Option<Spanned<String>>,
     root: Option<Spanned<bool>>,
+    #[serde(default)]
+    sandbox: Sandbox,
     devices: Option<Spanned<Vec<String>>>,
     secrets: Option<Spanned<Vec<String>>>,
     realtime: Option<Spanned<u64>>,
@@ -50,6 +53,17 @@ struct File {
     pids: Option<Spanned<u64>>,
     files: Option<Spanned<u64>>,
     file_size: Option<Spanned<u64>>,
+}
+
+/// How much is taken from a program.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Sandbox {
+    /// It has no capability, and gets no rights from what it executes.
+    #[default]
+    Standard,
+    /// Nothing.
+    None,
 }
 
 /// A rule, and where it stands.
@@ -67,6 +81,7 @@ pub struct Policy {
     hashes: Option<Rule<Vec<[u8; 32]>>>,
     user: Option<Rule<String>>,
     root: Option<Rule<bool>>,
+    sandbox: Sandbox,
     devices: Option<Rule<Vec<String>>>,
     secrets: Option<Rule<Vec<String>>>,
     limits: Vec<(&'static str, Rule<u64>)>,
@@ -102,6 +117,8 @@ pub struct Start<'a> {
     pub user: &'a str,
     /// Whether that is root.
     pub is_root: bool,
+    /// Why it cannot run as somebody else; empty if nothing keeps it from that.
+    pub only: &'a str,
     /// The devices that it claims.
     pub devices: &'a [String],
     /// The keys of the secrets that it is to be given.
@@ -193,6 +210,7 @@ impl Policy {
             hashes: reader.list("hashes", file.hashes, no_hash, |text| hash(text))?,
             user: file.user.map(|user| reader.checked("user", user, no_name, is_named)).transpose()?,
             root: file.root.map(|root| reader.rule(root)),
+            sandbox: file.sandbox,
             devices: reader.list("devices", file.devices, no_name, is_named)?,
             secrets: reader.list("secrets", file.secrets, no_name, is_named)?,
             limits: limits.into_iter().flatten().collect(),
@@ -209,6 +227,12 @@ impl Policy {
     #[must_use]
     pub fn user_line(&self) -> Option<usize> {
         self.user.as_ref().map(|user| user.line)
+    }
+
+    /// Returns how much is taken from programs.
+    #[must_use]
+    pub const fn sandbox(&self) -> Sandbox {
+        self.sandbox
     }
 
     /// Returns whether only the hash of a program can say whether it may be started.
@@ -229,8 +253,9 @@ impl Policy {
             denied.push(Denied { rule: "root", line, why: "no program runs as root on this node".to_owned() });
         }
         if let Some(user) = self.user.as_ref().filter(|user| user.value != start.user) {
+            let (wanted, found) = (&user.value, start.user);
             let why =
-                format!("programs run as `{}` on this node, and this one would run as `{}`", user.value, start.user);
+                format!("programs run as `{wanted}` on this node, and this one would run as `{found}`{}", start.only);
             denied.push(Denied { rule: "user", line: Some(user.line), why });
         }
         if let Some(devices) = &self.devices {

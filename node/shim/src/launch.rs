@@ -1,14 +1,16 @@
-//! The last step before a program with limits: a process of its own takes the limits and becomes the program.
+//! The last step before a program with limits or a sandbox: a process of its own takes the limits, gives up its rights and becomes the
+//! program.
 //!
 //! So the program never runs without them, not even for an instant, and the shim itself has none. What the kernel refuses is
 //! left in the instance directory as one sentence, which the shim reports.
 
-use comms::io::file;
+use crate::sandbox;
+use comms::io::file::{self, Privacy};
 use comms::logic::human::cause;
 use rustix::process::{Resource, Rlimit, setpriority_process, setrlimit};
-use shim::protocol::{LAUNCH, Limits, REFUSED_FILE, ShimStart};
+use shim::protocol::{LAUNCH, Limits, REFUSED_FILE, Sandbox, ShimStart};
 use std::ffi::OsString;
-use std::io;
+use std::io::{self, Write as _};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
@@ -18,10 +20,15 @@ const REFUSED: u8 = 126;
 /// Sets the scheduling class of what it executes. Source: chrt(1), util-linux.
 const CHRT: &str = "chrt";
 
-/// Returns what to execute instead of the program: itself, unless it has limits.
+/// Returns whether a program is started with nothing taken from it.
+fn is_plain(start: &ShimStart) -> bool {
+    start.limits == Limits::default() && start.groups.is_empty() && start.sandbox == Sandbox::default()
+}
+
+/// Returns what to execute instead of the program: itself, unless it has limits or a sandbox.
 pub(crate) fn command(start: &ShimStart) -> io::Result<(OsString, Vec<OsString>)> {
     let plain = || start.command.iter().map(OsString::from);
-    if start.limits == Limits::default() && start.groups.is_empty() {
+    if is_plain(start) {
         return Ok((plain().next().unwrap_or_default(), plain().skip(1).collect()));
     }
     let launch = ShimStart { environment: Vec::new(), ..start.clone() };
@@ -34,8 +41,15 @@ const REASON_MAX: usize = 64 << 10;
 
 /// Becomes the program; returns only if that is refused.
 pub(crate) fn launch(start: &ShimStart) -> ExitCode {
+    // Behind a sandbox it may not be made any more. An empty file is no reason.
+    let early =
+        (start.sandbox != Sandbox::default()).then(|| file::created(&start.dir.join(REFUSED_FILE), Privacy::Usual));
     let reason = limit(start).map_or_else(|reason| reason, |command| execute(&command));
-    if let Err(error) = file::write(&start.dir.join(REFUSED_FILE), reason.as_bytes()) {
+    let written = early.map_or_else(
+        || file::write(&start.dir.join(REFUSED_FILE), reason.as_bytes()),
+        |file| file?.write_all(reason.as_bytes()),
+    );
+    if let Err(error) = written {
         super::complain(&format!("dca-shim: cannot write why the program was refused: {error}"));
     }
     ExitCode::from(REFUSED)
@@ -46,7 +60,9 @@ pub(crate) fn refusal(dir: &Path, code: i32) -> Option<String> {
     if code != i32::from(REFUSED) {
         return None;
     }
-    String::from_utf8(file::bytes(&dir.join(REFUSED_FILE), REASON_MAX).ok()?).ok()
+    let reason = String::from_utf8(file::bytes(&dir.join(REFUSED_FILE), REASON_MAX).ok()?).ok()?;
+    // The program itself has left with this code.
+    Some(reason).filter(|reason| !reason.is_empty())
 }
 
 /// Tries, before a program waits at its gate, whether the kernel lets it have its limits, with one that does nothing in its place.
@@ -54,7 +70,7 @@ pub(crate) fn refusal(dir: &Path, code: i32) -> Option<String> {
 /// # Errors
 /// Why it does not, in a sentence.
 pub(crate) fn try_limits(start: &ShimStart) -> Result<(), String> {
-    if start.limits == Limits::default() && start.groups.is_empty() {
+    if is_plain(start) {
         return Ok(());
     }
     let trial = ShimStart { command: vec!["true".to_owned()], ..start.clone() };
@@ -64,15 +80,13 @@ pub(crate) fn try_limits(start: &ShimStart) -> Result<(), String> {
     trial.args(arguments).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
     let code = trial.status().map_err(failed)?.code();
     let refusal = code.and_then(|code| refusal(&start.dir, code));
-    refusal.map_or(Ok(()), |reason| {
-        // That of a trial is not the program's own.
-        std::fs::remove_file(start.dir.join(REFUSED_FILE)).unwrap_or_default();
-        Err(reason)
-    })
+    // That of a trial is not the program's own.
+    std::fs::remove_file(start.dir.join(REFUSED_FILE)).unwrap_or_default();
+    refusal.map_or(Ok(()), Err)
 }
 
-/// Takes the limits; returns what to execute.
-fn limit(start: &ShimStart) -> Result<Vec<String>, String> {
+/// Takes the limits, and gives up the rights; returns what to execute.
+fn limit(start: &ShimStart) -> Result<Vec<OsString>, String> {
     let limits = &start.limits;
     let caps = [
         (Resource::As, limits.memory, "B of memory"),
@@ -80,7 +94,7 @@ fn limit(start: &ShimStart) -> Result<Vec<String>, String> {
         (Resource::Nofile, limits.files, "open files"),
         (Resource::Fsize, limits.file_size, "B in a file"),
     ];
-    let mut command = start.command.clone();
+    let mut command: Vec<OsString> = start.command.iter().map(OsString::from).collect();
     // A group of version 1 that shares out processors may have nothing of the real-time share: that shows from inside.
     let (sharing, others): (Vec<&PathBuf>, Vec<&PathBuf>) =
         start.groups.iter().partition(|group| group.join("cpu.rt_runtime_us").is_file());
@@ -89,7 +103,15 @@ fn limit(start: &ShimStart) -> Result<Vec<String>, String> {
         let priority = realtime.priority.to_string();
         let class = [CHRT, "--fifo", &priority].map(str::to_owned);
         if is_allowed(&class) {
-            command.splice(0..0, class);
+            if start.sandbox != Sandbox::default() {
+                // What sets the class needs rights that the program does not have: the rest is done behind it.
+                let others = others.into_iter().cloned().collect();
+                let limits = Limits { realtime: None, ..start.limits.clone() };
+                let (program, arguments) = self::command(&ShimStart { limits, groups: others, ..start.clone() })
+                    .map_err(|error| format!("it cannot be started in its class: {}", cause(&error)))?;
+                return Ok(class.map(OsString::from).into_iter().chain([program]).chain(arguments).collect());
+            }
+            command.splice(0..0, class.map(OsString::from));
         } else if realtime.is_optional {
             super::complain(&format!("dca-shim: no real-time priority {priority} on this host; it runs without"));
         } else if !sharing.is_empty() {
@@ -117,6 +139,7 @@ fn limit(start: &ShimStart) -> Result<Vec<String>, String> {
             return Err(format!("a limit of {value} {what} is refused: {}", cause(&error.into())));
         }
     }
+    sandbox::enter(&start.sandbox)?;
     Ok(command)
 }
 
@@ -135,8 +158,8 @@ fn is_allowed(class: &[String]) -> bool {
     trial.status().is_ok_and(|status| status.success())
 }
 
-fn execute(command: &[String]) -> String {
+fn execute(command: &[OsString]) -> String {
     let Some((name, arguments)) = command.split_first() else { return "there is no program".to_owned() };
     let error = Command::new(name).args(arguments).exec();
-    format!("cannot execute `{name}`: {}", cause(&error))
+    format!("cannot execute `{}`: {}", name.display(), cause(&error))
 }

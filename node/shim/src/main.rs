@@ -21,6 +21,7 @@ mod group;
 mod launch;
 mod output;
 mod record;
+mod sandbox;
 mod secrets;
 mod watchdog;
 
@@ -82,6 +83,8 @@ Options:
   --memory BYTES  --cpu-s S  --cpu-share THOUSANDTHS  --pids N  --files N  --file-size BYTES  --nice N
   --realtime P  --realtime-optional P
                                what it may use
+  --sandbox none|standard  --user UID:GID[:GID...]
+                               its rights, and as whom it runs
   -h, --help                   this text
   -V, --version                the version";
 

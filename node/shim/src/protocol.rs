@@ -20,7 +20,7 @@ mod end;
 mod start;
 
 pub use end::{EndReason, LimitKind, ProgramEnd};
-pub use start::{Limits, Realtime, SECRET_MAX, ShimStart, secret};
+pub use start::{Account, Limits, Realtime, SECRET_MAX, Sandbox, SandboxLevel, ShimStart, secret};
 use std::fmt;
 use std::time::Duration;
 use thiserror::Error;

@@ -3,9 +3,10 @@
 //!
 //! Their values come on standard input before any order. They are in no argument and no environment, which others could read.
 
-use rustix::fs::{MemfdFlags, Mode, OFlags, SealFlags, fchmod, fcntl_add_seals, memfd_create, open};
+use rustix::fs::{MemfdFlags, Mode, OFlags, SealFlags, fchmod, fchown, fcntl_add_seals, memfd_create, open};
 use rustix::io::{Errno, FdFlags, fcntl_setfd, read};
-use shim::protocol::{SECRET_MAX, ShimStart};
+use rustix::process::{Gid, Uid};
+use shim::protocol::{Account, SECRET_MAX, ShimStart};
 use std::fs::File;
 use std::io::{self, Write as _};
 use std::os::fd::{AsRawFd as _, OwnedFd};
@@ -15,7 +16,7 @@ use zeroize::Zeroizing;
 pub(crate) fn take(start: &mut ShimStart) -> io::Result<Vec<OwnedFd>> {
     let mut files = Vec::new();
     for word in std::mem::take(&mut start.secrets) {
-        let file = keep(&received()?)?;
+        let file = keep(&received()?, start.sandbox.user.as_ref())?;
         let word = usize::try_from(word).ok().and_then(|word| start.command.get_mut(word));
         word.ok_or(io::ErrorKind::InvalidInput)?.push_str(&path(&file));
         files.push(file);
@@ -53,14 +54,17 @@ fn fill(mut bytes: &mut [u8]) -> io::Result<()> {
     Ok(())
 }
 
-/// Returns a file in memory that holds this for ever, open for reading in the program, too.
-fn keep(value: &[u8]) -> io::Result<OwnedFd> {
+/// Returns a file in memory that holds this for ever, open for reading in the program, too. It belongs to the user of the program.
+fn keep(value: &[u8], user: Option<&Account>) -> io::Result<OwnedFd> {
     let memory = memfd_create("dca-secret", MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING)?;
     let mut file = File::from(memory);
     file.write_all(value)?;
     fchmod(&file, Mode::RUSR)?;
     fcntl_add_seals(&file, SealFlags::WRITE | SealFlags::GROW | SealFlags::SHRINK | SealFlags::SEAL)?;
     let memory = OwnedFd::from(file);
+    if let Some(Account { uid, gid, .. }) = user {
+        fchown(&memory, Some(Uid::from_raw(*uid)), Some(Gid::from_raw(*gid)))?;
+    }
     let readable = open(path(&memory), OFlags::RDONLY | OFlags::CLOEXEC, Mode::empty())?;
     fcntl_setfd(&readable, FdFlags::empty())?;
     Ok(readable)

@@ -9,13 +9,15 @@ mod attach;
 mod hanging;
 #[path = "shim/limits.rs"]
 mod limits;
+#[path = "shim/sandbox.rs"]
+mod sandbox;
 #[path = "shim/secrets.rs"]
 mod secrets;
 
 use comms::io::clock::now;
 use shim::protocol::{
-    EXIT_FILE, EndReason, Gate, Limits, OUTPUT_FILE, OUTPUT_FILE_OLD, OUTPUT_SIZE_MAX, ProgramEnd, Realtime, ShimOrder,
-    ShimReport, ShimStart,
+    EXIT_FILE, EndReason, Gate, Limits, OUTPUT_FILE, OUTPUT_FILE_OLD, OUTPUT_SIZE_MAX, ProgramEnd, Realtime, Sandbox,
+    ShimOrder, ShimReport, ShimStart,
 };
 use std::io::{BufRead, BufReader, Lines, Write};
 use std::path::{Path, PathBuf};
@@ -61,6 +63,7 @@ impl Shim {
             watchdog: None,
             ready_within: None,
             limits: Limits::default(),
+            sandbox: Sandbox::default(),
             groups: Vec::new(),
             descriptors: None,
             environment: vec![("PATH".into(), "/usr/bin:/bin".into()), ("DCA_INSTANCE".into(), "main/x".into())],

@@ -5,11 +5,14 @@
 //! is started again. Nothing else says what may run here, and nobody changes it from afar.
 
 use crate::io::child;
+use crate::io::users::{self, User};
 use crate::logic::effect::SpawnOrder;
+use crate::logic::protocol::PolicyInUse;
 use anyhow::{Context, anyhow, ensure};
 use comms::io::file;
+use language::plan::{LeafKind, Watchdog};
 use rustix::process::getuid;
-use shim::protocol::Limits;
+use shim::protocol::{Limits, Sandbox, SandboxLevel};
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::ErrorKind;
@@ -26,10 +29,6 @@ use trust::policy::{self, POLICY_MAX, Policy, Start};
 pub const SYSTEM: &str = "/etc/dca/policy.toml";
 /// The name of the policy of a node, in the folder of its state.
 pub const FILE: &str = "policy.toml";
-/// The users of a machine. Source: passwd(5).
-const USERS: &str = "/etc/passwd";
-/// The longest list of users that is read, in bytes.
-const USERS_MAX: usize = 4 << 20;
 /// How many hashes of programs are kept.
 const HASHES_MAX: usize = 256;
 
@@ -70,31 +69,18 @@ fn read(path: &Path) -> anyhow::Result<Policy> {
     let text = String::from_utf8(file::bounded(file, POLICY_MAX)?).context("it is no UTF-8")?;
     let policy = Policy::parse(&text)?;
     if let (Some(user), Some(line)) = (policy.user(), policy.user_line()) {
-        ensure!(uid_of(user)?.is_some(), "line {line}: this machine has no user `{user}`");
+        ensure!(users::named(user)?.is_some(), "line {line}: this machine has no user `{user}`");
     }
     Ok(policy)
 }
 
-/// Returns the number of a user; none if the machine has no such user.
-fn uid_of(name: &str) -> anyhow::Result<Option<u32>> {
-    Ok(users()?.into_iter().find_map(|(user, uid)| (user == name).then_some(uid)))
-}
-
-fn users() -> anyhow::Result<Vec<(String, u32)>> {
-    let bytes = file::bytes(Path::new(USERS), USERS_MAX).with_context(|| format!("reading `{USERS}`"))?;
-    let text = String::from_utf8_lossy(&bytes);
-    let user = |line: &str| {
-        let mut fields = line.split(':');
-        Some((fields.next()?.to_owned(), fields.nth(1)?.parse().ok()?))
-    };
-    Ok(text.lines().filter_map(user).collect())
-}
-
-/// Returns the name of the user of this process, or its number where it has none.
-fn own_name() -> String {
-    let own = getuid().as_raw();
-    let named = users().ok().and_then(|users| users.into_iter().find(|(_, uid)| *uid == own));
-    named.map_or_else(|| own.to_string(), |(name, _)| name)
+/// How a program is started.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Admitted {
+    pub(crate) limits: Limits,
+    pub(crate) sandbox: Sandbox,
+    /// The variables of its environment that differ from those of its node.
+    pub(crate) environment: Vec<(String, String)>,
 }
 
 /// A program as it was when its hash was taken: device, inode, length, and when it was changed in any way.
@@ -110,8 +96,8 @@ struct Inner {
     /// Has the audit log, if the node is in a team.
     member: Option<Arc<Member>>,
     hashes: Mutex<BTreeMap<Stamp, [u8; 32]>>,
-    /// The file that held when it was read last.
-    in_use: Mutex<Option<PathBuf>>,
+    /// What held when it was read last.
+    in_use: Mutex<Option<PolicyInUse>>,
 }
 
 impl ExecutionPolicy {
@@ -124,21 +110,20 @@ impl ExecutionPolicy {
         if let Some(PolicyFile { path, .. }) = &found {
             tracing::info!(path = %path.display(), "an execution policy holds here");
         }
-        let in_use = Mutex::new(found.map(|found| found.path));
+        let in_use = Mutex::new(found.as_ref().map(in_use));
         Ok(Self(Arc::new(Inner { state, member, hashes: Mutex::default(), in_use })))
     }
 
-    /// Returns the file that held when a program was started last, or the node.
-    pub(crate) fn in_use(&self) -> Option<String> {
-        let in_use = self.0.in_use.lock().unwrap_or_else(PoisonError::into_inner);
-        in_use.as_ref().map(|path| path.display().to_string())
+    /// Returns the policy that held when a program was started last, or the node.
+    pub(crate) fn in_use(&self) -> Option<PolicyInUse> {
+        self.0.in_use.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Returns the limits with which a program is started. Blocks.
+    /// Returns with which limits and rights a program is started. Blocks.
     ///
     /// # Errors
     /// It cannot be started, or the policy does not admit it: with the rule, the file and the line. That is in the audit log.
-    pub(crate) fn admit(&self, order: &SpawnOrder) -> anyhow::Result<Limits> {
+    pub(crate) fn admit(&self, order: &SpawnOrder) -> anyhow::Result<Admitted> {
         let asked = child::limits(&order.policy.usage);
         let program = child::check_executable(&order.command)?;
         let admitted = self.decide(order, &program, &asked);
@@ -148,32 +133,49 @@ impl ExecutionPolicy {
         admitted
     }
 
-    fn decide(&self, order: &SpawnOrder, program: &Path, asked: &Limits) -> anyhow::Result<Limits> {
+    fn decide(&self, order: &SpawnOrder, program: &Path, asked: &Limits) -> anyhow::Result<Admitted> {
         let found = find(self.0.state.as_deref());
         if let Ok(found) = &found {
-            let path = found.as_ref().map(|found| found.path.clone());
-            *self.0.in_use.lock().unwrap_or_else(PoisonError::into_inner) = path;
+            *self.0.in_use.lock().unwrap_or_else(PoisonError::into_inner) = found.as_ref().map(in_use);
         }
         let Some(PolicyFile { path, policy }) = found.context("this node starts nothing")? else {
-            return Ok(asked.clone());
+            return Ok(Admitted { limits: asked.clone(), ..Admitted::default() });
         };
         let program = fs::canonicalize(program).with_context(|| format!("finding `{}`", program.display()))?;
         let hash = policy.needs_hash(&program).then(|| self.hash(&program)).transpose()?;
         let secrets: Vec<String> = order.secrets.iter().map(|secret| secret.key.clone()).collect();
         let own = getuid();
-        let is_own = policy.user().map(uid_of).transpose()?.flatten() == Some(own.as_raw());
-        let user = policy.user().filter(|_| is_own).map_or_else(own_name, str::to_owned);
+        let named = policy.user().map(users::named).transpose()?.flatten();
+        let (mine, other): (Option<User>, Option<User>) = match named {
+            Some(user) if user.account.uid == own.as_raw() => (Some(user), None),
+            other => (None, other),
+        };
+        let only = only_own(order, own.is_root());
+        let other = other.filter(|_| only.is_empty());
+        let user = other.as_ref().or(mine.as_ref()).map_or_else(users::own_name, |user| user.name.clone());
         let admitted = policy.admit(&Start {
             program: &program,
             hash,
             user: &user,
-            is_root: own.is_root(),
+            is_root: other.as_ref().map_or(own.as_raw(), |user| user.account.uid) == 0,
+            only,
             devices: &order.devices,
             secrets: &secrets,
             limits: words_of(asked),
         });
         match admitted {
-            Ok(limits) => Ok(with(asked.clone(), &limits)),
+            Ok(limits) => Ok(Admitted {
+                limits: with(asked.clone(), &limits),
+                sandbox: Sandbox {
+                    level: level(policy.sandbox()),
+                    user: other.as_ref().map(|user| user.account.clone()),
+                },
+                environment: other
+                    .into_iter()
+                    .flat_map(|user| [("USER", user.name), ("HOME", user.home)])
+                    .map(|(name, value)| (name.to_owned(), value))
+                    .collect(),
+            }),
             Err(denied) => {
                 let reasons: Vec<String> = denied.iter().map(|denied| denied.sentence(&path)).collect();
                 Err(anyhow!("the policy of this node refuses it: {}", reasons.join("; ")))
@@ -207,6 +209,35 @@ impl ExecutionPolicy {
             let (who, what) = (format!("deployment {}", process.deployment), format!("start {path}"));
             member.record(AuditEntry { decision: Decision::Refused, who, what, reason: why.to_owned() });
         }
+    }
+}
+
+/// Returns why a program can run only as the user of its node, for a sentence; empty if it can run as another.
+const fn only_own(order: &SpawnOrder, is_root: bool) -> &'static str {
+    if !is_root {
+        return ": the node is not root, and can start programs only as itself";
+    }
+    if matches!(order.kind, LeafKind::Controller) {
+        return ": a controller runs as the user of its node; start the node as that user";
+    }
+    if !matches!(order.policy.watchdog, Watchdog::Usual | Watchdog::Never) || order.policy.ready_within.is_some() {
+        return ": one that gives signs of life runs as the user of its node; start the node as that user";
+    }
+    ""
+}
+
+const fn level(sandbox: policy::Sandbox) -> SandboxLevel {
+    match sandbox {
+        policy::Sandbox::Standard => SandboxLevel::Standard,
+        policy::Sandbox::None => SandboxLevel::None,
+    }
+}
+
+fn in_use(found: &PolicyFile) -> PolicyInUse {
+    let is_confined = found.policy.sandbox() == policy::Sandbox::Standard;
+    PolicyInUse {
+        file: found.path.display().to_string(),
+        sandbox: if is_confined { "standard" } else { "none" }.to_owned(),
     }
 }
 

@@ -5,7 +5,7 @@ use crate::io::child::leftovers;
 use crate::io::child::reach::{Reached, reach};
 use crate::io::child::{self, ShimOrders, ShimReports};
 use crate::io::event::{Event, hear_programs};
-use crate::io::policy::ExecutionPolicy;
+use crate::io::policy::{Admitted, ExecutionPolicy};
 use crate::io::run_dir;
 use crate::io::secrets::Secrets;
 use crate::logic::attachments::Attachment;
@@ -193,7 +193,10 @@ impl Starter {
         let deployment = order.process.deployment.clone();
         let policy = self.policy.clone();
         let admitting = tokio::task::spawn_blocking(move || {
-            start.limits = policy.admit(&order)?;
+            let Admitted { limits, sandbox, environment } = policy.admit(&order)?;
+            (start.limits, start.sandbox) = (limits, sandbox);
+            start.environment.retain(|(name, _)| environment.iter().all(|(other, _)| other != name));
+            start.environment.extend(environment);
             anyhow::Ok(start)
         });
         let start = admitting.await??;

@@ -40,12 +40,12 @@ pub use relay::{Relay, Relayed};
 pub use report::{Change, Report, SetsSwitched};
 use serde::{Deserialize, Serialize};
 pub use signed::{Order, Ordered, Signed, TeamOfNode};
-pub use status::{Containment, DeploymentStatus, LeafStatus, Network, NodeStatus, ProcessStatus, leaves};
+pub use status::{Containment, DeploymentStatus, LeafStatus, Network, NodeStatus, PolicyInUse, ProcessStatus, leaves};
 use std::fmt;
 use std::time::Duration;
 
 /// Version of these messages.
-pub const VERSION: u16 = 11;
+pub const VERSION: u16 = 12;
 
 /// How long a node that has more to say may be silent: it says several times in that time that it is still there.
 pub const SILENCE_MAX: Duration = Duration::from_secs(8);
@@ -359,9 +359,9 @@ mod tests {
         let (host, version, up) = ("c1".into(), "1".into(), Duration::new(3, 4));
         let containment = Containment::ControlGroup;
         let network = Network::Host;
-        let (estop, policy) = (None, Some("p".into()));
+        let (estop, policy) = (None, Some(PolicyInUse { file: "p".into(), sandbox: "none".into() }));
         let status = NodeStatus { host, pid: 7, version, up, peers, deployments, containment, network, estop, policy };
-        assert_eq!(postcard::to_stdvec(&status).unwrap(), *b"\x02c1\x07\x011\x03\x04\0\0\x01\0\0\x01\x01p");
+        assert_eq!(postcard::to_stdvec(&status).unwrap(), *b"\x02c1\x07\x011\x03\x04\0\0\x01\0\0\x01\x01p\x04none");
         let ping = Ping { from: "c1".into(), boot: 5, round: 300 };
         assert_eq!(codec::encode(&ping).unwrap(), *b"DC\x01\x00\x69\x00\x02c1\x05\xac\x02");
         let dot = Dot { origin: ReplicaId::new(300), seq: 3 };

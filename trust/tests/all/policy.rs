@@ -1,7 +1,7 @@
 //! What a node starts, and what it does not.
 
 use std::path::Path;
-use trust::policy::{Denied, Limits, Policy, PolicyError, Start};
+use trust::policy::{Denied, Limits, Policy, PolicyError, Sandbox, Start};
 
 const FILE: &str = r#"
 folders = ["/opt/robot/bin"]
@@ -19,6 +19,7 @@ fn start<'a>(devices: &'a [String], secrets: &'a [String]) -> Start<'a> {
         hash: None,
         user: "dca-run",
         is_root: false,
+        only: "",
         devices,
         secrets,
         limits: Limits { realtime: Some(40), memory: Some(1_000_000), ..Limits::default() },
@@ -47,14 +48,15 @@ fn all_reasons_are_said_at_once_each_with_its_rule_and_line() {
     let policy = Policy::parse(FILE).unwrap();
     let (devices, secrets) = (["camera".to_owned()], ["team/one/more".to_owned()]);
     let limits = Limits { realtime: Some(41), memory: Some(2_000_000), cores: Some(1600), ..Limits::default() };
+    let (user, only) = ("root", ": it is so");
     let wrong =
-        Start { program: Path::new("/tmp/servo"), user: "root", is_root: true, limits, ..start(&devices, &secrets) };
+        Start { program: Path::new("/tmp/servo"), user, only, is_root: true, limits, ..start(&devices, &secrets) };
     let denied = policy.admit(&wrong).unwrap_err();
     let said: Vec<String> = denied.iter().map(|one| one.sentence(Path::new("/p"))).collect();
     let expected = [
         "`/tmp/servo` is in none of the folders of programs (rule `folders`, `/p` line 2)",
         "no program runs as root on this node (there is no rule `root` in `/p`)",
-        "programs run as `dca-run` on this node, and this one would run as `root` (rule `user`, `/p` line 3)",
+        "programs run as `dca-run` on this node, and this one would run as `root`: it is so (rule `user`, `/p` line 3)",
         "no program may claim `camera` on this node (rule `devices`, `/p` line 4)",
         "no program is given the secret `team/one/more` on this node (rule `secrets`, `/p` line 5)",
         "its real-time priority of 41 is above 40 (rule `realtime`, `/p` line 6)",
@@ -62,6 +64,14 @@ fn all_reasons_are_said_at_once_each_with_its_rule_and_line() {
         "its cores of 1.600 is above 1.500 (rule `cores`, `/p` line 8)",
     ];
     assert_eq!(said, expected);
+}
+
+#[test]
+fn no_sandbox_has_to_be_said() {
+    let check = |text: &str, expected| assert_eq!(Policy::parse(text).unwrap().sandbox(), expected);
+    check("", Sandbox::Standard);
+    check("sandbox = \"standard\"", Sandbox::Standard);
+    check("sandbox = \"none\"", Sandbox::None);
 }
 
 #[test]
@@ -109,6 +119,7 @@ fn a_policy_that_is_not_understood_is_none() {
     check("pids = 0", "line 1: `0` is not allowed in `pids`: it is above 0");
     check("cores = nan", "line 1: `NaN` is not allowed in `cores`: it is from 0.001 to 4096");
     check("user = \"\"", "line 1: `` is not allowed in `user`: it is not empty");
+    assert!(wrong("root = true\nsandbox = \"strict\"").starts_with("line 2: unknown variant `strict`"));
     assert!(wrong("root = true\nroot = true").starts_with("line 2: duplicate key"), "a rule is said once");
     assert!(wrong("root = true\nmemory = \"much\"").starts_with("line 2: invalid type"));
     assert!(wrong("root = true\n[folders").starts_with("line 2: "), "half a file is none");

@@ -28,6 +28,8 @@ pub struct ShimStart {
     pub ready_within: Option<Duration>,
     /// The limits of the program.
     pub limits: Limits,
+    /// As whom it runs, and with which rights.
+    pub sandbox: Sandbox,
     /// The control groups that the program joins before it is executed; the shim adds them for its own launch.
     pub groups: Vec<PathBuf>,
     /// How many files and sockets the program may have open before it asks for more: its soft limit.
@@ -62,6 +64,36 @@ pub struct Limits {
     pub file_size: Option<u64>,
 }
 
+/// The rights that a program has on its host.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Sandbox {
+    /// How much is taken from it.
+    pub level: SandboxLevel,
+    /// As whom it runs, if not as the shim.
+    pub user: Option<Account>,
+}
+
+/// How much is taken from a program.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SandboxLevel {
+    /// Nothing: it has the rights of its shim.
+    #[default]
+    None,
+    /// It has no capability, and gets no rights from what it executes (`no_new_privs`).
+    Standard,
+}
+
+/// A user of the host.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Account {
+    /// Its number.
+    pub uid: u32,
+    /// The number of its group.
+    pub gid: u32,
+    /// Those of all its other groups.
+    pub groups: Vec<u32>,
+}
+
 /// A place in the real-time class.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Realtime {
@@ -92,6 +124,13 @@ impl ShimStart {
         for (name, value) in limit_arguments(&self.limits) {
             arguments.extend([name.into(), value.into()]);
         }
+        if self.sandbox.level == SandboxLevel::Standard {
+            arguments.extend(["--sandbox".into(), "standard".into()]);
+        }
+        if let Some(Account { uid, gid, groups }) = &self.sandbox.user {
+            let groups: String = groups.iter().map(|group| format!(":{group}")).collect();
+            arguments.extend(["--user".into(), format!("{uid}:{gid}{groups}").into()]);
+        }
         for group in &self.groups {
             arguments.extend(["--group".into(), group.clone().into()]);
         }
@@ -119,6 +158,7 @@ impl ShimStart {
             watchdog: None,
             ready_within: None,
             limits: Limits::default(),
+            sandbox: Sandbox::default(),
             groups: Vec::new(),
             descriptors: None,
             environment: Vec::new(),
@@ -173,6 +213,17 @@ impl ShimStart {
                 self.descriptors = Some(count.ok_or("must be a number")?);
             }
             "--group" => self.groups.push(value.into()),
+            "--sandbox" => {
+                self.sandbox.level = match value.to_str() {
+                    Some("none") => SandboxLevel::None,
+                    Some("standard") => SandboxLevel::Standard,
+                    _ => return Err("must be `none` or `standard`"),
+                };
+            }
+            "--user" => {
+                let account = value.to_str().and_then(account);
+                self.sandbox.user = Some(account.ok_or("must be numbers: `UID:GID`, and more groups")?);
+            }
             "--secret" => {
                 let word = value.to_str().and_then(|word| word.parse().ok());
                 self.secrets.push(word.ok_or("must be a number")?);
@@ -245,6 +296,13 @@ fn set_limit(limits: &mut Limits, name: &str, value: &str) -> Option<()> {
     Some(())
 }
 
+/// Reads `UID:GID`, and more groups behind it.
+fn account(text: &str) -> Option<Account> {
+    let mut numbers = text.split(':').map(|number| number.parse().ok());
+    let (uid, gid) = (numbers.next()??, numbers.next()??);
+    Some(Account { uid, gid, groups: numbers.collect::<Option<_>>()? })
+}
+
 fn text(value: OsString) -> Result<String, ()> {
     value.into_string().map_err(drop)
 }
@@ -272,6 +330,10 @@ mod tests {
                 cpu_share: Some(500),
                 file_size: Some(10_000_000),
             },
+            sandbox: Sandbox {
+                level: SandboxLevel::Standard,
+                user: Some(Account { uid: 61184, gid: 61184, groups: vec![20, 44] }),
+            },
             groups: vec!["/sys/fs/cgroup/pids/dca-program-7-70".into()],
             descriptors: Some(1024),
             environment: vec![("DCA_INSTANCE".into(), "main/a=b".into()), ("EMPTY".into(), String::new())],
@@ -295,6 +357,8 @@ mod tests {
         check(&["--agent-loss", "never"], "argument `--agent-loss`: must be `keep` or a number");
         check(&["--directory"], "argument `--directory`: needs a value");
         check(&["--nice", "very"], "argument `--nice`: must be a number");
+        check(&["--sandbox", "strict"], "argument `--sandbox`: must be `none` or `standard`");
+        check(&["--user", "root"], "argument `--user`: must be numbers: `UID:GID`, and more groups");
         check(&["--speed", "9"], "argument `--speed`: is unknown");
     }
 }

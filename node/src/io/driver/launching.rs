@@ -13,7 +13,7 @@ use comms::io::descriptors;
 use comms::io::session::Reach;
 use comms::logic::control::{Order, VERSION};
 use language::plan::LeafKind;
-use shim::protocol::{Gate, ShimReport, ShimStart};
+use shim::protocol::{Gate, Sandbox, ShimReport, ShimStart};
 use std::path::{Path, PathBuf};
 use tokio::sync::mpsc;
 
@@ -68,6 +68,7 @@ impl Driver {
             watchdog,
             ready_within,
             limits: child::limits(&order.policy.usage),
+            sandbox: Sandbox::default(),
             groups: Vec::new(),
             descriptors: descriptors::before(),
             environment: self.environment(order.path.clone(), &dir, control.as_deref()),

@@ -31,9 +31,24 @@ pub struct NodeStatus {
     /// Who has stopped everything, if somebody has.
     #[serde(default)]
     pub estop: Option<Estop>,
-    /// The file with the execution policy that holds there, if one does.
+    /// The execution policy that holds there, if one does.
     #[serde(default)]
-    pub policy: Option<String>,
+    pub policy: Option<PolicyInUse>,
+}
+
+/// The execution policy of a node, as it was when a program was started last.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PolicyInUse {
+    /// Its file.
+    pub file: String,
+    /// The sandbox of programs: `standard` or `none`.
+    pub sandbox: String,
+}
+
+impl fmt::Display for PolicyInUse {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "policy {}, sandbox {}", self.file, self.sandbox)
+    }
 }
 
 /// Whom a node lets come over the network.
