@@ -1,0 +1,322 @@
+//! What the keys of a team cost, beside the same without: `cargo run --release -p dca-tests --example costs`, as root. One run prints
+//! all figures; what is measured with and without keys is measured in turn.
+
+use anyhow::{Context as _, Result, bail, ensure};
+use comms::io::clock::now;
+use comms::io::data::{DataSession, Priority};
+use comms::io::session::{Reach, Role as SessionRole, prepare_process};
+use comms::logic::codec;
+use comms::logic::control::Dial;
+use dca_tests::cluster::{Cluster, Ended, Host, Network, Program, SOON, Stream, wait_until};
+use dca_tests::made_team::{MadeTeam, keys};
+use node::logic::gate::{self, Gate, Ledger, Passed};
+use node::logic::protocol::{Request, Signed};
+use std::fs;
+use std::io::Write as _;
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::mpsc::sync_channel;
+use std::time::Duration;
+use team::folder;
+use trust::request;
+use trust::revocation::Revocations;
+use trust::role::{Action, Role};
+use trust::team::Judge;
+
+/// How many requests are signed and checked.
+const REQUESTS: u64 = 500;
+/// How often each kind of hop is measured, in turn.
+const ROUNDS: usize = 7;
+/// The messages: bytes, round trips that are timed, and round trips before those.
+const SIZES: [(&str, usize, usize, usize); 2] = [("64 B", 64, 1500, 200), ("64 KiB", 64 << 10, 300, 40)];
+/// How often 50 programs are started, with keys and without.
+const STARTS: usize = 5;
+/// How often nodes are started for that.
+const TURNS: usize = 2;
+
+fn main() -> ExitCode {
+    prepare_process(SessionRole::End);
+    match costs() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            say(&format!("FAILED: {error:#}"));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn costs() -> Result<()> {
+    let network = Network::new(2).context("there is no network of namespaces")?;
+    let load = fs::read_to_string("/proc/loadavg")?;
+    say(&format!("load average before: {}", load.trim()));
+    requests()?;
+    let hops = network.inside(1, hops).join();
+    hops.map_err(|_panic| anyhow::anyhow!("the thread of the hops has panicked"))??;
+    starts(&network)
+}
+
+fn say(line: &str) {
+    writeln!(std::io::stdout(), "{line}").unwrap_or_default();
+}
+
+fn median(mut of: Vec<Duration>) -> Duration {
+    of.sort();
+    of.get(of.len() / 2).copied().unwrap_or_default()
+}
+
+fn micros(time: Duration) -> String {
+    format!("{:.0} µs", time.as_secs_f64() * 1e6)
+}
+
+/// Signs requests as a command does, and checks them and writes them down as a node does.
+fn requests() -> Result<()> {
+    let team = MadeTeam::default();
+    let (user, node, cluster) = (keys(), keys(), Cluster::new());
+    let credential = team.certify("dan", Role::Deployer, &user);
+    let mut gate = Gate::new(node.public().id(), "c1".parse()?, Ledger::default());
+    let asked = Request::Stop { name: "door_opening".into() };
+    let (mut signing, mut checking, mut keeping) = (Vec::new(), Vec::new(), Vec::new());
+    for sequence in 1..=REQUESTS {
+        let at = now();
+        let time = team::now();
+        let request = request::Request {
+            team: team.team.id(),
+            audience: gate::audience(&asked, "c1")?,
+            action: Action::Stop,
+            id: [1; 16],
+            sequence,
+            epoch: 0,
+            not_before: time,
+            not_after: time.plus(60),
+        };
+        let body = codec::encode(&asked)?;
+        let signed = Signed { head: request.sign(&body, &user, &credential), body };
+        signing.push(now() - at);
+        let at = now();
+        let revoked = Revocations::default();
+        let judge = Judge { team: &team.team, revoked: &revoked, now: time, grace: 0 };
+        let passed = gate.call(Request::Signed(Box::new(signed)), &judge, |_| 0);
+        checking.push(now() - at);
+        ensure!(matches!(passed, Ok(Passed::Signed(..))), "it is refused: {passed:?}");
+        let at = now();
+        folder::write(&cluster.folder().join("accepted"), &gate.ledger().to_bytes())?;
+        keeping.push(now() - at);
+    }
+    let [signing, checking, keeping] = [signing, checking, keeping].map(median);
+    say(&format!(
+        "a signed request, median of {REQUESTS}: sign {}, check {}, together {} (at most 1 ms); write down on this disk {}",
+        micros(signing),
+        micros(checking),
+        micros(signing + checking),
+        micros(keeping)
+    ));
+    Ok(())
+}
+
+/// Two data sessions as two programs have them; one sends back what it hears.
+struct Pair {
+    ping: DataSession,
+    echo: DataSession,
+    name: &'static str,
+}
+
+impl Pair {
+    fn open(name: &'static str, [ping, echo]: [PathBuf; 2], [reach, other]: [Reach; 2]) -> Result<Self> {
+        let pair = Self { ping: DataSession::open(&ping, reach)?, echo: DataSession::open(&echo, other)?, name };
+        let place = pair.echo.location();
+        let locators = if name == "Unix socket" { place.local } else { place.remote };
+        ensure!(!locators.is_empty(), "nothing to dial");
+        pair.ping.dial(&Dial { session: place.session, locators }, SOON)?;
+        Ok(pair)
+    }
+
+    /// Returns the median time of a way.
+    fn measure(&self, (size, count, warm_up): (usize, usize, usize)) -> Result<Duration> {
+        let (heard, to_echo) = sync_channel(4);
+        let (back, to_ping) = sync_channel(4);
+        let hears_ping = self.echo.on_sample("hop/0", move |bytes| drop(heard.try_send(bytes.into_owned())))?;
+        let hears_echo = self.ping.on_sample("hop/1", move |bytes| back.try_send(bytes.len()).unwrap_or_default())?;
+        let (out, answer) =
+            (self.ping.publisher("hop/0", Priority::Wire)?, self.echo.publisher("hop/1", Priority::Wire)?);
+        ensure!(wait_until(SOON, || out.is_heard() && answer.is_heard()).is_some(), "nobody hears");
+        let mut times = Vec::new();
+        std::thread::scope(|scope| {
+            scope.spawn(move || {
+                while let Ok(bytes) = to_echo.recv() {
+                    if answer.put(bytes).is_err() {
+                        return;
+                    }
+                }
+            });
+            for number in 0..count + warm_up {
+                let at = now();
+                out.put(vec![1; size])?;
+                ensure!(to_ping.recv_timeout(SOON) == Ok(size), "nothing comes back over {}", self.name);
+                if number >= warm_up {
+                    times.push((now() - at) / 2);
+                }
+            }
+            // So ends the thread that answers.
+            drop(hears_ping);
+            Ok(())
+        })?;
+        drop(hears_echo);
+        Ok(median(times))
+    }
+}
+
+/// Measures a hop over TCP with TLS and without, and over a Unix socket, which has no TLS in either case.
+fn hops() -> Result<()> {
+    let (cluster, team) = (Cluster::new(), MadeTeam::default());
+    let socket = |name: &str| cluster.folder().join(name);
+    let [one, two] = ["m1", "m2"].map(|name| team.member(&socket(name), name));
+    let pairs = [
+        Pair::open("TCP", [socket("a"), socket("b")], [Reach::Lan, Reach::Lan])?,
+        Pair::open("TCP with TLS", [socket("c"), socket("d")], [Reach::Team(one.clone()), Reach::Team(two.clone())])?,
+        Pair::open("Unix socket", [socket("e"), socket("f")], [Reach::Host, Reach::Host])?,
+        Pair::open("Unix socket", [socket("g"), socket("h")], [Reach::Team(one), Reach::Team(two)])?,
+    ];
+    for (name, size, count, warm_up) in SIZES {
+        let mut times: [Vec<Duration>; 4] = Default::default();
+        for _ in 0..ROUNDS {
+            for (pair, times) in pairs.iter().zip(&mut times) {
+                times.push(pair.measure((size, count, warm_up))?);
+            }
+        }
+        let ratio = |over: usize, under: usize| {
+            let ratios = times[over].iter().zip(&times[under]);
+            let mut ratios: Vec<f64> = ratios.map(|(over, under)| over.as_secs_f64() / under.as_secs_f64()).collect();
+            ratios.sort_by(f64::total_cmp);
+            ratios[ratios.len() / 2]
+        };
+        let (tls, local) = (ratio(1, 0), ratio(3, 2));
+        let [tcp, with_tls, unix, in_team] = times.map(median).map(micros);
+        say(&format!(
+            "a hop of {name}, two sessions: TCP {tcp}, with TLS {with_tls}, ratio {tls:.2}; on one host {unix}, in a team {in_team}, \
+             ratio {local:.2} (at most 1.02)"
+        ));
+    }
+    for Pair { ping, echo, .. } in pairs {
+        ping.close();
+        echo.close();
+    }
+    Ok(())
+}
+
+/// Two hosts, in a team or not.
+struct Robots<'a> {
+    cluster: Cluster,
+    network: &'a Network,
+    /// The options with the operator's keys; none without a team.
+    keys: Vec<String>,
+}
+
+impl<'a> Robots<'a> {
+    fn host(&self, number: usize) -> Host {
+        self.cluster.host(self.network, number)
+    }
+
+    fn ask(&self, arguments: &[&str]) -> Result<Ended> {
+        let all: Vec<&str> = arguments.iter().copied().chain(self.keys.iter().map(String::as_str)).collect();
+        let ended = self.host(1).ask(&all);
+        ensure!(ended.code == Some(0), "{ended}");
+        Ok(ended)
+    }
+
+    fn alone(network: &'a Network) -> Self {
+        Self { cluster: Cluster::new(), network, keys: Vec::new() }
+    }
+
+    /// Makes a team of both; returns how long each took to join.
+    fn team(network: &'a Network) -> Result<(Self, Vec<Duration>)> {
+        let cluster = Cluster::new();
+        let passphrase = cluster.file("passphrase", "correct horse battery\n");
+        fs::set_permissions(&passphrase, fs::Permissions::from_mode(0o600))?;
+        let keys = cluster.folder().join("keys").display().to_string();
+        let keys = ["--keys".to_owned(), keys, "--passphrase".to_owned(), passphrase].to_vec();
+        let robots = Self { cluster, network, keys };
+        robots.ask(&["team", "init", "acme"])?;
+        let mut took = Vec::new();
+        for (number, name) in [(1, "c1"), (2, "c2")] {
+            let invite = ["team", "invite", name].into_iter().chain(robots.keys.iter().map(String::as_str));
+            let invitation = robots.host(1).dca(&invite.collect::<Vec<_>>());
+            invitation.wait_for(Stream::Out, "\n", SOON);
+            let said = invitation.text(Stream::Out);
+            let Some(line) = said.trim().strip_prefix("dca team join ") else { bail!("no line but {said}") };
+            let state = robots.host(number).state().display().to_string();
+            let at = now();
+            let joined = robots.host(number).ask(&["team", "join", line, "--state", &state]);
+            took.push(now() - at);
+            ensure!(joined.code == Some(0) && invitation.ended(SOON).code == Some(0), "{joined}");
+        }
+        Ok((robots, took))
+    }
+
+    /// Starts both nodes, and 50 programs on them a few times; adds how long each took from PREPARE to GO.
+    fn start(&self, took: &mut Vec<Duration>) -> Result<()> {
+        let options: &[&str] = if self.keys.is_empty() { &["--insecure-lan"] } else { &[] };
+        let nodes: Vec<Program> =
+            [(1, "c1"), (2, "c2")].map(|(number, name)| self.host(number).node(name, options)).into();
+        let both = || {
+            ["c1", "c2"]
+                .iter()
+                .all(|name| self.host(1).ask(&["nodes"]).out.lines().filter(|line| line.contains(name)).count() == 2)
+        };
+        ensure!(wait_until(SOON, both).is_some(), "they do not see each other: {}", self.host(1).ask(&["nodes"]));
+        for number in 0..=STARTS {
+            let name = format!("fifty{number}");
+            let spec = self.cluster.file(&format!("{name}.dca"), &spec());
+            let ended = self.ask(&["deploy", &spec])?;
+            let events = self.host(1).ask(&["events", "--json"]);
+            let go = events.out.lines().find_map(|line| {
+                let event: serde_json::Value = serde_json::from_str(line).ok()?;
+                let is_own = event["deployment"] == name.as_str();
+                event["report"]["Go"]["took"].as_f64().filter(|_| is_own)
+            });
+            let Some(go) = go else { bail!("no GO in {events}, after {ended}") };
+            // The first one reads the programs from the disk.
+            took.extend((number > 0).then(|| Duration::from_secs_f64(go)));
+        }
+        nodes.iter().for_each(|node| node.signal(rustix::process::Signal::TERM));
+        for node in nodes {
+            let ended = node.ended(SOON);
+            ensure!(ended.code == Some(0), "{ended}");
+        }
+        Ok(())
+    }
+}
+
+/// Returns a spec of 50 programs on two hosts that end at once.
+fn spec() -> String {
+    let names: Vec<String> = (0..50).map(|number| format!("p{number}")).collect();
+    let host = |number: usize| if number.is_multiple_of(2) { "\"c1\"" } else { "\"c2\"" };
+    let instances: String =
+        names.iter().enumerate().map(|(number, name)| format!("{name} instof Short({}); ", host(number))).collect();
+    format!(
+        "module Short(host) {{ exec \"true\"; plain; done; }}
+        process main() {{ host {{ \"c1\" }} instantiated_processes {{ {instances} }} internal_event_actions {{ {} }} }}",
+        names.join(" , ")
+    )
+}
+
+fn starts(network: &Network) -> Result<()> {
+    let (robots, joined) = Robots::team(network)?;
+    let slowest = joined.into_iter().max().unwrap_or_default();
+    say(&format!("`dca team join`, the slower of 2: {:.2} s (at most 2 s)", slowest.as_secs_f64()));
+    let alone = Robots::alone(network);
+    let (mut with, mut without) = (Vec::new(), Vec::new());
+    for _ in 0..TURNS {
+        robots.start(&mut with)?;
+        alone.start(&mut without)?;
+    }
+    let [with, without] = [with, without].map(median).map(|time| time.as_secs_f64());
+    say(&format!(
+        "PREPARE to GO of 50 plain programs on two hosts, median of {}: {:.0} ms in a team, {:.0} ms without, ratio {:.2} (at most 1.3)",
+        TURNS * STARTS,
+        with * 1e3,
+        without * 1e3,
+        with / without
+    ));
+    Ok(())
+}
