@@ -104,7 +104,18 @@ impl<'a> Simulation<'a> {
                 let seat = self.group(path).and_then(|group| Some((group, self.seats.get(&group)?)));
                 seat.is_some_and(|(group, seat)| groups[seat.group].host != groups[group].host)
             }
-            _ => false,
+            TraceEvent::Start(_)
+            | TraceEvent::Stop
+            | TraceEvent::Done(..)
+            | TraceEvent::Stopped(_)
+            | TraceEvent::Elapsed(..)
+            | TraceEvent::Reached(_)
+            | TraceEvent::Arrived(_)
+            | TraceEvent::Heard(_)
+            | TraceEvent::Struck(..)
+            | TraceEvent::Dies(_)
+            | TraceEvent::Back(_)
+            | TraceEvent::TooMany(_) => false,
         }
     }
 
