@@ -1,4 +1,5 @@
-//! A call to what a program exports, there and back, beside a query of zenoh alone and beside a Unix socket.
+//! A call to what a program exports, there and back, and a message to its queue, up to the receipt, beside a query of zenoh alone and
+//! beside a Unix socket.
 
 use crate::figures::{Round, Subject, Table, cell};
 use crate::raw::{self, Transport};
@@ -19,18 +20,22 @@ pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()>
     let mut socket = raw::Pair::start(Transport::Socket, dir)?;
     let mut query = raw::Pair::start(Transport::ZenohQuery, dir)?;
     for (name, size, count, warm_up) in SIZES {
-        let mut subjects: [Subject; 3] = Default::default();
+        let mut subjects: [Subject; 4] = Default::default();
         for _ in 0..ROUNDS {
-            let [ours, plain, raw] = &mut subjects;
+            let [ours, plain, raw, queue] = &mut subjects;
             raw.push(socket.measure(size, count, warm_up)?);
             plain.push(query.measure(size, count, warm_up)?);
             let times = tokio::task::block_in_place(|| callee.measure(size, count, warm_up))?;
             ours.push(Round::of(times).context("no samples")?);
+            let times = tokio::task::block_in_place(|| callee.measure_queue(size, count, warm_up))?;
+            queue.push(Round::of(times).context("no samples")?);
         }
-        let [ours, plain, raw] = &subjects;
+        let [ours, plain, raw, queue] = &subjects;
         table.heading(&format!("a call there and back, {name}, two processes"), "of zenoh", "of socket");
         let of_socket = |subject: &Subject| cell(subject.ratio(raw), None);
         table.line("call between two calculations", ours, [cell(ours.ratio(plain), Some(TARGET)), of_socket(ours)]);
+        let asked = [cell(queue.ratio(plain), Some(TARGET)), of_socket(queue)];
+        table.line("message to a queue, up to its receipt", queue, asked);
         table.line("query of zenoh, thread to thread", plain, ["1".into(), of_socket(plain)]);
         table.line("Unix socket", raw, [String::new(), "1".into()]);
     }

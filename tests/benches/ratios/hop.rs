@@ -9,9 +9,17 @@ use std::path::Path;
 /// How often everything is measured, in turn.
 const ROUNDS: u32 = 9;
 /// The messages: bytes, round trips that are timed, and round trips before those.
-const SIZES: [(&str, u32, u32, u32); 2] = [("64 B", 64, 2000, 300), ("64 KiB", 64 << 10, 400, 60)];
-/// The most that a hop may cost of what zenoh alone costs.
+const SIZES: [(&str, u32, u32, u32); 6] = [
+    ("8 B", 8, 2000, 300),
+    ("64 B", 64, 2000, 300),
+    ("1 KiB", 1 << 10, 2000, 300),
+    ("64 KiB", 64 << 10, 400, 60),
+    ("1 MiB", 1 << 20, 60, 10),
+    ("8 MiB", 8 << 20, 12, 2),
+];
+/// The most that a hop may cost of what zenoh alone costs, and of what a Unix socket costs.
 const TARGET: f64 = 1.15;
+const TARGET_OF_SOCKET: f64 = 3.0;
 
 /// Measures, and adds its lines.
 pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()> {
@@ -36,7 +44,8 @@ pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()>
         let [ours, plain, owned, batched, quick, raw] = &subjects;
         table.heading(&format!("one hop, {name}, two processes"), "of zenoh", "of socket");
         let of_socket = |subject: &Subject| cell(subject.ratio(raw), None);
-        table.line("controller to controller", ours, [cell(ours.ratio(plain), Some(TARGET)), of_socket(ours)]);
+        let asked = [cell(ours.ratio(plain), Some(TARGET)), cell(ours.ratio(raw), Some(TARGET_OF_SOCKET))];
+        table.line("controller to controller", ours, asked);
         table.line("zenoh alone, thread to thread", plain, ["1".into(), of_socket(plain)]);
         table.line("the same, bytes of one's own", owned, [cell(owned.ratio(plain), None), of_socket(owned)]);
         table.line(

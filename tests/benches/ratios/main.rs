@@ -1,18 +1,21 @@
 //! The cost of DCA beside the cost of the same work without it, measured side by side in one run: `cargo bench -p
 //! dca-tests`.
 //!
-//! Four things: a hop between two controllers, a call, the way from the end of one process to the run of the next, and the start
-//! of a whole deployment. The programs that are measured are this executable again, started with other arguments.
+//! A hop between two controllers, one to many, as fast as it goes, a call and a message to a queue, a row of stages, the way from the end
+//! of one process to the run of the next, and the start of a whole deployment. The programs that are measured are this executable again, started with other arguments.
 
 mod call;
+mod caterpillar;
 mod event;
 mod figures;
 mod hop;
 mod node;
 mod programs;
 mod raw;
+mod raw_streams;
 mod sdk;
 mod start;
+mod streams;
 
 use anyhow::Context;
 use std::io::Write;
@@ -24,6 +27,7 @@ fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let result = match arguments.first().map(String::as_str) {
         Some("raw") => raw::side(&arguments[1..]),
+        Some("stream") => raw_streams::side(&arguments[1..]),
         Some(_) if arguments.iter().any(|argument| argument == "--bench") => {
             bench(arguments.iter().map(String::as_str).find(|argument| !argument.starts_with('-')))
         }
@@ -39,7 +43,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Measures everything, or only what is named: `hop`, `call`, `event` or `start`.
+/// Measures everything, or only what is named: `hop`, `fan`, `rate`, `call`, `caterpillar`, `event` or `start`.
 fn bench(only: Option<&str>) -> anyhow::Result<()> {
     let folder = Folder::new()?;
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
@@ -50,8 +54,20 @@ fn bench(only: Option<&str>) -> anyhow::Result<()> {
             say("one hop between two controllers …")?;
             hop::measure(&folder.0, &mut table).await?;
         }
+        if wanted("fan") {
+            say("one controller to 20 …")?;
+            streams::measure_fan(&folder.0, &mut table).await?;
+        }
+        if wanted("rate") {
+            say("as fast as it goes …")?;
+            streams::measure_rate(&folder.0, &mut table).await?;
+        }
+        if wanted("caterpillar") {
+            say("a source, eight stages, eight sinks …")?;
+            caterpillar::measure(&folder.0, &mut table).await?;
+        }
         if wanted("call") {
-            say("a call to what a program exports …")?;
+            say("a call to what a program exports, and a message to its queue …")?;
             call::measure(&folder.0, &mut table).await?;
         }
         if wanted("event") {

@@ -1,8 +1,11 @@
 //! The controllers that are measured. Each is as small as a controller can be; none reads a clock.
 
+use crate::streams::{Tally, message};
 use comms::logic::time::Time;
+use controllers::sdk::messaging::{Full, Queue, QueueMessage};
 use controllers::sdk::{
-    About, Arguments, Controller, Exports, In, Inputs, Kind, Message, Out, Outputs, Parameter, Progress, Registry, Tick,
+    About, Arguments, Controller, Every, Exports, In, Inputs, Kind, Message, Out, Outputs, Parameter, Progress,
+    Registry, Tick,
 };
 use serde::de::Visitor;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -68,6 +71,10 @@ pub(crate) fn registry() -> Registry {
     registry.add::<Turn>();
     registry.add::<Link>();
     registry.add::<Callee>();
+    registry.add::<Shout<PACED>>();
+    registry.add::<Shout<FLOOD>>();
+    registry.add::<Hear>();
+    crate::caterpillar::add(&mut registry);
     registry
 }
 
@@ -247,8 +254,10 @@ impl Controller for Link {
     }
 }
 
-/// Answers a call with what it was called with; calculates nothing.
-struct Callee;
+/// Answers a call with what it was called with, and has a queue, of which it takes nothing.
+struct Callee {
+    queue: Queue<Blob>,
+}
 
 impl Controller for Callee {
     type Inputs = ();
@@ -260,14 +269,94 @@ impl Controller for Callee {
     }
 
     fn new(_: &Arguments) -> Result<Self, String> {
-        Ok(Self)
+        Ok(Self { queue: Queue::new(64, Full::DropOldest) })
     }
 
     fn exports(exports: &mut Exports<Self>) {
         exports.procedure("Echo", "Answers what it is called with.", |_, blob: Blob| Ok(blob));
+        exports.procedure("Orders", "Takes a message.", |callee: &mut Self, message: QueueMessage| {
+            Ok(callee.queue.receive(message))
+        });
     }
 
     fn main_calc(&mut self, _: Tick, (): &(), (): &mut ()) -> Progress {
         Progress::Continue
+    }
+}
+
+/// The period of a [`Shout`] that shouts at times, and of one that never rests, in nanoseconds.
+const PACED: u64 = 2_000_000;
+const FLOOD: u64 = 1000;
+
+/// Sends messages with their numbers, one each calculation; is initialised as a [`Ping`].
+#[derive(Debug)]
+struct Shout<const PERIOD: u64> {
+    size: u32,
+    count: u32,
+    number: u64,
+}
+
+impl<const PERIOD: u64> Controller for Shout<PERIOD> {
+    type Inputs = ();
+    type Outputs = Says;
+    const TYPE: &'static str = if PERIOD == FLOOD { "Flood" } else { "Shout" };
+
+    fn about() -> About {
+        About::task("Sends.").every(Duration::from_nanos(PERIOD))
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self { size: 0, count: 0, number: 0 })
+    }
+
+    fn init(&mut self, value: &[u8]) -> Result<(), String> {
+        let numbers: Vec<u32> =
+            value.chunks_exact(4).filter_map(|bytes| Some(u32::from_le_bytes(bytes.try_into().ok()?))).collect();
+        let [size, count, _] = numbers[..] else { return Err("three numbers are needed".to_owned()) };
+        *self = Self { size, count, number: 0 };
+        Ok(())
+    }
+
+    fn main_calc(&mut self, tick: Tick, (): &(), outputs: &mut Says) -> Progress {
+        if self.number == u64::from(self.count) {
+            return Progress::Done(Vec::new());
+        }
+        self.number += 1;
+        outputs.said.send(Blob(message(self.number, tick.now, self.size).into()));
+        Progress::Continue
+    }
+}
+
+/// The input of a [`Hear`].
+#[derive(Debug, Inputs)]
+pub(crate) struct HearsAll {
+    #[port("In")]
+    heard: Every<Blob>,
+}
+
+/// Keeps what it hears, and is done when nothing more comes.
+#[derive(Debug, Default)]
+struct Hear(Tally);
+
+impl Controller for Hear {
+    type Inputs = HearsAll;
+    type Outputs = ();
+    const TYPE: &'static str = "Hear";
+
+    fn about() -> About {
+        About::task("Listens.").every(LOST_AFTER).triggered_by("In")
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self::default())
+    }
+
+    fn main_calc(&mut self, tick: Tick, inputs: &HearsAll, (): &mut ()) -> Progress {
+        let mut is_silent = true;
+        for blob in inputs.heard.iter() {
+            is_silent = false;
+            self.0.take(&blob.0, tick.now);
+        }
+        if is_silent && !self.0.is_empty() { Progress::Done(self.0.bytes()) } else { Progress::Continue }
     }
 }

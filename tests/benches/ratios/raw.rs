@@ -118,7 +118,7 @@ pub(crate) fn side(arguments: &[String]) -> anyhow::Result<()> {
     }
 }
 
-fn ready() -> anyhow::Result<()> {
+pub(crate) fn ready() -> anyhow::Result<()> {
     Ok(std::io::stdout().write_all(b"ready\n")?)
 }
 
@@ -149,7 +149,7 @@ fn echo_socket(path: &Path) -> anyhow::Result<()> {
     let listener = UnixListener::bind(path)?;
     ready()?;
     let (mut stream, _) = listener.accept()?;
-    let (mut bytes, mut got) = (vec![0; 1 << 20], 0);
+    let (mut bytes, mut got) = (vec![0; 16 << 20], 0);
     loop {
         let read = stream.read(&mut bytes[got..])?;
         if read == 0 {
@@ -180,7 +180,7 @@ fn ping_socket(path: &Path) -> anyhow::Result<()> {
 }
 
 /// The same transport and the same settings as a controller's data session.
-fn open(listen: Option<&Path>, connect: Option<&Path>) -> anyhow::Result<zenoh::Session> {
+pub(crate) fn open(listen: Option<&Path>, connect: Option<&Path>) -> anyhow::Result<zenoh::Session> {
     let mut config = zenoh::Config::default();
     let locator = |path: Option<&Path>| path.map(|path| format!("\"unixsock-stream/{}\"", path.display()));
     let list = |path: Option<&Path>| format!("[{}]", locator(path).unwrap_or_default());
@@ -201,7 +201,7 @@ fn open(listen: Option<&Path>, connect: Option<&Path>) -> anyhow::Result<zenoh::
     opening.wait().map_err(|error| anyhow::anyhow!("{error}"))
 }
 
-fn publisher(
+pub(crate) fn publisher(
     session: &zenoh::Session,
     key: &'static str,
     transport: Transport,

@@ -1,5 +1,6 @@
 //! Controllers as programs of their own, with this process in the place of their node.
 
+use crate::streams::{Load, Tally};
 use anyhow::{Context, bail, ensure};
 use comms::io::clock::now;
 use comms::io::control::{ControlReceiver, ControlSender, Listener};
@@ -7,6 +8,7 @@ use comms::io::data::DataSession;
 use comms::logic::bytes::Bytes;
 use comms::logic::control::{Dial, Incoming, Location, Notice, Order, Outgoing};
 use comms::logic::key;
+use comms::logic::messaging::header::{Header, Message as QueueMessage, MessageId};
 use comms::logic::object::{CallId, ObjectCall, Signature, TypeForm};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -58,6 +60,11 @@ impl Program {
     /// Gives an order and returns the notice that answers it; `Running` is passed over.
     async fn order(&mut self, order: &Order) -> anyhow::Result<Notice> {
         self.sender.send(order)?;
+        self.notice().await
+    }
+
+    /// Returns the next notice but `Running`.
+    async fn notice(&mut self) -> anyhow::Result<Notice> {
         loop {
             match tokio::time::timeout(WITHIN, self.receiver.recv()).await?? {
                 Some(Notice::Running { .. }) => {}
@@ -117,25 +124,45 @@ impl Callee {
 
     /// Measures `count` calls with `size` bytes, one after the other. Blocks.
     pub(crate) fn measure(&mut self, size: u32, count: u32, warm_up: u32) -> anyhow::Result<Vec<Duration>> {
+        self.calls((count, warm_up), ("Echo", "Blob", "Blob"), |_| blob(size))
+    }
+
+    /// Measures `count` messages with `size` bytes to its queue, up to the receipt. Blocks.
+    pub(crate) fn measure_queue(&mut self, size: u32, count: u32, warm_up: u32) -> anyhow::Result<Vec<Duration>> {
+        let (category, sender, recipient) = ("bench".to_owned(), "bench".to_owned(), String::new());
+        let header =
+            Header { category, id: MessageId { life: 1, number: 0 }, sender, recipient, priority: 0, marker: 0 };
+        let message = QueueMessage { header, type_name: "Blob".to_owned(), fence: None, data: blob(size) };
+        self.calls((count, warm_up), ("Orders", "QueueMessage", "Receipt"), |number| {
+            let mut message = message.clone();
+            message.header.id.number = number;
+            postcard::to_allocvec(&message).unwrap_or_default()
+        })
+    }
+
+    fn calls(
+        &mut self,
+        (count, warm_up): (u32, u32),
+        (name, argument_type, result_type): (&str, &str, &str),
+        argument: impl Fn(u64) -> Vec<u8>,
+    ) -> anyhow::Result<Vec<Duration>> {
         let (key, cancel_key) = key::object("bench", "callee");
+        let form = |name: &str| TypeForm { name: name.to_owned(), fields: String::new() };
         let mut times = Vec::new();
         for number in 0..count + warm_up {
             self.made += 1;
-            // As long as the argument, whose length stands before it.
-            let argument = [postcard_length(size), vec![1; size as usize]].concat();
-            let form = TypeForm { name: "Blob".into(), fields: String::new() };
             let call = ObjectCall {
                 id: CallId { session: self.session.id(), number: self.made },
                 caller: "bench".into(),
-                name: "Echo".into(),
-                signature: Signature { argument: form.clone(), result: form },
+                name: name.to_owned(),
+                signature: Signature { argument: form(argument_type), result: form(result_type) },
                 within: WITHIN,
-                argument: Bytes(argument),
+                argument: Bytes(argument(self.made)),
             };
             let sent = now();
             let answer = self.session.call_and_wait((&key, &cancel_key), &call)?;
             let took = now().since(sent);
-            ensure!(answer == call.argument.0, "another answer");
+            ensure!(name != "Echo" || answer == call.argument.0, "another answer");
             if number >= warm_up {
                 times.push(took);
             }
@@ -150,6 +177,11 @@ impl Callee {
         child.wait()?;
         Ok(())
     }
+}
+
+/// Bytes as a message, whose length stands before them.
+fn blob(size: u32) -> Vec<u8> {
+    [postcard_length(size), vec![1; size as usize]].concat()
 }
 
 fn postcard_length(size: u32) -> Vec<u8> {
@@ -222,4 +254,55 @@ impl Pair {
         }
         Ok(())
     }
+}
+
+/// Starts one program that sends and some that listen; returns what each of them had.
+pub(crate) async fn stream(dir: &Path, load: Load) -> anyhow::Result<Vec<Tally>> {
+    let dir = dir.join("stream");
+    std::fs::create_dir(&dir)?;
+    let place = Place::new(&dir)?;
+    let mut children = vec![place.start(if load.pause.is_zero() { "Flood" } else { "Shout" }, "sender")?];
+    let mut sender = place.hello().await?;
+    let mut listeners = Vec::new();
+    for number in 0..load.listeners {
+        children.push(place.start("Hear", &format!("listener{number}"))?);
+        listeners.push(place.hello().await?);
+    }
+    let wires: Vec<u32> = (0..load.listeners).collect();
+    let key = |wire: &u32| format!("stream/{wire}");
+    let outgoing = |wire: &u32| Outgoing { wire: *wire, port: "Out".into(), key: key(wire), pull: false };
+    let connect =
+        |incoming, outgoing| Order::Connect { robot: "bench".into(), incoming, outgoing, devices: Vec::new() };
+    // Each waits for the other to come, so all are told before one has answered.
+    sender.sender.send(&connect(Vec::new(), wires.iter().map(outgoing).collect()))?;
+    for (wire, listener) in wires.iter().zip(&mut listeners) {
+        let port = "In".to_owned();
+        let incoming = Incoming { wire: *wire, port, key: key(wire), producer: sender.dial()?, pull: false };
+        listener.sender.send(&connect(vec![incoming], Vec::new()))?;
+    }
+    for program in listeners.iter_mut().chain([&mut sender]) {
+        let connected = program.notice().await?;
+        ensure!(connected == Notice::Connected, "not connected: {connected:?}");
+    }
+    for listener in &mut listeners {
+        listener.run(1).await?;
+    }
+    sender.order(&Order::Open { wires, generation: 1 }).await?;
+    let value = crate::programs::ping_value(load.size, load.count, 0);
+    let sent = sender.order(&Order::Activate { activation: 1, value }).await?;
+    ensure!(matches!(sent, Notice::Done { .. }), "the sender is not done: {sent:?}");
+    let mut tallies = Vec::new();
+    for listener in &mut listeners {
+        let notice = listener.notice().await?;
+        let Notice::Done { value, .. } = notice else { bail!("a listener is not done: {notice:?}") };
+        tallies.push(Tally::of(&value)?);
+    }
+    for program in listeners.into_iter().chain([sender]) {
+        program.leave().await?;
+    }
+    for mut child in children {
+        child.wait()?;
+    }
+    std::fs::remove_dir_all(&dir)?;
+    Ok(tallies)
 }
