@@ -3,9 +3,9 @@
 //! `STATE/r1/team/audit` is the log, `audit.1` the one before it, which ends where the log begins.
 
 use anyhow::Context as _;
+use comms::io::file::{self, Privacy};
 use std::fs::{self, File, OpenOptions};
 use std::io::{BufRead as _, BufReader, Write as _};
-use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -216,13 +216,12 @@ impl Writer {
 }
 
 fn append(path: &Path) -> anyhow::Result<File> {
-    let opened = OpenOptions::new().append(true).create(true).mode(0o600).open(path);
-    opened.with_context(|| format!("writing `{}`", path.display()))
+    file::appended(path, Privacy::Own).with_context(|| format!("writing `{}`", path.display()))
 }
 
 /// Returns the end of a log; nothing if there is none. A last line that a power cut has left without its end is not there.
 fn read(path: &Path) -> anyhow::Result<Option<Log>> {
-    let file = match File::open(path) {
+    let file = match file::opened(path) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         opened => opened.with_context(|| format!("reading `{}`", path.display()))?,
     };

@@ -4,6 +4,7 @@ use dca_tests::cluster::{Cluster, Ended, Program, SOON, Stream, spec};
 use rustix::fs::{CWD, FileType, Gid, Mode, Uid, mknodat};
 use rustix::process::{Signal, getuid};
 use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
 use std::time::Duration;
 
 /// One plain program on host `c1`.
@@ -107,6 +108,54 @@ fn a_name_that_belongs_to_no_regular_file() {
     let used = cluster.here().ask(&["check", &device]);
     check(&cluster, &used, 1, &["cannot read `pipe.dca`", why]);
     check(&cluster, &used, 1, &["cannot read `/dev/zero`: it is a device"]);
+}
+
+/// What a node keeps in its folders, and something else has taken the name of: refused at once, by its path, with the option that
+/// names another folder.
+#[test]
+fn what_is_no_file_in_the_folders_of_a_node() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    end(here.node("c1", &[]));
+    let (run, state) = (here.run_dir().join("c1"), here.state().join("c1"));
+    let folder = |path: &Path| std::fs::create_dir_all(path.join("x"));
+    let pipe = |path: &Path| Ok(mknodat(CWD, path, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0)?);
+    let socket = |path: &Path| std::os::unix::net::UnixListener::bind(path).map(drop);
+    let nowhere = |path: &Path| std::os::unix::fs::symlink("/nowhere/at/all", path);
+    let device = |path: &Path| std::os::unix::fs::symlink("/dev/full", path);
+    type Make<'a> = &'a dyn Fn(&Path) -> std::io::Result<()>;
+    let traps: [(&Path, &str, Make<'_>, &str); 16] = [
+        (&run, "node.sock.lock", &pipe, "it is a pipe"),
+        (&run, "node.sock.lock", &folder, "Is a directory"),
+        (&run, "node.sock.lock", &nowhere, "it is a link that leads nowhere"),
+        (&run, "node.sock.lock", &device, "it is a device"),
+        (&run, "lock", &pipe, "it is a pipe"),
+        (&run, "lock", &nowhere, "it is a link that leads nowhere"),
+        (&run, "lock", &socket, "it is a socket"),
+        (&run, "team", &folder, "Is a directory"),
+        (&run, "state", &folder, "Is a directory"),
+        (&run, "proof", &folder, "Is a directory"),
+        (&run, "node.sock", &folder, "Is a directory"),
+        (&state, "journal", &folder, "Is a directory"),
+        (&state, "db.witness", &folder, "Is a directory"),
+        (&state, "db/records.redb", &pipe, "it is a pipe"),
+        (&state, "db/records.redb", &nowhere, "it is a link that leads nowhere"),
+        (&state, "db/other", &socket, "it is a socket"),
+    ];
+    for (base, name, make, what) in traps {
+        let (path, aside) = (base.join(name), cluster.folder().join("aside"));
+        let is_kept = std::fs::rename(&path, &aside).is_ok();
+        make(&path).unwrap_or_else(|error| panic!("{name}: {error}"));
+        let option = if base == run { "run-dir" } else { "state" };
+        let refused = here.start_node("c1", &[]).ended(SOON);
+        check(&cluster, &refused, 1, &["cannot use", &format!("`{}`", path.display()), what, option]);
+        let removed = std::fs::remove_file(&path).or_else(|_folder| std::fs::remove_dir_all(&path));
+        removed.unwrap_or_else(|error| panic!("{name}: {error}"));
+        if is_kept {
+            std::fs::rename(&aside, &path).unwrap_or_else(|error| panic!("{name}: {error}"));
+        }
+    }
+    end(here.node("c1", &[]));
 }
 
 #[test]

@@ -3,7 +3,7 @@
 //! A name in a folder may belong to anything. A named pipe holds whoever opens it until somebody reads or writes, a device may
 //! have no end, and a regular file may be larger than the memory.
 
-use rustix::fs::{FileType, Mode, OFlags, fstat, open, stat};
+use rustix::fs::{FileType, Mode, OFlags, fstat, lstat, open, stat};
 use rustix::io::Errno;
 use std::fs::{File, OpenOptions};
 use std::io::{self, ErrorKind, Read, Write};
@@ -19,6 +19,15 @@ pub enum Privacy {
     Usual,
 }
 
+impl Privacy {
+    const fn mode(self) -> u32 {
+        match self {
+            Self::Own => 0o600,
+            Self::Usual => 0o666,
+        }
+    }
+}
+
 /// Returns the bytes of a regular file that has at most `bytes_max` of them.
 ///
 /// # Errors
@@ -30,25 +39,31 @@ pub fn bytes(path: &Path, bytes_max: usize) -> io::Result<Vec<u8>> {
 /// Opens a regular file to be read.
 ///
 /// # Errors
-/// The file cannot be opened, or is no regular file (`InvalidInput`).
+/// The file cannot be opened, or is no regular file (`InvalidInput`): also a link that leads nowhere is not.
 pub fn opened(path: &Path) -> io::Result<File> {
     // To open a device may already do something to it.
-    require_regular(FileType::from_raw_mode(stat(path)?.st_mode), "read")?;
+    if !is_there(path, "read")? {
+        return Err(Errno::NOENT.into());
+    }
     // Without blocking: the name may belong to something else by now.
-    regular(path, OFlags::RDONLY, "read")
+    regular(path, OFlags::RDONLY, Privacy::Usual, "read")
 }
 
 /// Opens a regular file to be appended to; makes it if it is not there.
 ///
 /// # Errors
 /// The file cannot be made or opened, or is no regular file (`InvalidInput`).
-pub fn appended(path: &Path) -> io::Result<File> {
-    match stat(path) {
-        Ok(there) => require_regular(FileType::from_raw_mode(there.st_mode), "written")?,
-        Err(Errno::NOENT) => {}
-        Err(error) => return Err(error.into()),
-    }
-    regular(path, OFlags::WRONLY | OFlags::APPEND | OFlags::CREATE, "written")
+pub fn appended(path: &Path, privacy: Privacy) -> io::Result<File> {
+    check(path)?;
+    regular(path, OFlags::WRONLY | OFlags::APPEND | OFlags::CREATE, privacy, "written")
+}
+
+/// Checks that a name belongs to a regular file or to nothing, before somebody else opens it: a library that asks less.
+///
+/// # Errors
+/// It belongs to something else (`InvalidInput`, or `IsADirectory`), or nobody can tell.
+pub fn check(path: &Path) -> io::Result<()> {
+    is_there(path, "written").map(drop)
 }
 
 /// Makes an empty file in the place of whatever has its name, but for a folder.
@@ -60,11 +75,7 @@ pub fn created(path: &Path, privacy: Privacy) -> io::Result<File> {
         Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
         _ => {}
     }
-    let mode = match privacy {
-        Privacy::Own => 0o600,
-        Privacy::Usual => 0o666,
-    };
-    OpenOptions::new().create_new(true).write(true).mode(mode).open(path)
+    OpenOptions::new().create_new(true).write(true).mode(privacy.mode()).open(path)
 }
 
 /// Makes a file of these bytes, in the place of whatever has its name, but for a folder.
@@ -88,9 +99,23 @@ pub fn bounded(from: impl Read, bytes_max: usize) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-fn regular(path: &Path, flags: OFlags, use_of_it: &str) -> io::Result<File> {
+/// Returns whether a regular file has this name; not if nothing has it.
+fn is_there(path: &Path, use_of_it: &str) -> io::Result<bool> {
+    match stat(path) {
+        Ok(there) => require_regular(FileType::from_raw_mode(there.st_mode), use_of_it).map(|()| true),
+        // Whoever writes to it would make a file elsewhere, or hear that there is none.
+        Err(Errno::NOENT) if lstat(path).is_ok() => {
+            Err(io::Error::new(ErrorKind::InvalidInput, "it is a link that leads nowhere"))
+        }
+        Err(Errno::NOENT) => Ok(false),
+        Err(error) => Err(error.into()),
+    }
+}
+
+fn regular(path: &Path, flags: OFlags, privacy: Privacy, use_of_it: &str) -> io::Result<File> {
     // A pipe without a reader is refused by the system itself (`ENXIO`).
-    let file = open(path, flags | OFlags::NONBLOCK | OFlags::NOCTTY | OFlags::CLOEXEC, Mode::from_raw_mode(0o666))?;
+    let flags = flags | OFlags::NONBLOCK | OFlags::NOCTTY | OFlags::CLOEXEC;
+    let file = open(path, flags, Mode::from_raw_mode(privacy.mode()))?;
     require_regular(FileType::from_raw_mode(fstat(&file)?.st_mode), use_of_it)?;
     Ok(File::from(file))
 }
@@ -122,17 +147,25 @@ mod tests {
         for (path, what) in [(&pipe, "a pipe"), (&link, "a device")] {
             let said = |use_of_it: &str| format!("it is {what}; only regular files are {use_of_it}");
             assert_eq!(bytes(path, 9).unwrap_err().to_string(), said("read"));
-            assert_eq!(appended(path).unwrap_err().to_string(), said("written"));
+            assert_eq!(appended(path, Privacy::Own).unwrap_err().to_string(), said("written"));
+            assert_eq!(check(path).unwrap_err().to_string(), said("written"));
         }
+        let dangling = folder.join("dangling");
+        std::os::unix::fs::symlink(folder.join("nothing"), &dangling).unwrap();
+        for error in [opened(&dangling).unwrap_err(), appended(&dangling, Privacy::Own).unwrap_err()] {
+            assert_eq!(error.to_string(), "it is a link that leads nowhere");
+        }
+        assert_eq!(check(&folder).unwrap_err().kind(), ErrorKind::IsADirectory);
+        check(&file).unwrap();
         assert_eq!(bytes(&folder, 9).unwrap_err().kind(), ErrorKind::IsADirectory);
         assert_eq!(bytes(&file, 9).unwrap_err().kind(), ErrorKind::NotFound);
         for part in ["abc", "def"] {
-            appended(&file).unwrap().write_all(part.as_bytes()).unwrap();
+            appended(&file, Privacy::Own).unwrap().write_all(part.as_bytes()).unwrap();
         }
         assert_eq!(bytes(&file, 6).unwrap(), b"abcdef");
         assert_eq!(bytes(&file, 5).unwrap_err().kind(), ErrorKind::FileTooLarge);
         // What is in the way goes; what a link leads to stays.
-        for path in [&pipe, &link, &file] {
+        for path in [&pipe, &link, &dangling, &file] {
             write(path, b"new").unwrap();
             assert_eq!(bytes(path, 9).unwrap(), b"new");
         }

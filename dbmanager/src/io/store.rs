@@ -15,6 +15,7 @@ pub use dir::{DirStore, Engine};
 pub use witness::{Doubt, Trust};
 
 use crate::logic::record::{Batch, Records, StoredRecords};
+use comms::io::file;
 use std::fs::File;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -65,6 +66,14 @@ pub enum StoreError {
         /// The file or directory.
         path: PathBuf,
         /// The error of the system.
+        cause: io::Error,
+    },
+    /// Something that is no file has the name of one that the store keeps.
+    #[error("cannot use `{path}`, where the store keeps a file: {cause}; remove it, or choose another folder")]
+    NoFile {
+        /// Its path.
+        path: PathBuf,
+        /// What it is.
         cause: io::Error,
     },
     /// Somebody has it open.
@@ -145,6 +154,26 @@ fn parent(path: &Path) -> &Path {
 
 fn sync(path: &Path) -> Result<(), StoreError> {
     File::open(path).and_then(|file| file.sync_all()).map_err(|cause| file_error(path, cause))
+}
+
+/// Checks that a name belongs to a regular file or to nothing, before an engine opens it, which may wait for ever.
+fn check_file(path: &Path) -> Result<(), StoreError> {
+    file::check(path).map_err(|cause| StoreError::NoFile { path: path.to_owned(), cause })
+}
+
+/// The same for all that is in a folder, and below it.
+fn check_files(folder: &Path) -> Result<(), StoreError> {
+    let file_error = |cause| file_error(folder, cause);
+    for entry in std::fs::read_dir(folder).map_err(file_error)? {
+        let entry = entry.map_err(file_error)?;
+        let path = entry.path();
+        if entry.file_type().map_err(file_error)?.is_dir() {
+            check_files(&path)?;
+        } else if !path.is_dir() {
+            check_file(&path)?;
+        }
+    }
+    Ok(())
 }
 
 fn file_error(path: &Path, cause: io::Error) -> StoreError {

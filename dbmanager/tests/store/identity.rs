@@ -1,7 +1,7 @@
 //! Whether a store is the one that was here: the witness beside it.
 
 use crate::{Folder, Robot, batch, config, on_each_engine, open, put_text};
-use dbmanager::io::store::{Doubt, Store, Trust};
+use dbmanager::io::store::{Doubt, Engine, Store, Trust};
 use dbmanager::logic::replica::{Config, Replica};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -160,5 +160,38 @@ fn a_copy_begins_a_new_life_with_what_it_has() {
         let copied = Replica::open_copied(Config { seed: 2, ..config() }, &records).unwrap();
         assert!(copied.origin() != origin && !copied.is_member());
         assert_eq!(copied.state().digest(), digest);
+    });
+}
+
+/// What belongs to a store and is no file is refused at once, by its own name: an engine would wait for a pipe, or blame the store.
+#[test]
+fn what_is_no_file_is_refused_by_its_name() {
+    on_each_engine(|| {
+        let folder = Folder::quick();
+        assert_eq!(live(&folder.store()), Trust::New);
+        let engine = Engine::of(&folder.store()).unwrap();
+        let (data, aside) = (engine.data(&folder.store()), folder.0.join("data"));
+        let refused = |what: &Path, why: &str| {
+            let expected = format!("cannot use `{}`, where the store keeps a file: {why}", what.display());
+            let error = open(&folder.store()).unwrap_err();
+            assert!(error.to_string().starts_with(&expected) && !error.is_damage(), "{error}");
+        };
+        fs::remove_file(witness(&folder)).unwrap();
+        for name in ["db.witness", "db.witness.new"] {
+            let path = folder.0.join(name);
+            fs::create_dir(&path).unwrap();
+            refused(&path, "Is a directory");
+            fs::remove_dir(&path).unwrap();
+        }
+        fs::rename(&data, &aside).unwrap();
+        rustix::fs::mknodat(rustix::fs::CWD, &data, rustix::fs::FileType::Fifo, 0o600.into(), 0).unwrap();
+        refused(&data, "it is a pipe; only regular files are written");
+        fs::remove_file(&data).unwrap();
+        std::os::unix::fs::symlink(folder.0.join("nothing"), &data).unwrap();
+        let error = open(&folder.store()).unwrap_err().to_string();
+        assert!(error.contains("it is a link that leads nowhere"), "{error}");
+        fs::remove_file(&data).unwrap();
+        fs::rename(&aside, &data).unwrap();
+        assert_eq!(open(&folder.store()).unwrap().trust(), Trust::Doubtful(Doubt::Missing), "it is as it was");
     });
 }

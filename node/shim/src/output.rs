@@ -3,7 +3,7 @@
 //! The program must never wait for a disk: one thread empties the pipe as fast as the program fills it, another writes.
 //! What finds the queue full is dropped, counted, and the count is written where the output is missing.
 
-use comms::io::file;
+use comms::io::file::{self, Privacy};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::pipe::{PipeFlags, pipe_with};
 use shim::protocol::{OUTPUT_FILE, OUTPUT_FILE_OLD, OUTPUT_SIZE_MAX};
@@ -163,7 +163,7 @@ struct LogFile {
 
 impl LogFile {
     fn open(dir: &Path) -> io::Result<Self> {
-        let file = file::appended(&dir.join(OUTPUT_FILE))?;
+        let file = file::appended(&dir.join(OUTPUT_FILE), Privacy::Usual)?;
         let size = file.metadata()?.len();
         Ok(Self { dir: dir.to_owned(), file, size })
     }
@@ -181,7 +181,7 @@ impl LogFile {
     fn rotate(&mut self) -> io::Result<()> {
         let path = self.dir.join(OUTPUT_FILE);
         std::fs::rename(&path, self.dir.join(OUTPUT_FILE_OLD))?;
-        self.file = file::appended(&path)?;
+        self.file = file::appended(&path, Privacy::Usual)?;
         self.size = 0;
         Ok(())
     }

@@ -1,5 +1,7 @@
-//! The error for a folder that a person has named and that cannot be used. It names the option for another folder.
+//! The errors for a folder that a person has named, and for a file that a node keeps in it, when they cannot be used. They name the
+//! option for another folder.
 
+use comms::io::file;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -25,6 +27,31 @@ pub enum FolderError {
         /// The option that names another.
         option: &'static str,
     },
+    /// Something that is no file of a node has the name of one, or the system refuses.
+    #[error("cannot use the file `{path}`: {cause}; remove it, or choose another folder with `{option}`")]
+    Kept {
+        /// The path.
+        path: PathBuf,
+        /// What it is, or the error of the system.
+        cause: io::Error,
+        /// The option that names another folder.
+        option: &'static str,
+    },
+}
+
+impl FolderError {
+    /// Returns why a file that a node keeps in a folder cannot be used.
+    pub fn kept(path: &Path, cause: io::Error, option: &'static str) -> Self {
+        Self::Kept { path: path.to_owned(), cause, option }
+    }
+}
+
+/// Checks that what a library keeps in a folder is a regular file, or not there.
+///
+/// # Errors
+/// It is something else.
+pub fn check_kept(path: &Path, option: &'static str) -> Result<(), FolderError> {
+    file::check(path).map_err(|cause| FolderError::kept(path, cause, option))
 }
 
 /// Says that a file stands where a folder is expected.

@@ -157,7 +157,8 @@ impl InputLog {
     /// Goes on without: a log with a gap would make another agent. It is begun anew when the disk takes one.
     fn refuse(&mut self, error: &io::Error, at: Time) {
         if self.refused.replace(at).is_none() {
-            tracing::error!(%error, "the inputs cannot be written down: if this node is killed, its programs end");
+            let log = self.path.display();
+            tracing::error!(%log, %error, "the inputs cannot be written down: if this node is killed, its programs end");
         }
         // What was written of it takes room.
         drop(fs::remove_file(self.unfinished()));
@@ -174,7 +175,7 @@ impl InputLog {
         if let Err(error) = fs::remove_file(&self.path)
             && error.kind() != io::ErrorKind::NotFound
         {
-            tracing::error!(%error, "the log of inputs cannot be removed");
+            tracing::error!(log = %self.path.display(), %error, "the log of inputs cannot be removed");
         }
     }
 }

@@ -8,7 +8,7 @@
 //!     cgroup                names the control group that it runs in, if it could have one
 //!     state                 names the folder with its state, if it has one
 //!     proof                 what commands of this user on this machine show to the node, and nobody else can read
-//!     node.sock             its zenoh session, for other nodes and command lines of this machine
+//!     node.sock             its zenoh session, for other nodes and command lines of this machine; beside it zenoh's lock
 //!     journal               what it has committed, if it has no folder that survives it
 //!     inputs                what its agent was told, while something runs: for the next node, if this one is killed
 //!     door_opening.1/       one deployment
@@ -44,7 +44,7 @@ const NAME_MAX: usize = 24;
 const COMMAND_PREFIX: &str = "run-";
 
 /// The option that names the base.
-const OPTION: &str = "--run-dir";
+pub const OPTION: &str = "--run-dir";
 
 /// The folder of a node that a service manager keeps running.
 const SERVICE: &str = "/run/dca";
@@ -228,12 +228,15 @@ impl RunDir {
         let path = Self::path_of(base, name)?;
         private_folder(base)?;
         private_folder(&path)?;
-        let unusable = |cause| RunDirError::Unusable { path: path.clone(), cause };
-        let lock = file::appended(&path.join("lock")).map_err(unusable)?;
+        let kept = |name: &str| {
+            let path = path.join(name);
+            move |cause| FolderError::kept(&path, cause, OPTION)
+        };
+        let lock = file::appended(&path.join("lock"), Privacy::Usual).map_err(kept("lock"))?;
         if !lock_soon(&lock) {
             return Err(RunDirError::Taken { name: name.to_owned() });
         }
-        let proof = write_proof(&path.join(PROOF)).map_err(unusable)?;
+        let proof = write_proof(&path.join(PROOF)).map_err(kept(PROOF))?;
         Ok(Self { path, proof, _lock: lock })
     }
 
@@ -266,9 +269,11 @@ impl RunDir {
     /// Removes the socket of an earlier run.
     ///
     /// # Errors
-    /// It cannot be removed.
+    /// It cannot be removed, or its lock is none that zenoh could take: it would wait for ever to open a pipe.
     pub fn remove_socket(&self) -> Result<(), RunDirError> {
-        remove_leftover(&self.socket()).map_err(|cause| RunDirError::Unusable { path: self.socket(), cause })
+        let socket = self.socket();
+        remove_leftover(&socket).map_err(|cause| FolderError::kept(&socket, cause, OPTION))?;
+        Ok(folder::check_kept(&socket.with_extension("sock.lock"), OPTION)?)
     }
 
     /// Returns what only this user of this machine can read.
@@ -316,7 +321,8 @@ fn deepest_socket() -> String {
 /// The file system refuses.
 pub fn make_process(path: &Path) -> io::Result<()> {
     fs::DirBuilder::new().recursive(true).mode(0o700).create(path)?;
-    remove_leftover(&path.join("data.sock"))
+    // A lock that is a pipe would hold the program.
+    ["data.sock", "data.sock.lock"].iter().try_for_each(|name| remove_leftover(&path.join(name)))
 }
 
 /// Writes a number that nobody can guess where nobody else can read it.

@@ -7,16 +7,19 @@
 //!     journal               the deployments it has committed
 //! ```
 
-use crate::io::folder;
+use crate::io::folder::{self, FolderError};
+use crate::io::run_dir;
 use anyhow::Context;
 use comms::io::file;
 use std::ffi::OsString;
 use std::fs::{DirBuilder, Metadata};
-use std::io::{self, ErrorKind};
+use std::io::ErrorKind;
 use std::os::unix::ffi::{OsStrExt, OsStringExt};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
 
+/// The option that names the base.
+pub const OPTION: &str = "--state";
 /// The file in the run folder of a node that names the folder with its state.
 const TOLD: &str = "state";
 /// The longest path of it, in bytes. Source: limits.h, Linux.
@@ -36,7 +39,7 @@ pub fn take(base: Option<&Path>, name: &str) -> anyhow::Result<PathBuf> {
     match made {
         // A node that can write nothing still runs: its database says why it takes no writes.
         Err(error) if error.kind() == ErrorKind::ReadOnlyFilesystem => {}
-        made => made.map_err(|cause| folder::refused(&folder, cause, "--state"))?,
+        made => made.map_err(|cause| folder::refused(&folder, cause, OPTION))?,
     }
     // The base may be a link: it is where an administrator wants it. The node's own folder is not.
     let is_own = |found: Metadata| found.is_dir() && found.uid() == rustix::process::getuid().as_raw();
@@ -61,8 +64,10 @@ pub fn default_base() -> Option<PathBuf> {
 ///
 /// # Errors
 /// The disk refuses.
-pub(crate) fn tell(run: &Path, state: &Path) -> io::Result<()> {
-    file::write(&run.join(TOLD), state.as_os_str().as_bytes())
+pub(crate) fn tell(run: &Path, state: &Path) -> Result<(), FolderError> {
+    let path = run.join(TOLD);
+    let written = file::write(&path, state.as_os_str().as_bytes());
+    written.map_err(|cause| FolderError::kept(&path, cause, run_dir::OPTION))
 }
 
 /// Returns where the state of the node `name` is, as it has said in its run folder below `base`; nothing if no such node has run there,

@@ -5,7 +5,8 @@
 //! included; a panic is an error; after an error the engine is closed, and the store has to be opened anew.
 
 use super::witness::{self, Life, Trust};
-use super::{Store, StoreError, damaged, file_error, on_redb, on_sled, parent, poisoned, shielded, sync};
+use super::{Store, StoreError, check_file, check_files, damaged, file_error};
+use super::{on_redb, on_sled, parent, poisoned, shielded, sync};
 use crate::logic::record::Batch;
 use std::fmt;
 use std::fs;
@@ -134,6 +135,9 @@ impl DirStore {
         }
         let engine = found.or(engine).unwrap_or_default();
         let data = engine.data(path);
+        check_files(path)?;
+        check_file(&data)?;
+        witness::check(path)?;
         let was_there = data.try_exists().map_err(file_error)?;
         let (records, known) = shielded(path, || match engine {
             Engine::Redb => on_redb::open(path),
@@ -152,7 +156,8 @@ impl DirStore {
                 life
             }
         };
-        store.trust = witness::ask(path, life, &data).map_err(file_error)?;
+        store.trust =
+            witness::ask(path, life, &data).map_err(|cause| super::file_error(&witness::path(path), cause))?;
         store.unattested = Some(Life { boots: life.boots.saturating_add(1), ..life });
         Ok(store)
     }
@@ -200,7 +205,7 @@ impl DirStore {
     fn attest(&mut self) -> Result<(), StoreError> {
         if let Some(life) = self.unattested {
             let attested = witness::attest(&self.path, life, &self.engine.data(&self.path));
-            attested.map_err(|cause| file_error(&self.path, cause))?;
+            attested.map_err(|cause| file_error(&witness::path(&self.path), cause))?;
             self.unattested = None;
         }
         Ok(())

@@ -9,6 +9,7 @@
 //! The count goes up in the store first, with that first batch, and here second, so a store may be one ahead of its witness
 //! after a crash between the two. A card that was copied bit by bit for an equal machine passes; that is noticed when the two meet.
 
+use super::{StoreError, check_file};
 use comms::io::entropy;
 use comms::io::file::{self, Privacy};
 use rustix::fs::{AtFlags, CWD, StatxFlags, statx};
@@ -120,6 +121,13 @@ pub(super) fn ask(dir: &Path, life: Life, data: &Path) -> io::Result<Trust> {
     Ok(doubt.map_or(Trust::Kept, Trust::Doubtful))
 }
 
+/// Checks that the witness of the store in `dir` can be replaced when the time comes: whatever is there, but for a folder.
+pub(super) fn check(dir: &Path) -> Result<(), StoreError> {
+    let is_folder = |path: &PathBuf| fs::symlink_metadata(path).is_ok_and(|there| there.is_dir());
+    let folder = [path(dir), unfinished(dir)].into_iter().find(is_folder);
+    folder.as_deref().map_or(Ok(()), check_file)
+}
+
 /// Returns whether there is a witness of a store in `dir`.
 pub(super) fn exists(dir: &Path) -> bool {
     path(dir).exists()
@@ -128,7 +136,7 @@ pub(super) fn exists(dir: &Path) -> bool {
 /// Writes a new witness in place of the old one.
 pub(super) fn attest(dir: &Path, life: Life, data: &Path) -> io::Result<()> {
     let text: String = testimony(life, data)?.iter().map(|(word, what)| format!("{word} {what}\n")).collect();
-    let (path, new) = (path(dir), file_next_to(dir, ".witness.new"));
+    let (path, new) = (path(dir), unfinished(dir));
     let mut file = file::created(&new, Privacy::Usual)?;
     file.write_all(text.as_bytes())?;
     file.sync_all()?;
@@ -155,8 +163,14 @@ fn testimony(life: Life, data: &Path) -> io::Result<BTreeMap<&'static str, Strin
     ]))
 }
 
-fn path(dir: &Path) -> PathBuf {
+/// Returns the path of the witness of the store in `dir`.
+pub(super) fn path(dir: &Path) -> PathBuf {
     file_next_to(dir, ".witness")
+}
+
+/// Returns the path of a witness that is being written.
+fn unfinished(dir: &Path) -> PathBuf {
+    file_next_to(dir, ".witness.new")
 }
 
 /// Returns the path of a file beside `dir` that has its name and an ending.

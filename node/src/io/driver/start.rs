@@ -6,6 +6,7 @@ use crate::io::cgroup;
 use crate::io::child::leftovers;
 use crate::io::database::{self, DatabaseThread};
 use crate::io::event::Event;
+use crate::io::folder::FolderError;
 use crate::io::input_log::InputLog;
 use crate::io::journal::Journal;
 use crate::io::policy::ExecutionPolicy;
@@ -49,8 +50,11 @@ pub(super) fn starter(
 
 /// Opens the journal: in the state that survives the node, if it has one.
 pub(super) fn journal(config: &Config, dir: &RunDir) -> anyhow::Result<Journal> {
-    let path = config.state.as_deref().map_or_else(|| dir.journal(), |state| state.join("journal"));
-    Journal::open(&path).context("opening the journal")
+    let (path, option) = match &config.state {
+        Some(state) => (state.join("journal"), state_dir::OPTION),
+        None => (dir.journal(), run_dir::OPTION),
+    };
+    Ok(Journal::open(&path).map_err(|cause| FolderError::kept(&path, cause, option))?)
 }
 
 /// The file in a node's folder that says of which team it is.
@@ -61,10 +65,11 @@ const TEAM_MAX: usize = 4096;
 /// Writes down of which team this node is, which others on this machine look at before they dial it, where its state is, and what its
 /// programs show.
 pub(super) fn show_team(config: &Config, dir: &RunDir) -> anyhow::Result<()> {
-    let folder = dir.path();
-    file::write(&folder.join(TEAM), team(config).as_bytes()).context("writing down of which team this node is")?;
+    let path = dir.path().join(TEAM);
+    let written = file::write(&path, team(config).as_bytes());
+    written.map_err(|cause| FolderError::kept(&path, cause, run_dir::OPTION))?;
     if let Some(state) = &config.state {
-        state_dir::tell(folder, state).context("writing down where the state of this node is")?;
+        state_dir::tell(dir.path(), state)?;
     }
     match &config.member {
         Some(member) => member.vouch(&programs_identity(dir)),
