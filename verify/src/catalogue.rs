@@ -4,8 +4,9 @@
 //! Parts come before what is around them, so that it is known how each box can end.
 
 mod outside;
+mod stops;
 
-use crate::explore::{Found, Graph, Limits, Nobody, Reached, explore, is_over, is_stopping};
+use crate::explore::{Found, Graph, Limits, Nobody, Reached, explore, is_over};
 use crate::finding::{Finding, diagnostic, help};
 use crate::model::{Ends, Model, Seat};
 use crate::story::{place, story_to_the_end};
@@ -14,6 +15,7 @@ use language::Code;
 use language::plan::Expression;
 use outside::Suspect;
 use std::collections::BTreeSet;
+use stops::shields;
 
 /// What the exploration of all parts says.
 #[derive(Debug, Default)]
@@ -99,7 +101,7 @@ fn explore_part(
             if let Some(reached) = graph.reached {
                 catalogue.unfinished.push((model.parts[part].group, reached));
             } else {
-                judge(&system, &graph, part, (catalogue, asked));
+                judge(&system, &graph, part, limits, (catalogue, asked));
             }
         }
     }
@@ -140,12 +142,15 @@ fn ends_of(system: &System<'_>, graph: &Graph, over: &[bool]) -> Ends {
     ends
 }
 
-fn judge(system: &System<'_>, graph: &Graph, part: usize, (catalogue, asked): (&mut Catalogue, &mut Asked)) {
+fn judge(
+    system: &System<'_>,
+    graph: &Graph,
+    part: usize,
+    limits: &Limits<'_>,
+    (catalogue, asked): (&mut Catalogue, &mut Asked),
+) {
     unreached(system, graph, part, (catalogue, asked));
-    if let Some(finding) = stop_without_end(system, graph, part) {
-        asked.stops = true;
-        catalogue.findings.push(finding);
-    }
+    stops::judge((system, graph), part, limits, (catalogue, asked));
     let has_usings = !usings(system, part).is_empty();
     let place = catalogue.findings.len();
     let mut suspect = |node: usize, waits: bool, finding: Option<Finding>| {
@@ -171,19 +176,30 @@ fn unreached(system: &System<'_>, graph: &Graph, part: usize, (catalogue, asked)
         false
     });
     let group = system.model.parts[part].group;
-    let members = system.model.plan.groups[group as usize].members.len();
     let mut places = BTreeSet::new();
     for ((node, member), _) in runs.iter().zip(&is_reached).filter(|(_, reached)| !**reached) {
-        let span = place(system.model, part, *node);
-        if *member as usize >= members || !places.insert(span) {
-            continue;
+        for (member, span) in held(system.model, (part, *node), *member) {
+            if !places.insert(span) {
+                continue;
+            }
+            let name = system.model.name(group, member);
+            let found = diagnostic(Code::E0812, span, format!("`{name}` is never started here"));
+            let found = help(found, "what stands before it never ends in the way that would start it");
+            asked.unreached = true;
+            let story = nearest(system, graph, (part, *node)).map(|state| story_to_the_end(system, graph, state));
+            catalogue.findings.push(Finding::fails(found, story));
         }
-        let name = system.model.name(group, *member);
-        let found = diagnostic(Code::E0812, span, format!("`{name}` is never started here"));
-        let found = help(found, "what stands before it never ends in the way that would start it");
-        asked.unreached = true;
-        let story = nearest(system, graph, (part, *node)).map(|state| story_to_the_end(system, graph, state));
-        catalogue.findings.push(Finding::fails(found, story));
+    }
+}
+
+/// What a node of a part runs, and where that stands: a member, or all that a piece of the group runs.
+fn held(model: &Model<'_>, (part, node): (usize, usize), member: u32) -> Vec<(u32, language::Span)> {
+    match model.parts[part].members.get(member as usize) {
+        Some(Seat::Part(piece)) if model.parts[*piece].is_piece => {
+            let runs = run_nodes(&model.parts[*piece].expression);
+            runs.into_iter().flat_map(|(node, member)| held(model, (*piece, node), member)).collect()
+        }
+        Some(Seat::Part(_) | Seat::Leaf(_)) | None => vec![(member, place(model, part, node))],
     }
 }
 
@@ -210,20 +226,6 @@ fn run_nodes(expression: &Expression) -> Vec<(usize, u32)> {
         node += 1;
     });
     runs
-}
-
-/// From every state after a stop the end can be reached.
-fn stop_without_end(system: &System<'_>, graph: &Graph, part: usize) -> Option<Finding> {
-    let over = graph.which(system, is_over);
-    let can = graph.can_reach(&over, &|label| system.is_natural(label));
-    let stopping = graph.which(system, is_stopping);
-    let state = (0..graph.store.count()).find(|&state| stopping[state as usize] && !can[state as usize])?;
-    let name = system.model.group_name(system.model.parts[part].group);
-    let span = blocking(system, graph, (part, 0), state);
-    let found = diagnostic(Code::E0813, span, format!("a stop of `{name}` may never end"));
-    let found =
-        help(found, "give the `shield` a bound, `shield(10 s) P`, or what `finally` runs a limit, `Q within 5 s`");
-    Some(Finding::fails(found, Some(story_to_the_end(system, graph, state))))
 }
 
 /// The nodes of a part that promise to end and are in no other that does: the whole, or what a service holds.
@@ -381,17 +383,6 @@ fn blocking(system: &System<'_>, graph: &Graph, (part, node): (usize, usize), st
     let shields = shields(system, part).into_iter().find(|&node| frame.states[0].is_node_active(node));
     let shields = shields.filter(|_| frame.phase == Phase::Stopping);
     place(system.model, part, waiting.or(shields).unwrap_or(node))
-}
-
-fn shields(system: &System<'_>, part: usize) -> Vec<usize> {
-    let (mut nodes, mut node) = (Vec::new(), 0);
-    crate::model::walk(&system.model.parts[part].expression, &mut |expression| {
-        if matches!(expression, Expression::Shield { .. } | Expression::Finally(..)) {
-            nodes.push(node);
-        }
-        node += 1;
-    });
-    nodes
 }
 
 /// What holds, in a sentence each.

@@ -66,7 +66,16 @@ pub struct Report {
 
 /// Answers all questions about a spec.
 pub fn verify(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Report {
-    let mut model = Model::new(plan, sites);
+    report(Model::new(plan, sites), limits)
+}
+
+/// The same, where groups of more than `whole` configurations are taken apart: for comparisons, since the answers are the same.
+#[doc(hidden)]
+pub fn verify_in_pieces(plan: &Plan, sites: &Sites, limits: &Limits<'_>, whole: u64) -> Report {
+    report(Model::with(plan, sites, whole), limits)
+}
+
+fn report(mut model: Model<'_>, limits: &Limits<'_>) -> Report {
     let catalogue = catalogue::explore_parts(&mut model, limits);
     let mut findings = catalogue.findings;
     let times = times(&model);
@@ -79,7 +88,7 @@ pub fn verify(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Report {
         "a program that can end does so at some time, unless its `service;` says that it never does".to_owned(),
         "timers may run out in any order".to_owned(),
     ];
-    if plan.hosts.len() > 1 {
+    if model.plan.hosts.len() > 1 {
         let lost = "no host is lost, where a sentence does not say so: `on loss of host(c1): ...`, and `dca fmea`";
         assumptions.push(lost.to_owned());
     }

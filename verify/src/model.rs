@@ -77,7 +77,7 @@ impl<'a> Model<'a> {
     }
 
     /// Takes the groups apart that have more configurations than `whole`.
-    fn with(plan: &'a Plan, sites: &'a Sites, whole: u64) -> Self {
+    pub(crate) fn with(plan: &'a Plan, sites: &'a Sites, whole: u64) -> Self {
         let mut model = Self { plan, sites, parts: Vec::new(), around: vec![None; plan.groups.len()] };
         for (index, group) in (0..).zip(&plan.groups) {
             for (slot, member) in (0..).zip(&group.members) {
@@ -220,7 +220,7 @@ impl Outline<'_> {
         let mut pieces: Vec<(&Expression, u32)> = Vec::new();
         for (operand, &start) in operands.iter().zip(&starts) {
             let is_task = !self.is_service(operand);
-            if !is_small && is_task && self.is_alone(operand) {
+            if !is_small && is_task && !may_end_at_once(operand) && self.is_alone(operand) {
                 pieces.push((operand, start));
             } else {
                 kept.push((operand, start));
@@ -347,6 +347,29 @@ pub(crate) fn runs(expression: &Expression) -> Vec<u32> {
         }
     });
     all
+}
+
+/// Whether an expression may end at the instant at which it starts. Then the order in which operands begin counts, and none of them is a
+/// piece.
+fn may_end_at_once(expression: &Expression) -> bool {
+    match expression {
+        Expression::Skip | Expression::Fail(_) => true,
+        Expression::Run { .. } | Expression::Never | Expression::Wait(_) => false,
+        Expression::Sequence(first, _)
+        | Expression::Conditional(first, _)
+        | Expression::Recurrent(first, _)
+        | Expression::Otherwise(first, _)
+        | Expression::Finally(first, _) => may_end_at_once(first),
+        Expression::Concurrent(_)
+        | Expression::FailFast(_)
+        | Expression::AnyOf { .. }
+        | Expression::Disable(_)
+        | Expression::Match(_)
+        | Expression::Shield { .. }
+        | Expression::Using { .. }
+        | Expression::Tagged { .. }
+        | Expression::Asynchronous { .. } => expression.operands().into_iter().any(may_end_at_once),
+    }
 }
 
 fn resources(expression: &Expression) -> Vec<&str> {

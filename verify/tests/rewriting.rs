@@ -1,5 +1,7 @@
 //! An independent author's reading of the rules, and what it says of `step` and of `verify`.
 
+#[path = "rewriting/against_flat.rs"]
+mod against_flat;
 #[path = "rewriting/against_formula.rs"]
 mod against_formula;
 #[path = "rewriting/against_hosts.rs"]
@@ -124,4 +126,30 @@ fn no_run_takes_longer_than_what_is_proved() {
     println!("{proved} limits hold, {} do not", wrong.len());
     assert!(wrong.is_empty(), "{}: {}", wrong.len(), wrong[..wrong.len().min(6)].join("\n"));
     assert!(proved > asked / 4, "only {proved} limits hold");
+}
+
+/// As many random specs with groups in groups are compared; `FLAT=40000` in the environment compares more.
+const FLAT: u64 = 1_500;
+/// At least so many of ten have to be left.
+const FLAT_LEAST: usize = 3;
+
+#[test]
+fn what_is_looked_at_alone_or_in_pieces_is_what_the_whole_does() {
+    let asked = std::env::var("FLAT").ok().and_then(|asked| asked.parse().ok()).unwrap_or(FLAT);
+    let first = std::env::var("FLAT_FIRST").ok().and_then(|first| first.parse().ok()).unwrap_or(0);
+    let (mut specs, mut holds, mut fails, mut differences) = (0, 0, 0, Vec::new());
+    for seed in first..first + asked {
+        match against_flat::compare(seed) {
+            against_flat::Compared::Same(hold, fail) => {
+                (specs, holds, fails) = (specs + 1, holds + hold, fails + fail);
+            }
+            against_flat::Compared::LeftOut => {}
+            against_flat::Compared::Differs(how) => differences.push(how),
+        }
+    }
+    println!("{specs} specs, {holds} sentences hold, {fails} do not, {} differences", differences.len());
+    let shown = differences.iter().take(3).cloned().collect::<Vec<_>>().join("\n");
+    assert!(differences.is_empty(), "{} differences beside {specs}: {shown}", differences.len());
+    assert!(specs >= usize::try_from(asked).unwrap_or(0) * FLAT_LEAST / 10, "only {specs} specs were compared");
+    assert!(holds > specs && fails > specs, "{holds} sentences hold, {fails} do not");
 }

@@ -96,11 +96,15 @@ impl System<'_> {
     }
 
     /// Whether something happens without anybody failing or asking for it: programs that end, stops that are answered, timers. A
-    /// group that is not looked into may end as failed though no program fails: `estop ; fail("stopped")`.
+    /// group that is not looked into may end as failed though no program fails: `estop ; fail("stopped")`; and it may be done only
+    /// because one has: `service else home`.
     pub(crate) fn is_natural(&self, label: Label) -> bool {
         match label {
+            Label::Done(unit, member, value) => match self.calm(unit, member) {
+                Some(calm) => calm.done.iter().any(|other| self.number(other) == value),
+                None => true,
+            },
             Label::Start
-            | Label::Done(..)
             | Label::Stopped(..)
             | Label::Elapsed(..)
             | Label::Reached(_)
@@ -108,13 +112,18 @@ impl System<'_> {
             | Label::Heard(..)
             | Label::Back(..)
             | Label::Noted(_) => true,
-            Label::Aborted(unit, member) => {
-                let seat = self.units[usize::from(unit)].seats.get(usize::from(member));
-                matches!(seat, Some(Occupant::Box([_, calm])) if calm.aborts)
-            }
+            Label::Aborted(unit, member) => self.calm(unit, member).is_some_and(|calm| calm.aborts),
             Label::Stop | Label::Died(..) | Label::TooMany(_) | Label::Fault(..) | Label::Second(..) | Label::Lost => {
                 false
             }
+        }
+    }
+
+    /// How a member that is not looked into ends where no program fails.
+    fn calm(&self, unit: u16, member: u16) -> Option<&Ends> {
+        match self.units[usize::from(unit)].seats.get(usize::from(member)) {
+            Some(Occupant::Box([_, calm])) => Some(calm),
+            Some(Occupant::Unit(_)) | None => None,
         }
     }
 }
