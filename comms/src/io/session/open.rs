@@ -299,10 +299,11 @@ fn watch_links(
             return;
         }
         lock(&ends).ends.entry(session.clone()).or_default().push((both, Duration::ZERO));
-        match redial {
-            Redial::Found => made.push(Change::Made { session, from: both.0, to: link.dst().clone() }),
-            Redial::Listed => made.push(Change::Unmeasured(both)),
-        };
+        // What comes first may be lost, too, and the system would repeat it later and later.
+        made.push(Change::New(both));
+        if redial == Redial::Found {
+            made.push(Change::Made { session, from: both.0, to: link.dst().clone() });
+        }
     };
     info.link_events_listener().history(true).callback(on_link).background().wait()
 }

@@ -34,8 +34,8 @@ pub(super) struct Dialler {
 pub(super) enum Change {
     /// A TCP link was made, to somebody who may be dialled there again.
     Made { session: String, from: SocketAddr, to: Locator },
-    /// A TCP link was made, by a session that nobody tells how long its links take.
-    Unmeasured(patience::Ends),
+    /// A TCP link was made, and nobody has said yet how long it takes.
+    New(patience::Ends),
     /// A link was lost, or is to be made.
     Wanted(String),
     /// A session has lost one of its links, and still has these.
@@ -61,7 +61,7 @@ pub(super) async fn keep(dialler: Dialler, port: Option<u16>, mut changes: Recei
                 }
                 continue;
             }
-            Some(Change::Unmeasured(ends)) => {
+            Some(Change::New(ends)) => {
                 if !patience::set_as_measured(ends) {
                     tracing::debug!(?ends, "the socket of a link was not found");
                 }
