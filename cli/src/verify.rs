@@ -129,7 +129,15 @@ impl Threads for Cores {
     }
 
     fn run(&self, work: &(dyn Fn(usize) + Sync)) {
-        std::thread::scope(|scope| (0..self.0).for_each(|thread| drop(scope.spawn(move || work(thread)))));
+        std::thread::scope(|scope| {
+            for thread in 1..self.0 {
+                // Fewer do the same, so who gets no more goes on with those that there are.
+                if std::thread::Builder::new().spawn_scoped(scope, move || work(thread)).is_err() {
+                    break;
+                }
+            }
+            work(0);
+        });
     }
 }
 

@@ -301,7 +301,6 @@ impl<'a> Simulation<'a> {
                         self.leaves.insert(leaf, seat);
                     }
                     MemberKind::Group(inner) => {
-                        self.last_ends.remove(&(inner as usize));
                         self.note(self.plan.groups[inner as usize].path.clone(), Transition::Started);
                         self.seats.insert(inner as usize, seat);
                         self.queue.push_back((inner as usize, Event::Start(value)));

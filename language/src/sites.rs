@@ -81,6 +81,16 @@ pub enum EventKind {
     Ended,
 }
 
+impl EventKind {
+    /// The outcome that is asked for, if one is.
+    pub fn outcome(&self) -> Option<&str> {
+        match self {
+            Self::Done(outcome) => outcome.as_deref(),
+            Self::Started | Self::Aborted | Self::Ended => None,
+        }
+    }
+}
+
 /// What a sentence asks for once something has happened.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Consequence {
@@ -169,4 +179,48 @@ pub enum Atom {
     Stopping(ProcessRef),
     /// `p.done`, `p.started`: this has just happened.
     Happens(Occurrence),
+}
+
+impl Sentence {
+    /// The events that it names.
+    pub fn events(&self) -> Vec<&Occurrence> {
+        match self {
+            Self::OnlyAfter(_, event) | Self::Eventually(event) => vec![event],
+            Self::After(event, then) => [event].into_iter().chain(then.event()).collect(),
+            Self::On(_, then) => then.event().into_iter().collect(),
+            Self::Holds(formula) => formula.events(),
+            Self::NeverTogether(_)
+            | Self::Implies(..)
+            | Self::CanFinish
+            | Self::FinishesWithin(_)
+            | Self::StopsWithin(_)
+            | Self::AtMost(..)
+            | Self::Assume(..) => Vec::new(),
+        }
+    }
+}
+
+impl Consequence {
+    fn event(&self) -> Option<&Occurrence> {
+        match self {
+            Self::Never(event) | Self::Eventually(event) => Some(event),
+            Self::Stopped(..) => None,
+        }
+    }
+}
+
+impl Formula {
+    fn events(&self) -> Vec<&Occurrence> {
+        match self {
+            Self::Atom(Atom::Happens(event)) => vec![event],
+            Self::Atom(Atom::Active(_) | Atom::Running(_) | Atom::Stopping(_)) | Self::Constant(_) => Vec::new(),
+            Self::Not(of) => of.events(),
+            Self::And(p, q)
+            | Self::Or(p, q)
+            | Self::Same(p, q)
+            | Self::Until(p, q)
+            | Self::WeakUntil(p, q)
+            | Self::Release(p, q) => p.events().into_iter().chain(q.events()).collect(),
+        }
+    }
 }

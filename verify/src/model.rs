@@ -7,7 +7,7 @@
 
 use language::algebra::{Program, Value};
 use language::plan::{Expression, Group, Member, MemberKind, Plan};
-use language::sites::Sites;
+use language::sites::{Property, Sites};
 
 /// A group with at most so many configurations, as its operators suggest, is not taken apart.
 const WHOLE_MAX: u64 = 20_000;
@@ -95,9 +95,10 @@ impl<'a> Model<'a> {
         model
     }
 
-    /// Whether any expression looks at tags: else all values are alike.
+    /// Whether any expression or sentence looks at tags: else all values are alike.
     pub(crate) fn has_tags(&self) -> bool {
-        self.plan.groups.iter().any(|group| has_match(&group.expression))
+        let looks = |property: &Property| property.sentence.events().iter().any(|event| event.kind.outcome().is_some());
+        self.plan.groups.iter().any(|group| has_match(&group.expression)) || self.sites.properties.iter().any(looks)
     }
 
     /// Whether a part of a group runs a member of it, itself or in a piece.

@@ -10,7 +10,7 @@ use crate::explore::{Found, Graph, Limits, explore};
 use crate::finding::{Assumption, Finding, Verdict, diagnostic, help};
 use crate::model::Model;
 use crate::story::{seconds, story, tell};
-use crate::system::{FaultKind, Frame, Injection, Label, Mode, Phase, System, crashes, is_restarted};
+use crate::system::{FaultKind, Frame, Injection, Label, Mode, Phase, System, crashes};
 use crate::times::Times;
 use language::Code;
 use language::plan::MemberKind;
@@ -242,11 +242,11 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
             Consequence::Stopped(who, limit) if kind == FaultKind::Hang => {
                 return self.ends_beside_a_hang(struck, *who, *limit);
             }
-            // Whose program has died does not run, unless it is started again.
-            Consequence::Stopped(who, _) if *who == struck && kind != FaultKind::Crash => return None,
-            Consequence::Stopped(who, _) if *who == struck && !self.is_restarted(struck) => return None,
             Consequence::Stopped(who, limit) => {
-                if let Some(found) = limit.and_then(|limit| self.stops_after((struck, *who), limit)) {
+                // A program that has died takes no time to stop; whether it is started again is another matter.
+                if let Some(found) =
+                    limit.filter(|_| *who != struck).and_then(|limit| self.stops_after((struck, *who), limit))
+                {
                     return Some(found);
                 }
                 (Goal::StillRuns(None, *who), *who)
@@ -302,10 +302,6 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
             Some(most) => Some(self.fails(&format!("it may take {} until it has stopped", seconds(most)), None)),
             None => Some(self.fails("no limit ends it: write `P within 5 s` around both", None)),
         }
-    }
-
-    fn is_restarted(&self, who: ProcessRef) -> bool {
-        self.leaves_of(who).into_iter().any(|leaf| is_restarted(self.times.model, leaf))
     }
 
     /// The programs at and below a process.

@@ -4,7 +4,7 @@ use super::words::Kind;
 use super::{Place, Read, Words, unreadable};
 use crate::check::index;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::plan::{MemberKind, Plan};
+use crate::plan::{Expression, MemberKind, Plan};
 use crate::similar;
 use crate::sites::{Atom, EventKind, Occurrence, ProcessRef};
 
@@ -73,7 +73,7 @@ impl Names<'_> {
     /// `a.done`, `a.done.found`, `a`; the group itself is its own name, `main`, or nothing.
     pub(super) fn occurrence(&self, words: &mut Words, otherwise: EventKind) -> Read<Occurrence> {
         let (who, event) = self.path(words)?;
-        Ok(Occurrence { who, kind: Self::kind(event.as_deref(), words)?.unwrap_or(otherwise) })
+        Ok(Occurrence { who, kind: self.kind(who, event.as_deref(), words)?.unwrap_or(otherwise) })
     }
 
     /// `a`, `a.running`, `a.done.found`
@@ -82,7 +82,7 @@ impl Names<'_> {
         Ok(match last.as_deref() {
             Some("running") => Atom::Running(who),
             Some("stopping") => Atom::Stopping(who),
-            last => match Self::kind(last, words)? {
+            last => match self.kind(who, last, words)? {
                 Some(kind) => Atom::Happens(Occurrence { who, kind }),
                 None => Atom::Active(who),
             },
@@ -90,10 +90,10 @@ impl Names<'_> {
     }
 
     /// The event that a word stands for, with the outcome behind it.
-    fn kind(event: Option<&str>, words: &mut Words) -> Read<Option<EventKind>> {
+    fn kind(&self, who: ProcessRef, event: Option<&str>, words: &mut Words) -> Read<Option<EventKind>> {
         Ok(Some(match event {
             Some("done") if words.eat(".") => match words.name() {
-                Some((tag, _)) => EventKind::Done(Some(tag)),
+                Some(outcome) => EventKind::Done(Some(self.outcome(who, outcome)?)),
                 None => return Err(unreadable(words.want("an outcome"))),
             },
             Some("done") => EventKind::Done(None),
@@ -102,6 +102,45 @@ impl Names<'_> {
             Some(_) => EventKind::Ended,
             None => return Ok(None),
         }))
+    }
+
+    /// An outcome that a process may have: one that its module declares, of a group one that anything below it may leave.
+    fn outcome(&self, who: ProcessRef, (name, span): Place) -> Read<String> {
+        let group = &self.plan.groups[who.group as usize];
+        let member = who.member.map(|slot| &group.members[slot as usize]);
+        let mut known = Vec::new();
+        match member.map_or(MemberKind::Group(who.group), |member| member.kind) {
+            MemberKind::Leaf(leaf) => known.extend(self.plan.leaves[leaf as usize].outcomes.iter().map(String::as_str)),
+            MemberKind::Group(inner) => self.outcomes_below(inner, &mut known),
+        }
+        if known.contains(&name.as_str()) {
+            return Ok(name);
+        }
+        let process = member.map_or(group.process.as_str(), |member| member.name.as_str());
+        let found = Diagnostic::new(Code::E0802, span, format!("`{process}` has no outcome `{name}`"));
+        if known.is_empty() {
+            return Err(Box::new(found.help("its module declares none: `done(found | missing);`")));
+        }
+        known.sort_unstable();
+        known.dedup();
+        let found = found.help(format!("its outcomes are {}", known.join(", ")));
+        Err(Box::new(match similar::nearest(&name, known.iter().copied()) {
+            Some(near) => found.replace(span, near),
+            None => found,
+        }))
+    }
+
+    fn outcomes_below<'p>(&'p self, group: u32, known: &mut Vec<&'p str>) {
+        let group = &self.plan.groups[group as usize];
+        tagged(&group.expression, known);
+        for member in &group.members {
+            match member.kind {
+                MemberKind::Leaf(leaf) => {
+                    known.extend(self.plan.leaves[leaf as usize].outcomes.iter().map(String::as_str));
+                }
+                MemberKind::Group(inner) => self.outcomes_below(inner, known),
+            }
+        }
     }
 
     /// A process, and the event behind it if there is one.
@@ -170,4 +209,12 @@ impl Names<'_> {
         let help = format!("its hosts are {}", self.plan.hosts.join(", "));
         Err(Box::new(Diagnostic::new(Code::E0802, span, message).help(help)))
     }
+}
+
+/// The outcomes that an expression names itself: `P as found`.
+fn tagged<'e>(expression: &'e Expression, known: &mut Vec<&'e str>) {
+    if let Expression::Tagged { tag, .. } = expression {
+        known.push(tag);
+    }
+    expression.operands().into_iter().for_each(|operand| tagged(operand, known));
 }

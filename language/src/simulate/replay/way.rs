@@ -11,6 +11,8 @@ impl Simulation<'_> {
     pub(super) fn bring(&mut self, path: &str, goal: &Goal) -> Result<(), &'static str> {
         let group = self.group(path).ok_or("it is no group")?;
         self.seats.contains_key(&group).then_some(()).ok_or("it does not run")?;
+        // What counts is how it ends from here on, also where it is started anew at once.
+        self.last_ends.remove(&group);
         let is_stopped = self.pending().ordered.contains(&group);
         if matches!(goal, Goal::Stopped) && is_stopped {
             self.reached(path)?;
