@@ -29,7 +29,7 @@ pub struct Arguments {
 /// Runs the verb.
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     let spec = check::load(&arguments.file, &arguments.controllers, false)?;
-    arguments.proof.require(&arguments.file, &arguments.controllers)?;
+    arguments.proof.require(&spec)?;
     block_on(async {
         let client = Client::open(&arguments.connect).await?;
         let result = deploy(&client, spec, (&arguments.following, Some(&arguments.rollout))).await;

@@ -52,7 +52,7 @@ struct Nodes {
 /// Runs the verb.
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     let spec = check::load(&arguments.file, &arguments.controllers, false)?;
-    arguments.proof.require(&arguments.file, &arguments.controllers)?;
+    arguments.proof.require(&spec)?;
     block_on(async {
         let mut nodes = Nodes::start(&spec.plan.hosts, &arguments).await?;
         let result = nodes.carry(spec, &arguments.following).await;

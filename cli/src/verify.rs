@@ -3,6 +3,7 @@
 mod repair;
 
 use crate::check::json::diagnostic;
+use crate::follow::Spec;
 use crate::io::whole_file;
 use crate::{Controllers, check};
 use anyhow::{Context as _, anyhow};
@@ -92,16 +93,20 @@ pub struct Proof {
 }
 
 impl Proof {
-    /// Refuses a spec of which something does not hold, or is not decided within the limits.
-    pub(crate) fn require(self, file: &Path, controllers: &Controllers) -> Result<(), Failure> {
+    /// Refuses a spec of which something does not hold, or is not decided within the limits. Looks at the texts that were read, and
+    /// reads none again: what runs is what is proved.
+    pub(crate) fn require(self, spec: &Spec) -> Result<(), Failure> {
         if !self.require_verified {
             return Ok(());
         }
-        let loaded = load(file, controllers, Refusal::Text)?;
+        let (file, texts) = (&spec.file, spec.modules.split_first());
+        let (own, interfaces) = texts.ok_or_else(|| anyhow!("`{}` has no text", file.display()))?;
+        let (compiled, sites) = compile_with_sites(own, interfaces, &check::options(file, false));
+        let (plan, sites) = compiled.plan.zip(sites).ok_or(Failure::Reported)?;
         let limits = LimitArgs { states: STATES, memory: MEMORY, seconds: SECONDS, threads: None };
-        let report = limits.with(|limits| verify::verify(&loaded.plan, &loaded.sites, limits));
+        let report = limits.with(|limits| verify::verify(&plan, &sites, limits));
         let unproved = report.findings.iter().filter(|finding| finding.verdict != Verdict::Proved);
-        unproved.for_each(|finding| console::note(&told(finding, &loaded.spec, &loaded.interfaces, check::style())));
+        unproved.for_each(|finding| console::note(&told(finding, own, interfaces, check::style())));
         if report.findings.iter().any(|finding| finding.verdict == Verdict::Fails) {
             return Err(anyhow!("nothing was started: `dca verify {}` finds what does not hold", file.display()).into());
         }
