@@ -65,9 +65,9 @@ pub(crate) fn compare(seed: u64) -> Compared {
         for sentence in &sentences {
             let is_true = whole.holds(sentence);
             if is_true {
-                holds += 1
+                holds += 1;
             } else {
-                fails += 1
+                fails += 1;
             }
             match verdict(&report, &sentence.words()) {
                 Some(said) if (said == Verdict::Proved) == is_true => {}
