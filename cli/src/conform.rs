@@ -9,8 +9,9 @@ use crate::{Controllers, check};
 use anyhow::anyhow;
 use difference::difference;
 use language::algebra::Event;
+use language::plan::Group;
 use node::console::{self, Failure};
-use node::logic::protocol::Report;
+use node::logic::protocol::{Change, Report};
 use node::logic::table::counted;
 use std::path::PathBuf;
 use verify::{Conformance, Coverage, Steps, Verdict, told};
@@ -39,6 +40,8 @@ struct Recorded {
     is_changed: bool,
     /// The groups that have begun and whose end is not among the steps.
     endless: Vec<String>,
+    /// The groups in which something has begun and of whose supervisors there is no step.
+    unseen: Vec<String>,
 }
 
 /// Runs the verb.
@@ -70,7 +73,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if is_broken || !found.deviations.is_empty() {
         return Err(Failure::Reported);
     }
-    let is_partial = recorded.omitted > 0 || recorded.is_changed || !recorded.endless.is_empty();
+    let is_partial =
+        recorded.omitted > 0 || recorded.is_changed || !recorded.endless.is_empty() || !recorded.unseen.is_empty();
     if is_partial || run.lacks().is_some() { Err(Failure::Limited) } else { Ok(()) }
 }
 
@@ -125,8 +129,17 @@ impl Recorded {
         let of_groups = groups.iter().zip(&recorded.lives);
         let endless = of_groups.filter(|(_, lives)| lives.iter().any(is_endless));
         recorded.endless = endless.map(|(group, _)| group.path.clone()).collect();
+        let has_begun = |group: &Group| run.entries.iter().any(|entry| is_begun_in(entry, &group.path));
+        let silent = groups.iter().zip(&recorded.lives).filter(|(group, lives)| lives.is_empty() && has_begun(group));
+        recorded.unseen = silent.map(|(group, _)| group.path.clone()).collect();
         recorded
     }
+}
+
+/// Whether an entry says that a member of a group was started: that its supervisor has done.
+fn is_begun_in(entry: &Entry, group: &str) -> bool {
+    let Entry::Report(Report::Process { path, change: Change::Activated, .. }) = entry else { return false };
+    path.rsplit_once('/').is_some_and(|(around, _)| around == group)
 }
 
 /// Whether a supervisor has begun what none of its steps ends.
@@ -148,6 +161,12 @@ fn summary(found: &Conformance, recorded: &Recorded) -> String {
     }
     if !recorded.endless.is_empty() {
         text += &format!("NOT COMPARED: the end of {}, which the record lacks\n", recorded.endless.join(", "));
+    }
+    if !recorded.unseen.is_empty() {
+        text += &format!(
+            "NOT COMPARED: {}, of which the record has no step, although it ran\n",
+            recorded.unseen.join(", ")
+        );
     }
     let supervisors = recorded.lives.iter().filter(|lives| !lives.is_empty()).count();
     let (steps, supervisors) = (counted(found.steps, "step"), counted(supervisors, "supervisor"));
@@ -207,9 +226,22 @@ mod tests {
             },
             None => Report::Changed { revision: 1, by: "somebody".to_owned(), changes: Vec::new() },
         };
-        let entries = numbers.iter().map(|number| Entry::Report(report(number))).collect();
+        of_reports(numbers.iter().map(report).collect())
+    }
+
+    fn of_reports(reports: Vec<Report>) -> Recorded {
+        let entries = reports.into_iter().map(Entry::Report).collect();
         let header = Header { file: "test.dca".to_owned(), text: SPEC.to_owned(), plan: plan(SPEC), started: None };
         Recorded::of(&Run { header, entries, damage: None })
+    }
+
+    #[test]
+    fn a_supervisor_without_a_step_is_told_if_it_ran() {
+        let begins =
+            |path: &str| Report::Process { path: path.to_owned(), change: Change::Activated, at: Duration::ZERO };
+        assert_eq!(of_reports(vec![begins("main")]).unseen, [""; 0], "its members never began");
+        assert_eq!(of_reports(vec![begins("main"), begins("main/a")]).unseen, ["main"]);
+        assert_eq!(recorded(&[Some(0)]).unseen, [""; 0]);
     }
 
     #[test]

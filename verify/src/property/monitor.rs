@@ -32,6 +32,9 @@ fn monitor(model: &Model<'_>, property: &Property, records: &[Vec<Steps>]) -> Fi
     if whom.iter().any(|who| who.group != property.group) {
         return Finding::open(format!("{said}: it names what several supervisors see"));
     }
+    if records.get(property.group as usize).is_none_or(Vec::is_empty) {
+        return Finding::open(format!("{said}: the record has no step of its supervisor"));
+    }
     let mut system = System::new(model, property.group as usize, &|_| false);
     system.mode = Mode { aborts: true, stops: true, ..Mode::default() };
     system.notes = 1;
