@@ -204,7 +204,8 @@ impl<'a> System<'a> {
                     Occupant::Unit(self.add(inner, Some((index, slot)), is_open))
                 }
                 Seat::Part(inner) => {
-                    self.is_whole &= self.model.parts[inner].is_whole;
+                    // What nothing runs does nothing.
+                    self.is_whole &= self.model.parts[inner].is_whole || !runs.contains(&slot);
                     Occupant::Box(self.model.parts[inner].ends.clone())
                 }
                 Seat::Leaf(leaf) => Occupant::Box(self.leaf_ends(part, slot, leaf)),

@@ -57,3 +57,16 @@ fn exports_have_the_state_space_of_the_explorer() {
     assert!(differences.is_empty(), "{} differences beside {same}:\n{}", differences.len(), differences.join("\n"));
     assert!(same >= SPECS_LEAST, "only {same} specs were compared, of {states} states");
 }
+
+#[test]
+fn what_nothing_runs_does_not_keep_a_plan_from_being_exported() {
+    let text = "module Step { done; }
+        process Spare(){ host{c1} instantiated_processes{ a instof Step(c1); } internal_event_actions{ a } }
+        process main(){
+            host{c1}
+            instantiated_processes{ a instof Step(c1); spare instof Spare(); }
+            internal_event_actions{ a }
+        }";
+    let planned = specs::planned("spec", text).expect("it has a plan");
+    assert!(compare(&planned).expect("no difference").is_some(), "all of it is exported");
+}
