@@ -85,6 +85,8 @@ fn proofs_have_their_exit_codes() {
     let drawn = cluster.here().ask(&["verify", "--svg", &picture.to_string_lossy(), &bad]);
     let picture = std::fs::read_to_string(&picture).expect("a picture was drawn");
     assert!(drawn.code == Some(1) && picture.ends_with("</svg>\n"), "{drawn}");
+    let itself = cluster.here().ask(&["verify", "--svg", &bad, &bad]);
+    assert!(itself.code == Some(1) && itself.err.contains("is the spec itself"), "{itself}");
     let nothing = cluster.here().ask(&["verify", "--svg", "nothing.svg", &good]);
     assert!(nothing.code == Some(0) && nothing.err.contains("no picture is written"), "{nothing}");
     let wrong = cluster.here().ask(&["fmea", "--csv", "--html", &good]);
