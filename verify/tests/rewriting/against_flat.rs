@@ -130,7 +130,8 @@ fn process(dice: &mut Dice, made: &mut Made, (size, levels): (u32, u32), (name, 
     let mut instances = String::new();
     for (slot, member) in (0_u32..).zip(&group.members) {
         let (kind, below) = (format!("{name}M{slot}"), format!("{path}m{slot}"));
-        let is_group = levels > 0 && !matched.contains(&slot) && !member.service && dice.one_in(3);
+        let is_run = expression.contains(&format!("m{slot}"));
+        let is_group = levels > 0 && is_run && !matched.contains(&slot) && !member.service && dice.one_in(3);
         if is_group {
             let inner = 1 + dice.below(3);
             let body = process(dice, made, (inner, levels - 1), (&kind, &format!("{below}.")));
@@ -145,7 +146,7 @@ fn process(dice: &mut Dice, made: &mut Made, (size, levels): (u32, u32), (name, 
         };
         made.text += &format!("module {kind}(host: Host) {{ {ends}; }}\n");
         writeln!(instances, "        m{slot} instof {kind}(c1);").expect("a text");
-        if expression.contains(&format!("m{slot}")) {
+        if is_run {
             made.programs.push(below);
         }
     }
