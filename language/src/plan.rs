@@ -350,6 +350,12 @@ impl Expression {
             Self::Asynchronous { source, pool } => std::iter::once(&**source).chain(pool).collect(),
         }
     }
+
+    /// Returns the tags that it gives itself, `P as found`, in the order of the text.
+    pub fn tags(&self) -> Vec<&str> {
+        let own = if let Self::Tagged { tag, .. } = self { Some(tag.as_str()) } else { None };
+        own.into_iter().chain(self.operands().into_iter().flat_map(Self::tags)).collect()
+    }
 }
 
 /// One way on in a `match`.

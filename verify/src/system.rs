@@ -375,20 +375,10 @@ fn all_values(model: &Model<'_>) -> Vec<Value> {
         return Vec::new();
     }
     let mut tags: Vec<&str> = model.plan.leaves.iter().flat_map(|leaf| &leaf.outcomes).map(String::as_str).collect();
-    for group in &model.plan.groups {
-        crate::model::walk(&group.expression, &mut |_| {});
-        tagged(&group.expression, &mut tags);
-    }
+    tags.extend(model.plan.groups.iter().flat_map(|group| group.expression.tags()));
     tags.sort_unstable();
     tags.dedup();
     tags.into_iter().filter_map(|tag| Value::tagged(tag, &[])).collect()
-}
-
-fn tagged<'e>(expression: &'e language::plan::Expression, tags: &mut Vec<&'e str>) {
-    if let language::plan::Expression::Tagged { tag, .. } = expression {
-        tags.push(tag);
-    }
-    expression.operands().into_iter().for_each(|operand| tagged(operand, tags));
 }
 
 pub(crate) fn small(index: usize) -> u16 {

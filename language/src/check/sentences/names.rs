@@ -4,7 +4,7 @@ use super::words::Kind;
 use super::{Place, Read, Words, unreadable};
 use crate::check::index;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::plan::{Expression, MemberKind, Plan};
+use crate::plan::{MemberKind, Plan};
 use crate::similar;
 use crate::sites::{Atom, EventKind, Occurrence, ProcessRef};
 
@@ -109,10 +109,7 @@ impl Names<'_> {
         let group = &self.plan.groups[who.group as usize];
         let member = who.member.map(|slot| &group.members[slot as usize]);
         let mut known = Vec::new();
-        match member.map_or(MemberKind::Group(who.group), |member| member.kind) {
-            MemberKind::Leaf(leaf) => known.extend(self.plan.leaves[leaf as usize].outcomes.iter().map(String::as_str)),
-            MemberKind::Group(inner) => self.outcomes_below(inner, &mut known),
-        }
+        self.outcomes(member.map_or(MemberKind::Group(who.group), |member| member.kind), &mut known);
         if known.contains(&name.as_str()) {
             return Ok(name);
         }
@@ -130,15 +127,14 @@ impl Names<'_> {
         }))
     }
 
-    fn outcomes_below<'p>(&'p self, group: u32, known: &mut Vec<&'p str>) {
-        let group = &self.plan.groups[group as usize];
-        tagged(&group.expression, known);
-        for member in &group.members {
-            match member.kind {
-                MemberKind::Leaf(leaf) => {
-                    known.extend(self.plan.leaves[leaf as usize].outcomes.iter().map(String::as_str));
-                }
-                MemberKind::Group(inner) => self.outcomes_below(inner, known),
+    /// Adds the outcomes that a program declares, or that anything in a group may leave.
+    fn outcomes<'p>(&'p self, of: MemberKind, known: &mut Vec<&'p str>) {
+        match of {
+            MemberKind::Leaf(leaf) => known.extend(self.plan.leaves[leaf as usize].outcomes.iter().map(String::as_str)),
+            MemberKind::Group(group) => {
+                let group = &self.plan.groups[group as usize];
+                known.extend(group.expression.tags());
+                group.members.iter().for_each(|member| self.outcomes(member.kind, known));
             }
         }
     }
@@ -209,12 +205,4 @@ impl Names<'_> {
         let help = format!("its hosts are {}", self.plan.hosts.join(", "));
         Err(Box::new(Diagnostic::new(Code::E0802, span, message).help(help)))
     }
-}
-
-/// The outcomes that an expression names itself: `P as found`.
-fn tagged<'e>(expression: &'e Expression, known: &mut Vec<&'e str>) {
-    if let Expression::Tagged { tag, .. } = expression {
-        known.push(tag);
-    }
-    expression.operands().into_iter().for_each(|operand| tagged(operand, known));
 }
