@@ -8,7 +8,7 @@ mod stops;
 
 use crate::explore::{Found, Graph, Limits, Nobody, Reached, explore, is_over};
 use crate::finding::{Finding, diagnostic, help};
-use crate::model::{Ends, Model, Seat};
+use crate::model::{Ends, Model, Seat, run_nodes};
 use crate::story::{place, story_to_the_end};
 use crate::system::{Changed, Frame, Label, Mode, Phase, System, escalates};
 use language::Code;
@@ -178,7 +178,8 @@ fn unreached(system: &System<'_>, graph: &Graph, part: usize, (catalogue, asked)
     let group = system.model.parts[part].group;
     let mut places = BTreeSet::new();
     for ((node, member), _) in runs.iter().zip(&is_reached).filter(|(_, reached)| !**reached) {
-        for (member, span) in held(system.model, (part, *node), *member) {
+        for (at, member) in system.model.held_at((part, *node), *member) {
+            let span = place(system.model, at.0, at.1);
             if !places.insert(span) {
                 continue;
             }
@@ -189,17 +190,6 @@ fn unreached(system: &System<'_>, graph: &Graph, part: usize, (catalogue, asked)
             let story = nearest(system, graph, (part, *node)).map(|state| story_to_the_end(system, graph, state));
             catalogue.findings.push(Finding::fails(found, story));
         }
-    }
-}
-
-/// What a node of a part runs, and where that stands: a member, or all that a piece of the group runs.
-fn held(model: &Model<'_>, (part, node): (usize, usize), member: u32) -> Vec<(u32, language::Span)> {
-    match model.parts[part].members.get(member as usize) {
-        Some(Seat::Part(piece)) if model.parts[*piece].is_piece => {
-            let runs = run_nodes(&model.parts[*piece].expression);
-            runs.into_iter().flat_map(|(node, member)| held(model, (*piece, node), member)).collect()
-        }
-        Some(Seat::Part(_) | Seat::Leaf(_)) | None => vec![(member, place(model, part, node))],
     }
 }
 
@@ -215,17 +205,6 @@ fn nearest(system: &System<'_>, graph: &Graph, (part, node): (usize, usize)) -> 
         next += 1;
     });
     around.into_iter().rev().find_map(|node| graph.first(system, |frame| frame.states[0].is_node_active(node)))
-}
-
-fn run_nodes(expression: &Expression) -> Vec<(usize, u32)> {
-    let (mut runs, mut node) = (Vec::new(), 0);
-    crate::model::walk(expression, &mut |expression| {
-        if let Expression::Run { member, .. } = expression {
-            runs.push((node, *member));
-        }
-        node += 1;
-    });
-    runs
 }
 
 /// The nodes of a part that promise to end and are in no other that does: the whole, or what a service holds.

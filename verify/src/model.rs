@@ -103,22 +103,21 @@ impl<'a> Model<'a> {
 
     /// Whether a part of a group runs a member of it, itself or in a piece.
     pub(crate) fn holds(&self, part: usize, slot: u32) -> bool {
-        self.held(part).contains(&slot)
+        self.held(part).iter().any(|(_, held)| *held == slot)
     }
 
-    /// The members of its group that a part runs, itself or in pieces.
-    pub(crate) fn held(&self, part: usize) -> Vec<u32> {
-        let source = &self.parts[part];
-        let mut held = Vec::new();
-        for member in runs(&source.expression) {
-            match source.members.get(member as usize) {
-                Some(Seat::Part(inner)) if self.parts[*inner].is_piece => held.extend(self.held(*inner)),
-                Some(Seat::Part(_) | Seat::Leaf(_)) | None => held.push(member),
-            }
+    /// The members of its group that a part runs, itself or in pieces, each with the part and the node where it stands.
+    pub(crate) fn held(&self, part: usize) -> Vec<((usize, usize), u32)> {
+        let runs = run_nodes(&self.parts[part].expression);
+        runs.into_iter().flat_map(|(node, member)| self.held_at((part, node), member)).collect()
+    }
+
+    /// What a node of a part runs: a member, or all that a piece of the group runs.
+    pub(crate) fn held_at(&self, at: (usize, usize), member: u32) -> Vec<((usize, usize), u32)> {
+        match self.parts[at.0].members.get(member as usize) {
+            Some(Seat::Part(piece)) if self.parts[*piece].is_piece => self.held(*piece),
+            Some(Seat::Part(_) | Seat::Leaf(_)) | None => vec![(at, member)],
         }
-        held.sort_unstable();
-        held.dedup();
-        held
     }
 
     /// What a process is called by a reader: its path without `main/`.
@@ -348,6 +347,18 @@ pub(crate) fn runs(expression: &Expression) -> Vec<u32> {
         }
     });
     all
+}
+
+/// The nodes of an expression that run a member, each with it.
+pub(crate) fn run_nodes(expression: &Expression) -> Vec<(usize, u32)> {
+    let (mut runs, mut node) = (Vec::new(), 0);
+    walk(expression, &mut |expression| {
+        if let Expression::Run { member, .. } = expression {
+            runs.push((node, *member));
+        }
+        node += 1;
+    });
+    runs
 }
 
 /// Whether an expression may end at the instant at which it starts. Then the order in which operands begin counts, and none of them is a

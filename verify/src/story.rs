@@ -175,10 +175,7 @@ fn host_name<'s>(system: &'s System<'_>, (unit, member): (usize, u32)) -> &'s st
 /// The members that run, and those that are being stopped; groups that are looked into are left to what is in them.
 pub(crate) fn running(system: &System<'_>, frame: &Frame) -> (Vec<String>, Vec<String>) {
     let (mut running, mut stopping) = (Vec::new(), Vec::new());
-    if frame.phase == Phase::Idle || frame.phase.is_over() && !system.is_split(frame) {
-        return (running, stopping);
-    }
-    for (unit, member) in system.there(frame) {
+    for (unit, member) in there(system, frame) {
         let Some(name) = member_name(system, unit, member) else { continue };
         match frame.states[unit].activity(member) {
             Activity::Stopping if !system.is_silent(frame, unit) => stopping.push(name),
@@ -188,17 +185,22 @@ pub(crate) fn running(system: &System<'_>, frame: &Frame) -> (Vec<String>, Vec<S
     (running, stopping)
 }
 
+/// What is there, as long as the whole goes on, or something of it beyond a loss.
+fn there(system: &System<'_>, frame: &Frame) -> Vec<(usize, u32)> {
+    let is_on = frame.phase != Phase::Idle && (!frame.phase.is_over() || system.is_split(frame));
+    if is_on { system.there(frame) } else { Vec::new() }
+}
+
 /// The processes in the pieces of groups that go on and are not looked into.
 fn untold(system: &System<'_>, frame: &Frame) -> Vec<String> {
-    if frame.phase == Phase::Idle || frame.phase.is_over() && !system.is_split(frame) {
-        return Vec::new();
-    }
-    let pieces = system.there(frame).into_iter().filter(|(unit, member)| member_name(system, *unit, *member).is_none());
+    let pieces =
+        there(system, frame).into_iter().filter(|(unit, member)| member_name(system, *unit, *member).is_none());
     let mut names = Vec::new();
     for (unit, member) in pieces {
         let part = &system.model.parts[system.units[unit].part];
         if let Some(Seat::Part(piece)) = part.members.get(member as usize) {
-            names.extend(system.model.held(*piece).into_iter().map(|slot| system.model.name(part.group, slot)));
+            let held = system.model.held(*piece).into_iter();
+            names.extend(held.map(|(_, slot)| system.model.name(part.group, slot)));
         }
     }
     names
