@@ -39,7 +39,7 @@ opt-level = 2
 
 /// Names that Cargo, the program itself or DCA needs for something else: with crates and programs of DCA in its dependencies and on
 /// the search path, a second one of their name is built or started in their place.
-const TAKEN: [&str; 33] = [
+const TAKEN: [&str; 34] = [
     "alloc",
     "build",
     "cli",
@@ -54,6 +54,7 @@ const TAKEN: [&str; 33] = [
     "dca-examples",
     "dca-fakes",
     "dca-hanging",
+    "dca-keys",
     "dca-node",
     "dca-shim",
     "dca-starter",

@@ -3,6 +3,7 @@
 pub mod bytes;
 pub mod codec;
 pub mod control;
+pub mod database;
 pub mod frame;
 pub mod human;
 pub mod key;

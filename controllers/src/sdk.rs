@@ -78,6 +78,7 @@
 mod arguments;
 mod calls;
 mod controller;
+mod database;
 mod export;
 pub mod harness;
 mod interface;
@@ -101,6 +102,10 @@ pub use comms::logic::object::{ExportKind, ObjectError};
 pub use arguments::{ArgumentError, Arguments, Kind, Parameter};
 pub use calls::{Answered, AnyCalls, CallOrder, CallPort, Calls};
 pub use controller::{About, Configured, Controller, Outcome, Progress, Schedule, Stopping, TAG_MAX, Tick};
+pub use database::{
+    Change, Database, DatabaseError, DatabaseOrder, DatabasePort, DatabaseRefusal, Entry, Expected, Transaction, TxnId,
+    Unknown, Value, ValueError, WatchEvent,
+};
 pub use export::{Activity, CallInterface, ExportInterface, Exports, RawReply, Reply};
 pub use interface::{Binding, Device, Direction, Interface, PortInterface};
 pub use module::{Delivery, DeliveryError, Module};

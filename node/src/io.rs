@@ -16,6 +16,7 @@ pub mod journal;
 pub mod logging;
 pub mod peers;
 pub mod policy;
+pub(crate) mod program_database;
 pub mod programs;
 mod ready;
 pub mod run_dir;

@@ -241,7 +241,7 @@ pub(crate) fn keys(text: String) -> Result<Keys, KeyError> {
 
 /// Says why something was not done.
 pub(crate) fn refusal(reply: &Reply) -> Failure {
-    if let Reply::Refused(why) = reply {
+    if let Reply::Refused(why) | Reply::Unmet { why, .. } | Reply::Unknown(why) = reply {
         return anyhow!("{why}").into();
     }
     anyhow!("the database answered something that was not asked").into()

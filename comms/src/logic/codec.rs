@@ -288,28 +288,28 @@ mod tests {
         let devices = vec![Device { device: "arm".into(), owner: dial() }];
         check(
             &Order::Connect { robot: "r".into(), incoming: vec![incoming], outgoing: vec![outgoing], devices },
-            "444306000100000172010102496e016b02613101016c0001ac02034f7574016a01010361726d02613101016c",
+            "444307000100000172010102496e016b02613101016c0001ac02034f7574016a01010361726d02613101016c",
         );
-        check(&Order::Open { wires: vec![1, 2], generation: 3 }, "4443060001000102010203");
-        check(&Order::Close { wires: vec![], generation: 1 }, "444306000100020001");
-        check(&Order::Activate { activation: 9, value: vec![1] }, "44430600010003090101");
-        check(&Order::Stop { activation: 9 }, "4443060001000409");
-        check(&Order::Exit, "44430600010005");
+        check(&Order::Open { wires: vec![1, 2], generation: 3 }, "4443070001000102010203");
+        check(&Order::Close { wires: vec![], generation: 1 }, "444307000100020001");
+        check(&Order::Activate { activation: 9, value: vec![1] }, "44430700010003090101");
+        check(&Order::Stop { activation: 9 }, "4443070001000409");
+        check(&Order::Exit, "44430700010005");
         let parameters = vec![("a".to_owned(), "1".to_owned())];
-        check(&Order::Configure { parameters }, "444306000100060101610131");
+        check(&Order::Configure { parameters }, "444307000100060101610131");
         let shape = Shape { wire: 1, latch: true, queue: Some(5), period_min: Some(Duration::from_millis(100)) };
-        check(&Order::Shape { wires: vec![shape] }, "444306000100070101010105010080c2d72f");
-        check(&Order::Rejoin, "44430600010008");
-        check(&Order::Relink { lost: "b".into(), found: dial() }, "44430600010009016202613101016c");
-        check(&Order::Resumed { notices: 300 }, "4443060001000aac02");
+        check(&Order::Shape { wires: vec![shape] }, "444307000100070101010105010080c2d72f");
+        check(&Order::Rejoin, "44430700010008");
+        check(&Order::Relink { lost: "b".into(), found: dial() }, "44430700010009016202613101016c");
+        check(&Order::Resumed { notices: 300 }, "4443070001000aac02");
         let (call, path, name) = ("Grip".into(), "m".into(), "G".into());
         let calls = vec![CallRoute { wire: 300, call, server: dial(), path, name }];
-        check(&Order::Calls { calls }, "4443060001000b01ac02044772697002613101016c016d0147");
+        check(&Order::Calls { calls }, "4443070001000b01ac02044772697002613101016c016d0147");
         let open = vec![Opening { wire: 4, after: vec![3] }];
         let flip = Flip { generation: 300, close: vec![3], open };
-        check(&Order::Flip { ticket: 2, flip: flip.clone() }, "4443060001000c02ac02010301040103");
+        check(&Order::Flip { ticket: 2, flip: flip.clone() }, "4443070001000c02ac02010301040103");
         let expect = Expect { generation: 300, close: vec![3], open: vec![4] };
-        check(&Order::Expect { ticket: 2, expect, then: Some(flip) }, "4443060001000d02ac020103010401ac02010301040103");
+        check(&Order::Expect { ticket: 2, expect, then: Some(flip) }, "4443070001000d02ac020103010401ac02010301040103");
     }
 
     #[test]
@@ -323,19 +323,19 @@ mod tests {
             needs: vec!["ft".into()],
             signals: true,
         };
-        check(&hello, "4443060002000006016d01016101017500000102667401");
-        check(&Notice::Connected, "44430600020001");
-        check(&Notice::ConnectFailed { reason: "x".into() }, "444306000200020178");
-        check(&Notice::Switched { generation: 7 }, "4443060002000307");
-        check(&Notice::Running { activation: 1 }, "4443060002000401");
-        check(&Notice::Done { activation: 1, value: vec![] }, "444306000200050100");
-        check(&Notice::Aborted { activation: 1, reason: "x".into() }, "44430600020006010178");
-        check(&Notice::Stopped { activation: 1 }, "4443060002000701");
+        check(&hello, "4443070002000007016d01016101017500000102667401");
+        check(&Notice::Connected, "44430700020001");
+        check(&Notice::ConnectFailed { reason: "x".into() }, "444307000200020178");
+        check(&Notice::Switched { generation: 7 }, "4443070002000307");
+        check(&Notice::Running { activation: 1 }, "4443070002000401");
+        check(&Notice::Done { activation: 1, value: vec![] }, "444307000200050100");
+        check(&Notice::Aborted { activation: 1, reason: "x".into() }, "44430700020006010178");
+        check(&Notice::Stopped { activation: 1 }, "4443070002000701");
         let resume = Notice::Resume { version: VERSION, instance: "m".into(), orders: 300 };
-        check(&resume, "4443060002000806016dac02");
-        check(&Notice::Expecting { ticket: 2 }, "4443060002000902");
+        check(&resume, "4443070002000807016dac02");
+        check(&Notice::Expecting { ticket: 2 }, "4443070002000902");
         let taken = Notice::Taken { ticket: 2, lost: 300, late: 1, missing: vec![4] };
-        check(&taken, "4443060002000a02ac02010104");
+        check(&taken, "4443070002000a02ac02010104");
         assert!(hello.is_counted() && !resume.is_counted());
         assert!(Order::Exit.is_counted() && !Order::Resumed { notices: 0 }.is_counted());
         assert!(!Order::Configure { parameters: vec![] }.is_counted());
@@ -379,7 +379,7 @@ mod tests {
         order.push(0);
         assert!(refused(&order).starts_with("a message of kind 1 is malformed"));
         order[2] = 9;
-        assert_eq!(refused(&order), "a message of version 9 of kind 1; this program speaks version 6");
+        assert_eq!(refused(&order), "a message of version 9 of kind 1; this program speaks version 7");
         let long = vec![0; Order::SIZE_MAX + 1];
         assert!(matches!(decode::<Order>(&long), Err(CodecError::TooLong { .. })));
         assert!(encode(&Order::Activate { activation: 0, value: long }).is_err());

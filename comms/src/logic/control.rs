@@ -12,13 +12,14 @@
 //! both count orders and notices from the program's start, over all its channels: all but those that only concern a channel
 //! ([`Order::is_counted`], [`Notice::is_counted`]).
 
+use crate::logic::database::{DatabaseAnswer, DatabaseRequest};
 use crate::logic::switch::{Expect, Flip};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
 /// Version of this protocol: one more with every order, notice or field that is appended. Node and program must be of the
 /// same one. Of any other they understand no more than [`Notice::Hello`] and [`Notice::Resume`] say at their beginning, so that each can be told.
-pub const VERSION: u16 = 6;
+pub const VERSION: u16 = 7;
 
 /// Where a program's data session can be dialled.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -194,12 +195,20 @@ pub enum Order {
         /// Outgoing wires to flip once all that came before the switch has had its calculation.
         then: Option<Flip>,
     },
+    /// The database answers.
+    Database {
+        /// The number of the request.
+        number: u64,
+        /// The answer, or the next part of it.
+        answer: DatabaseAnswer,
+    },
 }
 
 impl Order {
-    /// Returns whether the order has a number: 1 is the first of the program's life. The others may be repeated at will.
+    /// Returns whether the order has a number: 1 is the first of the program's life. The others concern one
+    /// channel.
     pub const fn is_counted(&self) -> bool {
-        !matches!(self, Self::Configure { .. } | Self::Resumed { .. })
+        !matches!(self, Self::Configure { .. } | Self::Resumed { .. } | Self::Database { .. })
     }
 }
 
@@ -283,11 +292,18 @@ pub enum Notice {
         /// Wires that nothing was heard of in time.
         missing: Vec<u32>,
     },
+    /// A request to the database of the node.
+    Database {
+        /// The answers bear it; the program gives each number once on a channel.
+        number: u64,
+        /// The request, or a word about a watch that has this number.
+        request: DatabaseRequest,
+    },
 }
 
 impl Notice {
     /// Returns whether the notice has a number: [`Notice::Hello`] is 1.
     pub const fn is_counted(&self) -> bool {
-        !matches!(self, Self::Resume { .. })
+        !matches!(self, Self::Resume { .. } | Self::Database { .. })
     }
 }

@@ -14,7 +14,9 @@ pub(crate) fn ports(input: &DeriveInput, direction: Direction, read: Option<&[Po
         Direction::Out => ("OutputSet", "OutputPort", "AnyOut", "Out"),
     };
     let [set, one, any, way] = [set, one, any, way].map(|name| format_ident!("{name}"));
-    let (calls, data): (Vec<&Port<'_>>, Vec<&Port<'_>>) = ports.iter().partition(|port| port.is_call());
+    let database = ports.iter().find(|port| port.binding == Binding::Database).map(|port| database(port, &sdk));
+    let wired = ports.iter().filter(|port| port.binding != Binding::Database);
+    let (calls, data): (Vec<&Port<'_>>, Vec<&Port<'_>>) = wired.partition(|port| port.is_call());
     let declared = data.iter().map(|port| {
         let (ty, name, doc) = (port.ty, &port.name, &port.doc);
         let kind = format_ident!("{}", kind(port.binding));
@@ -51,6 +53,18 @@ pub(crate) fn ports(input: &DeriveInput, direction: Direction, read: Option<&[Po
                 #(#visited)*
             }
             #calls
+            #database
+        }
+    }
+}
+
+/// The part of the impl about the database.
+fn database(port: &Port<'_>, sdk: &TokenStream) -> TokenStream {
+    let (field, ty) = (port.field, port.ty);
+    let access = quote_spanned!(port.type_span()=> <#ty as #sdk::DatabasePort>::database(&mut self.#field));
+    quote! {
+        fn database(&mut self) -> ::core::option::Option<&mut #sdk::Database> {
+            ::core::option::Option::Some(#access)
         }
     }
 }
@@ -87,6 +101,6 @@ fn kind(binding: Binding) -> &'static str {
         Binding::Client => "device",
         Binding::Owner => "owner",
         // Those have a function of their own.
-        Binding::Calls | Binding::OptionalCalls => "wire",
+        Binding::Calls | Binding::OptionalCalls | Binding::Database => "wire",
     }
 }

@@ -23,8 +23,9 @@ pub fn inputs(input: TokenStream) -> TokenStream {
 ///
 /// Each field is an `Out<T>` with one attribute: `#[port("Out")]`, `#[port("Out", optional)]`, `#[device("arm/cmd")]` to
 /// command a device, `#[device("arm/state", owner)]` for the program that owns the device. A field `Calls<A, R>` with
-/// `#[calls("Grip")]` or `#[calls("Grip", optional)]` calls what another process exports.
-#[proc_macro_derive(Outputs, attributes(port, device, calls))]
+/// `#[calls("Grip")]` or `#[calls("Grip", optional)]` calls what another process exports. A field `Database` with `#[database]` is the
+/// database of the robot.
+#[proc_macro_derive(Outputs, attributes(port, device, calls, database))]
 pub fn outputs(input: TokenStream) -> TokenStream {
     derive(&parse_macro_input!(input as DeriveInput), ports::Direction::Out).into()
 }

@@ -29,6 +29,8 @@ pub(crate) enum Binding {
     Calls,
     /// Calls of another process, which a spec may connect.
     OptionalCalls,
+    /// The database of the robot.
+    Database,
 }
 
 /// One field.
@@ -103,7 +105,8 @@ pub(crate) fn read(input: &DeriveInput, direction: Direction) -> syn::Result<Vec
 
 fn port(field: &Field, direction: Direction) -> syn::Result<Port<'_>> {
     let name = field.ident.as_ref().ok_or_else(|| Error::new(field.span(), "a port is a named field"))?;
-    let is_own = |attribute: &&Attribute| ["port", "device", "calls"].iter().any(|name| is(attribute, name));
+    let is_own =
+        |attribute: &&Attribute| ["port", "device", "calls", "database"].iter().any(|name| is(attribute, name));
     let mut own = field.attrs.iter().filter(is_own);
     let example = if direction == Direction::In { "In" } else { "Out" };
     let Some(attribute) = own.next() else {
@@ -112,6 +115,9 @@ fn port(field: &Field, direction: Direction) -> syn::Result<Port<'_>> {
     };
     if let Some(second) = own.next() {
         return Err(Error::new(second.span(), format!("`{name}` is one port: one attribute says which")));
+    }
+    if is(attribute, "database") {
+        return database((field, name), attribute, direction);
     }
     let Declared { name: port, option } = attribute.parse_args()?;
     let binding = if is(attribute, "device") {
@@ -129,6 +135,21 @@ fn port(field: &Field, direction: Direction) -> syn::Result<Port<'_>> {
         Binding::OptionalCalls
     };
     Ok(Port { field: name, ty: &field.ty, name: port, binding, doc: doc(&field.attrs) })
+}
+
+/// The one field for the database; its name is what a controller can be triggered by.
+fn database<'a>(
+    (field, name): (&'a Field, &'a Ident),
+    attribute: &Attribute,
+    direction: Direction,
+) -> syn::Result<Port<'a>> {
+    attribute.meta.require_path_only()?;
+    if direction == Direction::In {
+        let why = "the database is asked after a calculation: the field belongs to the struct of outputs";
+        return Err(Error::new(attribute.span(), why));
+    }
+    let (port, doc) = (LitStr::new("database", attribute.span()), doc(&field.attrs));
+    Ok(Port { field: name, ty: &field.ty, name: port, binding: Binding::Database, doc })
 }
 
 fn is(attribute: &Attribute, name: &str) -> bool {

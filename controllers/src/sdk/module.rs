@@ -3,9 +3,11 @@
 use super::arguments::Arguments;
 use super::calls::CallOrder;
 use super::controller::{Configured, Controller, Progress, Stopping, Tick};
+use super::database::{DATABASE, Database, DatabaseOrder, Unknown};
 use super::export::{Activity, Exports, RawReply};
 use super::interface::{Direction, Interface};
 use super::port::{InputSet, OutputSet};
+use comms::logic::database::DatabaseAnswer;
 use comms::logic::object::ObjectError;
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
@@ -67,6 +69,16 @@ pub trait Module: Send {
     fn answered(&mut self, call: &str, number: u64, result: Result<Vec<u8>, ObjectError>) -> Delivery {
         let _ = (call, number);
         drop(result);
+        Delivery::Stored
+    }
+
+    /// Takes what the last call wants of the database, in order.
+    fn drain_database(&mut self, _: &mut dyn FnMut(DatabaseOrder)) {}
+
+    /// Hands over what the database answers to a request; says whether a calculation is due at once.
+    fn database_answered(&mut self, number: u64, answer: Result<DatabaseAnswer, Unknown>) -> Delivery {
+        let _ = number;
+        drop(answer);
         Delivery::Stored
     }
 }
@@ -192,6 +204,7 @@ impl<C: Controller> Module for Instance<C> {
             Some(Err(why)) => tracing::warn!(why, "parameters of the database are ignored"),
             None => {}
         }
+        self.outputs.database().into_iter().for_each(|database| database.begin(now));
         self.controller.init(value)?;
         self.controller.run(now);
         Ok(())
@@ -211,6 +224,7 @@ impl<C: Controller> Module for Instance<C> {
 
     fn calculate(&mut self, now: Time) -> Progress {
         let tick = self.tick(now);
+        self.outputs.database().into_iter().for_each(|database| database.begin(now));
         let progress = self.controller.main_calc(tick, &self.inputs, &mut self.outputs);
         self.inputs.visit(&mut |_, input| input.mark_seen());
         match progress {
@@ -223,6 +237,7 @@ impl<C: Controller> Module for Instance<C> {
 
     fn stop(&mut self, now: Time) -> Stopping {
         let tick = self.tick(now);
+        self.outputs.database().into_iter().for_each(|database| database.begin(now));
         let stopping = self.controller.stop(tick, &self.inputs, &mut self.outputs);
         match stopping {
             Stopping::Again => self.inputs.visit(&mut |_, input| input.mark_seen()),
@@ -269,5 +284,17 @@ impl<C: Controller> Module for Instance<C> {
         });
         let trigger = self.interface.about.schedule.trigger;
         if trigger == Some(call) { Delivery::Triggers } else { Delivery::Stored }
+    }
+
+    fn drain_database(&mut self, order: &mut dyn FnMut(DatabaseOrder)) {
+        self.outputs.database().into_iter().flat_map(Database::take).for_each(order);
+    }
+
+    fn database_answered(&mut self, number: u64, answer: Result<DatabaseAnswer, Unknown>) -> Delivery {
+        if let Some(database) = self.outputs.database() {
+            database.deliver(number, answer);
+        }
+        let trigger = self.interface.about.schedule.trigger;
+        if trigger == Some(DATABASE) { Delivery::Triggers } else { Delivery::Stored }
     }
 }

@@ -1,6 +1,7 @@
 //! Typed ports, and sets of them, which `#[derive(Inputs)]` and `#[derive(Outputs)]` write.
 
 use super::calls::AnyCalls;
+use super::database::Database;
 use super::export::CallInterface;
 use super::port_interface::PortInterface;
 use comms::logic::time::Time;
@@ -298,6 +299,10 @@ pub trait OutputSet: Sized + Send + 'static {
     }
     /// Visits the calls in the same order.
     fn visit_calls(&mut self, _: &mut dyn FnMut(usize, &mut dyn AnyCalls)) {}
+    /// Returns the database, if it is among them.
+    fn database(&mut self) -> Option<&mut Database> {
+        None
+    }
 }
 
 impl InputSet for () {

@@ -13,6 +13,7 @@
 
 mod agreement;
 mod cycle;
+mod database;
 mod heartbeat;
 mod inbox;
 mod links;
@@ -174,11 +175,14 @@ impl Program {
         if let Some(watcher) = Watcher::of_environment() {
             watcher.tell(cycle.heartbeat())?;
         }
+        let database = cycle.database();
         let running = std::thread::Builder::new().name("cycle".to_owned()).spawn(move || cycle.run())?;
         obey_sigterm(&inbox, &self.notices)?;
         let code = loop {
             match orders.next() {
                 Ok(Order::Exit) => break ExitCode::SUCCESS,
+                Ok(Order::Database { number, answer }) => database.take(number, answer, &inbox),
+                Ok(Order::Resumed { .. }) => database.renew(&inbox),
                 Ok(order) => {
                     if let Err(error) = self.obey(order, &inbox, &links) {
                         break tell(&error.to_string(), ExitCode::FAILURE);
@@ -264,7 +268,7 @@ impl Program {
                     session.keep(&found).unwrap_or_else(|error| tracing::warn!(%error, "a link is not made again"));
                 }
             }
-            Order::Exit | Order::Resumed { .. } => {}
+            Order::Exit | Order::Resumed { .. } | Order::Database { .. } => {}
         }
         Ok(())
     }

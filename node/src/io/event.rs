@@ -2,6 +2,7 @@
 
 use crate::io::caller::Caller;
 use crate::io::peers::Arrival;
+use crate::io::program_database::ProgramDatabase;
 use crate::logic::effect::ProcessId;
 use crate::logic::protocol::{Deployment, Request};
 use comms::io::control::{ControlReceiver, ControlSender, Listener};
@@ -55,7 +56,7 @@ pub(crate) struct Connection {
 pub(crate) async fn hear_programs(
     listener: Listener,
     deployment: Deployment,
-    connected: Arc<AtomicU64>,
+    (connected, database): (Arc<AtomicU64>, ProgramDatabase),
     events: Sender<Event>,
 ) {
     let mut programs = JoinSet::new();
@@ -65,7 +66,7 @@ pub(crate) async fn hear_programs(
             Ok((sender, receiver)) => {
                 let number = connected.fetch_add(1, Ordering::Relaxed);
                 let connection = Connection { deployment: deployment.clone(), instance: String::new(), number };
-                let hearing = hear(events.clone(), connection, sender, receiver);
+                let hearing = hear((events.clone(), database.clone()), connection, sender, receiver);
                 programs.spawn(async move {
                     if let Err(error) = hearing.await {
                         tracing::warn!(error = format!("{error:#}"), "a program cannot be heard any more");
@@ -77,14 +78,16 @@ pub(crate) async fn hear_programs(
     }
 }
 
-/// Passes on what a program says, which begins with who it is, until it says no more.
+/// Passes on what a program says, which begins with who it is, until it says no more. What it asks of the database goes there
+/// directly.
 async fn hear(
-    events: Sender<Event>,
+    (events, database): (Sender<Event>, ProgramDatabase),
     mut connection: Connection,
     sender: ControlSender,
     mut receiver: ControlReceiver,
 ) -> anyhow::Result<()> {
     let Some(hello) = receiver.recv().await? else { return Ok(()) };
+    let mut requests = database.open(sender.clone());
     let (event, hello) = match hello {
         Notice::Hello { ref instance, .. } => {
             connection.instance.clone_from(instance);
@@ -102,7 +105,8 @@ async fn hear(
         | Notice::Aborted { .. }
         | Notice::Stopped { .. }
         | Notice::Expecting { .. }
-        | Notice::Taken { .. } => anyhow::bail!("a program did not say who it is"),
+        | Notice::Taken { .. }
+        | Notice::Database { .. } => anyhow::bail!("a program did not say who it is"),
     };
     // Who cannot tell the driver need not hear any more: it is gone.
     if events.send(event).await.is_err() {
@@ -110,7 +114,9 @@ async fn hear(
     }
     let mut notice = if hello.is_some() { hello } else { receiver.recv().await? };
     while let Some(said) = notice {
-        if events.send(Event::Control(connection.clone(), said)).await.is_err() {
+        if let Notice::Database { number, request } = said {
+            requests.take(number, request);
+        } else if events.send(Event::Control(connection.clone(), said)).await.is_err() {
             return Ok(());
         }
         notice = receiver.recv().await?;

@@ -6,6 +6,7 @@ use crate::io::child::reach::{Reached, reach};
 use crate::io::child::{self, ShimOrders, ShimReports};
 use crate::io::event::{Event, hear_programs};
 use crate::io::policy::{Admitted, ExecutionPolicy};
+use crate::io::program_database::ProgramDatabase;
 use crate::io::run_dir;
 use crate::io::secrets::Secrets;
 use crate::logic::attachments::Attachment;
@@ -68,6 +69,7 @@ pub(crate) struct Starter {
     shim: PathBuf,
     policy: ExecutionPolicy,
     secrets: Secrets,
+    database: ProgramDatabase,
     events: Sender<Event>,
     /// How many programs have connected.
     connected: Arc<AtomicU64>,
@@ -78,11 +80,17 @@ pub(crate) struct Starter {
 }
 
 impl Starter {
-    pub(crate) fn new(shim: PathBuf, policy: ExecutionPolicy, secrets: Secrets, events: Sender<Event>) -> Self {
+    pub(crate) fn new(
+        shim: PathBuf,
+        policy: ExecutionPolicy,
+        (secrets, database): (Secrets, ProgramDatabase),
+        events: Sender<Event>,
+    ) -> Self {
         Self {
             shim,
             policy,
             secrets,
+            database,
             events,
             connected: Arc::default(),
             listeners: BTreeMap::new(),
@@ -162,7 +170,7 @@ impl Starter {
 
     fn listen(&mut self, listener: Listener, deployment: &Deployment) {
         let (connected, events) = (Arc::clone(&self.connected), self.events.clone());
-        let hearing = hear_programs(listener, deployment.clone(), connected, events);
+        let hearing = hear_programs(listener, deployment.clone(), (connected, self.database.clone()), events);
         self.listeners.insert(deployment.clone(), self.tasks.spawn(hearing));
     }
 

@@ -15,6 +15,7 @@ pub mod disk;
 mod look;
 mod orders;
 mod other_team;
+pub mod program;
 pub mod question;
 mod refuse;
 pub mod settings;
@@ -347,6 +348,7 @@ impl Database {
                 Ok(version) => return say(Reply::Version(version)),
                 Err(why) => say(Reply::Refused(why.to_string())),
             },
+            Question::Follow { keys } => return self.follow(call, keys, effects),
             Question::Status => say(Reply::Status(Box::new(self.status(now)))),
             // Writes are taken together, see `handle`.
             Question::Commit(_) | Question::Resolve(_) | Question::Own(_) => {}
@@ -432,7 +434,7 @@ impl Database {
             replica::Answer::Reached(dot) => Reply::Reached(dot),
             replica::Answer::Pending(dot) => Reply::Pending(dot),
             replica::Answer::Refused(TxnError::NotOwner { owner, .. }) => Reply::NotOwner { owner },
-            replica::Answer::Refused(why) => Reply::Refused(why.to_string()),
+            replica::Answer::Refused(why) => refuse::unmet_or_refused(&why),
         };
         // Whoever waits for more than the local disk hears a second time.
         let more = matches!(reply, Reply::Committed(_)) && self.waiting.contains(&call);

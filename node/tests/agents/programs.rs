@@ -112,7 +112,8 @@ impl World {
             | Order::Shape { .. }
             | Order::Calls { .. }
             | Order::Rejoin
-            | Order::Resumed { .. } => {}
+            | Order::Resumed { .. }
+            | Order::Database { .. } => {}
             Order::Exit if self.lingers => {}
             Order::Exit => self.die(host, process, ShimReport::Exited { code: 0 }),
         }

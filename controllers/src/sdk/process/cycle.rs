@@ -1,5 +1,6 @@
 //! The control loop: the one thread that calls the controller, on absolute deadlines or when a trigger sample arrives.
 
+use super::database::{Answered, DatabaseLine};
 use super::heartbeat::{Heartbeat, Spends};
 use super::inbox::{Arrived, Command, Inbox, Item, TakenSwitch, ToServe};
 use super::links::Links;
@@ -44,6 +45,7 @@ pub(super) struct Cycle {
     inbox: Arc<Inbox>,
     links: Arc<Links>,
     notices: NoticeLog,
+    database: Arc<DatabaseLine>,
     heartbeat: Arc<Heartbeat>,
     schedule: Schedule,
     stop_within: Duration,
@@ -70,6 +72,7 @@ impl Cycle {
             module,
             inbox,
             links,
+            database: Arc::new(DatabaseLine::new(notices.clone())),
             notices,
             heartbeat: Arc::default(),
             schedule: about.schedule,
@@ -91,6 +94,11 @@ impl Cycle {
     /// Returns where the loop says what it does.
     pub(super) fn heartbeat(&self) -> Arc<Heartbeat> {
         Arc::clone(&self.heartbeat)
+    }
+
+    /// Returns its way to the database.
+    pub(super) fn database(&self) -> Arc<DatabaseLine> {
+        Arc::clone(&self.database)
     }
 
     /// Runs until it is told to leave and nothing runs any more. If the loop itself panics, the whole process leaves: a
@@ -259,6 +267,12 @@ impl Cycle {
                 triggered |= delivery == Some(Delivery::Triggers);
             }
         }
+        for Answered { activation, number, answer } in self.inbox.take_database() {
+            if !matches!(self.phase, Phase::Idle) && activation == self.activation {
+                let delivery = self.call(|module| module.database_answered(number, answer));
+                triggered |= delivery == Some(Delivery::Triggers);
+            }
+        }
         triggered && matches!(self.phase, Phase::Running)
     }
 
@@ -351,6 +365,7 @@ impl Cycle {
         let Phase::Stopping { ending, .. } = std::mem::replace(&mut self.phase, Phase::Idle) else { return };
         self.finish_switches();
         self.links.callers().cancel_all();
+        self.database.cancel_all();
         // The last values count, and the peaks since the last sample.
         self.signals_due = Time::ZERO;
         self.show(now());
@@ -374,6 +389,8 @@ impl Cycle {
         let (activation, inbox) = (self.activation, Arc::clone(&self.inbox));
         let order = &mut |call, order| links.callers().order(activation, call, order, &inbox);
         self.call(|module| module.drain_calls(order));
+        let (database, inbox) = (Arc::clone(&self.database), Arc::clone(&self.inbox));
+        self.call(|module| module.drain_database(&mut |order| database.order(activation, order, &inbox)));
     }
 
     fn show(&mut self, time: Time) {

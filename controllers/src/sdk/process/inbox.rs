@@ -1,5 +1,6 @@
 //! The inbox of the control loop: commands in order, and samples that have arrived.
 
+use super::database::Answered;
 use super::objects::Call;
 use crate::sdk::arguments::Arguments;
 use crate::sdk::export::RawReply;
@@ -105,6 +106,8 @@ struct Waiting {
     wanted: BTreeMap<CallId, Weak<AtomicBool>>,
     /// Answers to calls that this program makes.
     answers: Vec<OwnAnswer>,
+    /// Answers of the database.
+    database: Vec<Answered>,
     left: bool,
 }
 
@@ -252,6 +255,17 @@ impl Inbox {
 
     pub(super) fn take_answers(&self) -> Vec<OwnAnswer> {
         std::mem::take(&mut self.lock().answers)
+    }
+
+    /// Takes an answer of the database.
+    pub(super) fn database(&self, answered: Answered) {
+        // As many as there are requests, and as a watch may have on their way.
+        self.lock().database.push(answered);
+        self.wakeup.wake();
+    }
+
+    pub(super) fn take_database(&self) -> Vec<Answered> {
+        std::mem::take(&mut self.lock().database)
     }
 
     pub(super) fn next_command(&self) -> Option<Command> {

@@ -67,6 +67,8 @@ struct Log {
     kept: Kept,
     /// None while there is no node.
     channel: Option<NoticeSender>,
+    /// How many channels there were before.
+    channels: u64,
 }
 
 /// The newest notices, as they travel.
@@ -117,7 +119,7 @@ pub(super) fn connect(socket: &Path, instance: &str, parent: u32) -> Result<(Not
 
 impl NoticeLog {
     pub(super) fn new(sender: NoticeSender) -> Self {
-        Self { log: Arc::new(Mutex::new(Log { kept: Kept::default(), channel: Some(sender) })) }
+        Self { log: Arc::new(Mutex::new(Log { kept: Kept::default(), channel: Some(sender), channels: 0 })) }
     }
 
     /// Sends a notice, now or once a node is there; never waits.
@@ -137,6 +139,30 @@ impl NoticeLog {
             log.channel = None;
         }
         Ok(())
+    }
+
+    /// Sends what concerns the present channel alone, and keeps nothing; never waits. Returns the number of the channel, or none if
+    /// there is no node.
+    ///
+    /// # Errors
+    /// If it is too long.
+    pub(super) fn send_now(&self, notice: &Notice) -> Result<Option<u64>, ControlError> {
+        let frame = control::notice_frame(notice)?;
+        let mut log = self.lock();
+        let Some(channel) = &log.channel else { return Ok(None) };
+        if let Err(error) = channel.send_frame(frame) {
+            tracing::warn!(%error, "the node does not take requests");
+            channel.close();
+            log.channel = None;
+            return Ok(None);
+        }
+        Ok(Some(log.channels))
+    }
+
+    /// Returns the number of the present channel, or of the next one if there is none.
+    pub(super) fn channel(&self) -> u64 {
+        let log = self.lock();
+        log.channels + u64::from(log.channel.is_none())
     }
 
     /// Waits until the node has been sent everything; at most 2 s, and not for a node that is not there.
@@ -162,6 +188,7 @@ impl NoticeLog {
             channel.send_frame(frame.clone())?;
         }
         log.channel = Some(channel);
+        log.channels += 1;
         Ok(())
     }
 
@@ -193,7 +220,7 @@ impl Kept {
 }
 
 impl NodeLine {
-    /// Waits for the next order, however long there is no node that could give it.
+    /// Waits for the next order, however long there is no node that could give it. [`Order::Resumed`] says that there is one again.
     ///
     /// # Errors
     /// If there is no node and the program's parent is gone, too, or what the node says is not to be understood.
@@ -210,12 +237,14 @@ impl NodeLine {
                 Err(ControlError::Broken(error)) => tracing::warn!(%error, "the node is lost, and is looked for"),
                 Err(error) => return Err(LineError::NotUnderstood(error)),
             }
-            self.find_node()?;
+            let notices = self.find_node()?;
             tracing::info!("there is a node again");
+            return Ok(Order::Resumed { notices });
         }
     }
 
-    fn find_node(&mut self) -> Result<(), LineError> {
+    /// Returns how many notices the node has that was found.
+    fn find_node(&mut self) -> Result<u64, LineError> {
         self.notices.detach();
         let (pause, mut wait) = (Wakeup::default(), DIAL_FIRST);
         loop {
@@ -223,14 +252,14 @@ impl NodeLine {
             wait = (2 * wait).min(DIAL_EVERY);
             self.check_parent()?;
             match self.resume() {
-                Ok(()) => return Ok(()),
+                Ok(notices) => return Ok(notices),
                 Err(NotFound::Line(error)) => return Err(error),
                 Err(error) => tracing::debug!(%error, "no node was found"),
             }
         }
     }
 
-    fn resume(&mut self) -> Result<(), NotFound> {
+    fn resume(&mut self) -> Result<u64, NotFound> {
         let (sender, mut receiver) = control::connect(&self.socket, DIAL_EVERY)?;
         sender.send(&Notice::Resume { version: VERSION, instance: self.instance.clone(), orders: self.orders })?;
         let until = now() + ANSWER_WITHIN;
@@ -239,7 +268,7 @@ impl NodeLine {
                 Received::Order(Order::Resumed { notices }) => {
                     self.notices.attach(sender, notices)?;
                     self.receiver = receiver;
-                    return Ok(());
+                    return Ok(notices);
                 }
                 Received::Order(_) => return Err(NotFound::OutOfTurn),
                 Received::Ended => return Err(NotFound::Closed),

@@ -10,12 +10,14 @@ use crate::io::folder::FolderError;
 use crate::io::input_log::InputLog;
 use crate::io::journal::Journal;
 use crate::io::policy::ExecutionPolicy;
+use crate::io::program_database::ProgramDatabase;
 use crate::io::programs;
 use crate::io::run_dir::{self, PROGRAMS, RunDir};
 use crate::io::secrets::Secrets;
 use crate::io::starter::Starter;
 use crate::io::state_dir;
 use crate::logic::agent::{Agent, Identity};
+use crate::logic::database::program::Access;
 use crate::logic::node_state::NodeState;
 use crate::logic::programs::Programs;
 use crate::logic::protocol::Network;
@@ -45,7 +47,9 @@ pub(super) fn starter(
     (policy, events): (ExecutionPolicy, Sender<Event>),
 ) -> Starter {
     let secrets = Secrets::new(config.member.clone(), database.handle().clone(), &config.name);
-    Starter::new(programs::beside("dca-shim"), policy, secrets, events)
+    let access = Access { robot: config.name.clone(), is_team: config.member.is_some() };
+    let database = ProgramDatabase::new(database.handle().clone(), access);
+    Starter::new(programs::beside("dca-shim"), policy, (secrets, database), events)
 }
 
 /// Opens the journal: in the state that survives the node, if it has one.

@@ -69,7 +69,7 @@ impl Database {
     /// Ends a call that would be told up to which transactions there are, while some of them may not be on the disk; says
     /// whether it was one. A watcher that goes on from somewhere hears nothing, and comes again.
     pub(super) fn holds_back(&self, call: u64, question: &Question, effects: &mut Vec<Effect>) -> bool {
-        let asks = matches!(question, Question::Watch { .. } | Question::Version(AsOf::Now));
+        let asks = matches!(question, Question::Watch { .. } | Question::Follow { .. } | Question::Version(AsOf::Now));
         let Some(why) = self.closed.as_ref().filter(|_| asks) else { return false };
         if !matches!(question, Question::Watch { from: Some(_), .. }) {
             effects.push(Effect::AnswerCaller(call, Reply::Refused(why.clone())));
@@ -83,8 +83,8 @@ impl Database {
 fn unwritten(effect: Effect, why: &str) -> Vec<Effect> {
     match effect {
         Effect::AnswerCaller(call, Reply::Committed(_) | Reply::Done(_)) => {
-            let refused = Reply::Refused(format!("it may not have been written: {why}"));
-            vec![Effect::AnswerCaller(call, refused), Effect::End(call)]
+            let unknown = Reply::Unknown(format!("it may not have been written: {why}"));
+            vec![Effect::AnswerCaller(call, unknown), Effect::End(call)]
         }
         Effect::AnswerCaller(_, Reply::Notification(_) | Reply::Version(_)) => vec![],
         // What else was only asked is answered from what is in memory.

@@ -121,6 +121,12 @@ pub enum Question {
         /// The robot of the other team.
         robot: String,
     },
+    /// Asks for the present values of keys, and subscribes to their changes from there. Answered by a stream of
+    /// [`Reply::Entries`], the [`Reply::Version`] at which they stand, and a stream of [`Reply::Notification`].
+    Follow {
+        /// The keys.
+        keys: Keys,
+    },
 }
 
 /// A point in the history of one robot's copy.
@@ -258,6 +264,15 @@ pub enum Reply {
     Import(Vec<Difference>, Vec<Key>, Vec<Vec<Write>>),
     /// To `Owners`: prefixes, and who writes there; nothing if everybody may.
     Owners(Vec<(String, Option<String>)>),
+    /// To `Commit`: nothing was done, since a condition does not hold.
+    Unmet {
+        /// The key that it is about.
+        key: Key,
+        /// A sentence for a person.
+        why: String,
+    },
+    /// A sentence for a person: nobody knows whether it was done.
+    Unknown(String),
 }
 
 /// How a replica and its team are.

@@ -2,10 +2,10 @@
 //! keys for a caller on another machine.
 
 use super::Database;
-use super::question::{AckLevel, AsOf, Commit, Question};
+use super::question::{AckLevel, AsOf, Commit, Question, Reply};
 use crate::logic::table::counted;
 use dbmanager::logic::key::{Key, Namespace};
-use dbmanager::logic::txn::Draft;
+use dbmanager::logic::txn::{Draft, TxnError};
 use std::collections::BTreeSet;
 
 /// Below which prefix what never leaves the robot is.
@@ -69,6 +69,14 @@ fn begins_well(key: &Key) -> bool {
     key.namespace() != Namespace::Team || key.as_str().split('/').next() == Some("team")
 }
 
+/// Returns the answer to a transaction that was not committed.
+pub(super) fn unmet_or_refused(why: &TxnError) -> Reply {
+    if let TxnError::Precondition { key, .. } = why {
+        return Reply::Unmet { key: key.clone(), why: why.to_string() };
+    }
+    Reply::Refused(why.to_string())
+}
+
 /// Returns what a question of somebody on another machine comes to: the same without what is local.
 ///
 /// # Errors
@@ -96,6 +104,7 @@ pub(super) fn from_elsewhere(mut question: Question, now: &AsOf) -> Result<Quest
         | Question::Diff { .. }
         | Question::Version(_)
         | Question::Watch { .. }
+        | Question::Follow { .. }
         | Question::Import { .. }
         | Question::Owners => false,
     };

@@ -1,6 +1,8 @@
 //! The watchers of a database. Each gets every change once, and a slow one delays nobody.
 
+use super::look;
 use super::question::Reply;
+use super::refuse::LOCAL;
 use super::{Database, Effect};
 use dbmanager::logic::version_vector::VersionVector;
 use dbmanager::logic::view::as_of::AsOfError;
@@ -10,6 +12,8 @@ use dbmanager::logic::view::watch::Watch;
 /// How many watch at a time. The one that has watched for longest gives way: it can go on from where it was, and a command
 /// that was killed says nothing.
 const WATCHERS_MAX: usize = 256;
+/// The refusal of a watcher of local keys.
+const NO_NEWS: &str = "what is below `local/` can be read and written, not watched";
 /// How much one watcher is told in one turn.
 const ROOM: usize = 64;
 
@@ -26,6 +30,33 @@ impl Database {
         let watch = Watch::new(keys, from.clone(), log)?;
         self.watchers.insert(call, watch);
         Ok(from)
+    }
+
+    /// Answers with the present values of keys, then with the place where they stand, and begins to watch from there.
+    pub(super) fn follow(&mut self, call: u64, keys: Keys, effects: &mut Vec<Effect>) {
+        let mut say = |reply| effects.push(Effect::AnswerCaller(call, reply));
+        let first = match &keys {
+            Keys::Below(prefix) => prefix,
+            Keys::Only(key) => key.as_str(),
+        };
+        if first.starts_with(LOCAL) {
+            say(Reply::Refused(NO_NEWS.to_owned()));
+            return effects.push(Effect::End(call));
+        }
+        match &keys {
+            Keys::Below(prefix) => look::list(self.replica.state(), prefix, &mut say),
+            Keys::Only(key) => {
+                let versions = self.replica.state().versions(key).to_vec();
+                say(Reply::Entries(if versions.is_empty() { Vec::new() } else { vec![(key.clone(), versions)] }));
+            }
+        }
+        match self.watch(call, keys, None) {
+            Ok(version) => say(Reply::Version(version)),
+            Err(why) => {
+                say(Reply::Refused(why.to_string()));
+                effects.push(Effect::End(call));
+            }
+        }
     }
 
     /// Tells each watcher what comes next for it.

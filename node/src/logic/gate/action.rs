@@ -56,6 +56,7 @@ fn of_question(question: &Question) -> Option<Action> {
         | Question::Diff { .. }
         | Question::Version(_)
         | Question::Watch { .. }
+        | Question::Follow { .. }
         | Question::Export { .. }
         | Question::Import { .. }
         | Question::Owners => None,

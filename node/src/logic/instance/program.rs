@@ -61,7 +61,8 @@ impl Instance {
                     self.is_up(context);
                 }
             }
-            Notice::Connected | Notice::ConnectFailed { .. } | Notice::Resume { .. } => {}
+            // What is asked of the database never comes as far as the agent.
+            Notice::Connected | Notice::ConnectFailed { .. } | Notice::Resume { .. } | Notice::Database { .. } => {}
         }
     }
 

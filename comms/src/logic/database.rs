@@ -1,0 +1,304 @@
+//! What a program asks of the database of its node, over its control channel, and the answers.
+//!
+//! A request has a number of its program's choice. A `Get` and a `Transact` have one answer. A `Watch` has answers until it is
+//! cancelled or refused: [`DatabaseAnswer::Begin`], the present values, [`DatabaseAnswer::Complete`], then each committed change; and
+//! the same once more from `Begin` on, if the program was too slow, or the disk has failed. The node sends [`WINDOW`] parts of a watch at
+//! most that the program has not taken, so that a slow one neither fills its channel nor holds up its orders.
+//!
+//! Nothing here is repeated when a channel breaks. What was asked and not answered then is not known: a transaction may have been
+//! committed.
+
+mod value;
+
+pub use value::{DEPTH_MAX, Value, ValueError};
+
+use crate::logic::bytes::Bytes;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use thiserror::Error;
+
+/// How many requests of one program, watches left out, may have no answer at a time.
+pub const REQUESTS_MAX: usize = 32;
+/// How many watches a program has at a time.
+pub const WATCHES_MAX: usize = 8;
+/// How many parts of one watch are on their way to its program at most.
+pub const WINDOW: u32 = 8;
+/// The longest value, in bytes.
+pub const VALUE_SIZE_MAX: usize = 64 << 10;
+/// The most bytes of keys and values in one transaction. What the database adds to them has room beside them.
+pub const TRANSACTION_SIZE_MAX: usize = 240 << 10;
+
+/// A request of a program to the database of its node. Append only.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum DatabaseRequest {
+    /// Asks what a key holds. Answered by [`DatabaseAnswer::Value`].
+    Get {
+        /// The key.
+        key: String,
+    },
+    /// Asks for a transaction. Answered by [`DatabaseAnswer::Committed`] or [`DatabaseAnswer::Refused`].
+    Transact(Transaction),
+    /// Subscribes to a key, or to the keys below a prefix that ends in `/`.
+    Watch {
+        /// The key or prefix.
+        prefix: String,
+    },
+    /// The program has taken parts of the watch with this number.
+    Taken {
+        /// How many more.
+        parts: u32,
+    },
+    /// The watch with this number is not wanted any more.
+    Cancel,
+}
+
+/// Changes of several keys that happen together or not at all.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Transaction {
+    /// The reason, for the history.
+    pub reason: String,
+    /// What has to hold.
+    pub requires: Vec<Requirement>,
+    /// The writes; of several at one key the last counts.
+    pub writes: Vec<KeyWrite>,
+}
+
+/// A condition of a transaction.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Requirement {
+    /// The key that it is about.
+    pub key: String,
+    /// What the key has to be.
+    pub expected: Expected,
+}
+
+/// What a key has to be for a transaction to be committed. Append only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Expected {
+    /// It has no value.
+    Absent,
+    /// It has a value.
+    Exists,
+    /// Its value is of this transaction, and nobody has written concurrently.
+    Version(TxnId),
+}
+
+/// A value for a key.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct KeyWrite {
+    /// The key.
+    pub key: String,
+    /// The value; nothing to delete the key.
+    pub value: Option<Stored>,
+}
+
+/// A value as it is stored: see [`Value`].
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Stored {
+    /// How the bytes are meant.
+    pub tag: u8,
+    /// The bytes.
+    pub bytes: Bytes,
+}
+
+/// Names a transaction, and so the version of each key that it has written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct TxnId {
+    /// The replica that has committed it.
+    pub origin: u64,
+    /// Its number there, from 1.
+    pub seq: u64,
+}
+
+impl fmt::Display for TxnId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:016x}:{}", self.origin, self.seq)
+    }
+}
+
+/// A key with what a read shows.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Entry {
+    /// The key.
+    pub key: String,
+    /// The value; nothing if it was deleted.
+    pub value: Option<Stored>,
+    /// The transaction that has written it.
+    pub version: TxnId,
+    /// Whether somebody has written something else concurrently, and nobody has settled that.
+    pub is_conflict: bool,
+}
+
+/// A committed transaction that changes keys which are watched.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Change {
+    /// Its name.
+    pub version: TxnId,
+    /// The robot that has committed it.
+    pub by: String,
+    /// The reason that its writer gave.
+    pub reason: String,
+    /// What it has written to keys that are watched, all of it.
+    pub entries: Vec<Entry>,
+}
+
+/// An answer of the database to a program. Append only.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum DatabaseAnswer {
+    /// To `Get`: nothing if the key has no value.
+    Value(Option<Entry>),
+    /// To `Transact`: it is on the disk of this robot, and goes to all others.
+    Committed(TxnId),
+    /// Nothing was done.
+    Refused(DatabaseRefusal),
+    /// To `Watch`: the present values come next. What was known of them before is void.
+    Begin,
+    /// To `Watch`: some of the present values.
+    Present(Vec<Entry>),
+    /// To `Watch`: these were all. Changes come next.
+    Complete,
+    /// To `Watch`: a transaction was committed, here or on another robot.
+    Changed(Change),
+    /// To `Transact`: nobody knows whether it was committed, since the disk has failed.
+    Unknown {
+        /// Why, for a person.
+        why: String,
+    },
+}
+
+impl DatabaseAnswer {
+    /// Returns whether it is a part of a watch for which the program needs room.
+    pub const fn is_part(&self) -> bool {
+        matches!(self, Self::Begin | Self::Present(_) | Self::Complete | Self::Changed(_))
+    }
+}
+
+/// Why nothing was done. Append only.
+#[derive(Clone, Debug, Error, PartialEq, Eq, Serialize, Deserialize)]
+pub enum DatabaseRefusal {
+    /// A key is not what was expected: read it again.
+    #[error("{why}")]
+    Unmet {
+        /// The key.
+        key: String,
+        /// What it is instead, for a person.
+        why: String,
+    },
+    /// The program may not do that.
+    #[error("{why}")]
+    NotAllowed {
+        /// The key or prefix.
+        key: String,
+        /// The rule, for a person.
+        why: String,
+    },
+    /// Only another robot writes there.
+    #[error("only the robot `{robot}` writes there")]
+    NotOwner {
+        /// Its name.
+        robot: String,
+    },
+    /// A value or transaction is too long.
+    #[error("{size} bytes are more than the {size_max} that are allowed; give the parts keys of their own")]
+    TooLarge {
+        /// Its size in bytes.
+        size: u64,
+        /// The limit.
+        size_max: u64,
+    },
+    /// Too much of this program has no answer yet.
+    #[error("{waiting} requests of this program have no answer yet, which is the most; try again later")]
+    Busy {
+        /// How many.
+        waiting: u32,
+    },
+    /// There is no node just now: nothing was asked.
+    #[error("the node is away, so nothing was asked; try again when it is back")]
+    NoNode,
+    /// The database's own words.
+    #[error("{why}")]
+    Database {
+        /// For a person.
+        why: String,
+    },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::logic::codec;
+    use crate::logic::control::{Notice, Order};
+
+    fn ask(request: DatabaseRequest, golden: &str) {
+        let notice = Notice::Database { number: 300, request };
+        let bytes = codec::encode(&notice).unwrap();
+        assert_eq!(hex(&bytes), format!("4443070002000bac02{golden}"), "{notice:?}");
+        assert_eq!(codec::decode::<Notice>(&bytes), Ok(notice.clone()));
+        assert!(!notice.is_counted());
+    }
+
+    fn answer(answer: DatabaseAnswer, golden: &str) {
+        let order = Order::Database { number: 300, answer };
+        let bytes = codec::encode(&order).unwrap();
+        assert_eq!(hex(&bytes), format!("4443070001000eac02{golden}"), "{order:?}");
+        assert_eq!(codec::decode::<Order>(&bytes), Ok(order.clone()));
+        assert!(!order.is_counted());
+    }
+
+    fn hex(bytes: &[u8]) -> String {
+        bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+    }
+
+    fn stored() -> Option<Stored> {
+        Some(Stored { tag: 2, bytes: vec![1].into() })
+    }
+
+    fn entry() -> Entry {
+        Entry { key: "k".into(), value: stored(), version: TxnId { origin: 300, seq: 2 }, is_conflict: true }
+    }
+
+    #[test]
+    fn golden_requests() {
+        ask(DatabaseRequest::Get { key: "k".into() }, "00016b");
+        let require = |expected| Requirement { key: "k".into(), expected };
+        let version = Expected::Version(TxnId { origin: 300, seq: 2 });
+        let requires = [Expected::Absent, Expected::Exists, version].map(require).to_vec();
+        let writes = [stored(), None].map(|value| KeyWrite { key: "j".into(), value }).to_vec();
+        let transaction = Transaction { reason: "r".into(), requires, writes };
+        ask(DatabaseRequest::Transact(transaction), "01017203016b00016b01016b02ac020202016a01020101016a00");
+        ask(DatabaseRequest::Watch { prefix: "k/".into() }, "02026b2f");
+        ask(DatabaseRequest::Taken { parts: 3 }, "0303");
+        ask(DatabaseRequest::Cancel, "04");
+    }
+
+    #[test]
+    fn golden_answers() {
+        answer(DatabaseAnswer::Value(None), "0000");
+        answer(DatabaseAnswer::Value(Some(entry())), "0001016b01020101ac020201");
+        answer(DatabaseAnswer::Committed(TxnId { origin: 300, seq: 2 }), "01ac0202");
+        answer(DatabaseAnswer::Begin, "03");
+        answer(DatabaseAnswer::Present(vec![entry()]), "0401016b01020101ac020201");
+        answer(DatabaseAnswer::Complete, "05");
+        let (version, by) = (TxnId { origin: 300, seq: 2 }, "r1".to_owned());
+        let change = Change { version, by, reason: "x".into(), entries: vec![entry()] };
+        answer(DatabaseAnswer::Changed(change), "06ac0202027231017801016b01020101ac020201");
+        answer(DatabaseAnswer::Unknown { why: "x".into() }, "070178");
+    }
+
+    #[test]
+    fn golden_refusals() {
+        let refused = |refusal, golden: &str| answer(DatabaseAnswer::Refused(refusal), &format!("02{golden}"));
+        refused(DatabaseRefusal::Unmet { key: "k".into(), why: "x".into() }, "00016b0178");
+        refused(DatabaseRefusal::NotAllowed { key: "k".into(), why: "x".into() }, "01016b0178");
+        refused(DatabaseRefusal::NotOwner { robot: "r".into() }, "020172");
+        refused(DatabaseRefusal::TooLarge { size: 300, size_max: 2 }, "03ac0202");
+        refused(DatabaseRefusal::Busy { waiting: 3 }, "0403");
+        refused(DatabaseRefusal::NoNode, "05");
+        refused(DatabaseRefusal::Database { why: "x".into() }, "060178");
+    }
+
+    #[test]
+    fn a_transaction_is_named_as_people_see_it() {
+        assert_eq!(TxnId { origin: 0x9b01_c34e_5f6a_7788, seq: 3 }.to_string(), "9b01c34e5f6a7788:3");
+    }
+}

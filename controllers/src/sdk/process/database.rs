@@ -1,0 +1,149 @@
+//! What the controller asks of the database of its node, and what is not answered yet: between its loop and the control channel.
+//!
+//! Nothing is sent twice. When the node was lost, the answer to what was on its way is that nobody knows, and watches begin anew.
+
+use super::inbox::Inbox;
+use super::node_line::NoticeLog;
+use crate::sdk::database::{DatabaseOrder, Unknown};
+use comms::io::control::ControlError;
+use comms::logic::control::Notice;
+use comms::logic::database::{DatabaseAnswer, DatabaseRefusal, DatabaseRequest};
+use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// The way of a program to the database.
+#[derive(Debug)]
+pub(super) struct DatabaseLine {
+    notices: NoticeLog,
+    open: Mutex<Open>,
+}
+
+/// What is asked and not over.
+#[derive(Debug, Default)]
+struct Open {
+    made: u64,
+    /// By its number on the channel.
+    requests: BTreeMap<u64, Asked>,
+}
+
+#[derive(Debug)]
+struct Asked {
+    activation: u32,
+    /// Its number in the activation.
+    number: u64,
+    /// What is watched, if it is a watch: it is asked again.
+    watch: Option<DatabaseRequest>,
+    /// The channel that it went over; none if there was no node.
+    channel: Option<u64>,
+}
+
+/// An answer, for the loop.
+#[derive(Debug)]
+pub(super) struct Answered {
+    pub(super) activation: u32,
+    /// The number of the request in that activation.
+    pub(super) number: u64,
+    pub(super) answer: Result<DatabaseAnswer, Unknown>,
+}
+
+impl DatabaseLine {
+    pub(super) fn new(notices: NoticeLog) -> Self {
+        Self { notices, open: Mutex::default() }
+    }
+
+    /// Does what an activation wants; never waits.
+    pub(super) fn order(&self, activation: u32, order: DatabaseOrder, inbox: &Inbox) {
+        let mut open = self.open();
+        match order {
+            DatabaseOrder::Ask { number, request } => {
+                open.made += 1;
+                let (id, is_watch) = (open.made, matches!(request, DatabaseRequest::Watch { .. }));
+                let watch = is_watch.then(|| request.clone());
+                match self.notices.send_now(&Notice::Database { number: id, request }) {
+                    Ok(channel) if channel.is_some() || is_watch => {
+                        open.requests.insert(id, Asked { activation, number, watch, channel });
+                    }
+                    Ok(_) => inbox.database(refused(activation, number, DatabaseRefusal::NoNode)),
+                    Err(error) => inbox.database(refused(activation, number, too_long(&error))),
+                }
+            }
+            DatabaseOrder::Taken { number } => {
+                if let Some(id) = open.find(activation, number) {
+                    self.say(id, DatabaseRequest::Taken { parts: 1 });
+                }
+            }
+            DatabaseOrder::Cancel { number } => {
+                if let Some(id) = open.find(activation, number) {
+                    open.requests.remove(&id);
+                    self.say(id, DatabaseRequest::Cancel);
+                }
+            }
+        }
+    }
+
+    /// Takes an answer of the node.
+    pub(super) fn take(&self, id: u64, answer: DatabaseAnswer, inbox: &Inbox) {
+        let mut open = self.open();
+        // To one that is not wanted any more.
+        let Some(asked) = open.requests.get(&id) else { return };
+        let (activation, number) = (asked.activation, asked.number);
+        if !answer.is_part() {
+            open.requests.remove(&id);
+        }
+        inbox.database(Answered { activation, number, answer: Ok(answer) });
+    }
+
+    /// There is another channel: what went over those before has no answer, and watches begin anew.
+    pub(super) fn renew(&self, inbox: &Inbox) {
+        let (mut open, channel) = (self.open(), self.notices.channel());
+        let Open { made, requests } = &mut *open;
+        let (lost, kept) = std::mem::take(requests).into_iter().partition(|(_, asked)| asked.channel < Some(channel));
+        *requests = kept;
+        for asked in BTreeMap::into_values(lost) {
+            let (activation, number) = (asked.activation, asked.number);
+            let Some(request) = asked.watch.clone() else {
+                inbox.database(Answered { activation, number, answer: Err(Unknown::NodeLost) });
+                continue;
+            };
+            *made += 1;
+            let channel = self.notices.send_now(&Notice::Database { number: *made, request }).unwrap_or_default();
+            requests.insert(*made, Asked { channel, ..asked });
+        }
+    }
+
+    /// The activation is over, and wants nothing any more.
+    pub(super) fn cancel_all(&self) {
+        for (id, asked) in std::mem::take(&mut self.open().requests) {
+            if asked.watch.is_some() {
+                self.say(id, DatabaseRequest::Cancel);
+            }
+        }
+    }
+
+    /// Says something about a watch. Where there is no node, there is no watch.
+    fn say(&self, number: u64, request: DatabaseRequest) {
+        if let Err(error) = self.notices.send_now(&Notice::Database { number, request }) {
+            tracing::debug!(%error, "the node was not told");
+        }
+    }
+
+    fn open(&self) -> MutexGuard<'_, Open> {
+        self.open.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Open {
+    fn find(&self, activation: u32, number: u64) -> Option<u64> {
+        let mut requests = self.requests.iter();
+        let found = requests.find(|(_, asked)| asked.activation == activation && asked.number == number);
+        found.map(|(id, _)| *id)
+    }
+}
+
+fn refused(activation: u32, number: u64, why: DatabaseRefusal) -> Answered {
+    Answered { activation, number, answer: Ok(DatabaseAnswer::Refused(why)) }
+}
+
+fn too_long(error: &ControlError) -> DatabaseRefusal {
+    DatabaseRefusal::Database { why: error.to_string() }
+}

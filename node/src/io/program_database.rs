@@ -1,0 +1,174 @@
+//! Asks the database for the programs of this node, beside its loop: a task for each request and each watch of a program.
+//!
+//! The tasks of a program end with its channel. A transaction that was handed to the database is carried out all the same, whole.
+
+use crate::io::caller;
+use crate::io::database::Handle;
+use crate::logic::database::program::{self, Access};
+use crate::logic::database::question::{Question, Reply};
+use crate::logic::protocol::Answer;
+use comms::io::clock;
+use comms::io::control::ControlSender;
+use comms::logic::control::Order;
+use comms::logic::database::{DatabaseAnswer, DatabaseRefusal, DatabaseRequest, REQUESTS_MAX, WATCHES_MAX, WINDOW};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+use tokio::sync::Semaphore;
+use tokio::task::{AbortHandle, JoinSet};
+
+/// Until a watch begins anew that the database has ended: its disk has failed, or too many watch.
+const AGAIN_AFTER: Duration = Duration::from_millis(500);
+/// The first number of calls for programs; those of command lines are below, and those of the node itself above.
+const FIRST_CALL: u64 = 1 << 63;
+
+/// The way of programs to the database of their node.
+#[derive(Clone, Debug)]
+pub(crate) struct ProgramDatabase {
+    database: Handle,
+    access: Arc<Access>,
+    next: Arc<AtomicU64>,
+}
+
+/// What one program has asked and not heard yet.
+#[derive(Debug)]
+pub(crate) struct ProgramRequests {
+    way: ProgramDatabase,
+    sender: ControlSender,
+    /// One for each request.
+    requests: JoinSet<()>,
+    watches: BTreeMap<u64, Watching>,
+    /// One for each watch.
+    followers: JoinSet<()>,
+}
+
+#[derive(Debug)]
+struct Watching {
+    /// How many more parts the program takes.
+    room: Arc<Semaphore>,
+    task: AbortHandle,
+}
+
+impl Drop for Watching {
+    fn drop(&mut self) {
+        self.task.abort();
+    }
+}
+
+impl ProgramDatabase {
+    pub(crate) fn new(database: Handle, access: Access) -> Self {
+        Self { database, access: Arc::new(access), next: Arc::new(AtomicU64::new(FIRST_CALL)) }
+    }
+
+    /// Opens the way of one program.
+    pub(crate) fn open(&self, sender: ControlSender) -> ProgramRequests {
+        let (requests, watches, followers) = (JoinSet::new(), BTreeMap::new(), JoinSet::new());
+        ProgramRequests { way: self.clone(), sender, requests, watches, followers }
+    }
+
+    fn ask(&self, question: Question) -> caller::Answers {
+        let (caller, answers) = caller::answers();
+        self.database.call(self.next.fetch_add(1, Ordering::Relaxed), question, Some(caller));
+        answers
+    }
+
+    /// Asks for one answer.
+    async fn answer(self, question: Question) -> DatabaseAnswer {
+        let mut answers = self.ask(question);
+        while let Some(answer) = answers.next().await {
+            if let Some(answer) = reply(answer).and_then(program::answer) {
+                return answer;
+            }
+        }
+        DatabaseAnswer::Unknown { why: "the database has ended without an answer".to_owned() }
+    }
+
+    /// Tells a program what a watch brings, from the beginning again and again when it ends.
+    async fn follow(self, question: Question, number: u64, sender: ControlSender, room: Arc<Semaphore>) {
+        loop {
+            if !tell(&sender, number, DatabaseAnswer::Begin, &room).await {
+                return;
+            }
+            let mut answers = self.ask(question.clone());
+            while let Some(part) = answers.next().await.and_then(reply).and_then(program::part) {
+                if !tell(&sender, number, part, &room).await {
+                    return;
+                }
+            }
+            drop(answers);
+            clock::sleep_until(clock::now() + AGAIN_AFTER).await;
+        }
+    }
+}
+
+fn reply(answer: Answer) -> Option<Reply> {
+    if let Answer::Database(reply) = answer { Some(reply) } else { None }
+}
+
+/// Sends a part of a watch once the program has room for it. Returns whether it still can be reached.
+async fn tell(sender: &ControlSender, number: u64, answer: DatabaseAnswer, room: &Semaphore) -> bool {
+    let Ok(permit) = room.acquire().await else { return false };
+    permit.forget();
+    send(sender, number, answer)
+}
+
+fn send(sender: &ControlSender, number: u64, answer: DatabaseAnswer) -> bool {
+    let sent = sender.send(&Order::Database { number, answer });
+    if let Err(error) = &sent {
+        tracing::warn!(%error, "a program does not take an answer of the database");
+    }
+    sent.is_ok()
+}
+
+impl ProgramRequests {
+    /// Takes a request of the program.
+    pub(crate) fn take(&mut self, number: u64, request: DatabaseRequest) {
+        while self.requests.try_join_next().is_some() {}
+        while self.followers.try_join_next().is_some() {}
+        let access = &self.way.access;
+        let question = match request {
+            DatabaseRequest::Taken { parts } => return self.has_taken(number, parts),
+            DatabaseRequest::Cancel => return drop(self.watches.remove(&number)),
+            DatabaseRequest::Watch { prefix } => {
+                let question = access.follow(&prefix);
+                return self.watch(number, question);
+            }
+            DatabaseRequest::Get { key } => access.get(key),
+            DatabaseRequest::Transact(transaction) => access.transact(transaction),
+        };
+        let question = if self.requests.len() < REQUESTS_MAX { question } else { Err(program::busy()) };
+        match question {
+            Ok(question) => {
+                let (way, sender) = (self.way.clone(), self.sender.clone());
+                self.requests.spawn(async move {
+                    let answer = way.answer(question).await;
+                    send(&sender, number, answer);
+                });
+            }
+            Err(why) => drop(send(&self.sender, number, DatabaseAnswer::Refused(why))),
+        }
+    }
+
+    fn watch(&mut self, number: u64, question: Result<Question, DatabaseRefusal>) {
+        let has_room = self.watches.len() < WATCHES_MAX && !self.watches.contains_key(&number);
+        let question =
+            question.and_then(|question| if has_room { Ok(question) } else { Err(program::watches_enough()) });
+        match question {
+            Ok(question) => {
+                let room = Arc::new(Semaphore::new(usize::try_from(WINDOW).unwrap_or(1)));
+                let following = self.way.clone().follow(question, number, self.sender.clone(), Arc::clone(&room));
+                let task = self.followers.spawn(following);
+                self.watches.insert(number, Watching { room, task });
+            }
+            Err(why) => drop(send(&self.sender, number, DatabaseAnswer::Refused(why))),
+        }
+    }
+
+    /// Makes room for more parts of a watch, as many as are allowed.
+    fn has_taken(&self, number: u64, parts: u32) {
+        let Some(Watching { room, .. }) = self.watches.get(&number) else { return };
+        let missing = usize::try_from(WINDOW).unwrap_or(1).saturating_sub(room.available_permits());
+        room.add_permits(usize::try_from(parts).unwrap_or(usize::MAX).min(missing));
+    }
+}

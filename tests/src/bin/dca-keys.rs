@@ -1,0 +1,212 @@
+//! Controllers for tests that use the database: one writes keys at 100 Hz, one watches them, and one counts at a key that others
+//! count at, too. Each writes down what it was answered.
+
+use controllers::sdk::{
+    About, Arguments, Controller, Database, DatabaseError, DatabaseRefusal, Entry, Expected, Kind, Outputs, Parameter,
+    Progress, Registry, Tick, Transaction, TxnId, Value, WatchEvent, process,
+};
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use std::process::ExitCode;
+use std::time::Duration;
+
+/// How often the writer writes.
+const PERIOD: Duration = Duration::from_millis(10);
+/// How long an answer may take: a disk of a test's machine is slow at times.
+const WITHIN: Duration = Duration::from_secs(5);
+
+#[derive(Outputs)]
+struct Asks {
+    #[database]
+    database: Database,
+}
+
+/// A file of lines, each of which is there once it was written.
+struct Log(File);
+
+impl Log {
+    fn open(arguments: &Arguments) -> Result<Self, String> {
+        let opened = OpenOptions::new().create(true).append(true).open(arguments.text("file"));
+        opened.map(Self).map_err(|error| error.to_string())
+    }
+
+    fn add(&mut self, line: &str) {
+        self.0.write_all(format!("{line}\n").as_bytes()).expect("the folder is the test's own");
+    }
+}
+
+const fn text(name: &'static str) -> Parameter {
+    Parameter::new(name, Kind::Text(&[]))
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "it is small and positive")]
+fn count(arguments: &Arguments, name: &str) -> u64 {
+    arguments.number(name) as u64
+}
+
+/// Puts the time, in nanoseconds, at some keys below a prefix, all in one transaction: `committed 1234`, `refused WHY`,
+/// `unknown WHY`.
+struct Writer {
+    prefix: String,
+    keys: u64,
+    log: Log,
+}
+
+impl Controller for Writer {
+    type Inputs = ();
+    type Outputs = Asks;
+    const TYPE: &'static str = "Writer";
+
+    fn about() -> About {
+        const PARAMETERS: &[Parameter] =
+            &[text("prefix"), Parameter::new("keys", Kind::Number(1.0, 1000.0)), text("file")];
+        About::service("Writes keys at 100 Hz.").every(PERIOD).with(PARAMETERS)
+    }
+
+    fn new(arguments: &Arguments) -> Result<Self, String> {
+        let (prefix, keys) = (arguments.text("prefix").to_owned(), count(arguments, "keys"));
+        Ok(Self { prefix, keys, log: Log::open(arguments)? })
+    }
+
+    fn main_calc(&mut self, tick: Tick, (): &(), outputs: &mut Asks) -> Progress {
+        let now = i64::try_from(tick.now.nanos()).unwrap_or(i64::MAX);
+        let put = |all: Transaction, key| all.put(format!("{}{key}", self.prefix), now);
+        let all = (0..self.keys).fold(Transaction::new("a test writes"), put);
+        outputs.database.transact(all, WITHIN);
+        while let Some((_, result)) = outputs.database.committed() {
+            self.log.add(&told(&result));
+        }
+        Progress::Continue
+    }
+}
+
+fn told(result: &Result<TxnId, DatabaseError>) -> String {
+    match result {
+        Ok(version) => format!("committed {version}"),
+        Err(DatabaseError::Refused(why)) => format!("refused {why}"),
+        Err(DatabaseError::Unknown(why)) => format!("unknown {why}"),
+    }
+}
+
+/// Writes down what it is told of the keys below a prefix: `begin`, `present 3`, `complete`, and for each change
+/// `changed 1234 5 9b01c34e5f6a7788:3`: when, how many keys, and the transaction, then for each key its value.
+struct Watcher {
+    prefix: String,
+    log: Log,
+}
+
+impl Controller for Watcher {
+    type Inputs = ();
+    type Outputs = Asks;
+    const TYPE: &'static str = "Watcher";
+
+    fn about() -> About {
+        const PARAMETERS: &[Parameter] = &[text("prefix"), text("file")];
+        About::service("Watches keys.").every(10 * PERIOD).triggered_by("database").with(PARAMETERS)
+    }
+
+    fn new(arguments: &Arguments) -> Result<Self, String> {
+        Ok(Self { prefix: arguments.text("prefix").to_owned(), log: Log::open(arguments)? })
+    }
+
+    fn main_calc(&mut self, tick: Tick, (): &(), outputs: &mut Asks) -> Progress {
+        if tick.elapsed == 10 * PERIOD && !self.prefix.is_empty() {
+            outputs.database.watch(std::mem::take(&mut self.prefix));
+        }
+        while let Some((_, event)) = outputs.database.event() {
+            let line = match event {
+                WatchEvent::Begin => "begin".to_owned(),
+                WatchEvent::Present(entries) => format!("present {}", entries.len()),
+                WatchEvent::Complete => "complete".to_owned(),
+                WatchEvent::Changed(change) => {
+                    let values: Vec<String> = change.entries.iter().map(shown).collect();
+                    format!("changed {} {} {} {}", tick.now.nanos(), values.len(), change.version, values.join(" "))
+                }
+                WatchEvent::Refused(why) => format!("refused {why}"),
+            };
+            self.log.add(&line);
+        }
+        Progress::Continue
+    }
+}
+
+fn shown(entry: &Entry) -> String {
+    let number = entry.value.as_ref().and_then(|stored| i64::try_from(stored.value()).ok());
+    number.map_or("-".to_owned(), |number| number.to_string())
+}
+
+/// Counts at a key, one more each time, so often; then it is done. Others may count there, too: `committed 3` or `unmet`.
+struct Counter {
+    key: String,
+    left: u64,
+    log: Log,
+    next: Next,
+}
+
+/// What a counter does next.
+enum Next {
+    Read,
+    Wait,
+}
+
+impl Counter {
+    fn read(&mut self, value: Option<Entry>, database: &mut Database) {
+        let expected = value.as_ref().map_or(Expected::Absent, |entry| Expected::Version(entry.version));
+        let before = value.and_then(|entry| entry.value).map_or(Value::Integer(0), |stored| stored.value());
+        let number = i64::try_from(before).expect("only counters write there") + 1;
+        database.put(self.key.clone(), number, Some(expected), WITHIN);
+    }
+}
+
+impl Controller for Counter {
+    type Inputs = ();
+    type Outputs = Asks;
+    const TYPE: &'static str = "Counter";
+
+    fn about() -> About {
+        const PARAMETERS: &[Parameter] = &[text("key"), Parameter::new("times", Kind::Number(1.0, 1e6)), text("file")];
+        About::task("Counts at a key.").every(PERIOD).triggered_by("database").with(PARAMETERS)
+    }
+
+    fn new(arguments: &Arguments) -> Result<Self, String> {
+        let (key, left) = (arguments.text("key").to_owned(), count(arguments, "times"));
+        Ok(Self { key, left, log: Log::open(arguments)?, next: Next::Read })
+    }
+
+    fn main_calc(&mut self, _: Tick, (): &(), outputs: &mut Asks) -> Progress {
+        let database = &mut outputs.database;
+        while let Some((_, result)) = database.value() {
+            match result {
+                Ok(value) => self.read(value, database),
+                Err(why) => return Progress::Aborted(why.to_string()),
+            }
+        }
+        while let Some((_, result)) = database.committed() {
+            self.next = Next::Read;
+            match result {
+                Ok(_) => {
+                    self.left = self.left.saturating_sub(1);
+                    self.log.add("committed");
+                }
+                Err(DatabaseError::Refused(DatabaseRefusal::Unmet { .. })) => self.log.add("unmet"),
+                Err(why) => return Progress::Aborted(why.to_string()),
+            }
+        }
+        if self.left == 0 {
+            return Progress::Done(Vec::new());
+        }
+        if matches!(self.next, Next::Read) {
+            self.next = Next::Wait;
+            database.get(self.key.clone(), WITHIN);
+        }
+        Progress::Continue
+    }
+}
+
+fn main() -> ExitCode {
+    let mut registry = Registry::default();
+    registry.add::<Writer>();
+    registry.add::<Watcher>();
+    registry.add::<Counter>();
+    process::run(&registry)
+}
