@@ -194,6 +194,9 @@ fn a_node_that_is_killed_leaves_its_programs_their_database() {
     ];
     let mission = deploy((&cluster, &here), &all, "watcher, writer");
     wait_for_more(&cluster, "watcher", "changed", 20);
+    // A program that comes back is told its parameters, too.
+    let put = here.ask(&["db", "put", "robot/c1/params/keys/writer/keys", "2.0"]);
+    assert_eq!(put.code, Some(0), "{put}");
     node.kill();
     let _node = here.node("c1", &[]);
     wait_for_more(&cluster, "watcher", "changed", 50);

@@ -294,9 +294,10 @@ impl Driver {
             }
             Event::Resumed { connection: Connection { deployment, instance, number }, sender, version, orders } => {
                 let process = self.state.attachments.find(&deployment, &instance)?.clone();
-                self.tell_parameters(&sender, &deployment, &instance);
                 self.awaited.remove(&process);
                 let why = self.resume(&process, &sender, (version, orders)).err();
+                // After the first order that it waits for.
+                self.tell_parameters(&sender, &deployment, &instance);
                 self.programs.insert(process.clone(), (number, sender));
                 why.map(|why| Input::Undelivered { process, why })
             }
