@@ -9,11 +9,13 @@ use super::diagnostics::Diagnostics;
 use super::spec::Spec;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Plan;
+use crate::similar;
 use crate::sites::{Consequence, EventKind, Fault, ProcessRef, Property, Sentence};
 use crate::source::Span;
 use crate::syntax::SyntaxKind;
 use crate::syntax::ast::{Name, Node};
 use names::Names;
+use std::time::Duration;
 use words::{Kind, Words};
 
 pub(crate) use names::{EVENTS, STATES};
@@ -90,12 +92,32 @@ type Read<T> = Result<T, Box<Diagnostic>>;
 /// What a sentence is that has none of the forms.
 fn unreadable(words: &Words) -> Box<Diagnostic> {
     let message = format!("expected {}, found {}", words.wanted(), words.here());
-    let help = match words.kind() {
+    let found = Diagnostic::new(Code::E0801, words.place(), message);
+    // What is wanted stands between backquotes, as in "`only after` or `at most`".
+    let wanted = words.wanted().split('`').skip(1).step_by(2).flat_map(str::split_whitespace);
+    if let Some(near) = words.next_name().and_then(|name| similar::nearest(name, wanted)) {
+        return Box::new(found.replace(words.place(), near));
+    }
+    Box::new(found.help(match words.kind() {
         Kind::Sentence => format!("a sentence is one of: {}", FORMS.map(|form| format!("`{form}`")).join("; ")),
         Kind::Formula => formula::FORMS.to_owned(),
-    };
-    Box::new(Diagnostic::new(Code::E0801, words.place(), message).help(help))
+    }))
 }
+
+/// What a sentence begins with, if not with a process; and what has to follow, for words that may also be a process.
+const BEGINNINGS: [(&str, &str); 11] = [
+    ("never", ""),
+    ("always", ""),
+    ("after", ""),
+    ("on", ""),
+    ("eventually", ""),
+    ("exclusive", ""),
+    ("assume", ""),
+    ("holds", ""),
+    ("can", "`finish`"),
+    ("finishes", "`within`"),
+    ("stops", "`within`"),
+];
 
 fn sentence(words: &mut Words, names: &Names<'_>) -> Read<Sentence> {
     let sentence = if words.eat("never") {
@@ -127,9 +149,8 @@ fn sentence(words: &mut Words, names: &Names<'_>) -> Read<Sentence> {
     } else if words.eat("assume") {
         let who = who(words, names)?;
         words.need("takes")?;
-        let least = words.time()?;
-        words.need("..")?;
-        Sentence::Assume(who, least, words.time()?)
+        let (least, most) = range(words)?;
+        Sentence::Assume(who, least, most)
     } else if words.eat("holds") {
         words.need("ltl")?;
         Sentence::Holds(formula::read(words, names)?)
@@ -139,12 +160,25 @@ fn sentence(words: &mut Words, names: &Names<'_>) -> Read<Sentence> {
     if words.is_over() { Ok(sentence) } else { Err(unreadable(words.want("`;`"))) }
 }
 
+/// `1 s .. 15 s`
+fn range(words: &mut Words) -> Read<(Duration, Duration)> {
+    let place = words.place();
+    let least = words.time()?;
+    words.need("..")?;
+    let most = words.time()?;
+    if least > most {
+        let message = "the shortest time comes first: `takes 1 s .. 15 s`";
+        return Err(Box::new(Diagnostic::new(Code::E0009, place, message)));
+    }
+    Ok((least, most))
+}
+
 /// `b only after a.done`, `b at most once`
 fn about(words: &mut Words, names: &Names<'_>) -> Read<Sentence> {
     if !words.is_name() {
         return Err(unreadable(words.want("a sentence")));
     }
-    let subject = who(words, names)?;
+    let subject = subject(words, names)?;
     if words.eat_two("only", "after") {
         return Ok(Sentence::OnlyAfter(subject, names.occurrence(words, EventKind::Done(None))?));
     }
@@ -153,6 +187,20 @@ fn about(words: &mut Words, names: &Names<'_>) -> Read<Sentence> {
         return Ok(Sentence::AtMost(subject, times));
     }
     Err(unreadable(words.want("`only after` or `at most`")))
+}
+
+/// The process that a sentence begins with.
+fn subject(words: &mut Words, names: &Names<'_>) -> Read<ProcessRef> {
+    let first = words.next_name().unwrap_or_default().to_owned();
+    let before = words.peek();
+    who(words, names).map_err(|unknown| match BEGINNINGS.iter().find(|(word, _)| *word == first) {
+        Some((word, wanted)) => {
+            *words = before;
+            words.eat(word);
+            unreadable(words.want(wanted))
+        }
+        None => names.or_word(unknown, &before, BEGINNINGS.map(|(word, _)| word)),
+    })
 }
 
 fn who(words: &mut Words, names: &Names<'_>) -> Read<ProcessRef> {
@@ -193,7 +241,8 @@ fn consequence(words: &mut Words, names: &Names<'_>) -> Read<Consequence> {
     if words.eat("eventually") {
         return Ok(Consequence::Eventually(names.occurrence(words, EventKind::Started)?));
     }
-    let who = who(words, names)?;
+    let before = words.peek();
+    let who = who(words, names).map_err(|unknown| names.or_word(unknown, &before, ["never", "not", "eventually"]))?;
     words.need("stopped")?;
     let limit = if words.eat("within") { Some(words.time()?) } else { None };
     Ok(Consequence::Stopped(who, limit))

@@ -195,6 +195,22 @@ impl Names<'_> {
         })
     }
 
+    /// Offers a word of the language where a name is unknown that looks more like it than like any process.
+    pub(super) fn or_word<const N: usize>(
+        &self,
+        unknown: Box<Diagnostic>,
+        words: &Words,
+        wanted: [&'static str; N],
+    ) -> Box<Diagnostic> {
+        let (name, place) = (words.next_name().unwrap_or_default(), words.place());
+        match similar::nearest(name, wanted) {
+            Some(near) if unknown.code == Code::E0802 && unknown.primary.span == place && unknown.fix.is_none() => {
+                Box::new(unknown.replace(place, near))
+            }
+            Some(_) | None => unknown,
+        }
+    }
+
     /// A host of the plan.
     pub(super) fn host(&self, words: &mut Words) -> Read<String> {
         let Some((name, span)) = words.name() else { return Err(unreadable(words.want("a host"))) };

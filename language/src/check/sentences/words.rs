@@ -223,7 +223,12 @@ impl Words {
     }
 
     pub(super) fn is_name(&self) -> bool {
-        self.tokens.get(self.at).is_some_and(|token| token.kind == Ident)
+        self.next_name().is_some()
+    }
+
+    /// The next word, if it is a name or looks like one.
+    pub(super) fn next_name(&self) -> Option<&str> {
+        self.tokens.get(self.at).filter(|token| token.kind == Ident).map(|token| token.text.as_str())
     }
 
     fn is(&self, ahead: usize, word: &str) -> bool {
