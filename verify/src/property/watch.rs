@@ -110,6 +110,15 @@ impl<'w> Watch<'w> {
         self.seats.is(change, event)
     }
 
+    /// Whether a process that is to start once there is a fault runs already, and goes on: nothing has struck it itself.
+    fn goes_on(&self, system: &System<'_>, frame: &Frame, start: &Occurrence) -> bool {
+        let Occurrence { who, kind: EventKind::Started } = *start else { return false };
+        let at = self.seats.seat(who).map(|seat| seat.at);
+        let is_struck = system.mode.fault.is_some_and(|fault| at == Some((fault.unit, fault.member)));
+        let runs = is_running(system, frame, who) && self.is_active(system, frame, who);
+        !is_struck && runs && (who.member.is_none() || self.is_there(system, frame, who))
+    }
+
     /// Whether the event, or the fault, happens in a transition.
     fn happens(&self, is_fault: bool, changes: &[Change], event: Option<&Occurrence>) -> bool {
         event.map_or(is_fault, |event| changes.iter().any(|change| self.is(change, event)))
@@ -230,16 +239,15 @@ impl Observer for Watch<'_> {
                 self.is_still_allowed(is_over, changes, (event.as_ref(), other), after)
             }
             Goal::Owed(event, other) => {
-                if event.is_none() && note == 0 && self.happens(is_fault, changes, None) {
-                    after.notes[0] = 1;
+                if event.is_none() && self.happens(is_fault, changes, None) {
+                    after.notes[0] = u8::from(!self.goes_on(system, after, other));
                 }
                 for change in changes {
                     if event.as_ref().is_some_and(|event| self.is(change, event)) {
                         after.notes[0] = 1;
                     }
                     if self.is(change, other) {
-                        // EventKind has happened before a fault need not happen again.
-                        after.notes[0] = if event.is_none() { 2 } else { 0 };
+                        after.notes[0] = 0;
                     }
                 }
                 true
