@@ -32,8 +32,13 @@ impl Times<'_, '_> {
         if let Some((group, slot, _)) = common {
             self.count_messages(group, slot);
         }
+        // A group ends once what is in it beside the cause has stopped.
         let inside = causes.iter().take_while(|(inner, _)| *inner != last);
-        let before = inside.map(|(inner, _)| self.of_group(*inner).stop).try_fold(Duration::ZERO, sum)?;
+        let rest = inside.map(|&(group, slot)| {
+            let source = &self.model.plan.groups[group as usize];
+            self.rest_stops(Place { group, source, slot }, slot, &source.expression)
+        });
+        let before = rest.into_iter().try_fold(Duration::ZERO, sum)?;
         let Some((group, slot, other)) = common else {
             return sum(before, self.of_group(who.group).stop);
         };
