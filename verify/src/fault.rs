@@ -255,6 +255,32 @@ pub(crate) fn torn<'a>(model: &'a Model<'a>, named: &[(u32, u32)]) -> System<'a>
     System::new(model, 0, &|part| open[model.parts[part].group as usize])
 }
 
+/// What a fault comes to in one phase of the run.
+#[derive(Debug, Default)]
+struct PhaseRows {
+    worst: Option<case::Judged>,
+    /// The first state in which something goes on in its place.
+    handled: Option<case::Judged>,
+}
+
+impl PhaseRows {
+    fn note(&mut self, judged: case::Judged) {
+        let is_worse = |known: &Option<case::Judged>| known.as_ref().is_none_or(|it| it.severity < judged.severity);
+        if is_worse(&self.worst) {
+            let before = self.worst.replace(judged);
+            self.handled = self.handled.take().or(before.filter(|it| it.severity == Severity::Handled));
+        } else if judged.severity == Severity::Handled && self.handled.is_none() {
+            self.handled = Some(judged);
+        }
+    }
+
+    /// The worst; and where that is safe, and something goes on in other states, that first: `safe` alone would promise too much.
+    fn rows(self) -> impl Iterator<Item = case::Judged> {
+        let is_safe = self.worst.as_ref().is_some_and(|worst| worst.severity == Severity::Safe);
+        self.handled.filter(|_| is_safe).into_iter().chain(self.worst)
+    }
+}
+
 /// Explores what some faults together do, and adds a row for each phase.
 fn of_strikes(times: &Times<'_, '_>, strikes: &[&Strike], limits: &Limits<'_>, table: &mut Table) {
     let name = || strikes.iter().map(|strike| strike.name.as_str()).collect::<Vec<_>>().join(" and ");
@@ -276,13 +302,10 @@ fn of_strikes(times: &Times<'_, '_>, strikes: &[&Strike], limits: &Limits<'_>, t
     });
     let case = Case::new(times, &system, &graph, struck.collect());
     let words: Vec<&str> = strikes.iter().map(|strike| strike.kind.word()).collect();
-    let mut worst: BTreeMap<String, case::Judged> = BTreeMap::new();
-    case.each_fault(|judged| {
-        if worst.get(&judged.phase).is_none_or(|known| known.severity < judged.severity) {
-            worst.insert(judged.phase.clone(), judged);
-        }
-    });
-    table.rows.extend(worst.into_values().map(|judged| case.row((name(), words.join(" and ")), judged)));
+    let mut phases: BTreeMap<String, PhaseRows> = BTreeMap::new();
+    case.each_fault(|judged| phases.entry(judged.phase.clone()).or_default().note(judged));
+    let rows = phases.into_values().flat_map(PhaseRows::rows);
+    table.rows.extend(rows.map(|judged| case.row((name(), words.join(" and ")), judged)));
 }
 
 impl Severity {

@@ -303,14 +303,14 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
     pub(super) fn row(&self, (program, fault): (String, String), judged: Judged) -> Row {
         let told = self.story(&judged);
         let effect = self.effect(&judged);
-        let Judged { phase, severity, mission, settled, after, .. } = judged;
+        let Judged { phase, severity, mission, settled, .. } = judged;
         let (mut running, stopping) = running(self.system, &settled.frame);
         running.extend(stopping);
         for struck in self.struck.iter().filter(|struck| struck.kind == FaultKind::Unanswered) {
             let name = struck.seat.and_then(|(unit, member)| member_name(self.system, unit, member));
             running.extend(name.map(|name| format!("perhaps {name}")));
         }
-        let safe_within = self.safe_within(&after, &settled).filter(|_| severity == Severity::Safe);
+        let safe_within = self.safe_within(&settled).filter(|_| severity == Severity::Safe);
         Row { program, fault, phase, effect, running, safe_within, mission, severity, story: told }
     }
 
@@ -381,18 +381,12 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
     }
 
     /// The longest time until nothing runs, if nothing does.
-    fn safe_within(&self, after: &Frame, settled: &Settled) -> Option<Duration> {
-        let mut longest = settled.after?;
+    fn safe_within(&self, settled: &Settled) -> Option<Duration> {
         // What stops by itself beyond the loss does so beside all that.
-        for (unit, member) in self.system.there(after).into_iter().filter(|_| self.system.mode.lost.is_some()) {
-            let waits = stops_by_itself_after(self.system.link_loss((unit, member)));
-            let is_done = settled.frame.states[unit].activity(member) == Activity::Idle;
-            let is_severed = self.system.is_severed(after, (unit, member)) || !is_done;
-            if is_severed {
-                longest = longest.max(waits.saturating_add(longest_stop(self.times, self.system, (unit, member))?));
-            }
-        }
-        Some(longest)
+        settled.beyond.iter().try_fold(settled.after?, |longest, seat| {
+            let waits = stops_by_itself_after(self.system.link_loss(*seat));
+            Some(longest.max(waits.saturating_add(longest_stop(self.times, self.system, *seat)?)))
+        })
     }
 }
 

@@ -5,7 +5,7 @@ use crate::story::effects;
 use crate::system::{Change, Frame, Label, Stepper, System};
 use crate::times::Times;
 use language::plan::LinkLoss;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 /// From the loss of a host to when every other has noted it: a node counts as missing 1 s after its last answer, and as lost 5 s later.
@@ -27,6 +27,8 @@ pub(super) struct Settled {
     pub(super) frame: Frame,
     /// How long that took; none if nothing bounds it.
     pub(super) after: Option<Duration>,
+    /// What ran meanwhile beyond the loss of a host: it stops by itself, as its `on_link_loss` says.
+    pub(super) beyond: BTreeSet<(usize, u32)>,
     /// What the nodes did when they noted the loss of a host.
     pub(super) noted: Vec<String>,
     /// Whether it never came to rest.
@@ -40,12 +42,21 @@ pub(super) fn settle<'s>(
     stepper: &mut Stepper<'s>,
     frame: &Frame,
 ) -> Settled {
-    let mut settled =
-        Settled { frame: frame.clone(), after: Some(Duration::ZERO), noted: Vec::new(), is_restless: false };
+    let mut settled = Settled {
+        frame: frame.clone(),
+        after: Some(Duration::ZERO),
+        beyond: BTreeSet::new(),
+        noted: Vec::new(),
+        is_restless: false,
+    };
     let (mut labels, mut changes) = (Vec::new(), Vec::<Change>::new());
     let mut now = Duration::ZERO;
     let mut since: BTreeMap<(u16, u16), Duration> = BTreeMap::new();
     for _ in 0..ANSWERS_MAX {
+        if system.mode.lost.is_some() {
+            let there = system.there(&settled.frame).into_iter();
+            settled.beyond.extend(there.filter(|seat| system.is_cut_off(&settled.frame, *seat)));
+        }
         system.labels(&settled.frame, &mut labels);
         let mut next: Option<(Duration, Label)> = None;
         since.retain(|seat, _| labels.contains(&Label::Stopped(seat.0, seat.1)));

@@ -177,6 +177,14 @@ impl System<'_> {
         self.is_cut(rift.units[unit], rift.seats[unit][member as usize])
     }
 
+    /// Whether the loss stands between a member and the home, or a supervisor above it.
+    pub(crate) fn is_cut_off(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
+        let Some(rift) = self.rift.as_ref().filter(|_| frame.is_faulty) else { return false };
+        let host = rift.seats[unit][member as usize];
+        let mut above = std::iter::successors(Some(unit), |unit| Some(self.units[*unit].parent?.0));
+        self.is_cut(rift.home, host) || above.any(|unit| self.is_cut(rift.units[unit], host))
+    }
+
     fn has_noted(&self, frame: &Frame, host: u32) -> bool {
         frame.rift.get(host as usize).is_some_and(|noted| *noted != 0)
     }
