@@ -5,7 +5,7 @@ use crate::logic::story_test::StoryTest;
 use crate::verify::{LimitArgs, Loaded, Refusal, compiled};
 use crate::{Controllers, check};
 use anyhow::{Context as _, anyhow};
-use language::Source;
+use language::{ReplayError, Source};
 use node::console::{self, Failure};
 use node::logic::table::counted;
 use std::path::{Path, PathBuf};
@@ -87,7 +87,7 @@ fn one(file: &Path, arguments: &Arguments) -> Result<Outcome, Failure> {
     let report = arguments.limits.with(|limits| verify::verify(&loaded.plan, &loaded.sites, limits));
     let played = test.script.as_ref().map(|script| script.play(&loaded.plan));
     let ends = played.as_ref().map(|played| &played.result);
-    if let Some(PlayResult::Ends(error @ language::ReplayError::Unknown { .. })) = ends {
+    if let Some(PlayResult::Ends(error @ ReplayError::Unknown { .. })) = ends {
         console::say(&format!(
             "FAILED {name}: it does not fit the spec: {error}; write it anew with `dca verify --test`\n"
         ));
@@ -97,8 +97,12 @@ fn one(file: &Path, arguments: &Arguments) -> Result<Outcome, Failure> {
         Some(finding) if finding.verdict == Verdict::Fails => {
             let again = match ends {
                 Some(PlayResult::Same) => "it comes to the same again",
-                Some(PlayResult::Other(_) | PlayResult::Ends(_)) => "it comes to it in another way",
-                None => "it is there again",
+                Some(
+                    PlayResult::Other(_)
+                    | PlayResult::Ends(ReplayError::Impossible { .. } | ReplayError::Unknown { .. }),
+                ) => "it comes to it in another way",
+                // A story about a lost host cannot be played, so nobody knows which way it takes.
+                Some(PlayResult::Ends(ReplayError::Unsupported { .. })) | None => "it is there again",
             };
             let story = told(finding, &loaded.spec, &loaded.interfaces, check::style());
             console::say(&format!("FAILED {name}: {again}\n{story}"));

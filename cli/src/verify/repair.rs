@@ -58,13 +58,76 @@ fn title(repair: &Repair) -> String {
     format!("verified: {}\n  instead of: {}\n", repair.fix.title, repair.sentence)
 }
 
-/// A difference as `patch` takes it, of texts that have as many lines.
+/// A difference as `patch` takes it, of texts that have as many lines. Lines keep their ends, also CR LF.
 fn difference(old: &Source, new: &Source) -> String {
-    let mut text = format!("--- {}\n+++ {}\n", old.name, new.name);
-    for (number, (before, after)) in (1..).zip(old.text.lines().zip(new.text.lines())) {
+    let mut text = format!("--- {}\n+++ {}\n", quoted(&old.name), quoted(&new.name));
+    let lines = old.text.split_inclusive('\n').zip(new.text.split_inclusive('\n'));
+    for (number, (before, after)) in (1..).zip(lines) {
         if before != after {
-            text += &format!("@@ -{number} +{number} @@\n-{before}\n+{after}\n");
+            text += &format!("@@ -{number} +{number} @@\n-{}+{}", whole_line(before), whole_line(after));
         }
     }
     text
+}
+
+/// A line of a difference, which says so if it is a last one that nothing ends.
+fn whole_line(line: &str) -> String {
+    if line.ends_with('\n') { line.to_owned() } else { format!("{line}\n\\ No newline at end of file\n") }
+}
+
+/// The name of a file as `patch` and `git apply` read it: with a blank or a sign of its own in it, between quotes.
+fn quoted(name: &str) -> String {
+    if name.chars().all(|sign| !sign.is_whitespace() && !sign.is_control() && sign != '"' && sign != '\\') {
+        return name.to_owned();
+    }
+    let mut text = String::from("\"");
+    for sign in name.chars() {
+        match sign {
+            '"' | '\\' => text.extend(['\\', sign]),
+            '\n' => text += "\\n",
+            '\t' => text += "\\t",
+            sign => text.push(sign),
+        }
+    }
+    text + "\""
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Write as _;
+    use std::process::{Command, Stdio};
+
+    #[test]
+    fn a_difference_says_where_nothing_ends_the_last_line() {
+        let of = |text: &str| Source::new("a.dca".to_owned(), text.to_owned());
+        let shown = difference(&of("a\r\nb"), &of("a\r\nc"));
+        assert_eq!(
+            shown,
+            "--- a.dca\n+++ a.dca\n@@ -2 +2 @@\n-b\n\\ No newline at end of file\n+c\n\\ No newline at end of file\n"
+        );
+    }
+
+    /// `patch` itself takes it, whatever ends the lines and whatever the file is called.
+    #[test]
+    fn patch_takes_a_difference() {
+        if Command::new("patch").arg("--version").output().is_err() {
+            println!("skipped: needs patch");
+            return;
+        }
+        let folder = std::env::temp_dir().join(format!("dca-patch-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        for name in ["plain.dca", "two words.dca", "a \"quote\" \\ in it.dca", "größe.dca"] {
+            for (old, new) in [("a\nb\nc\n", "a\nB\nc\n"), ("a\r\nb\r\n", "a\r\nB\r\n"), ("a\r\nb", "a\r\nB")] {
+                std::fs::write(folder.join(name), old).unwrap();
+                let of = |text: &str| Source::new(name.to_owned(), text.to_owned());
+                let mut patch = Command::new("patch");
+                let mut patch = patch.current_dir(&folder).stdin(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+                patch.stdin.take().unwrap().write_all(difference(&of(old), &of(new)).as_bytes()).unwrap();
+                assert!(patch.wait().unwrap().success(), "{name} {old:?}");
+                assert_eq!(std::fs::read_to_string(folder.join(name)).unwrap(), new, "{name}");
+            }
+        }
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
 }
