@@ -5,6 +5,7 @@
 
 use crate::change::{Probation, change, meant, revision};
 use crate::client::Clients;
+use crate::io::named_file;
 use crate::stop::{Located, locate};
 use crate::{ConnectArgs, Controllers, check};
 use anyhow::anyhow;
@@ -13,7 +14,7 @@ use language::{Code, Options, Source, compile, render, without_groups};
 use node::console::{self, Failure, block_on};
 use node::logic::protocol::Revision;
 use std::collections::BTreeSet;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The arguments of `dca add`.
 #[derive(Debug, clap::Args)]
@@ -102,8 +103,7 @@ fn piece(arguments: &AddArguments, (name, running): (&str, &Plan)) -> Result<Pla
     // Arguments of stand-ins do not matter, but for types without defaults.
     let (bare, with_arguments) = (text(arguments, (name, running), false), text(arguments, (name, running), true));
     // What the spec runs is running: its types count.
-    let spec = arguments.spec.as_ref().and_then(|spec| std::fs::canonicalize(spec).ok());
-    let is_spec = |path: &str| spec.is_some() && std::fs::canonicalize(path).ok() == spec;
+    let is_spec = |path: &str| arguments.spec.as_ref().is_some_and(|spec| named_file::are_same(spec, Path::new(path)));
     let types_of = |path: &str, text| if is_spec(path) { without_groups(&Source::new(path, text)).text } else { text };
     let others = check::others_with(&Source::new("<dca add>", bare.as_str()), &arguments.controllers, &types_of)?;
     // A mission that runs is not the place for a guess.

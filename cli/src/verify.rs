@@ -4,7 +4,7 @@ mod repair;
 
 use crate::check::json::diagnostic;
 use crate::follow::Spec;
-use crate::io::whole_file;
+use crate::io::{named_file, whole_file};
 use crate::{Controllers, check};
 use anyhow::{Context as _, anyhow};
 use comms::io::clock;
@@ -203,11 +203,6 @@ pub(crate) fn compiled(
     Ok(Loaded { spec, interfaces, plan, sites })
 }
 
-fn is_same_file(one: &Path, other: &Path) -> bool {
-    let real = |path: &Path| std::fs::canonicalize(path).ok();
-    real(one).is_some_and(|one| Some(one) == real(other))
-}
-
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let refusal = if arguments.json { Refusal::Json } else { Refusal::Text };
@@ -225,7 +220,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let story = report.findings.iter().find_map(|finding| Some((finding, finding.story.as_ref()?)));
     match arguments.svg.as_ref().zip(story) {
         Some((file, (finding, story))) => {
-            if is_same_file(file, &arguments.file) {
+            if named_file::are_same(file, &arguments.file) {
                 return Err(anyhow!("`{}` is the spec itself; give the picture another name", file.display()).into());
             }
             whole_file::put(file, story.svg(&finding.sentence).as_bytes()).context("writing the picture")?;

@@ -27,6 +27,12 @@ pub fn standard_input(bytes_max: usize) -> io::Result<String> {
     utf8(bounded(io::stdin().lock(), bytes_max)?)
 }
 
+/// Whether two paths lead to one file that is there.
+pub fn are_same(one: &Path, other: &Path) -> bool {
+    let real = |path: &Path| path.canonicalize().ok();
+    real(one).is_some_and(|one| Some(one) == real(other))
+}
+
 fn utf8(bytes: Vec<u8>) -> io::Result<String> {
     String::from_utf8(bytes).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
@@ -73,6 +79,17 @@ mod tests {
         fs::remove_dir_all(folder).unwrap();
     }
 
+    #[test]
+    fn two_names_of_one_file_are_the_same() {
+        let folder = folder("same");
+        let (file, link) = (folder.join("a"), folder.join("link"));
+        fs::write(&file, "a").unwrap();
+        std::os::unix::fs::symlink(&file, &link).unwrap();
+        assert!(are_same(&file, &folder.join(".").join("a")) && are_same(&file, &link));
+        assert!(!are_same(&file, &folder) && !are_same(&folder.join("b"), &folder.join("b")), "there is no `b`");
+        fs::remove_dir_all(folder).unwrap();
+    }
+
     /// A file may say that it has no length, and may have a terabyte without a block on the disk.
     #[test]
     fn a_limit_holds_whatever_the_file_says_of_itself() {
@@ -80,6 +97,7 @@ mod tests {
         let path = folder.join("long");
         File::create(&path).unwrap().set_len(1 << 40).unwrap();
         assert_eq!(why(&path), "it is longer than 1 MiB");
+        assert_eq!(text(&path, 1 << 16).unwrap_err().to_string(), "it is longer than 64 KiB");
         File::create(&path).unwrap().set_len(1 << 20).unwrap();
         assert_eq!(bytes(&path, 1 << 20).unwrap().len(), 1 << 20);
         assert!(text(Path::new("/proc/self/status"), 1 << 20).unwrap().contains("Pid:"));

@@ -3,6 +3,7 @@
 //! A name in a folder may belong to anything. A named pipe holds whoever opens it until somebody reads or writes, a device may
 //! have no end, and a regular file may be larger than the memory.
 
+use crate::logic::human::size;
 use rustix::fs::{FileType, Mode, OFlags, fstat, lstat, open, stat};
 use rustix::io::Errno;
 use std::fs::{File, OpenOptions};
@@ -94,7 +95,8 @@ pub fn bounded(from: impl Read, bytes_max: usize) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     from.take(bytes_max as u64 + 1).read_to_end(&mut bytes)?;
     if bytes.len() > bytes_max {
-        return Err(io::Error::new(ErrorKind::FileTooLarge, format!("it is longer than {} MiB", bytes_max >> 20)));
+        let message = format!("it is longer than {}", size(bytes_max as u64));
+        return Err(io::Error::new(ErrorKind::FileTooLarge, message));
     }
     Ok(bytes)
 }

@@ -1,4 +1,4 @@
-//! Times ([`span`]) and errors of the system ([`cause`]) as text for people, and values as JSON for people's tools. The bytes
+//! Times ([`span`]), sizes ([`size`]) and errors of the system ([`cause`]) as text for people, and values as JSON for people's tools. The bytes
 //! of those values in postcard stay as they were.
 //!
 //! Times are numbers in seconds. Numbers that name something are strings of 16 hexadecimal digits: most readers of JSON keep
@@ -10,6 +10,15 @@ pub fn span(time: std::time::Duration) -> String {
     let (number, unit) = if seconds >= 1.0 || time.is_zero() { (seconds, "s") } else { (seconds * 1e3, "ms") };
     let text = format!("{number:.3}");
     format!("{} {unit}", text.trim_end_matches('0').trim_end_matches('.'))
+}
+
+/// Returns a number of bytes in words, rounded down: `900 B`, `64 KiB`, `3 MiB`.
+pub fn size(bytes: u64) -> String {
+    match bytes {
+        0..1024 => format!("{bytes} B"),
+        1024..1_048_576 => format!("{} KiB", bytes / 1024),
+        _ => format!("{} MiB", bytes / 1_048_576),
+    }
 }
 
 /// Returns the system's words for an error within a sentence: `no such file or directory` for what the standard library calls

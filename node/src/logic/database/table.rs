@@ -2,6 +2,7 @@
 
 use super::question::{Clock, MemberStatus, Status};
 use crate::logic::table::{counted, table};
+use comms::logic::human::size;
 use dbmanager::logic::view::date;
 use dbmanager::logic::view::status::Lag;
 use std::cmp::Reverse;
@@ -149,14 +150,6 @@ pub fn span(time: Duration) -> String {
         format!("{:.0} h", seconds / 3600.0)
     } else {
         format!("{:.0} days", seconds / 86_400.0)
-    }
-}
-
-fn size(bytes: u64) -> String {
-    match bytes {
-        0..1024 => format!("{bytes} B"),
-        1024..1_048_576 => format!("{} KiB", bytes / 1024),
-        _ => format!("{} MiB", bytes / 1_048_576),
     }
 }
 
