@@ -4,7 +4,7 @@
 //! knows better: it sees which bytes have arrived. Zenoh keeps its sockets to itself, so they are found among this process's
 //! descriptors by their two ends.
 
-use rustix::net::sockopt::set_tcp_user_timeout;
+use rustix::net::sockopt::{set_tcp_user_timeout, tcp_user_timeout};
 use rustix::process::{PidfdFlags, PidfdGetfdFlags, getpid, pidfd_getfd, pidfd_open};
 use std::net::{Shutdown, SocketAddr, TcpStream};
 use std::os::fd::AsRawFd;
@@ -29,11 +29,16 @@ pub(super) fn of(round_trip: Duration) -> Duration {
     BESIDES + 2 * round_trip
 }
 
+/// The same for a new link, whose round trip is measured once.
+pub(super) fn of_new(round_trip: Duration) -> Duration {
+    of(round_trip).max(ONCE_MIN)
+}
+
 /// Gives a new link as long as its round trip asks for, as the system has measured it with the first messages; says whether the
 /// link was found.
 pub(super) fn set_as_measured(ends: Ends) -> bool {
     let Some(socket) = find(ends) else { return false };
-    let patience = round_trip(&socket).map(|measured| of(measured).max(ONCE_MIN));
+    let patience = round_trip(&socket).map(of_new);
     patience.is_some_and(|patience| set_tcp_user_timeout(&socket, millis(patience)).is_ok())
 }
 
@@ -44,21 +49,37 @@ pub(super) fn cut(ends: Ends) {
     }
 }
 
+/// Gives each link to a place that has no limit yet so long: it is being made, and nobody has said that it stands.
+pub(super) fn set_towards(place: SocketAddr, patience: Duration) {
+    for (socket, (_, remote)) in sockets() {
+        if remote == plain(place) && tcp_user_timeout(&socket).is_ok_and(|limit| limit == 0) {
+            let set = set_tcp_user_timeout(&socket, millis(patience));
+            tracing::trace!(%place, ?set, "a link that is being made has a limit");
+        }
+    }
+}
+
 fn find(ends: Ends) -> Option<TcpStream> {
-    let own = pidfd_open(getpid(), PidfdFlags::empty()).ok()?;
-    let entries = std::fs::read_dir("/proc/self/fd").ok()?.flatten();
+    let ends = (plain(ends.0), plain(ends.1));
+    sockets().find_map(|(socket, of)| (of == ends).then_some(socket))
+}
+
+/// The TCP sockets of this process that are connected, and their two ends.
+fn sockets() -> impl Iterator<Item = (TcpStream, Ends)> {
+    let own = pidfd_open(getpid(), PidfdFlags::empty()).ok();
+    let entries = std::fs::read_dir("/proc/self/fd").ok().into_iter().flatten().flatten();
     let is_socket = |path: &std::path::Path| {
         std::fs::read_link(path).is_ok_and(|target| target.to_string_lossy().starts_with("socket:"))
     };
-    let mut numbers = entries.filter(|entry| is_socket(&entry.path())).filter_map(|entry| {
+    let numbers = entries.filter(move |entry| is_socket(&entry.path())).filter_map(|entry| {
         let number: i32 = entry.file_name().to_str()?.parse().ok()?;
         Some(number)
     });
-    numbers.find_map(|number| {
+    numbers.filter_map(move |number| {
         // A copy of the descriptor: the same socket, and nothing of zenoh's is touched.
-        let socket = TcpStream::from(pidfd_getfd(&own, number, PidfdGetfdFlags::empty()).ok()?);
-        let (local, remote) = (plain(socket.local_addr().ok()?), plain(socket.peer_addr().ok()?));
-        ((local, remote) == (plain(ends.0), plain(ends.1))).then_some(socket)
+        let socket = TcpStream::from(pidfd_getfd(own.as_ref()?, number, PidfdGetfdFlags::empty()).ok()?);
+        let ends = (plain(socket.local_addr().ok()?), plain(socket.peer_addr().ok()?));
+        Some((socket, ends))
     })
 }
 
@@ -88,7 +109,6 @@ fn round_trip(socket: &TcpStream) -> Option<Duration> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rustix::net::sockopt::tcp_user_timeout;
     use std::net::TcpListener;
 
     #[test]
@@ -102,5 +122,18 @@ mod tests {
             assert_eq!(tcp_user_timeout(stream).unwrap(), 1250);
         }
         assert!(!set_as_measured((ends(&near).0, ends(&near).0)), "there is no such link");
+    }
+
+    #[test]
+    fn a_link_that_is_being_made_gets_a_limit_and_one_that_stands_keeps_its_own() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let (place, slow) = (listener.local_addr().unwrap(), of_new(Duration::from_secs(1)));
+        let (old, new) = (TcpStream::connect(place).unwrap(), TcpStream::connect(place).unwrap());
+        set_tcp_user_timeout(&old, 5000).unwrap();
+        set_towards(place, slow);
+        assert_eq!(slow, Duration::from_secs(3));
+        assert_eq!((tcp_user_timeout(&old).unwrap(), tcp_user_timeout(&new).unwrap()), (5000, 3000));
+        let far = listener.accept().unwrap().0;
+        assert_eq!(tcp_user_timeout(&far).unwrap(), 0, "its other end is another matter");
     }
 }

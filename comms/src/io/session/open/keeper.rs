@@ -18,6 +18,8 @@ use zenoh::internal::runtime::{Runtime, ZRuntime};
 const RETRY_MIN: Duration = Duration::from_millis(100);
 /// The longest wait between two attempts to dial; each is half as long again as the one before.
 const RETRY_MAX: Duration = Duration::from_millis(500);
+/// How often a link that is being made is looked for, to give it a limit.
+const LIMIT_EVERY: Duration = Duration::from_millis(100);
 /// How often the keeper looks at a place that zenoh dials by itself.
 const LOOK_EVERY: Duration = Duration::from_secs(2);
 
@@ -148,7 +150,7 @@ async fn attempt(dialler: &Dialler, id: ZenohId, locators: &[Locator]) -> Result
         }
         _ => locator,
     };
-    if link(dialler, id, way).await {
+    if link(dialler, id, way, took).await {
         return Ok(());
     }
     Err(format!("{place} answers after {} ms, and makes no link", took.as_millis()))
@@ -160,11 +162,22 @@ fn through(path: &Path) -> Result<Locator, String> {
     locator.parse().map_err(|_no_locator| format!("`{locator}` is no locator"))
 }
 
-async fn link(dialler: &Dialler, id: ZenohId, way: Locator) -> bool {
+/// Has zenoh make a link to a place that has answered after so long.
+async fn link(dialler: &Dialler, id: ZenohId, way: Locator, answered: Duration) -> bool {
+    let place: Option<SocketAddr> = way.address().as_str().parse().ok().filter(|_| way.protocol().as_str() == "tcp");
     // It goes on to its end, whoever waits: what is cut short counts as being dialled for ever, and is dialled no more.
     let runtime = dialler.runtime.clone();
-    let making = ZRuntime::Net.spawn(async move { runtime.connect_peer(&id.into(), &[way]).await });
-    making.await.unwrap_or(false)
+    let mut making = ZRuntime::Net.spawn(async move { runtime.connect_peer(&id.into(), &[way]).await });
+    loop {
+        tokio::select! {
+            made = &mut making => return made.unwrap_or(false),
+            // Zenoh says of a link when it stands. One that loses a packet before would wait for the system to send it again, later
+            // and later, and no other dial may begin meanwhile.
+            () = tokio::time::sleep(LIMIT_EVERY) => {
+                place.iter().for_each(|place| patience::set_towards(*place, patience::of_new(answered)));
+            }
+        }
+    }
 }
 
 /// Keeps a tunnel to a place, whoever is there.
@@ -182,7 +195,7 @@ pub(super) async fn keep_place(place: Locator, dialler: Dialler, tunnels: Arc<Tu
                     let way = through(&path).ok().zip(session.parse().ok());
                     there = Some(session);
                     let linked = match way {
-                        Some((way, id)) => link(&dialler, id, way).await,
+                        Some((way, id)) => link(&dialler, id, way, Duration::ZERO).await,
                         None => false,
                     };
                     linked.then_some(()).ok_or_else(|| "it makes no link".to_owned())
