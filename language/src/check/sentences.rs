@@ -120,7 +120,11 @@ const BEGINNINGS: [(&str, &str); 11] = [
 ];
 
 fn sentence(words: &mut Words, names: &Names<'_>) -> Read<Sentence> {
-    let sentence = if words.eat("never") {
+    // A process may be called as a sentence begins: `on only after a.done`.
+    let is_about = words.is(1, "only") && words.is(2, "after") || words.is(1, "at") && words.is(2, "most");
+    let sentence = if is_about {
+        about(words, names)?
+    } else if words.eat("never") {
         let first = who(words, names)?;
         words.need("with")?;
         Sentence::NeverTogether(vec![first, who(words, names)?])

@@ -231,7 +231,7 @@ impl Words {
         self.tokens.get(self.at).filter(|token| token.kind == Ident).map(|token| token.text.as_str())
     }
 
-    fn is(&self, ahead: usize, word: &str) -> bool {
+    pub(super) fn is(&self, ahead: usize, word: &str) -> bool {
         self.tokens.get(self.at + ahead).is_some_and(|token| token.text == word)
     }
 
