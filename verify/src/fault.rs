@@ -255,6 +255,11 @@ pub(crate) fn torn<'a>(model: &'a Model<'a>, named: &[(u32, u32)]) -> System<'a>
     System::new(model, 0, &|part| open[model.parts[part].group as usize])
 }
 
+/// How bad something is: of what is safe at last, the longest time is the worst, and one that nothing bounds.
+fn rank(severity: Severity, safe_within: Option<Duration>) -> (Severity, Duration) {
+    (severity, safe_within.unwrap_or(Duration::MAX))
+}
+
 /// What a fault comes to in one phase of the run.
 #[derive(Debug, Default)]
 struct PhaseRows {
@@ -265,8 +270,8 @@ struct PhaseRows {
 
 impl PhaseRows {
     fn note(&mut self, judged: case::Judged) {
-        let is_worse = |known: &Option<case::Judged>| known.as_ref().is_none_or(|it| it.severity < judged.severity);
-        if is_worse(&self.worst) {
+        let rank = |judged: &case::Judged| rank(judged.severity, judged.safe_within);
+        if self.worst.as_ref().is_none_or(|worst| rank(worst) < rank(&judged)) {
             let before = self.worst.replace(judged);
             self.handled = self.handled.take().or(before.filter(|it| it.severity == Severity::Handled));
         } else if judged.severity == Severity::Handled && self.handled.is_none() {

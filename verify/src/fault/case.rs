@@ -42,6 +42,8 @@ pub(super) struct Case<'c, 'm, 'a> {
 pub(super) struct Judged {
     pub(super) phase: String,
     pub(super) severity: Severity,
+    /// The longest time until nothing runs, if that is known.
+    pub(super) safe_within: Option<Duration>,
     mission: Mission,
     settled: Settled,
     /// The state in which it happens, and what follows.
@@ -115,8 +117,9 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         // It could fail before, too.
         let may_anyway = mission == Mission::MayFail && self.fails[state as usize];
         let mission = if may_anyway { Mission::CanBeDone } else { mission };
+        let safe_within = self.safe_within(&settled).filter(|_| severity == Severity::Safe);
         let (phase, before, after) = (self.phase(before), before.clone(), after.clone());
-        Judged { phase, severity, mission, settled, before, state, fault, after }
+        Judged { phase, severity, safe_within, mission, settled, before, state, fault, after }
     }
 
     fn settle(&self, frame: &Frame) -> Settled {
@@ -303,14 +306,13 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
     pub(super) fn row(&self, (program, fault): (String, String), judged: Judged) -> Row {
         let told = self.story(&judged);
         let effect = self.effect(&judged);
-        let Judged { phase, severity, mission, settled, .. } = judged;
+        let Judged { phase, severity, safe_within, mission, settled, .. } = judged;
         let (mut running, stopping) = running(self.system, &settled.frame);
         running.extend(stopping);
         for struck in self.struck.iter().filter(|struck| struck.kind == FaultKind::Unanswered) {
             let name = struck.seat.and_then(|(unit, member)| member_name(self.system, unit, member));
             running.extend(name.map(|name| format!("perhaps {name}")));
         }
-        let safe_within = self.safe_within(&settled).filter(|_| severity == Severity::Safe);
         Row { program, fault, phase, effect, running, safe_within, mission, severity, story: told }
     }
 

@@ -1,6 +1,6 @@
 //! What two faults together do, where that is worse than what each of them does alone.
 
-use super::{Row, Severity, Strike, Table, Target, of_strikes, strikes, table};
+use super::{Row, Severity, Strike, Table, Target, of_strikes, rank, strikes, table};
 use crate::explore::Limits;
 use crate::times::Times;
 use std::collections::BTreeMap;
@@ -37,7 +37,8 @@ pub(crate) fn pairs(times: &Times<'_, '_>, limits: &Limits<'_>) -> Table {
             }
             let is_worse = |row: &Row| [one, other].into_iter().all(|it| severity(it, &row.phase) < Some(row.severity));
             let rows = found.rows.into_iter().filter(is_worse);
-            let worse = rows.reduce(|worst, row| if row.severity > worst.severity { row } else { worst });
+            let bad = |row: &Row| rank(row.severity, row.safe_within);
+            let worse = rows.reduce(|worst, row| if bad(&row) > bad(&worst) { row } else { worst });
             match worse {
                 Some(row) => pairs.rows.push(row),
                 None => pairs.harmless += 1,
