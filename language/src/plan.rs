@@ -22,7 +22,9 @@ pub use component::Failing;
 pub use difference::{Difference, PlanChange, difference};
 pub use exec::{ExecError, words};
 pub use parameter::{Accepts, Parameter};
-pub use policy::{LinkLoss, Policy, REALTIME_MAX, Realtime, Restart, Usage, Watchdog};
+pub use policy::{
+    BACKOFF_MAX, BACKOFF_MIN, Backoff, LinkLoss, Policy, REALTIME_MAX, Realtime, Restart, Usage, Watchdog,
+};
 pub use supervision::{Intensity, RESTARTS_MAX, Strategy, Supervision};
 pub use validate::PlanError;
 

@@ -46,6 +46,7 @@ const WORDS: &[&str] = &[
     "one_for_all",
     "rest_for_one",
     "restarts",
+    "backoff",
     "restart",
     "temporary",
     "transient",

@@ -4,7 +4,7 @@
 //! it was connected. Processes are found by their paths, so their order in the plan is none of it.
 
 use language::plan::{
-    Argument, Claim, Constant, Expression, Group, Leaf, LeafKind, LinkLoss, MemberKind, Plan, Policy, Restart,
+    Argument, Backoff, Claim, Constant, Expression, Group, Leaf, LeafKind, LinkLoss, MemberKind, Plan, Policy, Restart,
     Strategy, Supervision, Wire,
 };
 use std::collections::{BTreeMap, BTreeSet};
@@ -220,7 +220,12 @@ fn policy(one: &Policy, other: &Policy) -> Option<Differs> {
         LinkLoss::Hold => "`hold`".to_owned(),
     };
     let time = |time: &Option<Duration>| time.map_or_else(|| "none".to_owned(), seconds);
+    let pauses = |backoff: &Option<Backoff>| match backoff {
+        Some(pauses) => format!("{} to {}", seconds(pauses.first), seconds(pauses.longest)),
+        None => "none".to_owned(),
+    };
     said("restart", (&one.restart, &other.restart), restart)
+        .or_else(|| said("backoff", (&one.backoff, &other.backoff), pauses))
         .or_else(|| said("on_link_loss", (&one.link_loss, &other.link_loss), link_loss))
         .or_else(|| said("on_agent_loss", (&one.agent_loss, &other.agent_loss), time))
         .or_else(|| said("limit to be ready", (&one.ready_within, &other.ready_within), time))
@@ -359,6 +364,14 @@ mod tests {
             }
         }
         assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    }
+
+    #[test]
+    fn a_back_off_is_said_with_both_pauses() {
+        let other = plan(&SPEC.replace("restart transient;", "restart transient; backoff 1 s to 30 s;"));
+        let told = difference(&plan(SPEC), &other);
+        let expected = "`main/cell/arm` differs in its backoff: none in the record, 1 s to 30 s in the spec";
+        assert_eq!(told.as_deref(), Some(expected));
     }
 
     #[test]

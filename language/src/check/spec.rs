@@ -3,7 +3,7 @@
 mod kind;
 
 use super::range::Range;
-use crate::plan::{Constant, LeafKind, Policy, Quality, Supervision, Transfer};
+use crate::plan::{Backoff, Constant, LeafKind, Policy, Quality, Supervision, Transfer};
 use crate::source::Span;
 use crate::syntax::ast::Name;
 use crate::unit::Dimension;
@@ -77,6 +77,8 @@ pub(crate) struct Process {
     pub(crate) resources: Vec<Name>,
     /// What becomes of its programs when one of them dies; nothing where it does not say.
     pub(crate) supervision: Option<Supervision>,
+    /// How long its programs stay away that say nothing themselves.
+    pub(crate) backoff: Option<Backoff>,
     /// Nothing when there is no such section, or an empty one.
     pub(crate) actions: Option<Expr>,
     pub(crate) damage: Damage,
@@ -117,6 +119,8 @@ pub(crate) struct Policies {
     pub(crate) span: Option<Span>,
     /// The word behind `restart`.
     pub(crate) restart: Option<Span>,
+    /// The statement that says how long it stays away.
+    pub(crate) backoff: Option<Span>,
 }
 
 /// An instance in a group.

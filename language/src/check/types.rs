@@ -81,8 +81,13 @@ fn check_policies(spec: &Spec, process: &Process, diagnostics: &mut Diagnostics)
                 let diagnostic = Diagnostic::new(Code::E0111, span, message);
                 diagnostics.push(diagnostic.help("write them at the instances inside the group"));
             }
-            Target::Module(module) => diagnostics.extend(check_restart(&spec.modules[module], instance)),
-            Target::Unknown => {}
+            Target::Module(module) => {
+                let module = &spec.modules[module];
+                let forgets = check_restart(module, instance);
+                let pauses = || check_backoff(Some(module), process, instance);
+                diagnostics.extend(forgets.or_else(pauses));
+            }
+            Target::Unknown => diagnostics.extend(check_backoff(None, process, instance)),
         }
     }
 }
@@ -100,6 +105,26 @@ fn check_restart(module: &Module, instance: &Instance) -> Option<Diagnostic> {
         "leave `restart` away: when `{name}` dies, what runs it aborts, and `retry(2) (...)` around that begins anew as a whole"
     );
     Some(found.help(help).replace(span, "temporary"))
+}
+
+/// Nobody waits before the start of a program that is never started again.
+fn check_backoff(module: Option<&Module>, group: &Process, instance: &Instance) -> Option<Diagnostic> {
+    let (span, policies) = (instance.policies.backoff?, &instance.policies);
+    let remembers = module.is_some_and(|module| module.remembers);
+    let is_restarted = match policies.restart {
+        Some(_) => policies.policy.restart != Restart::Temporary,
+        None => group.supervision.is_some() && !remembers,
+    };
+    if is_restarted {
+        return None;
+    }
+    let message = format!("`{}` is never started again, so it has no back-off", instance.name.text);
+    let found = Diagnostic::new(Code::E0113, span, message);
+    Some(match (policies.restart, remembers) {
+        (Some(_), _) => found.help("leave `backoff` away, or write `restart transient` or `restart permanent`"),
+        (None, true) => found.help("its type `remembers`, so it may not be started again alone: leave `backoff` away"),
+        (None, false) => found.help("write `restart transient` beside it"),
+    })
 }
 
 /// The arguments of a module after its host: the first argument, when it is a name or a string without a name.

@@ -5,6 +5,10 @@ use std::time::Duration;
 
 /// The highest real-time priority of a program: what is above belongs to the host.
 pub const REALTIME_MAX: u8 = 49;
+/// The shortest pause of a back-off: a start takes as long.
+pub const BACKOFF_MIN: Duration = Duration::from_millis(10);
+/// The longest pause of a back-off.
+pub const BACKOFF_MAX: Duration = Duration::from_secs(3600);
 
 /// The policies of one leaf; the default is that of a node.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -22,6 +26,31 @@ pub struct Policy {
     /// The longest time until the program can run, at its start and in each `Init`. The node's own bound applies if this is
     /// absent.
     pub ready_within: Option<Duration>,
+    /// How long it stays away each time before it is started again. The node's own pauses apply if this is absent.
+    pub backoff: Option<Backoff>,
+}
+
+/// The pauses before a program that has died again and again is started once more. The first time it is started at once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Backoff {
+    /// Before the second start in a row; doubled for each after it. At least [`BACKOFF_MIN`].
+    pub first: Duration,
+    /// No pause is longer. At least `first`, at most [`BACKOFF_MAX`].
+    pub longest: Duration,
+}
+
+impl Backoff {
+    /// Returns whether both pauses are in their ranges.
+    pub fn is_valid(&self) -> bool {
+        BACKOFF_MIN <= self.first && self.first <= self.longest && self.longest <= BACKOFF_MAX
+    }
+
+    /// Returns the pause after so many starts in a row, of which none has lasted: nothing after none.
+    pub fn pause(&self, in_a_row: u32) -> Duration {
+        let Some(doublings) = in_a_row.checked_sub(1) else { return Duration::ZERO };
+        let factor = 1_u32.checked_shl(doublings).unwrap_or(u32::MAX);
+        self.first.saturating_mul(factor).min(self.longest)
+    }
 }
 
 /// How long a program may give no sign of life before it is ended as hung.
@@ -90,4 +119,22 @@ pub struct Realtime {
     pub priority: u8,
     /// Whether it runs without when the kernel refuses, rather than not at all.
     pub is_optional: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pauses_double_up_to_the_longest_whatever_the_count() {
+        let (first, longest) = (Duration::from_millis(100), Duration::from_secs(30));
+        let backoff = Backoff { first, longest };
+        let pauses = [0, 1, 2, 3, 9, 10, 33, u32::MAX].map(|count| backoff.pause(count).as_millis());
+        assert_eq!(pauses, [0, 100, 200, 400, 25_600, 30_000, 30_000, 30_000]);
+        assert!(backoff.is_valid() && Backoff { longest: first, first }.is_valid());
+        let wrong = [(9, 100), (200, 100), (100, 3_600_001)];
+        let of =
+            |(first, longest)| Backoff { first: Duration::from_millis(first), longest: Duration::from_millis(longest) };
+        assert!(wrong.into_iter().map(of).all(|backoff| !backoff.is_valid()));
+    }
 }

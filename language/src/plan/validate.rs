@@ -62,6 +62,12 @@ pub enum PlanError {
         /// The tag.
         tag: String,
     },
+    /// A back-off that would start a program without a pause, or after a pause that is too long.
+    #[error("the back-off of `{path}` is not from 10 ms to 1 h")]
+    Backoff {
+        /// Path of the leaf.
+        path: String,
+    },
     /// An operator without operands, or a count that its operands cannot reach.
     #[error("the event actions of `{group}` have an operator with a wrong number of operands")]
     Operands {
@@ -84,6 +90,9 @@ impl Plan {
         self.check_names()?;
         for leaf in &self.leaves {
             in_range(leaf.host, self.hosts.len(), "host", &leaf.path)?;
+            if leaf.policy.backoff.is_some_and(|backoff| !backoff.is_valid()) {
+                return Err(PlanError::Backoff { path: leaf.path.clone() });
+            }
         }
         for wire in &self.wires {
             for end in [&wire.from, &wire.to] {
@@ -299,6 +308,7 @@ fn unique<'a>(what: &'static str, names: impl Iterator<Item = &'a String>) -> Re
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plan::Backoff;
     use crate::{Options, Source, compile};
 
     fn plan() -> Plan {
@@ -327,6 +337,11 @@ mod tests {
         check(|plan| plan.groups.clear(), "the plan has no groups");
         check(|plan| plan.hosts.push("c1".to_owned()), "host `c1` is empty or not unique");
         check(|plan| plan.leaves[1].path.clear(), "path `` is empty or not unique");
+        let first = std::time::Duration::ZERO;
+        check(
+            |plan| plan.leaves[0].policy.backoff = Some(Backoff { first, longest: first }),
+            "the back-off of `main/left/a` is not from 10 ms to 1 h",
+        );
         check(|plan| plan.leaves[0].host = 7, "`main/left/a` points to host 7, which is not there");
         check(|plan| plan.wires[0].to.leaf = 9, "`wire at port In` points to leaf 9, which is not there");
         check(|plan| plan.groups[1].sets[0].wires.push(5), "`main/left` points to wire 5, which is not there");

@@ -148,7 +148,7 @@ impl Timed for Instance {
 impl Instance {
     /// Starts a program; a plain one is held by its shim.
     pub fn spawn(order: SpawnOrder, stop_within: Duration, context: &mut InstanceContext<'_>) -> Self {
-        let restarts = Restarts::new(order.policy.restart);
+        let restarts = Restarts::new(order.process.leaf, &order.policy);
         let mut instance = Self {
             order,
             stop_within,

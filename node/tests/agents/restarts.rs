@@ -131,6 +131,34 @@ fn a_hang_is_a_death_with_a_reason_of_its_own() {
     }
 }
 
+/// The first time at once, then after pauses that grow. An activation waits for that, a stop does not.
+#[test]
+fn a_back_off_keeps_a_program_away_and_a_stop_does_not_wait_for_it() {
+    let mut world = World::new(&["c1", "c2"]);
+    let slow = r#"first instof Long("c2") { restart transient; backoff 10 s to 30 s; }"#;
+    let call = world.deploy("c1", &RELAY.replace(r#"first instof Long("c2") { restart transient; }"#, slow));
+    world.run_for(Duration::from_secs(1));
+    let is_there = |world: &World| world.alive.iter().any(|(_, process)| process.leaf == 1);
+    world.kill("c2", 1);
+    world.run_for(Duration::from_millis(50));
+    assert!(is_there(&world), "the first time at once");
+    for (at_least, at_most) in [(8, 10), (16, 20), (24, 30)] {
+        world.kill("c2", 1);
+        world.run_for(Duration::from_secs(at_least));
+        assert!(!is_there(&world), "after {at_least} s");
+        world.run_for(Duration::from_secs(at_most - at_least) + Duration::from_millis(500));
+        assert!(is_there(&world), "after {at_most} s");
+        check_links(&world);
+    }
+    world.kill("c2", 1);
+    world.run_for(Duration::from_secs(1));
+    world.stop("c1");
+    world.run_for(Duration::from_secs(4));
+    assert_eq!((world.ending(call), &world.alive), (&Ending::Stopped, &BTreeSet::new()));
+    let changes = changes(&world, call);
+    assert_eq!(restarts(&changes["main/first"]), 5, "the first of them was long ago: {changes:?}");
+}
+
 #[test]
 fn what_dies_again_and_again_is_given_up_with_the_count() {
     let mut world = World::new(&["c1", "c2"]);

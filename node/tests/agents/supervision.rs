@@ -82,6 +82,31 @@ fn each_strategy_starts_its_programs_again_and_the_mission_goes_on() {
     }
 }
 
+/// The back-off of a group is that of each program that has none of its own; what is started anew with it does not wait.
+#[test]
+fn programs_of_a_group_have_its_back_off_and_nobody_waits_with_them() {
+    let mut world = World::new(&["c1", "c2"]);
+    let own = "inner instof Inner(there);\n        long instof Long(here) { restart transient; backoff 2 s to 2 s; };";
+    let text = GROUP.replace("inner instof Inner(there);\n        long instof Long(here);", own);
+    world.deploy("c1", &text.replace("RULES", "strategy one_for_all; backoff 10 s to 30 s;"));
+    world.run_for(Duration::from_secs(1));
+    for (dies, seconds, expected) in [
+        (1, 1, [2, 2, 1, 2, 2, 1]),
+        (1, 7, [3, 2, 1, 3, 3, 1]),
+        (1, 3, [3, 3, 1, 3, 3, 1]),
+        (4, 1, [4, 4, 1, 4, 4, 1]),
+        (4, 1, [5, 5, 1, 5, 4, 1]),
+        (4, 2, [5, 5, 1, 5, 5, 1]),
+        // Its own group has none.
+        (3, 1, [5, 5, 1, 6, 5, 1]),
+        (3, 1, [5, 5, 1, 7, 5, 1]),
+    ] {
+        world.kill_if_alive(host_of(dies), dies);
+        world.run_for(Duration::from_secs(seconds));
+        assert_eq!(lives(&world), expected, "`{}` dies", LEAVES[dies as usize]);
+    }
+}
+
 /// One restart more than the group bears: it stops what it has, and has aborted for that reason; what is above decides.
 #[test]
 fn a_restart_too_many_aborts_the_group_with_its_cause() {

@@ -1,5 +1,6 @@
 //! Reads process groups.
 
+mod backoff;
 mod policy;
 mod quality;
 mod supervision;
@@ -34,7 +35,7 @@ pub(super) fn process(node: &Node, places: &[Span], consts: &Consts, diagnostics
     let params = params.unwrap_or_default();
     let mut reader = Reader { scope: Scope { params: &params, ..scope }, diagnostics };
     let host = node.child(SyntaxKind::Host).and_then(|node| host(&node, &mut reader));
-    let supervision = supervision::supervision(node, &mut reader);
+    let (supervision, backoff) = supervision::supervision(node, &mut reader).unzip();
     let Instances { all: mut instances, arrays, are_counted, .. } = Instances::read(node, &mut reader);
     damage.instances |= !are_counted;
     let mut names = Names::new(&instances, damage.instances, diagnostics);
@@ -82,6 +83,7 @@ pub(super) fn process(node: &Node, places: &[Span], consts: &Consts, diagnostics
         sets,
         resources,
         supervision,
+        backoff: backoff.flatten(),
         actions,
         damage,
         is_service: false,

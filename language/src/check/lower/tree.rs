@@ -291,12 +291,15 @@ fn bind(spec: &Spec, process: &Process, args: &[Arg], outer: &[Data]) -> Vec<Dat
 }
 
 /// The policy of a leaf. In a group with supervision a program is started again unless it says otherwise, or would have
-/// forgotten what its type remembers.
+/// forgotten what its type remembers; and it has the back-off of the group unless it has its own, or is never started again.
 fn policy(instance: &Instance, module: Option<&Module>, group: &Process) -> Policy {
     let mut policy = instance.policies.policy.clone();
     let is_said = instance.policies.restart.is_some() || module.is_some_and(|module| module.remembers);
     if group.supervision.is_some() && !is_said {
         policy.restart = Restart::Transient;
+    }
+    if policy.restart != Restart::Temporary {
+        policy.backoff = policy.backoff.or(group.backoff);
     }
     policy
 }

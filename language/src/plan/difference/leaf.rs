@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 pub(super) fn change_of_leaf(leaf: u32, before: &Leaf, after: &Leaf, claims_differ: bool) -> Option<PlanChange> {
     // Every field by its name, so that one that is added is not forgotten here.
     let Leaf { path, module, host: _, arguments: given, exec, kind, stop_within, outcomes, policy } = before;
-    let Policy { restart, agent_loss, link_loss, usage, watchdog, ready_within } = policy;
+    let Policy { restart, agent_loss, link_loss, usage, watchdog, ready_within, backoff } = policy;
     let mut why = Vec::new();
     let mut differs = |is_different: bool, words: &str| why.extend(is_different.then(|| words.to_owned()));
     differs(*module != after.module, &format!("its type is `{}`, was `{module}`", after.module));
@@ -23,6 +23,7 @@ pub(super) fn change_of_leaf(leaf: u32, before: &Leaf, after: &Leaf, claims_diff
     let is_replaced = !why.is_empty();
     let mut differs = |is_different: bool, words: &str| why.extend(is_different.then(|| words.to_owned()));
     differs(*restart != after.policy.restart, "`restart`");
+    differs(*backoff != after.policy.backoff, "`backoff`");
     differs(*link_loss != after.policy.link_loss, "`on_link_loss`");
     differs(*stop_within != after.stop_within, "`stop within`");
     let path = path.clone();

@@ -47,6 +47,8 @@ fn programs_and_policies_can_change_while_it_runs() {
     let running = plan(SPEC);
     let permanent = SPEC.replace("Source(here);", "Source(here) { restart permanent; };");
     assert_eq!(changes(&running, &permanent), Ok(vec!["settle     main/pair/a: `restart`".to_owned()]));
+    let slower = permanent.replace("permanent;", "permanent; backoff 1 s to 8 s;");
+    assert_eq!(changes(&plan(&permanent), &slower), Ok(vec!["settle     main/pair/a: `backoff`".to_owned()]));
 }
 
 #[test]

@@ -6,8 +6,9 @@ use crate::similar;
 use crate::syntax::SyntaxKind::{self, Ident, Minus, Number};
 
 /// The words that open a policy.
-const POLICIES: [&str; 13] = [
+const POLICIES: [&str; 14] = [
     "restart",
+    "backoff",
     "watchdog",
     "ready",
     "on_agent_loss",
@@ -23,17 +24,17 @@ const POLICIES: [&str; 13] = [
 ];
 
 /// The words that open a rule of the supervision of a group.
-const RULES: [&str; 2] = ["strategy", "restarts"];
+const RULES: [&str; 3] = ["strategy", "restarts", "backoff"];
 
 impl Parser<'_> {
-    /// `restart transient;`, `on_agent_loss stop within 3 s;`, `memory 200 MB;`
+    /// `restart transient;`, `backoff 100 ms to 30 s;`, `on_agent_loss stop within 3 s;`, `memory 200 MB;`
     pub(super) fn policy(&mut self) {
         self.ruled_by(&POLICIES, "a policy");
     }
 
     /// `strategy one_for_all;`, `restarts 3 within 10 s;`
     pub(super) fn supervision_rule(&mut self) {
-        self.ruled_by(&RULES, "`strategy` or `restarts`");
+        self.ruled_by(&RULES, "`strategy`, `restarts` or `backoff`");
     }
 
     /// A statement that one of these words opens.

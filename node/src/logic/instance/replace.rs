@@ -36,6 +36,7 @@ impl Instance {
     pub fn is_same_program(&self, (order, _): &Start) -> bool {
         let mut own = self.order.clone();
         (own.policy.restart, own.policy.link_loss) = (order.policy.restart, order.policy.link_loss);
+        own.policy.backoff = order.policy.backoff;
         own == *order
     }
 
@@ -56,8 +57,8 @@ impl Instance {
 
     /// Takes on what becomes of the program when it dies or stops.
     pub fn settle(&mut self, (order, stop_within): Start) {
-        if self.order.policy.restart != order.policy.restart {
-            self.restarts = Restarts::new(order.policy.restart);
+        if self.restarts.differ(&order.policy) {
+            self.restarts = Restarts::new(order.process.leaf, &order.policy);
         }
         (self.order, self.stop_within) = (order, stop_within);
     }
@@ -217,7 +218,7 @@ impl Instance {
 
     fn take_place(&mut self, (order, stop_within): Start, context: &mut InstanceContext<'_>) {
         if self.probation.is_some() {
-            self.restarts = Restarts::new(order.policy.restart);
+            self.restarts = Restarts::new(order.process.leaf, &order.policy);
         }
         self.failed = None;
         (self.order, self.stop_within) = (order, stop_within);

@@ -2,10 +2,13 @@
 //!
 //! The first time at once, since most programs that die are well again when they are new; then after pauses that double.
 //! What has died too often is given up, and its supervisor decides: a robot that waits for one of its programs is a robot
-//! that does nothing, so the limit is a matter of seconds.
+//! that does nothing, so the limit is a matter of seconds. A spec may say `backoff`: then the pauses grow as long as no program
+//! has run for a while, and each is a little shorter by its own share, so that what has died together, of one cause, is not
+//! started again together.
 
+use comms::logic::random::Random;
 use comms::logic::time::Time;
-use language::plan::Restart;
+use language::plan::{Backoff, Policy, Restart};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -16,18 +19,31 @@ pub const RESTARTS_MAX: u32 = 5;
 pub const WINDOW: Duration = Duration::from_secs(60);
 /// Before the second time; doubled for each after it.
 const PAUSE: Duration = Duration::from_millis(100);
+/// A pause is shorter by so many thousandths of a fifth, less one at the most.
+const SHARES: u64 = 1000;
 
 /// How often one program was started again, of late.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Restarts {
     rule: Restart,
+    backoff: Option<Backoff>,
+    /// The leaf, by which it is decided how much shorter its pauses are.
+    leaf: u32,
     recent: VecDeque<Time>,
+    /// How often it was started again since it has last run for [`WINDOW`].
+    in_a_row: u32,
 }
 
 impl Restarts {
-    /// Returns the restarts of a program that has not died yet.
-    pub(super) fn new(rule: Restart) -> Self {
-        Self { rule, recent: VecDeque::new() }
+    /// Returns the restarts of the program of a leaf that has not died yet.
+    pub(super) fn new(leaf: u32, policy: &Policy) -> Self {
+        let (rule, backoff) = (policy.restart, policy.backoff);
+        Self { rule, backoff, leaf, recent: VecDeque::new(), in_a_row: 0 }
+    }
+
+    /// Returns whether these are those of another policy.
+    pub(super) fn differ(&self, policy: &Policy) -> bool {
+        (self.rule, self.backoff) != (policy.restart, policy.backoff)
     }
 
     /// Returns whether it is started again at all.
@@ -45,6 +61,9 @@ impl Restarts {
         if !self.are_allowed() {
             return None;
         }
+        if self.recent.back().is_none_or(|at| now.since(*at) >= WINDOW) {
+            self.in_a_row = 0;
+        }
         while self.recent.front().is_some_and(|at| now.since(*at) >= WINDOW) {
             self.recent.pop_front();
         }
@@ -52,9 +71,20 @@ impl Restarts {
         if count >= RESTARTS_MAX {
             return None;
         }
-        let pause = count.checked_sub(1).map_or(Duration::ZERO, |doublings| PAUSE * (1 << doublings));
+        let pause = match self.backoff {
+            None => count.checked_sub(1).map_or(Duration::ZERO, |doublings| PAUSE * (1 << doublings)),
+            Some(backoff) => self.shortened(backoff.pause(self.in_a_row)),
+        };
+        self.in_a_row = self.in_a_row.saturating_add(1);
         self.recent.push_back(now + pause);
         Some(now + pause)
+    }
+
+    /// A pause, shorter by up to a fifth.
+    fn shortened(&self, pause: Duration) -> Duration {
+        let mut random = Random::new((u64::from(self.leaf) << 32) | u64::from(self.in_a_row));
+        let share = u32::try_from(random.below(SHARES)).unwrap_or(0);
+        pause - pause / 5 * share / 1000
     }
 
     /// Returns how often it was started again, of late.
@@ -71,15 +101,28 @@ mod tests {
         Time::from_nanos(millis * 1_000_000)
     }
 
-    #[test]
-    fn pauses_double_until_it_is_given_up() {
-        let mut restarts = Restarts::new(Restart::Transient);
-        let (mut now, mut pauses) = (at(0), Vec::new());
-        while let Some(next) = restarts.next(now) {
+    fn restarts(leaf: u32, restart: Restart, backoff: Option<(u64, u64)>) -> Restarts {
+        let backoff = backoff.map(|(first, longest)| Backoff {
+            first: Duration::from_millis(first),
+            longest: Duration::from_millis(longest),
+        });
+        Restarts::new(leaf, &Policy { restart, backoff, ..Policy::default() })
+    }
+
+    /// The pauses of a program that dies as soon as it runs, in milliseconds, until it is given up; `count` at most.
+    fn pauses(restarts: &mut Restarts, mut now: Time, count: usize) -> Vec<u128> {
+        let mut pauses = Vec::new();
+        while let Some(next) = restarts.next(now).filter(|_| pauses.len() < count) {
             pauses.push((next - now).as_millis());
             now = next;
         }
-        assert_eq!(pauses, [0, 100, 200, 400, 800]);
+        pauses
+    }
+
+    #[test]
+    fn pauses_double_until_it_is_given_up() {
+        let mut restarts = restarts(0, Restart::Transient, None);
+        assert_eq!(pauses(&mut restarts, at(0), 9), [0, 100, 200, 400, 800]);
         assert_eq!(restarts.count(), RESTARTS_MAX);
         assert_eq!(restarts.next(at(59_999)), None, "the first one was at 0");
         assert_eq!(restarts.next(at(60_000)), Some(at(60_800)));
@@ -87,15 +130,45 @@ mod tests {
     }
 
     #[test]
+    fn a_back_off_doubles_up_to_its_longest_a_little_less() {
+        let found = pauses(&mut restarts(3, Restart::Transient, Some((1000, 8000))), at(0), 9);
+        let bounds = [0, 1000, 2000, 4000, 8000].map(|pause| pause * 4 / 5..=pause);
+        assert!(found.len() == 5 && bounds.iter().zip(&found).all(|(bound, pause)| bound.contains(pause)), "{found:?}");
+        let again = pauses(&mut restarts(3, Restart::Transient, Some((1000, 8000))), at(0), 9);
+        assert_eq!(again, found, "the same each time");
+        let others = (0..50).map(|leaf| pauses(&mut restarts(leaf, Restart::Transient, Some((1000, 8000))), at(0), 9));
+        let different: std::collections::BTreeSet<u128> = others.map(|pauses| pauses[1]).collect();
+        assert!(different.len() > 25, "what died together is started again one after the other: {different:?}");
+    }
+
+    /// So slowly that five do not fall into a minute, it is tried for as long as it takes.
+    #[test]
+    fn a_slow_back_off_never_gives_up_and_keeps_its_longest_pause() {
+        let mut slow = restarts(0, Restart::Permanent, Some((10_000, 30_000)));
+        let found = pauses(&mut slow, at(0), 1000);
+        assert_eq!(found.len(), 1000);
+        assert!(found[3..].iter().all(|pause| (24_000..=30_000).contains(pause)), "{found:?}");
+        let died = *slow.recent.back().expect("it was started") + WINDOW;
+        assert_eq!(slow.next(died), Some(died), "it has run for a minute: at once, as the first time");
+        let died = died + (WINDOW - Duration::from_millis(1));
+        assert!(slow.next(died).is_some_and(|at| (at - died).as_millis() >= 8000), "it has run for less");
+    }
+
+    #[test]
     fn a_program_that_dies_now_and_then_is_always_started_again() {
-        let mut restarts = Restarts::new(Restart::Permanent);
-        for death in 0..100 {
-            assert!(restarts.next(at(death * 13_000)).is_some(), "death {death}");
+        for backoff in [None, Some((10, 3_600_000))] {
+            let mut restarts = restarts(7, Restart::Permanent, backoff);
+            let mut now = at(0);
+            for death in 0..100 {
+                let next = restarts.next(now);
+                assert!(next.is_some(), "death {death}");
+                now = next.unwrap_or(now) + Duration::from_secs(13);
+            }
         }
     }
 
     #[test]
     fn without_the_policy_nothing_is() {
-        assert_eq!(Restarts::new(Restart::Temporary).next(at(0)), None);
+        assert_eq!(restarts(0, Restart::Temporary, Some((10, 10))).next(at(0)), None);
     }
 }

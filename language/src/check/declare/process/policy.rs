@@ -1,5 +1,6 @@
 //! Reads the policies of an instance: `{ restart transient; memory 200 MB; }`.
 
+use super::backoff::backoff;
 use crate::check::names::twice;
 use crate::check::spec::Policies;
 use crate::check::value::{Reader, quantity};
@@ -36,6 +37,11 @@ pub(super) fn policies(instance: &Node, reader: &mut Reader<'_>) -> Policies {
         }
         first.insert(name.text.clone(), name.span);
         let words: Vec<Name> = names.collect();
+        if name.text == "backoff" {
+            policies.policy.backoff = backoff(&item, &words, reader);
+            policies.backoff = policies.policy.backoff.map(|_| item.span());
+            continue;
+        }
         if name.text == "restart" {
             policies.restart = words.first().map(|word| word.span);
         }

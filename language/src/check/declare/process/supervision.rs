@@ -1,18 +1,19 @@
-//! Reads how a group supervises its programs: `supervision { strategy one_for_all; restarts 3 within 10 s; }`.
+//! Reads how a group supervises its programs: `supervision { strategy one_for_all; restarts 3 within 10 s; backoff 1 s to 30 s; }`.
 
+use super::backoff::backoff;
 use crate::check::names::twice;
 use crate::check::value::Reader;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::plan::{Intensity, RESTARTS_MAX, Strategy, Supervision};
+use crate::plan::{Backoff, Intensity, RESTARTS_MAX, Strategy, Supervision};
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Constant, Number};
 use crate::syntax::ast::{Name, Node};
 use std::collections::BTreeMap;
 
-/// Reads the supervision of a group, if it has any.
-pub(super) fn supervision(group: &Node, reader: &mut Reader<'_>) -> Option<Supervision> {
+/// Reads the supervision of a group, if it has any, and the back-off of its programs.
+pub(super) fn supervision(group: &Node, reader: &mut Reader<'_>) -> Option<(Supervision, Option<Backoff>)> {
     let section = group.child(SyntaxKind::Supervision)?;
-    let mut supervision = Supervision::default();
+    let (mut supervision, mut pauses) = (Supervision::default(), None);
     let mut first: BTreeMap<String, Span> = BTreeMap::new();
     for rule in section.children_of(SyntaxKind::Policy) {
         let mut names = rule.names();
@@ -23,10 +24,14 @@ pub(super) fn supervision(group: &Node, reader: &mut Reader<'_>) -> Option<Super
         }
         first.insert(name.text.clone(), name.span);
         let words: Vec<Name> = names.collect();
+        if name.text == "backoff" {
+            pauses = backoff(&rule, &words, reader);
+            continue;
+        }
         let words: Vec<&str> = words.iter().map(|word| word.text.as_str()).collect();
         read(&mut supervision, (&name, &words), &rule, reader);
     }
-    Some(supervision)
+    Some((supervision, pauses))
 }
 
 fn read(supervision: &mut Supervision, (name, words): (&Name, &[&str]), rule: &Node, reader: &mut Reader<'_>) {

@@ -1,0 +1,31 @@
+//! Reads how long a program that has died stays away before it is started again: `backoff 100 ms to 30 s`.
+
+use crate::check::value::Reader;
+use crate::diagnostic::{Code, Diagnostic};
+use crate::plan::Backoff;
+use crate::syntax::SyntaxKind::Constant;
+use crate::syntax::ast::{Name, Node};
+
+/// Reads a back-off from a statement and the words behind its first. What is none is reported.
+pub(super) fn backoff(statement: &Node, words: &[Name], reader: &mut Reader<'_>) -> Option<Backoff> {
+    let before = reader.diagnostics.count();
+    let backoff = read(statement, words, reader);
+    if backoff.is_none() && reader.diagnostics.count() == before {
+        let help = "write `backoff 100 ms to 30 s`: the first pause, 10 ms at least, which doubles with each death in a row, and the \
+                    longest, 1 h at most";
+        let message = "`backoff` cannot be read so";
+        reader.diagnostics.push(Diagnostic::new(Code::E0009, statement.span(), message).help(help));
+    }
+    backoff
+}
+
+fn read(statement: &Node, words: &[Name], reader: &mut Reader<'_>) -> Option<Backoff> {
+    let times: Vec<Node> = statement.children_of(Constant).collect();
+    let ([first, longest], [to]) = (times.as_slice(), words) else { return None };
+    let is_in_order = first.span().end <= to.span.start && to.span.end <= longest.span().start;
+    if to.text != "to" || !is_in_order {
+        return None;
+    }
+    let backoff = Backoff { first: reader.duration(first)?, longest: reader.duration(longest)? };
+    backoff.is_valid().then_some(backoff)
+}
