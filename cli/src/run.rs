@@ -83,6 +83,7 @@ impl Nodes {
                 founds: hosts.first() == Some(host),
                 agent_loss_grace: Some(AGENT_LOSS_GRACE),
                 adopts: false,
+                boot: None,
                 log: None,
                 service: ServiceManager::default(),
             };

@@ -4,6 +4,8 @@
 //! What a host has not confirmed stays on the list of the deployment's home: a second stop says so, too.
 //! A link that is lost meanwhile is not an answer: the node is asked again.
 
+mod away;
+
 use crate::ConnectArgs;
 use crate::absent::{self, confirmers};
 use crate::client::{ANSWER_WITHIN, Answers, Client, Clients, Statuses, unasked, words};
@@ -29,6 +31,9 @@ pub struct Arguments {
     /// Take it off the list of ends that hosts have not confirmed: nobody asks them any more
     #[arg(long)]
     forget: bool,
+    /// Stop it although its home HOST does not answer: the others tell that when it is there again
+    #[arg(long, value_name = "HOST", conflicts_with_all = ["forget", "json"])]
+    away: Option<String>,
     /// Print what has become of it as JSON
     #[arg(long, conflicts_with = "forget")]
     json: bool,
@@ -40,7 +45,9 @@ pub struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let unconfirmed = block_on(async {
         let clients = Clients::open(&arguments.connect).await?;
-        let result = if arguments.forget {
+        let result = if let Some(home) = &arguments.away {
+            away::keep_tombstones(&clients, &arguments.name, home).await.map(|()| None)
+        } else if arguments.forget {
             forget(&clients, &arguments.name).await.map(|()| None)
         } else {
             match locate(clients.statuses().await?, &arguments.name).await {
@@ -128,7 +135,11 @@ pub(crate) async fn locate<'a>(all: Vec<(&'a Client, Statuses)>, name: &str) -> 
     }
     match found[..] {
         [(_, part, silent)] if silent.contains(&part.home) => {
-            Err(Failure::Unreachable(anyhow!("the node `{}`, where `{name}` has its home, does not answer", part.home)))
+            let home = &part.home;
+            Err(Failure::Unreachable(anyhow!(
+                "the node `{home}`, where `{name}` has its home, does not answer; `dca stop {name} --away {home}` has the others tell it \
+                 once it is there again"
+            )))
         }
         [(client, part, _)] => Ok(Located { client, deployment: part.deployment.clone(), home: part.home.clone() }),
         [] => Err(absent::not_running(name, &all).await),

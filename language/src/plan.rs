@@ -10,6 +10,7 @@ mod component;
 mod difference;
 mod exec;
 mod nested;
+mod on_boot;
 mod parameter;
 mod policy;
 mod supervision;
@@ -21,6 +22,7 @@ use std::time::Duration;
 pub use component::Failing;
 pub use difference::{Difference, PlanChange, difference};
 pub use exec::{ExecError, words};
+pub use on_boot::OnBoot;
 pub use parameter::{Accepts, Parameter};
 pub use policy::{
     BACKOFF_MAX, BACKOFF_MIN, Backoff, LinkLoss, Policy, REALTIME_MAX, Realtime, Restart, Usage, Watchdog,
@@ -51,6 +53,8 @@ pub struct Plan {
     pub wires: Vec<Wire>,
     /// The claims of the leaves on devices of their hosts.
     pub claims: Vec<Claim>,
+    /// What the home does with it after a reboot of its machine.
+    pub on_boot: OnBoot,
 }
 
 /// A device that a leaf claims on its host, against other deployments too.

@@ -8,7 +8,7 @@
 mod disk;
 
 use language::algebra::Program;
-use language::plan::{Arm, DEADLINE, Expression, Group, LeafPort, MemberKind, Plan, Policy, Retention};
+use language::plan::{Arm, DEADLINE, Expression, Group, LeafPort, MemberKind, OnBoot, Plan, Policy, Retention};
 use language::{Code, Compiled, Options, Severity, Source, Style, apply_fixes, compile, gather, render};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -100,7 +100,8 @@ fn check_services(plan: &Plan) {
 
 /// A plan as lines: one for each leaf, group and wire.
 fn describe(plan: &Plan) -> String {
-    let mut text = format!("plan {} on {}\n", plan.name, plan.hosts.join(", "));
+    let resumed = if plan.on_boot == OnBoot::Resume { ", resumed" } else { "" };
+    let mut text = format!("plan {} on {}{resumed}\n", plan.name, plan.hosts.join(", "));
     for leaf in &plan.leaves {
         text += &format!("{} = {} on {}", leaf.path, leaf.module, plan.hosts[leaf.host as usize]);
         for argument in &leaf.arguments {

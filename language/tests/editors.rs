@@ -47,6 +47,8 @@ const WORDS: &[&str] = &[
     "rest_for_one",
     "restarts",
     "backoff",
+    "on_boot",
+    "resume",
     "restart",
     "temporary",
     "transient",

@@ -59,8 +59,8 @@ fn completion_knows_what_can_stand_here() {
     completes(&instances("x instof Camera(host1, 5 $0);"), "");
     completes(&instances("x instof Camera(host1, zoom = 5 $0);"), ALL_UNITS);
     let sections = |line: &str| door("", &format!("    {line}\n"), "eye[see] , arm");
-    completes(&sections("$0"), "external_io internal_connections resource supervision verify");
-    completes(&sections("ext$0"), "external_io internal_connections resource supervision verify");
+    completes(&sections("$0"), "external_io internal_connections resource supervision on_boot verify");
+    completes(&sections("ext$0"), "external_io internal_connections resource supervision on_boot verify");
     completes(&sections("external_io { Out = $0; }"), "eye arm");
     completes(&sections("external_io { Out = eye, $0; }"), "Out Seen");
     completes(&sections("internal_connections($0) {}"), "eye arm");
@@ -88,6 +88,7 @@ fn completion_knows_what_can_stand_here() {
 #[test]
 fn completion_knows_supervision() {
     completes("process P() { supervision { $0 } }", "strategy restarts backoff");
+    completes("process P() { on_boot { $0 } }", "none resume");
     completes("process P() { supervision { strategy $0 } }", "one_for_one one_for_all rest_for_one");
 }
 

@@ -129,6 +129,7 @@ fn run(arguments: Arguments, log: Log) -> Result<(), Failure> {
         peers: arguments.peers,
         agent_loss_grace: arguments.agent_loss_grace,
         adopts: true,
+        boot: arguments.boot_id,
         log: Some(log),
         service: service.clone(),
     };

@@ -13,6 +13,7 @@ pub mod folder;
 pub(crate) mod guard;
 pub mod input_log;
 pub mod journal;
+mod kept;
 pub mod logging;
 pub mod peers;
 pub mod policy;

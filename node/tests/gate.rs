@@ -5,7 +5,7 @@ mod world;
 
 use dbmanager::logic::key::Key;
 use dbmanager::logic::txn::Write;
-use language::plan::Plan;
+use language::plan::{OnBoot, Plan};
 use node::logic::database::question::{AckLevel, Commit, Question};
 use node::logic::gate::{Gate, Ledger, Passed, Refusal};
 use node::logic::protocol::{ChangeOrder, ChangeRequest, Deployment, Request, Signed, ToParticipant};
@@ -239,6 +239,38 @@ fn a_deployment_goes_on_by_the_request_that_began_it() {
     assert_eq!(refused, Err(Refusal::Altered("c1".into())));
     world.revoke(&dan);
     assert!(matches!(later(&mut gate, &world, 5, &back), Err(Refusal::Request(Unsound::Trust(_)))));
+}
+
+/// After a reboot its home begins a mission again under a later epoch, if what was signed says so, and its signer still may.
+#[test]
+fn a_mission_is_resumed_by_the_request_that_began_it_if_that_says_so() {
+    for on_boot in [OnBoot::None, OnBoot::Resume] {
+        let mut world = World::new();
+        let (dan, mut gate) = (world.user("dan", Role::Deployer), world.gate("c2"));
+        let plan = Plan { on_boot, ..plan() };
+        let by = dan.sign(&deploy(plan.clone()), "c1");
+        let prepare = ToParticipant::Prepare { plan }.signed(Some(&by));
+        assert_eq!(order(&mut gate, &world, 5, &prepare), Ok(()));
+        let later = |gate: &mut Gate, world: &World, epoch: u64| {
+            let judge = world.judge(NOW.plus(20 * 24 * 3600));
+            gate.order(&at(epoch), ("c1", &prepare), &judge).map(drop).map_err(|refused| refused.why)
+        };
+        if on_boot == OnBoot::None {
+            assert!(matches!(later(&mut gate, &world, 6), Err(Refusal::Request(Unsound::Late(_)))));
+            continue;
+        }
+        assert_eq!(later(&mut gate, &world, 6), Ok(()));
+        assert_eq!(later(&mut gate, &world, 6), Err(Refusal::Epoch { found: 6, known: 6 }));
+        assert_eq!(later(&mut gate, &world, 9), Ok(()), "once more after the next reboot");
+        let other = dan.sign(&deploy(self::plan()), "c1");
+        let newer = ToParticipant::Prepare { plan: self::plan() }.signed(Some(&other));
+        assert_eq!(order(&mut gate, &world, 10, &newer), Ok(()));
+        assert!(matches!(later(&mut gate, &world, 11), Err(Refusal::Request(Unsound::Late(_)))), "it was superseded");
+        let mut gate = world.gate("c2");
+        assert_eq!(order(&mut gate, &world, 5, &prepare), Ok(()));
+        world.revoke(&dan);
+        assert!(matches!(later(&mut gate, &world, 6), Err(Refusal::Request(Unsound::Trust(_)))));
+    }
 }
 
 #[test]

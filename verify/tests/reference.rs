@@ -57,6 +57,7 @@ fn plan(expr: &Expr, services: &[bool]) -> Plan {
         leaves: (0..services.len()).map(leaf).collect(),
         wires: Vec::new(),
         claims: Vec::new(),
+        on_boot: Default::default(),
     }
 }
 

@@ -3,6 +3,7 @@
 mod data;
 pub(crate) mod exclusivity;
 mod expression;
+mod on_boot;
 mod places;
 pub(crate) mod quote;
 mod ranges;
@@ -52,7 +53,9 @@ pub(super) fn lower(
     exclusivity::check(spec, &tree, diagnostics);
     let claims = tree.claims(spec);
     let tree::Tree { hosts, groups, leaves, process_of, .. } = tree;
-    let plan = Plan { name: name.to_owned(), hosts, groups, leaves, wires: wires.all, claims };
+    let on_boot = spec.processes[root].on_boot.map(|(on_boot, _)| on_boot).unwrap_or_default();
+    diagnostics.extend(on_boot::check(spec, root, &claims));
+    let plan = Plan { name: name.to_owned(), hosts, groups, leaves, wires: wires.all, claims, on_boot };
     match plan.validate() {
         Ok(()) => Some(plan),
         Err(error) => {

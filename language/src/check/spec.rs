@@ -3,7 +3,7 @@
 mod kind;
 
 use super::range::Range;
-use crate::plan::{Backoff, Constant, LeafKind, Policy, Quality, Supervision, Transfer};
+use crate::plan::{Backoff, Constant, LeafKind, OnBoot, Policy, Quality, Supervision, Transfer};
 use crate::source::Span;
 use crate::syntax::ast::Name;
 use crate::unit::Dimension;
@@ -79,6 +79,8 @@ pub(crate) struct Process {
     pub(crate) supervision: Option<Supervision>,
     /// How long its programs stay away that say nothing themselves.
     pub(crate) backoff: Option<Backoff>,
+    /// What a reboot does, and where that is said.
+    pub(crate) on_boot: Option<(OnBoot, Span)>,
     /// Nothing when there is no such section, or an empty one.
     pub(crate) actions: Option<Expr>,
     pub(crate) damage: Damage,

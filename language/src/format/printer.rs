@@ -3,8 +3,8 @@
 use super::COLUMNS;
 use super::piece::{Piece, Sums, is_apart, is_bracketed, pieces};
 use crate::syntax::SyntaxKind::{
-    Actions, Comma, Connections, External, Host, Instances, LeftBrace, LeftBracket, LeftParen, Less, Module, Policies,
-    Process, RightBrace, Supervision, Verify,
+    Actions, Comma, Connections, External, Host, Instances, LeftBrace, LeftBracket, LeftParen, Less, Module, OnBoot,
+    Policies, Process, RightBrace, Supervision, Verify,
 };
 use crate::syntax::SyntaxNode;
 use rowan::NodeOrToken;
@@ -186,7 +186,7 @@ impl<'t> Printer<'t> {
         let kind = node.kind();
         if [Process, Instances, Policies, Supervision, External, Connections, Actions, Verify].contains(&kind)
             || kind == Module && !self.is_one_line(node)
-            || kind == Host && self.sums.is_commented(&self.range(node))
+            || [Host, OnBoot].contains(&kind) && self.sums.is_commented(&self.range(node))
         {
             self.block(node);
         } else if is_bracketed(kind) {

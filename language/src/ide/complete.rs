@@ -110,6 +110,7 @@ impl Analysis {
             SyntaxKind::Type => self.types(&at),
             SyntaxKind::Field => self.fields(&at),
             SyntaxKind::Host => self.values(&at, true),
+            SyntaxKind::OnBoot => at.on_boot(),
             SyntaxKind::Constant if at.before == "," && at.grand_is(SyntaxKind::Retry) => inside("pause"),
             SyntaxKind::Constant => self.constants(&at),
             SyntaxKind::Claim => self.claims(),

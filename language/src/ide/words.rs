@@ -98,6 +98,8 @@ words! {
         "Something that only one may have at a time: `using(name)` waits for it."
     Section "supervision" "supervision{\n    strategy ${1:one_for_all};\n    restarts ${2:3} within ${3:10 s};\n}"
         "What becomes of the programs of the group when one of them dies."
+    Section "on_boot" "on_boot{${1:resume}}"
+        "What the home does with the deployment after a reboot of its machine: `none` (it is not begun again), or `resume`. In `main` alone."
     Section "verify" "verify{\n    $0\n}"
         "What has to hold of this process in every order of events; `dca verify` proves it."
     ModuleItem "in" "in ${1:In}: ${2:Type};"

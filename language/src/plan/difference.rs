@@ -123,6 +123,7 @@ pub fn difference(running: &Plan, wanted: &Plan) -> Result<Difference, Vec<Strin
     let Pairing { mut plan, numbers, mut changes, mut obstacles, .. } = pairing;
     let claim = |claim: &Claim| Some(Claim { leaf: numbers.leaf(claim.leaf)?, ..claim.clone() });
     plan.claims = wanted.claims.iter().filter_map(claim).collect();
+    plan.on_boot = wanted.on_boot;
     for (new, number) in &numbers.leaves {
         let (Some(before), Some(after)) = (running.leaves.get(*number as usize), wanted.leaves.get(*new as usize))
         else {
@@ -215,6 +216,7 @@ fn change_of_group(running: &Plan, plan: &Plan, number: u32) -> Option<PlanChang
     differs(before.expression != after.expression, "its event actions");
     differs(before.sets_always != after.sets_always, "the connections that are always open");
     differs(before.supervision != after.supervision, "its supervision");
+    differs(number == 0 && running.on_boot != plan.on_boot, "`on_boot`");
     (!why.is_empty()).then(|| PlanChange::Act { group: number, path: before.path.clone(), why })
 }
 

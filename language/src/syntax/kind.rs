@@ -102,6 +102,7 @@ kinds! {
         Policies "policies"
         Policy "a policy"
         Supervision "a section of supervision"
+        OnBoot "what a reboot does"
         Count "how many"
         Index "an index"
         List "a list"

@@ -8,6 +8,8 @@ use std::net::Ipv6Addr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+/// The longest name for a boot of the machine, in bytes.
+const BOOT_ID_MAX: usize = 128;
 /// The longest time that may be given, in seconds.
 const SECONDS_MAX: f64 = 86_400.0;
 
@@ -42,6 +44,10 @@ pub(crate) struct Arguments {
     /// The engine of a new database on the disk, `redb` or `sled`; a database keeps the engine that it was made on [default: redb]
     #[arg(long, value_name = "ENGINE")]
     pub(super) store: Option<Engine>,
+    /// What tells this boot of the machine from others, for a container that is started anew with the same kernel
+    /// [default: the kernel's own name for it]
+    #[arg(long, value_name = "TEXT", value_parser = boot_id)]
+    pub(super) boot_id: Option<String>,
     /// The team whose database this robot has a copy of
     #[arg(long, value_name = "NAME", default_value = TEAM)]
     pub(super) team: String,
@@ -69,6 +75,7 @@ impl Arguments {
         self.run_dir.iter().for_each(|folder| option("--run-dir", path(folder)));
         self.state.iter().for_each(|folder| option("--state", path(folder)));
         self.store.iter().for_each(|engine| option("--store", engine.to_string()));
+        self.boot_id.iter().for_each(|boot| option("--boot-id", boot.clone()));
         if self.team != TEAM {
             option("--team", self.team.clone());
         }
@@ -92,6 +99,12 @@ fn peer(text: &str) -> Result<String, &'static str> {
         None => !host.is_empty() && host.chars().all(|c| c.is_ascii_alphanumeric() || "-._".contains(c)),
     };
     if is_address { Ok(text.to_owned()) } else { Err("the address is a name, `10.0.0.7` or `[fd00::7]`") }
+}
+
+/// Reads a name for a boot of the machine.
+fn boot_id(text: &str) -> Result<String, &'static str> {
+    let is_one = (1..=BOOT_ID_MAX).contains(&text.len()) && text.chars().all(|c| c.is_ascii_graphic());
+    is_one.then(|| text.to_owned()).ok_or("it has 1 to 128 visible ASCII characters")
 }
 
 /// Reads a time in seconds.
@@ -130,12 +143,20 @@ mod tests {
     #[test]
     fn the_words_of_all_options_are_read_as_the_same_options() {
         let all = "--name c1 --port 7000 --peer tcp/1.2.3.4:1 --peer tcp/[::1]:2 --controllers /bin/x --agent-loss-grace 2.5 \
-                   --run-dir /run/x --state /var/x --store sled --team ours --insecure-lan";
+                   --run-dir /run/x --state /var/x --store sled --boot-id b7 --team ours --insecure-lan";
         let all: Vec<String> = all.split_whitespace().map(str::to_owned).collect();
         assert_eq!(read(&all).words(), all);
         assert_eq!(read(&all[..2]).words(), all[..2]);
         let relative = [&all[..2], &["--state".to_owned(), "x".to_owned()]].concat();
         assert!(Path::new(read(&relative).words().last().unwrap()).is_absolute());
+    }
+
+    #[test]
+    fn a_boot_has_a_name() {
+        assert_eq!(boot_id("4f1c-7"), Ok("4f1c-7".to_owned()));
+        for bad in ["", "a b", "a\nb", "ä", &"x".repeat(129)] {
+            assert!(boot_id(bad).is_err(), "{bad:?}");
+        }
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 mod adoption;
 mod gate;
+mod keeping;
 mod launching;
 mod settings;
 mod start;
@@ -14,6 +15,7 @@ use crate::io::event::{Connection, Event};
 use crate::io::guard::Guard;
 use crate::io::input_log::InputLog;
 use crate::io::journal::{self, Journal};
+use crate::io::kept::KeptFiles;
 use crate::io::logging::{self, Log};
 use crate::io::peers::{Arrival, Peers};
 use crate::io::policy::ExecutionPolicy;
@@ -74,6 +76,8 @@ pub struct Config {
     pub agent_loss_grace: Option<Duration>,
     /// Whether it takes over what a node of its name that was killed has left in its folder.
     pub adopts: bool,
+    /// What tells this boot of the machine from others, where the kernel does not.
+    pub boot: Option<String>,
     /// Folder for what must survive: the database and the journal; none for a node whose memory ends with it.
     pub state: Option<PathBuf>,
     /// The engine of a new database; nothing for the default.
@@ -102,6 +106,7 @@ struct Driver {
     policy: ExecutionPolicy,
     journal: Arc<Mutex<Journal>>,
     estop: EstopFile,
+    kept: KeptFiles,
     /// The jobs beside the loop.
     jobs: Sender<Job>,
     shims: BTreeMap<ProcessId, Sender<ShimOrder>>,
@@ -190,16 +195,18 @@ impl Driver {
         let journal = start::journal(&config, &dir)?;
         let offered = start::offered(&config).await?;
         let boot = entropy::number().context("reading a random number from the system")?;
-        let inputs = InputLog::new(dir.path(), &machine, config.adopts);
+        let inputs = InputLog::new(dir.path(), &start::life(&config, &machine), config.adopts);
         let is_adopting = before.is_some();
         let (estop_file, estop) = EstopFile::open(config.state.clone());
         let (guard, policy) = gate::open(&config)?;
+        let (kept, earlier) = start::kept(&config).await?;
         let state = start::state(before, offered, guard.is_some(), || {
             let (host, epoch, open) = (config.name.clone(), journal.epoch(), journal.open_ends());
-            Identity { host, boot, pid: process::id(), machine, epoch, open, is_guarded: guard.is_some(), estop }
+            let (pid, is_guarded) = (process::id(), guard.is_some());
+            Identity { host, boot, pid, machine, epoch, open, is_guarded, estop, earlier }
         });
         let mut tasks = JoinSet::new();
-        let (sink, mut arrivals) = mpsc::channel(EVENTS_MAX);
+        let (sink, arrivals) = mpsc::channel(EVENTS_MAX);
         start::show_team(&config, &dir)?;
         let siblings = start::siblings(&config)?.into_iter();
         let options = NodeOptions {
@@ -218,14 +225,7 @@ impl Driver {
         let database = tokio::task::spawn_blocking(move || database::start(&options, &session)).await??;
         let (jobs, waiting) = mpsc::channel(starter::JOBS_MAX);
         tasks.spawn(start::starter(&config, &database, (policy.clone(), events.clone())).run(waiting));
-        let forward = events.clone();
-        tasks.spawn(async move {
-            while let Some(arrival) = arrivals.recv().await {
-                if forward.send(Event::Arrival(arrival)).await.is_err() {
-                    return;
-                }
-            }
-        });
+        tasks.spawn(start::forward(arrivals, events.clone()));
         let mut driver = Self {
             state,
             config,
@@ -237,6 +237,7 @@ impl Driver {
             jobs,
             journal: Arc::new(Mutex::new(journal)),
             estop: estop_file,
+            kept,
             shims: BTreeMap::new(),
             programs: BTreeMap::new(),
             inputs,
@@ -347,6 +348,10 @@ impl Driver {
                 let journal = Arc::clone(&self.journal);
                 self.settling.spawn_blocking(move || journal::settle(&journal, &deployment));
             }
+            Effect::Keep(kept) => self.keep(|files| files.keep(&kept)),
+            Effect::Unkeep { deployment } => self.keep(|files| files.unkeep(&deployment)),
+            Effect::KeepAll(all) => self.keep(|files| files.keep_all(&all)),
+            Effect::KeepTombstones(all) => self.keep(|files| files.keep_tombstones(all)),
             Effect::KeepEstop(estop) => {
                 self.estop.want(estop);
                 let file = self.estop.clone();
@@ -387,17 +392,6 @@ impl Driver {
         if self.config.log.is_some() {
             logging::peer(change);
         }
-    }
-
-    /// Writes an epoch down beside the loop: a disk may take long.
-    fn commit(&mut self, deployment: Deployment, hosts: Vec<String>) {
-        let (journal, events) = (Arc::clone(&self.journal), self.events.clone());
-        self.tasks.spawn(async move {
-            let epoch = deployment.clone();
-            let writing = tokio::task::spawn_blocking(move || journal::commit(&journal, &epoch, &hosts)).await;
-            let written = writing.map_err(|error| error.to_string()).flatten();
-            events.send(Event::Committed(deployment, written)).await.unwrap_or_default();
-        });
     }
 
     /// Has something done beside the loop that nobody waits for.

@@ -26,7 +26,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// The form of the log. One more with every change of what the agent and its inputs are made of: another form is not read.
-const FORM: u32 = 15;
+const FORM: u32 = 16;
 /// From which size on a checkpoint takes the place of the log, in bytes; or when it is twice as long as with its last checkpoint.
 const SIZE_MAX: u64 = 8 << 20;
 /// The longest log that is read, in bytes.
@@ -220,8 +220,17 @@ mod tests {
 
     fn state() -> NodeState {
         let (host, machine) = ("c1".to_owned(), "here".to_owned());
-        let identity =
-            Identity { host, boot: 7, pid: 1, machine, epoch: 3, open: Vec::new(), is_guarded: false, estop: None };
+        let identity = Identity {
+            host,
+            boot: 7,
+            pid: 1,
+            machine,
+            epoch: 3,
+            open: Vec::new(),
+            is_guarded: false,
+            estop: None,
+            earlier: Default::default(),
+        };
         NodeState::new(Agent::new(identity, Programs::default(), Time::ZERO), Time::ZERO)
     }
 

@@ -5,6 +5,8 @@
 //!   r1/                     one node, 0700
 //!     db/                   its copy of the database
 //!     journal               the deployments it has committed
+//!     running/              those that have their home here and run, for a node that begins after a reboot
+//!     stopped               those of other homes that were stopped while these were away
 //! ```
 
 use crate::io::folder::{self, FolderError};

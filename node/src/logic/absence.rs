@@ -123,6 +123,11 @@ impl Absence {
         why.into_iter().for_each(|why| *why = Why::Unable);
     }
 
+    /// Returns whether some host has not confirmed that nothing of a deployment is left there.
+    pub fn is_open(&self, deployment: &Deployment) -> bool {
+        self.ends.get(deployment).is_some_and(|end| !end.hosts.is_empty())
+    }
+
     /// Forgets an open end, as a person wants; says whether there was one.
     pub fn forget(&mut self, deployment: &Deployment) -> bool {
         self.ends.get_mut(deployment).map(|end| end.hosts.clear()).is_some()

@@ -1,5 +1,6 @@
 //! The agent of a host: routes every input to the machine it belongs to, and nothing else.
 
+mod boot;
 mod calls;
 mod crash_loop;
 mod delivery;
@@ -11,6 +12,7 @@ mod over;
 mod peers;
 mod relay;
 
+use boot::Resumed;
 use estop::Stopped;
 pub use input::Input;
 use namesakes::Rivalry;
@@ -25,7 +27,9 @@ use crate::logic::link::Link;
 use crate::logic::nameserver::NameServer;
 use crate::logic::participant::Participant;
 use crate::logic::programs::Programs;
-use crate::logic::protocol::{Absent, Containment, Deployment, Estop, Network, NodeStatus, Signed};
+use crate::logic::protocol::{
+    Absent, Before, Containment, Deployment, Earlier, Estop, Network, NodeStatus, Signed, Tombstone,
+};
 use comms::logic::control::Notice;
 use comms::logic::time::Time;
 use language::plan::Plan;
@@ -66,6 +70,8 @@ pub struct Identity {
     pub is_guarded: bool,
     /// Who had stopped everything when an earlier run ended.
     pub estop: Option<Estop>,
+    /// What ran before, and what was stopped elsewhere.
+    pub earlier: Earlier,
 }
 
 /// The agent of a host.
@@ -102,6 +108,10 @@ pub struct Agent {
     orders: Orders,
     rivalry: Rivalry,
     stopped: Stopped,
+    /// The deployments that ran before this node, until they are told.
+    earlier: Vec<Before>,
+    /// The deployments of other homes that were stopped while those were away.
+    tombstones: BTreeSet<Tombstone>,
 }
 
 /// Programs that could not be ended when their deployment was.
@@ -119,12 +129,14 @@ struct UnendedPrograms {
 #[derive(Debug, Serialize, Deserialize)]
 struct AwaitingHosts {
     until: Time,
-    call: u64,
+    /// Who has asked for it; nobody for one that is resumed.
+    call: Option<u64>,
     plan: Plan,
     /// The user who wants it, such as `ann@c1`.
     by: String,
     /// The request, if a user has signed it.
     signed: Option<Arc<Signed>>,
+    resumed: Option<Resumed>,
 }
 
 impl Agent {
@@ -132,6 +144,7 @@ impl Agent {
     pub fn new(mut identity: Identity, programs: Programs, now: Time) -> Self {
         let open = std::mem::take(&mut identity.open);
         let stopped = Self::stopped_before(identity.estop.take());
+        let Earlier { running, tombstones } = std::mem::take(&mut identity.earlier);
         Self {
             absence: Absence::new(&identity.host, open, now),
             names: NameServer::new(&identity.host, identity.boot, now),
@@ -155,6 +168,8 @@ impl Agent {
             orders: Orders::default(),
             rivalry: Rivalry::default(),
             stopped,
+            earlier: running,
+            tombstones: tombstones.into_iter().collect(),
         }
     }
 
@@ -162,6 +177,8 @@ impl Agent {
     pub fn handle(&mut self, now: Time, input: Input, effects: &mut Vec<Effect>) {
         let mut more = Vec::new();
         let mut out = Out { now, effects, messages: &mut more };
+        // Who asks at once hears of it, too.
+        self.look_back(&mut out);
         self.take(input, &mut out);
         self.tick(&mut out);
         // Messages to this node may cause more of them; each is handled after the one that caused it.
@@ -223,12 +240,14 @@ impl Agent {
         let coordinators = self.coordinators.values().map(Coordinator::deadline);
         let participants = self.participants.values().map(Participant::deadline);
         let links = self.links.values().flatten().map(Link::deadline);
-        let gathering = self.awaiting_hosts.iter().map(|one| Some(one.until));
+        let begins = |one: &AwaitingHosts| one.resumed.as_ref().and_then(|resumed| resumed.earliest);
+        let gathering = self.awaiting_hosts.iter().map(|one| begins(one).or(Some(one.until)));
+        let looking_back = (!self.earlier.is_empty()).then_some(self.started);
         coordinators
             .chain(participants)
             .chain(links)
             .chain(gathering)
-            .chain([self.absence.deadline(), self.lingers_until, self.over_until])
+            .chain([self.absence.deadline(), self.lingers_until, self.over_until, looking_back])
             .fold(self.names.deadline(), earliest)
     }
 
@@ -278,6 +297,7 @@ impl Agent {
             Input::Adopted { away } => {
                 self.adopted(out.now, away);
                 self.keep_estop(out);
+                self.keep_all(out);
                 self.judge_again(out);
             }
             Input::Leave => {

@@ -125,6 +125,10 @@ impl Attachments {
             | Effect::Peer(_)
             | Effect::Settled { .. }
             | Effect::KeepEstop(_)
+            | Effect::Keep(_)
+            | Effect::Unkeep { .. }
+            | Effect::KeepAll(_)
+            | Effect::KeepTombstones(_)
             | Effect::KillShim { .. }
             | Effect::FindPrograms { .. }
             | Effect::Answer { .. }

@@ -14,13 +14,13 @@ mod change;
 mod processes;
 mod rejoin;
 mod start;
+mod stop;
 mod switching;
 
 use crate::logic::effect::{Effect, Out, earliest};
 use crate::logic::history::History;
 use crate::logic::protocol::{
-    Answer, Deployment, Ending, Failure, FailureCause, Report, Signed, StopReply, Target, ToCoordinator, ToParticipant,
-    Why,
+    Answer, Deployment, Ending, Report, Signed, StopReply, ToCoordinator, ToParticipant, Why,
 };
 use crate::logic::wiring::Registrations;
 use change::Changing;
@@ -56,7 +56,11 @@ pub struct Coordinator {
     deployment: Deployment,
     /// The user who has deployed it.
     begun_by: String,
+    /// The epoch under which a user has deployed it: not its own once it was resumed after a reboot.
+    origin: u64,
     plan: Arc<Plan>,
+    /// The same as it was asked for last, before it got the numbers of what runs.
+    wanted: Arc<Plan>,
     /// The request by which the plan runs, if a user has signed it.
     signed: Option<Arc<Signed>>,
     hosts: Vec<String>,
@@ -86,6 +90,10 @@ pub struct Coordinator {
     stoppers: Vec<u64>,
     /// Whether somebody has asked for its end while it ran.
     is_asked: bool,
+    /// Whether its node leaves, which may be for a reboot.
+    is_leaving: bool,
+    /// Whether a user has asked for its end.
+    is_unwanted: bool,
     /// How often its plan was changed while it ran, and who did that last.
     revision: (u32, String),
     change: Option<Changing>,
@@ -103,7 +111,7 @@ impl Coordinator {
     pub fn begin(
         deployment: Deployment,
         (plan, signed): (Arc<Plan>, Option<Arc<Signed>>),
-        watcher: u64,
+        watcher: Option<u64>,
         listeners: Vec<u64>,
         out: &mut Out<'_>,
     ) -> Self {
@@ -116,6 +124,8 @@ impl Coordinator {
             hosts,
             deployment,
             begun_by: String::new(),
+            origin: 0,
+            wanted: Arc::clone(&plan),
             plan,
             signed,
             phase: Phase::Preparing,
@@ -130,10 +140,12 @@ impl Coordinator {
             unable: BTreeSet::new(),
             unconfirmed: BTreeMap::new(),
             ending: None,
-            watchers: vec![watcher],
+            watchers: watcher.into_iter().collect(),
             listeners,
             stoppers: Vec::new(),
             is_asked: false,
+            is_leaving: false,
+            is_unwanted: false,
             revision: (0, String::new()),
             change: None,
             changes: 0,
@@ -222,40 +234,6 @@ impl Coordinator {
         }
         self.committed = true;
         self.go_if_ready(out);
-    }
-
-    /// Ends the deployment because somebody asked; `call` is answered when nothing is left.
-    pub fn stop(&mut self, call: Option<u64>, out: &mut Out<'_>) {
-        self.stoppers.extend(call);
-        match self.phase {
-            Phase::Preparing | Phase::Connecting => {
-                self.reasons.push("it was stopped before it ran".to_owned());
-                self.end(None, out);
-            }
-            Phase::Running => {
-                self.is_asked = true;
-                let Some(home) = self.plan.home().map(str::to_owned) else { return };
-                let order = ToParticipant::Stop { target: Target::Group(0), activation: 1 };
-                out.send(&home, self.deployment.to_participant(order));
-            }
-            Phase::Ending | Phase::Over => {}
-        }
-    }
-
-    /// Ends the deployment at once, for this cause.
-    pub fn abort(&mut self, cause: FailureCause, out: &mut Out<'_>) {
-        if self.phase == Phase::Running {
-            let origin = self.plan.groups.first().map(|main| main.path.clone()).unwrap_or_default();
-            let at = self.go_at.map_or(Duration::ZERO, |go| out.now - go);
-            return self.end(Some(Ending::Aborted(Failure { origin, cause, at })), out);
-        }
-        self.reasons.push(format!("it {cause}"));
-        self.end(None, out);
-    }
-
-    /// Returns whether it is over, or comes to its end.
-    pub fn is_ending(&self) -> bool {
-        matches!(self.phase, Phase::Ending | Phase::Over)
     }
 
     /// Goes on reporting to somebody who has the first `seen` reports.
@@ -372,6 +350,7 @@ impl Coordinator {
         }
         self.phase = Phase::Ending;
         self.ending = ending;
+        self.keep_end(out);
         self.rejoins = Rejoins::default();
         self.abandon_change(out);
         self.abandon_switches(out);

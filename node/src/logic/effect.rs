@@ -3,7 +3,7 @@
 use crate::logic::database::question::Commit;
 use crate::logic::link::Frame;
 use crate::logic::nameserver::Change;
-use crate::logic::protocol::{Answer, Deployment, Estop, Message, Namesake, ToParticipant};
+use crate::logic::protocol::{Answer, Deployment, Estop, Kept, Message, Namesake, ToParticipant, Tombstone};
 use comms::logic::control::Order;
 use comms::logic::time::Time;
 use language::plan::{LeafKind, Policy};
@@ -144,6 +144,17 @@ pub enum Effect {
     },
     /// Write down that everything is stopped, and by whom, or that it is not any more; nobody waits for it.
     KeepEstop(Option<Estop>),
+    /// Write down what a node needs to know of a deployment that begins after a reboot; nobody waits for it.
+    Keep(Box<Kept>),
+    /// Remove that from the disk: the deployment is to end.
+    Unkeep {
+        /// The deployment.
+        deployment: Deployment,
+    },
+    /// Have all of this on the disk, and nothing else of the kind.
+    KeepAll(Vec<Kept>),
+    /// Have these tombstones on the disk, and no others.
+    KeepTombstones(Vec<Tombstone>),
     /// One element of the answer to a call.
     Answer {
         /// The call.

@@ -17,7 +17,7 @@ pub use action::{action, audience, subject};
 pub use ledger::{LEDGER_MAX, Ledger, LedgerError};
 
 use crate::logic::protocol::{ChangeOrder, ChangeRequest, Deployment, Order, Ordered, Request, Signed, ToParticipant};
-use language::plan::{Plan, difference};
+use language::plan::{OnBoot, Plan, difference};
 use ledger::Place;
 use std::collections::BTreeSet;
 use thiserror::Error;
@@ -227,23 +227,33 @@ impl Gate {
         check_action(by, Action::Deploy)?;
         let plan = plan_of(&request).ok_or(Refusal::Unreadable)?;
         let is_meant = plan.name == deployment.name && plan.home() == Some(from) && self.takes_part(plan);
-        if !is_meant || !follows(order, &request, plan, deployment.epoch) {
-            return Err(Refusal::Altered(from.to_owned()));
-        }
         let mark = request::Request::mark(&by.head).map_err(request::Refusal::Form)?;
         let (place, deployed) = (Place::new(from, &deployment.name), plan.name.parse().ok());
         let (is_first, epoch) = (*order == Order::Prepare, deployment.epoch);
         let known = self.ledger.epoch(&place);
+        // After a reboot its home begins it again under a later epoch, as the user has signed.
+        let may_resume = is_first && plan.on_boot == OnBoot::Resume && epoch > known;
+        let resumed = may_resume.then(|| self.ledger.accepted(&place, known, mark)).flatten();
+        let follows = match resumed {
+            Some(_) => true,
+            None => follows(order, &request, plan, epoch),
+        };
+        if !is_meant || !follows {
+            return Err(Refusal::Altered(from.to_owned()));
+        }
         if epoch < known || (is_first && epoch == known) {
             return Err(Refusal::Epoch { found: epoch, known });
         }
         let Self { node, name, ledger } = self;
         // What was accepted for this very deployment goes on: its number is spent, and its time may be over.
-        let before = ledger.accepted(&place, epoch, mark).filter(|_| !is_first);
+        let before = ledger.accepted(&place, epoch, mark).filter(|_| !is_first).or(resumed);
         let judge = Judge { now: before.unwrap_or(judge.now), ..*judge };
         let context = Context { judge, node: *node, name, deployment: deployed.as_ref(), epoch_min: 0 };
         if before.is_some() {
             request::check_again(&by.head, &by.body, &context)?;
+            if let Some(at) = resumed {
+                ledger.accept(place, epoch, mark, at);
+            }
             return Ok(());
         }
         request::check(&by.head, &by.body, &context, ledger.replays())?;

@@ -11,6 +11,7 @@ mod estop;
 mod event;
 mod facts;
 mod failure;
+mod kept;
 mod message;
 mod names;
 mod parameters;
@@ -31,6 +32,7 @@ pub use estop::{Estop, Estopped};
 pub use event::Event;
 pub use facts::LeafFacts;
 pub use failure::{Failure, FailureCause, ProgramEnd, signal_name};
+pub use kept::{Before, Earlier, Kept, Tombstone};
 use language::plan::{MemberKind, Plan};
 pub use message::{Body, Message};
 pub use names::{DeviceName, Names, PortName};
@@ -45,7 +47,7 @@ use std::fmt;
 use std::time::Duration;
 
 /// Version of these messages.
-pub const VERSION: u16 = 14;
+pub const VERSION: u16 = 15;
 
 /// How long a node that has more to say may be silent: it says several times in that time that it is still there.
 pub const SILENCE_MAX: Duration = Duration::from_secs(8);
@@ -218,6 +220,8 @@ pub enum Request {
     Estop(Estop),
     /// Lets programs begin again. Answered by [`Answer::Released`].
     ReleaseEstop,
+    /// Keeps a tombstone for a home that the node does not reach, until that has heard of it. Answered by [`StopReply`].
+    StopAway(Box<Tombstone>),
 }
 
 /// A request to switch connection sets.
@@ -238,7 +242,7 @@ pub enum Answer {
     Report(Report),
     /// To `Status`.
     Status(NodeStatus),
-    /// To `Stop` and `Forget`.
+    /// To `Stop`, `Forget` and `StopAway`.
     Stop(StopReply),
     /// To `Logs`.
     Output(Vec<u8>),
@@ -350,7 +354,7 @@ mod tests {
 
     fn empty() -> Plan {
         let (hosts, groups, leaves, wires, claims) = Default::default();
-        Plan { name: String::new(), hosts, groups, leaves, wires, claims }
+        Plan { name: String::new(), hosts, groups, leaves, wires, claims, on_boot: Default::default() }
     }
 
     #[test]

@@ -105,6 +105,7 @@ fn a_home_that_was_started_again_asks() {
         open,
         is_guarded: false,
         estop: None,
+        earlier: Default::default(),
     };
     world.agents.insert("c1".into(), NodeState::new(Agent::new(identity, Programs::default(), world.now), world.now));
     world.boots.insert("c1".into(), 9);

@@ -15,7 +15,17 @@ fn every_reason_of_every_host_is_told_and_nothing_stays() {
     let mut world = World::new(&["c1", "c2"]);
     for host in ["c1", "c2"] {
         let (own, machine, open) = (host.to_owned(), host.to_owned(), Vec::new());
-        let identity = Identity { host: own, boot: 9, pid: 1, machine, epoch: 0, open, is_guarded: false, estop: None };
+        let identity = Identity {
+            host: own,
+            boot: 9,
+            pid: 1,
+            machine,
+            epoch: 0,
+            open,
+            is_guarded: false,
+            estop: None,
+            earlier: Default::default(),
+        };
         world
             .agents
             .insert(host.into(), NodeState::new(Agent::new(identity, Programs::default(), Time::ZERO), Time::ZERO));

@@ -11,7 +11,9 @@ use node::logic::effect::{Effect, ProcessId, SpawnOrder};
 use node::logic::nameserver::Change;
 use node::logic::node_state::NodeState;
 use node::logic::programs::Programs;
-use node::logic::protocol::{Answer, ChangeRequest, Deployment, Ending, Estop, Namesake, Pong, Report, Request};
+use node::logic::protocol::{
+    Answer, ChangeRequest, Deployment, Earlier, Ending, Estop, Kept, Namesake, Pong, Report, Request, Tombstone,
+};
 use shim::protocol::{ShimOrder, ShimReport};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -103,6 +105,10 @@ pub(super) struct World {
     pub(super) settled: Vec<(String, Deployment)>,
     /// What each host has written down of who has stopped everything.
     pub(super) estops: BTreeMap<String, Option<Estop>>,
+    /// What each host has on its disk of deployments that run.
+    pub(super) kept: BTreeMap<String, BTreeMap<u64, Kept>>,
+    /// The tombstones on the disk of each host.
+    pub(super) tombstones: BTreeMap<String, Vec<Tombstone>>,
     /// Whether programs do not leave when they are told to.
     pub(super) lingers: bool,
     /// Whether programs never say hello.
@@ -137,13 +143,18 @@ impl World {
         let mut world = Self::default();
         for (boot, host) in (1..).zip(hosts) {
             let (own, machine, open) = ((*host).to_owned(), (*host).to_owned(), Vec::new());
-            let identity = Identity { host: own, boot, pid: 1, machine, epoch: 0, open, is_guarded, estop: None };
-            let mut programs = Programs::default();
-            programs.offer(
-                "controllers",
-                ["Step", "Long", "Sensor", "Stubborn", "Arm", "Eye", "Owner", "Tuned"].map(str::to_owned),
-            );
-            let agent = Agent::new(identity, programs, Time::ZERO);
+            let identity = Identity {
+                host: own,
+                boot,
+                pid: 1,
+                machine,
+                epoch: 0,
+                open,
+                is_guarded,
+                estop: None,
+                earlier: Earlier::default(),
+            };
+            let agent = Agent::new(identity, offered(), Time::ZERO);
             world.agents.insert((*host).into(), NodeState::new(agent, Time::ZERO));
             world.boots.insert((*host).into(), boot);
         }
@@ -298,6 +309,17 @@ impl World {
             Effect::KillShim { process } => self.die(host, &process, ShimReport::Signalled { signal: 9 }),
             Effect::Settled { deployment } => self.settled.push((host.into(), deployment)),
             Effect::KeepEstop(estop) => drop(self.estops.insert(host.into(), estop)),
+            Effect::Keep(kept) => {
+                self.kept.entry(host.into()).or_default().insert(kept.deployment.epoch, *kept);
+            }
+            Effect::Unkeep { deployment } => {
+                self.kept.entry(host.into()).or_default().remove(&deployment.epoch);
+            }
+            Effect::KeepAll(all) => {
+                let all = all.into_iter().map(|kept| (kept.deployment.epoch, kept)).collect();
+                self.kept.insert(host.into(), all);
+            }
+            Effect::KeepTombstones(all) => drop(self.tombstones.insert(host.into(), all)),
             Effect::FindPrograms { deployment, number, programs } => {
                 let is_missing = |order: &SpawnOrder| order.command.iter().any(|word| word == "missing");
                 let problem = |SpawnOrder { path, .. }| format!("`{path}` cannot be started: there is no such program");
@@ -375,6 +397,14 @@ impl World {
             other => panic!("not finished: {other:?}"),
         }
     }
+}
+
+/// The programs that every host offers.
+pub(super) fn offered() -> Programs {
+    let mut programs = Programs::default();
+    let types = ["Step", "Long", "Sensor", "Stubborn", "Arm", "Eye", "Owner", "Tuned"];
+    programs.offer("controllers", types.map(str::to_owned));
+    programs
 }
 
 /// A small linear congruential generator; what it draws does not have to be good. Source: Knuth, MMIX.

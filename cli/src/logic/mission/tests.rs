@@ -52,6 +52,7 @@ pub(crate) fn plan(names: &[&str], expression: Expression) -> Plan {
         leaves,
         wires: Vec::new(),
         claims: Vec::new(),
+        on_boot: Default::default(),
     }
 }
 

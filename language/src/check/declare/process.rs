@@ -17,7 +17,7 @@ use crate::check::spec::{
 };
 use crate::check::value::Reader;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::plan::{Constant, Transfer};
+use crate::plan::{Constant, OnBoot, Transfer};
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, BackArrow, Equals, Text};
 use crate::syntax::ast::{Name, Node};
@@ -35,6 +35,7 @@ pub(super) fn process(node: &Node, places: &[Span], consts: &Consts, diagnostics
     let params = params.unwrap_or_default();
     let mut reader = Reader { scope: Scope { params: &params, ..scope }, diagnostics };
     let host = node.child(SyntaxKind::Host).and_then(|node| host(&node, &mut reader));
+    let on_boot = node.child(SyntaxKind::OnBoot).and_then(|node| on_boot(&node, reader.diagnostics));
     let (supervision, backoff) = supervision::supervision(node, &mut reader).unzip();
     let Instances { all: mut instances, arrays, are_counted, .. } = Instances::read(node, &mut reader);
     damage.instances |= !are_counted;
@@ -84,6 +85,7 @@ pub(super) fn process(node: &Node, places: &[Span], consts: &Consts, diagnostics
         resources,
         supervision,
         backoff: backoff.flatten(),
+        on_boot,
         actions,
         damage,
         is_service: false,
@@ -125,7 +127,8 @@ fn damage(node: &Node, places: &[Span]) -> Damage {
         let in_part = |kind: SyntaxKind| part == Some(kind);
         let is_between = part.is_none() || in_part(SyntaxKind::Error);
         damage.header |= is_between || in_part(SyntaxKind::Params) || in_part(SyntaxKind::Host);
-        damage.header |= in_part(SyntaxKind::Resources) || in_part(SyntaxKind::Supervision);
+        damage.header |=
+            in_part(SyntaxKind::Resources) || in_part(SyntaxKind::Supervision) || in_part(SyntaxKind::OnBoot);
         damage.instances |= is_between || in_part(SyntaxKind::Instances);
         damage.external |= is_between || in_part(SyntaxKind::External);
         damage.connections |= is_between || in_part(SyntaxKind::Connections);
@@ -136,14 +139,36 @@ fn damage(node: &Node, places: &[Span]) -> Damage {
 
 /// Every section but the connections stands at most once.
 fn check_sections(node: &Node, diagnostics: &mut Diagnostics) {
-    let sections =
-        [SyntaxKind::Host, SyntaxKind::Instances, SyntaxKind::External, SyntaxKind::Actions, SyntaxKind::Supervision];
+    let sections = [
+        SyntaxKind::Host,
+        SyntaxKind::Instances,
+        SyntaxKind::External,
+        SyntaxKind::Actions,
+        SyntaxKind::Supervision,
+        SyntaxKind::OnBoot,
+    ];
     for kind in sections {
         let mut words = node.children_of(kind).filter_map(|section| section.names().next());
         if let (Some(first), Some(second)) = (words.next(), words.next()) {
             diagnostics.push(twice("section", &second.text, second.span, first.span));
         }
     }
+}
+
+/// Reads `on_boot{resume}`.
+fn on_boot(node: &Node, diagnostics: &mut Diagnostics) -> Option<(OnBoot, Span)> {
+    let word = node.names().nth(1)?;
+    let on_boot = match word.text.as_str() {
+        "none" => OnBoot::None,
+        "resume" => OnBoot::Resume,
+        _ => {
+            let message = format!("`{}` is nothing that can be done after a reboot", word.text);
+            let help = "write `on_boot{none}` or `on_boot{resume}`";
+            diagnostics.push(Diagnostic::new(Code::E0009, word.span, message).help(help));
+            return None;
+        }
+    };
+    Some((on_boot, node.span()))
 }
 
 fn host(node: &Node, reader: &mut Reader<'_>) -> Option<Value> {

@@ -69,6 +69,11 @@ impl Cursor {
         starts.contains(&self.before_kind) || joins.contains(&self.before_kind)
     }
 
+    /// What a reboot may do.
+    pub(super) fn on_boot(&self) -> Vec<Completion> {
+        ["none", "resume"].into_iter().map(|word| Completion::new(CompletionKind::Keyword, word)).collect()
+    }
+
     /// The words that a policy goes on with.
     pub(super) fn policy(&self) -> Vec<Completion> {
         let words: &[&str] = match self.before.as_str() {

@@ -52,6 +52,14 @@ fn programs_and_policies_can_change_while_it_runs() {
 }
 
 #[test]
+fn what_a_reboot_does_can_change_while_it_runs() {
+    let running = plan(SPEC);
+    let resumed = SPEC.replace("process main() {", "process main() {\n    on_boot{resume}");
+    assert_eq!(changes(&running, &resumed), Ok(vec!["act        main: `on_boot`".to_owned()]));
+    assert_eq!(changes(&plan(&resumed), &resumed), Ok(vec![]));
+}
+
+#[test]
 fn a_claim_that_changes_replaces_its_program() {
     let running = plan(&SPEC.replace("done; }", "done; claims leg; }"));
     let other = SPEC.replace("done; }", "done; claims leg(read); }");

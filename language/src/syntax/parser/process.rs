@@ -160,6 +160,7 @@ impl Parser<'_> {
             "internal_event_actions" => self.actions(),
             "supervision" => self.block(SyntaxKind::Supervision, Self::supervision_rule),
             "verify" => self.properties(),
+            "on_boot" => self.on_boot(),
             "resource" if self.kind(1) == Ident => self.resources(),
             _ => self.unknown_section(),
         }
@@ -182,9 +183,20 @@ impl Parser<'_> {
             Some("internal_connections") => self.connections(),
             Some("supervision") => self.block(SyntaxKind::Supervision, Self::supervision_rule),
             Some("verify") => self.properties(),
+            Some("on_boot") => self.on_boot(),
             Some(_) => self.actions(),
             None => self.skip_section(),
         }
+    }
+
+    /// `on_boot{resume}`
+    fn on_boot(&mut self) {
+        self.start(SyntaxKind::OnBoot);
+        self.bump();
+        self.open(LeftBrace);
+        self.expect_name("`none` or `resume`");
+        self.expect(RightBrace);
+        self.finish();
     }
 
     fn skip_section(&mut self) {

@@ -6,13 +6,14 @@ use crate::syntax::SyntaxKind::{
 };
 
 /// The words that open a section of a process.
-pub(super) const SECTIONS: [&str; 7] = [
+pub(super) const SECTIONS: [&str; 8] = [
     "host",
     "instantiated_processes",
     "external_io",
     "internal_connections",
     "internal_event_actions",
     "supervision",
+    "on_boot",
     "verify",
 ];
 /// The words that open an item of a file.

@@ -9,6 +9,8 @@ use crate::io::event::Event;
 use crate::io::folder::FolderError;
 use crate::io::input_log::InputLog;
 use crate::io::journal::Journal;
+use crate::io::kept::KeptFiles;
+use crate::io::peers::Arrival;
 use crate::io::policy::ExecutionPolicy;
 use crate::io::program_database::ProgramDatabase;
 use crate::io::programs;
@@ -20,12 +22,12 @@ use crate::logic::agent::{Agent, Identity};
 use crate::logic::database::program::Access;
 use crate::logic::node_state::NodeState;
 use crate::logic::programs::Programs;
-use crate::logic::protocol::Network;
+use crate::logic::protocol::{Earlier, Network};
 use anyhow::Context;
 use comms::io::session::Reach;
 use comms::io::{clock, file};
 use std::path::{Path, PathBuf};
-use tokio::sync::mpsc::Sender;
+use tokio::sync::mpsc::{Receiver, Sender};
 
 pub(super) fn database_options(config: &Config, dir: &RunDir) -> database::Options {
     database::Options {
@@ -116,6 +118,15 @@ pub(super) fn network(config: &Config) -> Network {
     }
 }
 
+/// Passes what arrives from the network on to the loop.
+pub(super) async fn forward(mut arrivals: Receiver<Arrival>, events: Sender<Event>) {
+    while let Some(arrival) = arrivals.recv().await {
+        if events.send(Event::Arrival(arrival)).await.is_err() {
+            return;
+        }
+    }
+}
+
 /// Asks the programs of controllers what they offer.
 pub(super) async fn offered(config: &Config) -> anyhow::Result<Programs> {
     let mut offered = Programs::default();
@@ -146,7 +157,7 @@ pub(super) fn state(
 /// cannot is ended. Moves into a control group of its own.
 pub(super) async fn take_folder(config: &Config, machine: &str) -> anyhow::Result<(RunDir, Option<NodeState>)> {
     let (base, name, adopts) = (config.base.clone(), config.name.clone(), config.adopts);
-    let machine = machine.to_owned();
+    let machine = life(config, machine);
     let taking = tokio::task::spawn_blocking(move || {
         let dir = RunDir::take(&base, &name)?;
         dir.remove_socket()?;
@@ -166,6 +177,24 @@ pub(super) async fn take_folder(config: &Config, machine: &str) -> anyhow::Resul
     // What a killed shim leaves behind comes to this process, which ends it.
     rustix::process::set_child_subreaper(Some(rustix::process::getpid())).context("becoming the parent of orphans")?;
     Ok((dir, state))
+}
+
+/// Names the boot of the machine, as the node is told, or as the kernel says.
+fn boot(config: &Config) -> String {
+    let of_kernel = || std::fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default().trim().to_owned();
+    config.boot.clone().unwrap_or_else(of_kernel)
+}
+
+/// Names what a node can take over from: a boot of the machine, and the network.
+pub(super) fn life(config: &Config, machine: &str) -> String {
+    config.boot.as_ref().map_or_else(|| machine.to_owned(), |boot| format!("{machine} {boot}"))
+}
+
+/// Returns what survives a reboot, and what it says.
+pub(super) async fn kept(config: &Config) -> anyhow::Result<(KeptFiles, Earlier)> {
+    // A node that takes nothing over is there for one command, as what it runs.
+    let (state, boot) = (config.state.clone().filter(|_| config.adopts), boot(config));
+    Ok(tokio::task::spawn_blocking(move || KeptFiles::open(state, &boot)).await?)
 }
 
 /// Names the machine and its network: the kernel's boot and the network namespace.

@@ -58,6 +58,7 @@ impl Agent {
             Request::Switch(request) => return self.switch(call, &request, out),
             Request::Estop(estop) => return self.estop(call, &estop, out),
             Request::ReleaseEstop => self.release_estop(call, out),
+            Request::StopAway(tombstone) => self.stop_away(call, *tombstone, out),
             Request::Duplicates => answer(call, self.duplicates(), out),
             Request::Names => answer(call, Answer::Names(self.given_names()), out),
             Request::Events { follow } => {
@@ -158,7 +159,8 @@ impl Agent {
         if self.requests.len() > REQUESTS_MAX {
             self.requests.pop_first();
         }
-        self.awaiting_hosts.push(AwaitingHosts { until: out.now + GATHER_WITHIN, call, plan, by, signed });
+        let (until, call, resumed) = (out.now + GATHER_WITHIN, Some(call), None);
+        self.awaiting_hosts.push(AwaitingHosts { until, call, plan, by, signed, resumed });
         self.begin_gathered(out);
     }
 
@@ -184,25 +186,38 @@ impl Agent {
     /// Ends deployments that have not begun; says whether there were any.
     pub(super) fn stop_gathering(&mut self, which: impl Fn(&Plan) -> bool, out: &mut Out<'_>) -> bool {
         let stopped: Vec<AwaitingHosts> = self.awaiting_hosts.extract_if(.., |one| which(&one.plan)).collect();
-        for AwaitingHosts { call, .. } in &stopped {
-            let reasons = vec!["it was stopped before it ran".to_owned()];
-            answer(*call, Answer::Report(Report::Refused { reasons }), out);
-            out.effects.push(Effect::EndAnswers { call: *call });
+        for AwaitingHosts { call, resumed, .. } in &stopped {
+            let why = "it was stopped before it ran";
+            if let Some(call) = *call {
+                answer(call, Answer::Report(Report::Refused { reasons: vec![why.to_owned()] }), out);
+                out.effects.push(Effect::EndAnswers { call });
+            }
+            // A node that leaves may be ended by a reboot.
+            if let Some(resumed) = resumed.as_ref().filter(|_| !self.leaving) {
+                self.not_resumed(resumed, why, out);
+            }
         }
         !stopped.is_empty()
     }
 
     /// Begins the deployments whose hosts are all there, or have had their time.
     pub(super) fn begin_gathered(&mut self, out: &mut Out<'_>) {
-        let (here, names) = (&self.identity.host, &self.names);
-        let there = |host: &String| host == here || names.reaches(host);
-        let ready = |one: &mut AwaitingHosts| one.until <= out.now || one.plan.hosts.iter().all(there);
-        for one in self.awaiting_hosts.extract_if(.., ready).collect::<Vec<_>>() {
-            self.begin(one, out);
+        for resumed in self.awaiting_hosts.iter_mut().filter_map(|one| one.resumed.as_mut()) {
+            resumed.earliest.take_if(|earliest| *earliest <= out.now);
+        }
+        let (ready, waiting) = std::mem::take(&mut self.awaiting_hosts)
+            .into_iter()
+            .partition::<Vec<_>, _>(|one| self.may_begin(one, out.now));
+        self.awaiting_hosts = waiting;
+        for one in ready {
+            match one.resumed.as_ref().and_then(|resumed| Some((resumed.clone(), self.obstacle(out.now)?))) {
+                Some((resumed, why)) => self.not_resumed(&resumed, &why, out),
+                None => self.begin(one, out),
+            }
         }
     }
 
-    fn begin(&mut self, AwaitingHosts { call, plan, by, signed, .. }: AwaitingHosts, out: &mut Out<'_>) {
+    fn begin(&mut self, AwaitingHosts { call, plan, by, signed, resumed, .. }: AwaitingHosts, out: &mut Out<'_>) {
         self.identity.epoch += 1;
         let deployment = Deployment { name: plan.name.clone(), epoch: self.identity.epoch };
         let record = chronicle::begun(&self.identity.host, &deployment, &plan, &by);
@@ -211,6 +226,13 @@ impl Agent {
         let plan = (Arc::new(plan), signed);
         let mut home = Coordinator::begin(deployment.clone(), plan, call, listeners, out);
         home.begun_for(&by);
+        if let Some(resumed) = &resumed {
+            home.resumes(resumed.origin());
+        }
+        out.effects.extend(home.kept().map(|kept| Effect::Keep(Box::new(kept))));
+        if let Some(resumed) = resumed {
+            out.effects.push(Effect::Unkeep { deployment: resumed.before().clone() });
+        }
         self.coordinators.insert(deployment, home);
     }
 

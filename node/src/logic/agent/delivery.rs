@@ -16,6 +16,8 @@ impl Agent {
         let Message { deployment, body } = message;
         match body {
             Body::Tombstone => {}
+            Body::Stopped => self.was_stopped(&deployment, from, out),
+            Body::Mourned => self.mourned(&deployment, from, out),
             Body::Leaves => self.absence.leaves(from),
             Body::Relay(relay) => self.relay(*relay, from, out),
             Body::Coordinator(message) => {

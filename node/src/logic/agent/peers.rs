@@ -51,6 +51,7 @@ impl Agent {
         links.push(link);
         links.drain(..links.len().saturating_sub(LINKS_MAX));
         self.absence.appeared(out.now, host);
+        self.tell_tombstones(host, out);
         self.coordinators.values_mut().for_each(|coordinator| coordinator.host_back(host, out));
         self.participants.values_mut().for_each(|participant| participant.host_back(host, out));
     }

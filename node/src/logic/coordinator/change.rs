@@ -44,6 +44,8 @@ pub(super) struct Changing {
     step: Step,
     plan: Arc<Plan>,
     before: Arc<Plan>,
+    /// The plan as it is asked for.
+    wanted: Arc<Plan>,
     again: Vec<u32>,
     probation: Duration,
     by: String,
@@ -162,6 +164,7 @@ impl Coordinator {
             step: Step::Examining,
             plan: Arc::new(found.plan),
             before: Arc::clone(&self.plan),
+            wanted: Arc::new(plan),
             again,
             probation: probation.min(PROBATION_MAX),
             by,
@@ -275,7 +278,8 @@ impl Coordinator {
             Report::Unchanged { by: change.by, reasons: change.reasons }
         } else {
             self.revision = (self.revision.0 + 1, change.by.clone());
-            self.signed = change.signed;
+            (self.signed, self.wanted) = (change.signed, change.wanted);
+            out.effects.extend(self.kept().map(|kept| Effect::Keep(Box::new(kept))));
             Report::Changed { revision: self.revision.0, by: change.by, changes: change.lines }
         };
         self.report(report.clone(), out);

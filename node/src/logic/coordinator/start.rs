@@ -25,6 +25,16 @@ impl Coordinator {
         &self.begun_by
     }
 
+    /// Takes note that it is resumed after a reboot: a user has deployed it under this epoch.
+    pub fn resumes(&mut self, origin: u64) {
+        self.origin = origin;
+    }
+
+    /// Returns the epoch under which a user has deployed it.
+    pub fn origin(&self) -> u64 {
+        if self.origin == 0 { self.deployment.epoch } else { self.origin }
+    }
+
     /// Returns whether nothing is left to be done.
     pub fn is_over(&self) -> bool {
         self.phase == Phase::Over

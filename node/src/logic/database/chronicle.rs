@@ -101,8 +101,13 @@ fn commit<const N: usize>(home: &str, deployment: &Deployment, what: &str, field
 }
 
 fn key(home: &str, deployment: &Deployment, what: &str) -> Option<Key> {
+    Key::new(format!("{}{}/{what}", below(home, &deployment.name), deployment.epoch)).ok()
+}
+
+/// Returns below which prefix the records of all deployments of one name are, by their epochs.
+pub fn below(home: &str, name: &str) -> String {
     // A name may have characters that a key must not have.
     let plain = |c: char| if c.is_control() || "*$?#/".contains(c) { '_' } else { c };
-    let name: String = deployment.name.chars().map(plain).collect();
-    Key::new(format!("robot/{home}/deployments/{name}/{}/{what}", deployment.epoch)).ok()
+    let name: String = name.chars().map(plain).collect();
+    format!("robot/{home}/deployments/{name}/")
 }

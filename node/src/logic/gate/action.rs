@@ -14,7 +14,7 @@ const KEYS_MAX: usize = 4;
 pub fn action(request: &Request) -> Option<Action> {
     match request {
         Request::Deploy { .. } | Request::Change(_) | Request::Switch(_) => Some(Action::Deploy),
-        Request::Stop { .. } | Request::Forget { .. } => Some(Action::Stop),
+        Request::Stop { .. } | Request::Forget { .. } | Request::StopAway(_) => Some(Action::Stop),
         Request::ReleaseEstop => Some(Action::Start),
         Request::Database(question) | Request::Here { question, .. } => of_question(question),
         // To stop everything is everybody's; the set of the revoked is signed itself.
@@ -80,6 +80,9 @@ pub fn subject(request: &Request) -> String {
         Request::Stop { name } => format!("stop `{name}`"),
         Request::Switch(switch) => format!("switch `{}` of `{}`", switch.process, switch.name),
         Request::Forget { deployment } => format!("forget `{deployment}`"),
+        Request::StopAway(tombstone) => {
+            format!("stop `{}` of `{}`, which is away", tombstone.deployment, tombstone.home)
+        }
         Request::Estop(_) => "stop everything".to_owned(),
         Request::ReleaseEstop => "let programs begin again".to_owned(),
         Request::Database(question) | Request::Here { question, .. } => subject_of(question),

@@ -113,6 +113,12 @@ pub enum FailureCause {
     Preempted(String),
     /// Somebody has stopped everything on its home.
     Estop(Estop),
+    /// The machine of its home was rebooted.
+    Rebooted,
+    /// The node of its home was started anew, and has taken nothing over.
+    Restarted,
+    /// Somebody has stopped it while its home was away: the host that says so.
+    StoppedAway(String),
 }
 
 /// How a program ended.
@@ -226,6 +232,9 @@ impl fmt::Display for FailureCause {
                 write!(f, "was ended: another node of this name goes on with the deployment ({})", printable(place))
             }
             Self::Estop(estop) => write!(f, "was ended: {estop}"),
+            Self::Rebooted => f.write_str("its home was rebooted"),
+            Self::Restarted => f.write_str("the node of its home was started anew"),
+            Self::StoppedAway(host) => write!(f, "was stopped while its home was away, as `{}` says", printable(host)),
             Self::HostLost(host) => write!(f, "host `{host}` could not be reached any more"),
         }
     }

@@ -46,4 +46,8 @@ pub enum Body {
     Leaves,
     /// Another node, which the sender does not reach; or the receiver, from such a node. About no deployment.
     Relay(Box<Relay>),
+    /// The node: this deployment, which has its home there, was stopped while it was away, and so were earlier ones of that name.
+    Stopped,
+    /// The node: the sender has heard that.
+    Mourned,
 }

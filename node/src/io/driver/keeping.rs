@@ -1,0 +1,28 @@
+//! Has written down what the next node has to know.
+
+use super::Driver;
+use crate::io::event::Event;
+use crate::io::journal;
+use crate::io::kept::KeptFiles;
+use crate::logic::protocol::Deployment;
+use std::sync::Arc;
+
+impl Driver {
+    /// Writes an epoch down beside the loop: a disk may take long.
+    pub(super) fn commit(&mut self, deployment: Deployment, hosts: Vec<String>) {
+        let (journal, events) = (Arc::clone(&self.journal), self.events.clone());
+        self.tasks.spawn(async move {
+            let epoch = deployment.clone();
+            let writing = tokio::task::spawn_blocking(move || journal::commit(&journal, &epoch, &hosts)).await;
+            let written = writing.map_err(|error| error.to_string()).flatten();
+            events.send(Event::Committed(deployment, written)).await.unwrap_or_default();
+        });
+    }
+
+    /// Takes note of what is to survive a reboot, and has it written beside the loop. A node that leaves waits for that.
+    pub(super) fn keep(&mut self, want: impl FnOnce(&KeptFiles)) {
+        want(&self.kept);
+        let files = self.kept.clone();
+        self.settling.spawn_blocking(move || files.write());
+    }
+}

@@ -1,0 +1,206 @@
+//! What ran here before this node: it is told as over, and begun again where its spec says so and the machine was rebooted.
+//!
+//! A deployment that is resumed waits for the other hosts, which may boot later, and for word from them that it was stopped
+//! meanwhile. It is deployed anew, under the next epoch, so whatever is left of the one before is fenced off. A user who stops a
+//! deployment whose home does not answer leaves *tombstones* with the nodes that do: each tells the home as soon as that is there
+//! again, which then begins nothing of it, or ends it, and says so.
+
+use super::calls::answer;
+use super::{Agent, AwaitingHosts};
+use crate::logic::coordinator::Coordinator;
+use crate::logic::database::chronicle;
+use crate::logic::effect::{Effect, Out};
+use crate::logic::history::History;
+use crate::logic::protocol::{
+    Answer, Before, Body, Deployment, Ending, Failure, FailureCause, Kept, Message, Report, StopReply, Tombstone,
+};
+use comms::logic::time::Time;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How long a node waits after its start for word of others, before it begins anything again.
+const BOOT_WAIT: Duration = Duration::from_secs(10);
+/// How long it waits for hosts that take part, which may boot later.
+const BOOT_WITHIN: Duration = Duration::from_secs(120);
+/// How many tombstones are kept; of more, those of the latest epochs.
+const TOMBSTONES_MAX: usize = 1024;
+
+/// Where a deployment that waits comes from, if no call has asked for it.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Resumed {
+    /// The one that ran before the reboot.
+    from: Deployment,
+    origin: u64,
+    /// When it may begin; nothing once that is past.
+    pub(super) earliest: Option<Time>,
+}
+
+impl Resumed {
+    /// Returns the epoch under which a user has deployed it.
+    pub(super) const fn origin(&self) -> u64 {
+        self.origin
+    }
+
+    /// Returns the one that ran before the reboot.
+    pub(super) const fn before(&self) -> &Deployment {
+        &self.from
+    }
+}
+
+impl AwaitingHosts {
+    /// What is kept on the disk of one that is resumed, until it has begun.
+    pub(super) fn kept(&self) -> Option<Kept> {
+        let Resumed { from, origin, .. } = self.resumed.clone()?;
+        let resume = Some((self.plan.clone(), self.signed.as_deref().cloned()));
+        let (by, hosts, has_ended) = (self.by.clone(), self.plan.hosts.clone(), true);
+        Some(Kept { deployment: from, origin, by, hosts, has_ended, resume })
+    }
+}
+
+impl Agent {
+    /// Says what has become of the deployments that ran before this node, and waits with those that are resumed.
+    pub(super) fn look_back(&mut self, out: &mut Out<'_>) {
+        let mut earlier = std::mem::take(&mut self.earlier);
+        // Of one that was being begun again when the power failed once more, the last counts.
+        earlier.sort_by_key(|before| std::cmp::Reverse(before.kept.deployment.epoch));
+        for Before { kept, was_rebooted } in earlier {
+            let Kept { deployment, origin, by, hosts, has_ended, resume } = kept;
+            if !has_ended {
+                let cause = if was_rebooted { FailureCause::Rebooted } else { FailureCause::Restarted };
+                tracing::warn!(%deployment, %cause, "a deployment has not come to its end");
+                self.tell_over(&deployment, hosts, cause, out);
+            }
+            let is_known = self.awaiting_hosts.iter().any(|one| one.plan.name == deployment.name);
+            let Some((plan, signed)) = resume.filter(|_| was_rebooted && !is_known) else {
+                out.effects.push(Effect::Unkeep { deployment });
+                continue;
+            };
+            let (earliest, until) = (out.now + BOOT_WAIT, out.now + BOOT_WITHIN);
+            let resumed = Some(Resumed { from: deployment, origin, earliest: Some(earliest) });
+            let signed = signed.map(Arc::new);
+            self.awaiting_hosts.push(AwaitingHosts { until, call: None, plan, by, signed, resumed });
+        }
+    }
+
+    /// Keeps the last report of a deployment that no node has seen end.
+    fn tell_over(&mut self, deployment: &Deployment, hosts: Vec<String>, cause: FailureCause, out: &mut Out<'_>) {
+        let unconfirmed = hosts.iter().filter(|host| **host != self.identity.host).cloned().collect();
+        let mut history = History::new(deployment.clone(), hosts);
+        let failure = Failure { origin: "main".to_owned(), cause, at: Duration::ZERO };
+        let (ending, at) = (Ending::Aborted(failure), Duration::ZERO);
+        history.report(Report::Finished { ending, at, unconfirmed }, 0, (&[], &[]), out);
+        let record = chronicle::ended(&self.identity.host, &history);
+        out.effects.extend(record.map(|record| Effect::WriteDatabase(Box::new(record))));
+        self.over.push_front(history);
+        self.over.truncate(super::OVER_MAX);
+    }
+
+    /// Returns whether a deployment that waits may begin.
+    pub(super) fn may_begin(&self, one: &AwaitingHosts, now: Time) -> bool {
+        let (here, names) = (&self.identity.host, &self.names);
+        let are_there = one.plan.hosts.iter().all(|host| host == here || names.reaches(host));
+        let is_free = one
+            .resumed
+            .as_ref()
+            .is_none_or(|resumed| resumed.earliest.is_none() && !self.absence.is_open(&resumed.from));
+        one.until <= now || are_there && is_free
+    }
+
+    /// Says why a deployment is not resumed after all.
+    pub(super) fn not_resumed(&mut self, resumed: &Resumed, why: &str, out: &mut Out<'_>) {
+        let deployment = resumed.from.clone();
+        tracing::warn!(%deployment, why, "it is not resumed");
+        if self.over.iter().all(|history| *history.deployment() != deployment) {
+            self.over.push_front(History::new(deployment.clone(), vec![self.identity.host.clone()]));
+            self.over.truncate(super::OVER_MAX);
+        }
+        if let Some(history) = self.over.iter_mut().find(|history| *history.deployment() == deployment) {
+            let reasons = vec![format!("it is not resumed: {why}")];
+            history.report(Report::Refused { reasons }, 0, (&[], &self.listeners), out);
+        }
+        out.effects.push(Effect::Unkeep { deployment });
+    }
+
+    /// Keeps a tombstone for a home that does not answer.
+    pub(super) fn stop_away(&mut self, call: u64, tombstone: Tombstone, out: &mut Out<'_>) {
+        let Tombstone { home, deployment } = &tombstone;
+        let refusal = if *home == self.identity.host {
+            Some(format!("`{}` has its home here: `dca stop {}` ends it", deployment.name, deployment.name))
+        } else if self.names.reaches(home) {
+            Some(format!("`{home}` answers: `dca stop {}` ends it there", deployment.name))
+        } else {
+            None
+        };
+        if let Some(why) = refusal {
+            return answer(call, Answer::Refused(why), out);
+        }
+        // One of a later epoch means the earlier ones, too.
+        let is_new = !self.tombstones.iter().any(|other| tombstone.is_covered_by(other));
+        if is_new {
+            self.tombstones.retain(|other| !other.is_covered_by(&tombstone));
+            self.tombstones.insert(tombstone);
+            while self.tombstones.len() > TOMBSTONES_MAX {
+                let first = self.tombstones.iter().min_by_key(|one| one.deployment.epoch).cloned();
+                self.tombstones.retain(|one| Some(one) != first.as_ref());
+            }
+        }
+        self.keep_tombstones(out);
+        answer(call, Answer::Stop(StopReply::Stopped), out);
+    }
+
+    fn keep_tombstones(&self, out: &mut Out<'_>) {
+        out.effects.push(Effect::KeepTombstones(self.tombstones.iter().cloned().collect()));
+    }
+
+    /// Tells a home that is there of its deployments that were stopped while it was away.
+    pub(super) fn tell_tombstones(&self, home: &str, out: &mut Out<'_>) {
+        for tombstone in self.tombstones.iter().filter(|tombstone| tombstone.home == home) {
+            out.send(home, Message { deployment: tombstone.deployment.clone(), body: Body::Stopped });
+        }
+    }
+
+    /// Takes the word of another node that a deployment of this home was stopped while it was away.
+    pub(super) fn was_stopped(&mut self, deployment: &Deployment, from: &str, out: &mut Out<'_>) {
+        let is_meant = |name: &str, origin: u64| name == deployment.name && origin <= deployment.epoch;
+        let waiting = |one: &mut AwaitingHosts| {
+            one.resumed.as_ref().is_some_and(|resumed| is_meant(&one.plan.name, resumed.origin))
+        };
+        let dropped: Vec<AwaitingHosts> = self.awaiting_hosts.extract_if(.., waiting).collect();
+        for resumed in dropped.into_iter().filter_map(|one| one.resumed) {
+            let why = format!("it was stopped while `{}` was away, as `{from}` says", self.identity.host);
+            self.not_resumed(&resumed, &why, out);
+        }
+        for (own, home) in &mut self.coordinators {
+            if is_meant(&own.name, home.origin()) && !home.is_ending() {
+                home.abort(FailureCause::StoppedAway(from.to_owned()), out);
+            }
+        }
+        out.send(from, Message { deployment: deployment.clone(), body: Body::Mourned });
+    }
+
+    /// Forgets a tombstone of which its home has heard.
+    pub(super) fn mourned(&mut self, deployment: &Deployment, from: &str, out: &mut Out<'_>) {
+        let count = self.tombstones.len();
+        self.tombstones.retain(|tombstone| tombstone.home != from || tombstone.deployment != *deployment);
+        if self.tombstones.len() != count {
+            self.keep_tombstones(out);
+        }
+    }
+
+    /// Has everything kept on the disk that is to be there, and nothing else: a node that was killed may not have come to it.
+    pub(super) fn keep_all(&self, out: &mut Out<'_>) {
+        let running = self.coordinators.values().filter_map(Coordinator::kept);
+        let waiting = self.awaiting_hosts.iter().filter_map(AwaitingHosts::kept);
+        out.effects.push(Effect::KeepAll(running.chain(waiting).collect()));
+        self.keep_tombstones(out);
+    }
+}
+
+impl Tombstone {
+    /// Returns whether what it means is meant by another one, too.
+    fn is_covered_by(&self, other: &Self) -> bool {
+        let (own, its) = (&self.deployment, &other.deployment);
+        self.home == other.home && own.name == its.name && own.epoch <= its.epoch
+    }
+}

@@ -1,0 +1,76 @@
+//! A deployment that is to end before its `main` has, and what its home keeps of it on the disk until then.
+
+use super::{Coordinator, Phase};
+use crate::logic::effect::{Effect, Out};
+use crate::logic::protocol::{Ending, Failure, FailureCause, Kept, Target, ToParticipant};
+use language::plan::OnBoot;
+use std::time::Duration;
+
+impl Coordinator {
+    /// Ends the deployment because somebody asked, `call` is answered when nothing is left; or because its node leaves.
+    pub fn stop(&mut self, call: Option<u64>, out: &mut Out<'_>) {
+        self.is_leaving |= call.is_none();
+        if call.is_some() {
+            self.is_unwanted = true;
+            self.unkeep(out);
+        }
+        self.stoppers.extend(call);
+        match self.phase {
+            Phase::Preparing | Phase::Connecting => {
+                self.reasons.push("it was stopped before it ran".to_owned());
+                self.end(None, out);
+            }
+            Phase::Running => {
+                self.is_asked = true;
+                let Some(home) = self.plan.home().map(str::to_owned) else { return };
+                let order = ToParticipant::Stop { target: Target::Group(0), activation: 1 };
+                out.send(&home, self.deployment.to_participant(order));
+            }
+            Phase::Ending | Phase::Over => {}
+        }
+    }
+
+    /// Ends the deployment at once, for this cause.
+    pub fn abort(&mut self, cause: FailureCause, out: &mut Out<'_>) {
+        if self.phase == Phase::Running {
+            let origin = self.plan.groups.first().map(|main| main.path.clone()).unwrap_or_default();
+            let at = self.go_at.map_or(Duration::ZERO, |go| out.now - go);
+            return self.end(Some(Ending::Aborted(Failure { origin, cause, at })), out);
+        }
+        self.reasons.push(format!("it {cause}"));
+        self.end(None, out);
+    }
+
+    /// Returns whether it is over, or comes to its end.
+    pub fn is_ending(&self) -> bool {
+        matches!(self.phase, Phase::Ending | Phase::Over)
+    }
+
+    /// Returns what is kept of it on the disk; nothing once it is to end.
+    pub fn kept(&self) -> Option<Kept> {
+        if self.is_ending() || self.is_unwanted {
+            return None;
+        }
+        Some(self.record(false))
+    }
+
+    fn record(&self, has_ended: bool) -> Kept {
+        let signed = self.signed.as_deref();
+        let resume = (self.wanted.on_boot == OnBoot::Resume).then(|| ((*self.wanted).clone(), signed.cloned()));
+        let (deployment, origin, by) = (self.deployment.clone(), self.origin(), self.begun_by.clone());
+        Kept { deployment, origin, by, hosts: self.hosts.clone(), has_ended, resume }
+    }
+
+    fn unkeep(&self, out: &mut Out<'_>) {
+        out.effects.push(Effect::Unkeep { deployment: self.deployment.clone() });
+    }
+
+    /// Has the end written down: for good, unless its node leaves, which may be for a reboot.
+    pub(super) fn keep_end(&self, out: &mut Out<'_>) {
+        let is_done = matches!(self.ending, Some(Ending::Done(_)));
+        if self.is_leaving && !self.is_unwanted && !is_done {
+            return out.effects.push(Effect::Keep(Box::new(self.record(true))));
+        }
+        self.unkeep(out);
+    }
+}
