@@ -2,6 +2,7 @@
 
 use super::TWO_HOSTS;
 use super::world::{Coming, World};
+use comms::logic::control::VERSION;
 use comms::logic::time::Time;
 use node::logic::agent::{Agent, Identity, Input};
 use node::logic::node_state::NodeState;
@@ -82,9 +83,11 @@ fn a_program_of_another_version_is_refused_with_both_versions() {
     let call = world.deploy("c1", TWO_HOSTS);
     world.run_for(Duration::from_secs(20));
     let Report::Refused { reasons } = world.last_report(call) else { panic!("not refused") };
-    let expected = "`main/pair/sensor` (and 1 other) cannot take part on `c1`: it speaks version 1 of the control protocol, this \
-                    node version 6; ";
-    assert!(reasons.len() == 2 && reasons.iter().any(|reason| reason.starts_with(expected)), "{reasons:?}");
+    let expected = format!(
+        "`main/pair/sensor` (and 1 other) cannot take part on `c1`: it speaks version 1 of the control protocol, this node version \
+         {VERSION}; "
+    );
+    assert!(reasons.len() == 2 && reasons.iter().any(|reason| reason.starts_with(&expected)), "{reasons:?}");
     assert_eq!(world.alive, BTreeSet::new());
 }
 
