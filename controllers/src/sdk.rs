@@ -82,6 +82,7 @@ mod database;
 mod export;
 pub mod harness;
 mod interface;
+mod key_ports;
 pub mod messaging;
 mod module;
 mod port;
@@ -108,6 +109,7 @@ pub use database::{
 };
 pub use export::{Activity, CallInterface, ExportInterface, Exports, RawReply, Reply};
 pub use interface::{Binding, Device, Direction, Interface, PortInterface};
+pub use key_ports::{KeyAnswer, KeyNews, KeyPut, KeyResult};
 pub use module::{Delivery, DeliveryError, Module};
 pub use port::{AnyIn, AnyOut, Every, In, InputPort, InputSet, Message, Out, OutputPort, OutputSet};
 pub use quantity::Quantity;

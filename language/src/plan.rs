@@ -165,7 +165,25 @@ pub struct Leaf {
     pub outcomes: Vec<String>,
     /// The limits of its program, and the reaction to losses.
     pub policy: Policy,
+    /// The keys of the database that its ports are connected with.
+    pub keys: Vec<KeyBinding>,
 }
+
+/// A port that is connected with keys of the database for as long as its process runs.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct KeyBinding {
+    /// The port; [`DATABASE`] for what the program does without a port.
+    pub port: String,
+    /// A key, or a prefix that ends in `/`.
+    pub keys: String,
+    /// Whether the process writes them; else it hears of them.
+    pub is_write: bool,
+}
+
+/// What stands for a program that uses the database without a port.
+pub const DATABASE: &str = "database";
+/// The most keys and prefixes that one process is connected with.
+pub const KEYS_MAX: usize = 64;
 
 /// How a leaf is controlled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -114,6 +114,10 @@ fn describe(plan: &Plan) -> String {
         if leaf.policy != Policy::default() {
             text += &format!(" {:?}", leaf.policy);
         }
+        for keys in &leaf.keys {
+            let arrow = if keys.is_write { "->" } else { "<-" };
+            text += &format!(" {} {arrow} {}", keys.port, keys.keys);
+        }
         text.push('\n');
     }
     for group in &plan.groups {

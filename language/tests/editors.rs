@@ -32,6 +32,7 @@ const WORDS: &[&str] = &[
     "drop",
     "queue",
     "rate",
+    "db",
     "else",
     "within",
     "retry",

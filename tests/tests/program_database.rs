@@ -3,9 +3,11 @@
 
 #![expect(clippy::print_stdout, reason = "a test says how long it took")]
 
-use dca_tests::cluster::{Cluster, Host, Hosts, Program, SOON, Stream, executable, pass, rounds, wait_until};
+use dca_tests::cluster::{Cluster, Host, Hosts, Network, Program, SOON, Stream, executable, pass, rounds, wait_until};
 use rustix::process::Signal;
 use std::collections::BTreeSet;
+use std::fs;
+use std::os::unix::fs::PermissionsExt as _;
 use std::time::Duration;
 
 /// How many changes are waited for.
@@ -42,7 +44,7 @@ fn deploy((cluster, here): (&Cluster, &Host), all: &[(&str, &str, &str, &str, &s
 
 /// Returns the whole lines of a log that begin with a word, without it.
 fn lines(cluster: &Cluster, name: &str, word: &str) -> Vec<String> {
-    let text = std::fs::read_to_string(cluster.folder().join(name)).unwrap_or_default();
+    let text = fs::read_to_string(cluster.folder().join(name)).unwrap_or_default();
     let whole = text.rfind('\n').map_or("", |end| &text[..end]);
     let rest = |line: &str| Some(line.strip_prefix(word)?.trim_start().to_owned());
     whole.lines().filter_map(rest).collect()
@@ -53,7 +55,7 @@ fn lines(cluster: &Cluster, name: &str, word: &str) -> Vec<String> {
 fn wait_for_more(cluster: &Cluster, name: &str, word: &str, more: usize) {
     let before = lines(cluster, name, word).len();
     let waited = wait_until(2 * SOON, || lines(cluster, name, word).len() >= before + more);
-    let text = std::fs::read_to_string(cluster.folder().join(name)).unwrap_or_default();
+    let text = fs::read_to_string(cluster.folder().join(name)).unwrap_or_default();
     assert!(waited.is_some(), "`{name}` does not say `{word}` {more} times more: {text}");
 }
 
@@ -114,16 +116,18 @@ fn a_program_writes_100_keys_a_second_and_another_one_hears_of_each() {
     let mission = deploy((&cluster, &here), &all, "watcher, writer, forbidden");
     wait_for_more(&cluster, "watcher", "changed", rounds(SOME));
     stop(&here, mission);
-    let told = std::fs::read_to_string(cluster.folder().join("watcher")).expect("it has written");
-    assert!(told.starts_with("begin\npresent 1\ncomplete\nchanged "), "{told}");
+    let told = fs::read_to_string(cluster.folder().join("watcher")).expect("it has written");
+    assert!(told.starts_with("begin\npresent ") && told.contains("\ncomplete\nchanged "), "{told}");
     let changes = changes(&cluster, "watcher");
     expect_whole(&changes, 1);
-    // Each commit that the writer has heard of was told once, in order, but for the last ones, after which it was stopped.
-    let txns: Vec<&String> = changes.iter().map(|change| &change.txn).collect();
-    let committed = lines(&cluster, "writer", "committed");
-    let both = txns.len().min(committed.len());
-    assert!(both >= rounds(SOME) - 50 && committed.iter().collect::<Vec<_>>()[..both] == txns[..both], "{both}");
-    assert_eq!(txns.iter().collect::<BTreeSet<_>>().len(), txns.len());
+    // From the first one to the last one each commit that the writer has heard of was told once, in order.
+    let number = |txn: &String| txn.split(':').nth(1).and_then(|seq| seq.parse::<u64>().ok()).expect("it is a name");
+    let told: Vec<u64> = changes.iter().map(|change| number(&change.txn)).collect();
+    assert!(told.is_sorted_by(|one, next| one < next), "{told:?}");
+    let committed: BTreeSet<u64> = lines(&cluster, "writer", "committed").iter().map(number).collect();
+    let meanwhile: Vec<u64> = committed.range(told[0]..=told[told.len() - 1]).copied().collect();
+    assert!(meanwhile.iter().all(|seq| told.contains(seq)), "{meanwhile:?} and {told:?}");
+    assert!(meanwhile.len() >= rounds(SOME) - 50, "{}", meanwhile.len());
     assert_eq!([lines(&cluster, "writer", "refused"), lines(&cluster, "writer", "unknown")].concat(), [""; 0]);
     let max = figures("100 keys/s, to a watcher on the same host", &changes);
     assert!(max < LATE, "{max:?}");
@@ -148,6 +152,101 @@ fn two_programs_count_at_one_key_and_lose_no_count() {
     assert_eq!(here.ask(&["db", "get", "team/count"]).out, "100\n");
     let unmet: usize = ["one", "other"].iter().map(|name| lines(&cluster, name, "unmet").len()).sum();
     println!("100 counts, {unmet} refused and tried again");
+}
+
+/// Two programs claim the same keys through ports that the spec connects: each key is claimed once, and both hear of all.
+#[test]
+fn ports_that_are_connected_with_keys_claim_each_key_once() {
+    const COUNT: usize = 40;
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    let program = executable("dca-keys").display().to_string();
+    let [one, other] = ["one", "other"].map(|name| cluster.folder().join(name).display().to_string());
+    let text = format!(
+        "module Claimer(host: Host, count: Number, file: Text) {{
+            exec \"'{program}' Claimer\"; in Claims: KeyNews; in Answers: KeyAnswer; out Claim: KeyPut; done;
+        }}
+        process main() {{
+            host {{ c1 }}
+            instantiated_processes {{
+                one instof Claimer(c1, count = {COUNT}, file = \"{one}\");
+                other instof Claimer(c1, count = {COUNT}, file = \"{other}\");
+            }}
+            internal_connections {{
+                db(\"team/claim/**\") -> one, Claims; one, Claim -> db(\"team/claim/**\"); db(\"team/claim/**\") -> one, Answers;
+                db(\"team/claim/**\") -> other, Claims; other, Claim -> db(\"team/claim/**\"); db(\"team/claim/**\") -> other, Answers;
+            }}
+            internal_event_actions {{ one, other }}
+        }}"
+    );
+    let ended = here.dca(&["deploy", "--no-record", &cluster.file("claims.dca", &text)]).ended(4 * SOON);
+    assert_eq!(ended.code, Some(0), "{ended}");
+    let of = |word| ["one", "other"].map(|name| lines(&cluster, name, word));
+    let (committed, heard) = (of("committed").concat(), of("changed"));
+    let [first, second] = heard.map(|keys| keys.into_iter().collect::<BTreeSet<_>>());
+    let claimed: BTreeSet<&String> = committed.iter().collect();
+    assert!(committed.len() == claimed.len() && claimed.len() <= COUNT, "{committed:?}");
+    assert!(first.len() == COUNT && first == second, "{first:?} and {second:?}");
+    println!("{COUNT} keys claimed, {} refused to one of two", of("refused").concat().len());
+}
+
+/// In a team with keys two programs write the same keys: one that the spec connects with them, and one that it does not.
+#[test]
+fn in_a_team_a_program_writes_what_its_spec_connects() {
+    let cluster = Cluster::new();
+    let Some(network) = Network::new(1) else { return };
+    let here = cluster.host(&network, 1);
+    let passphrase = cluster.file("passphrase", "correct horse battery\n");
+    fs::set_permissions(&passphrase, fs::Permissions::from_mode(0o600)).expect("a file of ours");
+    let keys = [
+        "--keys".to_owned(),
+        cluster.folder().join("keys").display().to_string(),
+        "--passphrase".to_owned(),
+        passphrase,
+    ];
+    let with = |arguments: &[&'static str]| -> Vec<String> {
+        arguments.iter().map(|word| (*word).to_owned()).chain(keys.clone()).collect()
+    };
+    let dca = |arguments: &[String]| here.dca(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    let done = |arguments: &[&'static str]| {
+        let ended = dca(&with(arguments)).ended(SOON);
+        assert_eq!(ended.code, Some(0), "{ended}");
+    };
+    done(&["team", "init", "acme"]);
+    let invitation = dca(&with(&["team", "invite", "c1"]));
+    invitation.wait_for(Stream::Out, "\n", SOON);
+    let line = invitation.text(Stream::Out).trim().trim_start_matches("dca team join ").to_owned();
+    let joined = here.ask(&["team", "join", &line, "--state", &here.state().display().to_string()]);
+    assert_eq!((joined.code, invitation.ended(SOON).code), (Some(0), Some(0)), "{joined}");
+    let _node = here.node("c1", &[]);
+    done(&["db", "found"]);
+    let program = executable("dca-keys").display().to_string();
+    let [bound, free] = ["bound", "free"].map(|name| cluster.folder().join(name).display().to_string());
+    let text = format!(
+        "module Writer(host: Host, prefix: Text, keys: Number, file: Text) {{ exec \"'{program}' Writer\"; service; }}
+        process main() {{
+            host {{ c1 }}
+            instantiated_processes {{
+                bound instof Writer(c1, prefix = \"team/keys/\", keys = 1, file = \"{bound}\");
+                free instof Writer(c1, prefix = \"team/keys/\", keys = 1, file = \"{free}\");
+            }}
+            internal_connections {{ bound, database -> db(\"team/keys/**\"); }}
+            internal_event_actions {{ bound, free }}
+        }}"
+    );
+    let spec = cluster.file("team.dca", &text);
+    let deploy: Vec<String> =
+        ["deploy".to_owned(), "--no-record".to_owned(), spec].into_iter().chain(keys.clone()).collect();
+    let mission = dca(&deploy);
+    mission.wait_for(Stream::Err, "▸", 2 * SOON);
+    wait_for_more(&cluster, "bound", "committed", 20);
+    wait_for_more(&cluster, "free", "refused", 20);
+    assert_eq!((lines(&cluster, "bound", "refused"), lines(&cluster, "free", "committed")), (vec![], vec![]));
+    let why = lines(&cluster, "free", "refused").swap_remove(0);
+    assert!(why.contains("in a team its spec says which keys it writes"), "{why}");
+    done(&["stop", "team"]);
+    assert_eq!(mission.ended(SOON).code, Some(1));
 }
 
 /// The writer is killed several times between a put and its answer: what a watcher and the database have is whole transactions.

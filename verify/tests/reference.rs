@@ -34,6 +34,7 @@ fn plan(expr: &Expr, services: &[bool]) -> Plan {
         stop_within: Duration::from_secs(2),
         outcomes: Vec::new(),
         policy: Policy::default(),
+        keys: Vec::new(),
     };
     let member = |(index, &service): (usize, &bool)| Member {
         name: format!("p{index}"),

@@ -19,7 +19,7 @@ use std::time::Duration;
 
 /// Version of this protocol: one more with every order, notice or field that is appended. Node and program must be of the
 /// same one. Of any other they understand no more than [`Notice::Hello`] and [`Notice::Resume`] say at their beginning, so that each can be told.
-pub const VERSION: u16 = 7;
+pub const VERSION: u16 = 8;
 
 /// Where a program's data session can be dialled.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -95,6 +95,24 @@ pub struct CallRoute {
     pub path: String,
     /// The procedure or state there.
     pub name: String,
+}
+
+/// A port that is connected with keys of the database.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct KeyPort {
+    /// The port.
+    pub port: String,
+    /// A key, or a prefix that ends in `/`.
+    pub keys: String,
+    /// Whether the program writes them; else it hears of them.
+    pub is_write: bool,
+}
+
+impl KeyPort {
+    /// Returns whether a key is among its keys.
+    pub fn covers(&self, key: &str) -> bool {
+        if self.keys.ends_with('/') { key.starts_with(&self.keys) } else { key == self.keys }
+    }
 }
 
 /// A session to dial.
@@ -202,13 +220,18 @@ pub enum Order {
         /// The answer, or the next part of it.
         answer: DatabaseAnswer,
     },
+    /// The ports that are connected with keys of the database; the first order of a program's life, if there are some.
+    Keys {
+        /// Each with its keys.
+        ports: Vec<KeyPort>,
+    },
 }
 
 impl Order {
     /// Returns whether the order has a number: 1 is the first of the program's life. The others concern one
     /// channel.
     pub const fn is_counted(&self) -> bool {
-        !matches!(self, Self::Configure { .. } | Self::Resumed { .. } | Self::Database { .. })
+        !matches!(self, Self::Configure { .. } | Self::Resumed { .. } | Self::Database { .. } | Self::Keys { .. })
     }
 }
 

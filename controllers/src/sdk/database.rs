@@ -31,6 +31,7 @@ use comms::logic::database::{
 };
 use comms::logic::human::span;
 use comms::logic::time::Time;
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
 use thiserror::Error;
@@ -101,7 +102,7 @@ pub enum Unknown {
 
 /// What a watch brings: first the present values, then each change; and again from [`WatchEvent::Begin`] on whenever some of it
 /// may have been missed.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum WatchEvent {
     /// The present values come next. What was known of the keys before is void.
     Begin,
@@ -169,6 +170,14 @@ impl Transaction {
     pub fn delete(mut self, key: impl Into<String>) -> Self {
         self.transaction.writes.push(KeyWrite { key: key.into(), value: None });
         self
+    }
+
+    /// Returns the transaction that changes one key.
+    pub(super) fn of_one(key: String, value: Option<Stored>, expected: Option<Expected>) -> Self {
+        let mut one = Self::new("");
+        one.transaction.requires.extend(expected.map(|expected| Requirement { key: key.clone(), expected }));
+        one.transaction.writes.push(KeyWrite { key, value });
+        one
     }
 
     fn check(mut self) -> Result<comms::logic::database::Transaction, DatabaseRefusal> {

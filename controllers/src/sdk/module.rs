@@ -6,7 +6,9 @@ use super::controller::{Configured, Controller, Progress, Stopping, Tick};
 use super::database::{DATABASE, Database, DatabaseOrder, Unknown};
 use super::export::{Activity, Exports, RawReply};
 use super::interface::{Direction, Interface};
+use super::key_ports::KeyPorts;
 use super::port::{InputSet, OutputSet};
+use comms::logic::control::KeyPort;
 use comms::logic::database::DatabaseAnswer;
 use comms::logic::object::ObjectError;
 use comms::logic::signals::Signal;
@@ -72,6 +74,11 @@ pub trait Module: Send {
         Delivery::Stored
     }
 
+    /// Takes which of its ports are connected with keys of the database; before it is activated.
+    fn connect_keys(&mut self, ports: Vec<KeyPort>) {
+        drop(ports);
+    }
+
     /// Takes what the last call wants of the database, in order.
     fn drain_database(&mut self, _: &mut dyn FnMut(DatabaseOrder)) {}
 
@@ -122,6 +129,7 @@ pub(super) struct Instance<C: Controller> {
     inputs: C::Inputs,
     outputs: C::Outputs,
     exports: Exports<C>,
+    key_ports: KeyPorts,
     input_count: usize,
     last: Option<Time>,
     /// Parameters that wait for the next activation.
@@ -152,9 +160,18 @@ impl<C: Controller> Instance<C> {
             inputs: C::Inputs::unconnected(),
             outputs: C::Outputs::unconnected(),
             exports: exports(),
+            key_ports: KeyPorts::default(),
             input_count,
             last: None,
             next: None,
+        }
+    }
+
+    /// Hands over what has come of keys that ports are connected with.
+    fn tell_news(&mut self, now: Time) {
+        for (port, bytes) in self.key_ports.news(now) {
+            // The spec was compared with the interface, and a port of another type hears nothing.
+            drop(self.deliver(&port, &bytes, now));
         }
     }
 
@@ -198,6 +215,7 @@ impl<C: Controller> Module for Instance<C> {
 
     fn init(&mut self, value: &[u8], now: Time) -> Result<(), String> {
         self.outputs = C::Outputs::unconnected();
+        self.key_ports.begin(&self.interface.ports, now);
         self.last = None;
         match self.next.take().map(|arguments| C::new(&arguments)) {
             Some(Ok(renewed)) => self.controller = renewed,
@@ -225,6 +243,7 @@ impl<C: Controller> Module for Instance<C> {
     fn calculate(&mut self, now: Time) -> Progress {
         let tick = self.tick(now);
         self.outputs.database().into_iter().for_each(|database| database.begin(now));
+        self.tell_news(now);
         let progress = self.controller.main_calc(tick, &self.inputs, &mut self.outputs);
         self.inputs.visit(&mut |_, input| input.mark_seen());
         match progress {
@@ -247,9 +266,10 @@ impl<C: Controller> Module for Instance<C> {
     }
 
     fn drain(&mut self, send: &mut dyn FnMut(&'static str, Vec<u8>)) {
-        let ports = &self.interface.ports[self.input_count..];
+        let (ports, key_ports) = (&self.interface.ports[self.input_count..], &mut self.key_ports);
         self.outputs.visit(&mut |at, output| {
             if let (Some(bytes), Some(port)) = (output.take(), ports.get(at)) {
+                key_ports.sent(port.name, &bytes);
                 send(port.name, bytes);
             }
         });
@@ -286,15 +306,23 @@ impl<C: Controller> Module for Instance<C> {
         if trigger == Some(call) { Delivery::Triggers } else { Delivery::Stored }
     }
 
+    fn connect_keys(&mut self, ports: Vec<KeyPort>) {
+        self.key_ports.connect(ports);
+    }
+
     fn drain_database(&mut self, order: &mut dyn FnMut(DatabaseOrder)) {
-        self.outputs.database().into_iter().flat_map(Database::take).for_each(order);
+        self.outputs.database().into_iter().flat_map(Database::take).chain(self.key_ports.orders()).for_each(order);
     }
 
     fn database_answered(&mut self, number: u64, answer: Result<DatabaseAnswer, Unknown>) -> Delivery {
+        let trigger = self.interface.about.schedule.trigger;
+        let Err(answer) = self.key_ports.deliver(number, answer) else {
+            let is_due = trigger.is_some_and(|port| self.key_ports.feeds(port));
+            return if is_due { Delivery::Triggers } else { Delivery::Stored };
+        };
         if let Some(database) = self.outputs.database() {
             database.deliver(number, answer);
         }
-        let trigger = self.interface.about.schedule.trigger;
         if trigger == Some(DATABASE) { Delivery::Triggers } else { Delivery::Stored }
     }
 }

@@ -183,6 +183,7 @@ impl Program {
                 Ok(Order::Exit) => break ExitCode::SUCCESS,
                 Ok(Order::Database { number, answer }) => database.take(number, answer, &inbox),
                 Ok(Order::Resumed { .. }) => database.renew(&inbox),
+                Ok(Order::Keys { ports }) => drop(inbox.command(Command::Connect(ports))),
                 Ok(order) => {
                     if let Err(error) = self.obey(order, &inbox, &links) {
                         break tell(&error.to_string(), ExitCode::FAILURE);
@@ -268,7 +269,7 @@ impl Program {
                     session.keep(&found).unwrap_or_else(|error| tracing::warn!(%error, "a link is not made again"));
                 }
             }
-            Order::Exit | Order::Resumed { .. } | Order::Database { .. } => {}
+            Order::Exit | Order::Resumed { .. } | Order::Database { .. } | Order::Keys { .. } => {}
         }
         Ok(())
     }

@@ -39,6 +39,7 @@ pub(super) fn lower(
     for group in 0..tree.groups.len() {
         let process = &spec.processes[tree.process_of[group]];
         let sets = wires.sets(&tree, spec, group);
+        wires::connect_keys(&mut tree, spec, group);
         let always = (0_u32..).zip(&process.sets).filter(|(_, set)| set.owner.is_none()).map(|(index, _)| index);
         tree.groups[group].sets_always = always.collect();
         tree.groups[group].sets = sets;
@@ -96,6 +97,9 @@ fn refused(spec: &Spec, process_of: &[usize], root: usize, plan: &Plan, error: P
 fn check_inputs(spec: &Spec, tree: &tree::Tree, wires: &[Wire], diagnostics: &mut Diagnostics) {
     let [fed, called] = [|wire: &Wire| wire.to.clone(), |wire: &Wire| wire.from.clone()]
         .map(|end| wires.iter().map(end).map(|end| (end.leaf, end.port)).collect::<BTreeSet<(u32, String)>>());
+    let told =
+        (0_u32..).zip(&tree.leaves).flat_map(|(leaf, it)| it.keys.iter().map(move |keys| (leaf, keys.port.clone())));
+    let fed = fed.into_iter().chain(told).collect();
     for (process, inputs) in unused(spec, tree, &fed, |port| port.direction == Direction::In) {
         report_unused(spec, process, &inputs, Code::W0310, diagnostics);
     }

@@ -1,10 +1,13 @@
 //! Checks the ports of connections and of external io.
 
 mod calls;
+mod keys;
 
 use super::diagnostics::Diagnostics;
 use super::names::listed;
-use super::spec::{Connection, Direction, Endpoint, Kind, Module, Port, Process, Set, Spec, Target, TypeMatch};
+use super::spec::{
+    Connection, Direction, Endpoint, KeyConnection, Kind, Module, Port, Process, Set, Spec, Target, TypeMatch,
+};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Transfer;
 use crate::source::Span;
@@ -42,6 +45,9 @@ fn check_all(spec: &Spec, diagnostics: &mut Diagnostics) -> BTreeSet<Span> {
         }
         for set in &process.sets {
             ports.check_set(set);
+        }
+        for connection in &process.keys {
+            ports.check_keys(connection);
         }
         calls.extend(ports.calls);
     }
@@ -97,6 +103,15 @@ impl<'a> Ports<'a> {
                 self.diagnostics.push(diagnostic.help(format!("it is open only while `{owner}` runs")));
             }
         }
+    }
+
+    fn check_keys(&mut self, connection: &'a KeyConnection) {
+        let found = if keys::is_program(connection) {
+            keys::check_program(connection)
+        } else {
+            self.look_up(&connection.endpoint).and_then(|port| keys::check(connection, port))
+        };
+        self.diagnostics.extend(found);
     }
 
     fn check_connection(&mut self, connection: &'a Connection) {

@@ -73,6 +73,8 @@ pub(crate) struct Process {
     pub(crate) instances: Vec<Instance>,
     pub(crate) exports: Vec<Export>,
     pub(crate) sets: Vec<Set>,
+    /// Its connections with keys of the database.
+    pub(crate) keys: Vec<KeyConnection>,
     /// The resources that `using` may take.
     pub(crate) resources: Vec<Name>,
     /// What becomes of its programs when one of them dies; nothing where it does not say.
@@ -202,6 +204,17 @@ pub(crate) struct Export {
 pub(crate) struct Endpoint {
     pub(crate) slot: usize,
     pub(crate) port: Name,
+}
+
+/// A connection of a port with keys of the database.
+#[derive(Clone, Debug)]
+pub(crate) struct KeyConnection {
+    pub(crate) endpoint: Endpoint,
+    /// A key, or a prefix that ends in `/`.
+    pub(crate) keys: String,
+    /// Whether the process writes them.
+    pub(crate) is_write: bool,
+    pub(crate) span: Span,
 }
 
 /// A connection set: one label of one owner.

@@ -185,7 +185,7 @@ impl Reader<'_> {
 }
 
 /// Returns whether a text can be a key of the database: words joined by `/`, none of them empty.
-fn is_key(text: &str) -> bool {
+pub(super) fn is_key(text: &str) -> bool {
     let is_word = |word: &str| !word.is_empty() && word != "." && word != "..";
     let has_meaning = |c: char| c.is_control() || matches!(c, '*' | '$' | '?' | '#');
     text.len() <= KEY_SIZE_MAX && text.split('/').all(is_word) && !text.contains(has_meaning)

@@ -178,6 +178,8 @@ codes! {
         "Both ends of a connection have a type of the same name, but the two texts that declare it do not declare the same fields in the same order. Values are sent field by field, so both sides have to agree."
     E0307 Error "call and data"
         "A call goes from `calls Grip(Force) -> Width;` to `proc Grip(Force) -> Width;` or to a `state`, and data from an output to an input. One cannot be connected to the other, and a call has no `pull`, `latch`, `queue` or `rate`."
+    E0308 Error "keys of the database"
+        "A process is connected with keys of the robot's database: `db(\"team/flat/claim/**\") -> robot, Claims;` sends an input of type `KeyNews` the present values below a prefix and then each change, and `robot, Claim -> db(\"team/flat/claim/**\");` puts what an output of type `KeyPut` sends. An input of type `KeyAnswer` hears what became of that. `robot, database -> db(...)` lets the program itself write there. A prefix ends in `/**`; without it, one key is meant. Such a connection holds for as long as the process runs: it has no owner, no label and no quality."
     W0306 Warning "two writers at once"
         "Two processes send to one input, and nothing keeps them from doing so at the same time: the values come mixed. Only operators that run one thing after the other keep connections apart: `; : ;; else`."
     W0307 Warning "connected twice"

@@ -64,7 +64,10 @@ pub(super) fn unit(spec: &Spec, root: usize, plan: &Plan) -> Unit {
     let groups = plan.groups.iter().map(|group| (group.path.as_str(), group.host as usize));
     let leaves = plan.leaves.iter().map(|leaf| (leaf.path.as_str(), leaf.host as usize));
     let ends = plan.wires.iter().flat_map(|wire| [&wire.from, &wire.to]);
-    let wired = ends.map(|end| (plan.leaves[end.leaf as usize].path.as_str(), end.port.as_str())).collect();
+    let ends = ends.map(|end| (plan.leaves[end.leaf as usize].path.as_str(), end.port.as_str()));
+    let keys =
+        plan.leaves.iter().flat_map(|leaf| leaf.keys.iter().map(|keys| (leaf.path.as_str(), keys.port.as_str())));
+    let wired = ends.chain(keys).collect();
     group(&Known { spec, hosts: groups.chain(leaves).collect(), wired }, root, "main", "main")
 }
 

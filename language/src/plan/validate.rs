@@ -1,6 +1,6 @@
 //! Checks the invariants of a plan. Plans also arrive over a network.
 
-use super::{Arm, DEPTH_MAX, Expression, Group, LEAVES_MAX, MemberKind, Plan, RESTARTS_MAX};
+use super::{Arm, DEPTH_MAX, Expression, Group, KEYS_MAX, LEAVES_MAX, MemberKind, Plan, RESTARTS_MAX};
 use crate::algebra::TAG_MAX;
 use std::collections::BTreeSet;
 
@@ -92,6 +92,13 @@ impl Plan {
             in_range(leaf.host, self.hosts.len(), "host", &leaf.path)?;
             if leaf.policy.backoff.is_some_and(|backoff| !backoff.is_valid()) {
                 return Err(PlanError::Backoff { path: leaf.path.clone() });
+            }
+            if leaf.keys.len() > KEYS_MAX {
+                return Err(PlanError::TooLarge {
+                    what: "keys of one process",
+                    count: leaf.keys.len(),
+                    limit: KEYS_MAX,
+                });
             }
         }
         for wire in &self.wires {

@@ -118,6 +118,7 @@ kinds! {
         Owner "the owner of a connection set"
         Connection "a connection"
         Endpoint "an end of a connection"
+        Keys "keys of the database"
         Quality "a connection quality"
         Actions "an event-action section"
         Resources "resources"

@@ -87,7 +87,7 @@ async fn hear(
     mut receiver: ControlReceiver,
 ) -> anyhow::Result<()> {
     let Some(hello) = receiver.recv().await? else { return Ok(()) };
-    let mut requests = database.open(sender.clone());
+    let channel = sender.clone();
     let (event, hello) = match hello {
         Notice::Hello { ref instance, .. } => {
             connection.instance.clone_from(instance);
@@ -108,6 +108,10 @@ async fn hear(
         | Notice::Taken { .. }
         | Notice::Database { .. } => anyhow::bail!("a program did not say who it is"),
     };
+    let mut requests = database.open(&connection.deployment, &connection.instance, channel);
+    if hello.is_some() {
+        requests.tell_ports();
+    }
     // Who cannot tell the driver need not hear any more: it is gone.
     if events.send(event).await.is_err() {
         return Ok(());

@@ -6,14 +6,16 @@ use crate::io::caller;
 use crate::io::database::Handle;
 use crate::logic::database::program::{self, Access};
 use crate::logic::database::question::{Question, Reply};
-use crate::logic::protocol::Answer;
+use crate::logic::effect::SpawnOrder;
+use crate::logic::protocol::{Answer, Deployment};
 use comms::io::clock;
 use comms::io::control::ControlSender;
-use comms::logic::control::Order;
+use comms::logic::control::{KeyPort, Order};
 use comms::logic::database::{DatabaseAnswer, DatabaseRefusal, DatabaseRequest, REQUESTS_MAX, WATCHES_MAX, WINDOW};
+use language::plan::KeyBinding;
 use std::collections::BTreeMap;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::Semaphore;
 use tokio::task::{AbortHandle, JoinSet};
@@ -29,12 +31,17 @@ pub(crate) struct ProgramDatabase {
     database: Handle,
     access: Arc<Access>,
     next: Arc<AtomicU64>,
+    ports: Arc<Mutex<ConnectedPorts>>,
 }
+
+/// The ports of each program that are connected with keys, by deployment and instance path.
+type ConnectedPorts = BTreeMap<Deployment, BTreeMap<String, Arc<[KeyPort]>>>;
 
 /// What one program has asked and not heard yet.
 #[derive(Debug)]
 pub(crate) struct ProgramRequests {
     way: ProgramDatabase,
+    ports: Arc<[KeyPort]>,
     sender: ControlSender,
     /// One for each request.
     requests: JoinSet<()>,
@@ -58,13 +65,32 @@ impl Drop for Watching {
 
 impl ProgramDatabase {
     pub(crate) fn new(database: Handle, access: Access) -> Self {
-        Self { database, access: Arc::new(access), next: Arc::new(AtomicU64::new(FIRST_CALL)) }
+        let next = Arc::new(AtomicU64::new(FIRST_CALL));
+        Self { database, access: Arc::new(access), next, ports: Arc::default() }
+    }
+
+    /// Takes note of what a program is connected with, before it is started or comes back.
+    pub(crate) fn connect(&self, order: &SpawnOrder) {
+        let port =
+            |keys: &KeyBinding| KeyPort { port: keys.port.clone(), keys: keys.keys.clone(), is_write: keys.is_write };
+        let ports: Arc<[KeyPort]> = order.keys.iter().map(port).collect();
+        let mut all = self.ports.lock().unwrap_or_else(PoisonError::into_inner);
+        let of_deployment = all.entry(order.process.deployment.clone()).or_default();
+        of_deployment.insert(order.path.clone(), ports);
+    }
+
+    /// Forgets the programs of a deployment.
+    pub(crate) fn forget(&self, deployment: &Deployment) {
+        self.ports.lock().unwrap_or_else(PoisonError::into_inner).remove(deployment);
     }
 
     /// Opens the way of one program.
-    pub(crate) fn open(&self, sender: ControlSender) -> ProgramRequests {
+    pub(crate) fn open(&self, deployment: &Deployment, instance: &str, sender: ControlSender) -> ProgramRequests {
+        let all = self.ports.lock().unwrap_or_else(PoisonError::into_inner);
+        let ports = all.get(deployment).and_then(|programs| programs.get(instance)).cloned().unwrap_or_default();
+        drop(all);
         let (requests, watches, followers) = (JoinSet::new(), BTreeMap::new(), JoinSet::new());
-        ProgramRequests { way: self.clone(), sender, requests, watches, followers }
+        ProgramRequests { way: self.clone(), ports, sender, requests, watches, followers }
     }
 
     fn ask(&self, question: Question) -> caller::Answers {
@@ -122,6 +148,15 @@ fn send(sender: &ControlSender, number: u64, answer: DatabaseAnswer) -> bool {
 }
 
 impl ProgramRequests {
+    /// Tells a new program which of its ports are connected with keys; one that comes back knows.
+    pub(crate) fn tell_ports(&self) {
+        if !self.ports.is_empty()
+            && let Err(error) = self.sender.send(&Order::Keys { ports: self.ports.to_vec() })
+        {
+            tracing::debug!(%error, "a program was not told of its keys");
+        }
+    }
+
     /// Takes a request of the program.
     pub(crate) fn take(&mut self, number: u64, request: DatabaseRequest) {
         while self.requests.try_join_next().is_some() {}
@@ -135,7 +170,7 @@ impl ProgramRequests {
                 return self.watch(number, question);
             }
             DatabaseRequest::Get { key } => access.get(key),
-            DatabaseRequest::Transact(transaction) => access.transact(transaction),
+            DatabaseRequest::Transact(transaction) => access.transact(transaction, &self.ports),
         };
         let question = if self.requests.len() < REQUESTS_MAX { question } else { Err(program::busy()) };
         match question {

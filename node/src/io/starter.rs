@@ -118,6 +118,7 @@ impl Starter {
                 Job::Start(start) => self.start(*start).await,
                 Job::Adopt(adopted) => self.adopt(*adopted),
                 Job::Close(deployment) => {
+                    self.database.forget(&deployment);
                     self.listeners.remove(&deployment).into_iter().for_each(|listener| listener.abort());
                 }
                 // Here, so that no other program is started in its folder meanwhile.
@@ -137,7 +138,8 @@ impl Starter {
 
     /// Reaches a program again; one that never came to be is started.
     fn adopt(&mut self, adopted: Adopted) {
-        let Start { process, shim, control, .. } = &adopted.start;
+        let Start { process, order, shim, control, .. } = &adopted.start;
+        self.database.connect(order);
         if let Some(path) = control.as_ref().filter(|_| !self.listeners.contains_key(&process.deployment)) {
             match Listener::bind(path) {
                 Ok(listener) => self.listen(listener, &process.deployment.clone()),
@@ -176,6 +178,7 @@ impl Starter {
 
     async fn start(&mut self, start: Start) {
         let Start { process, order, shim, control, orders } = start;
+        self.database.connect(&order);
         match self.try_start(order, shim, control).await {
             Ok((shim, reports)) => {
                 self.tasks.spawn(shim.pass(Vec::new(), orders));

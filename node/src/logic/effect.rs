@@ -6,7 +6,7 @@ use crate::logic::nameserver::Change;
 use crate::logic::protocol::{Answer, Deployment, Estop, Kept, Message, Namesake, ToParticipant, Tombstone};
 use comms::logic::control::Order;
 use comms::logic::time::Time;
-use language::plan::{LeafKind, Policy};
+use language::plan::{KeyBinding, LeafKind, Policy};
 use serde::{Deserialize, Serialize};
 use shim::protocol::ShimOrder;
 use std::collections::BTreeMap;
@@ -37,6 +37,8 @@ pub struct SpawnOrder {
     pub kind: LeafKind,
     /// Its policy: what it may use, and what happens when its agent is gone.
     pub policy: Policy,
+    /// The keys of the database that it is connected with.
+    pub keys: Vec<KeyBinding>,
 }
 
 /// A word of a command that is a secret of the database. Nothing here holds its value: that is looked up when the program is started,

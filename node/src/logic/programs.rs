@@ -87,7 +87,16 @@ impl Programs {
 pub fn order(process: ProcessId, command: Vec<String>, (plan, leaf): (&Plan, &Leaf)) -> SpawnOrder {
     let claimed = plan.claims.iter().filter(|claim| claim.leaf == process.leaf).map(|claim| claim.device.clone());
     let (path, secrets, devices) = (leaf.path.clone(), secrets(leaf, &command), claimed.collect());
-    SpawnOrder { process, path, command, secrets, devices, kind: leaf.kind, policy: leaf.policy.clone() }
+    SpawnOrder {
+        process,
+        path,
+        command,
+        secrets,
+        devices,
+        kind: leaf.kind,
+        policy: leaf.policy.clone(),
+        keys: leaf.keys.clone(),
+    }
 }
 
 /// Returns the secrets among the arguments of a leaf, which are the last words of its command.

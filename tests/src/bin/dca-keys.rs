@@ -2,8 +2,9 @@
 //! count at, too. Each writes down what it was answered.
 
 use controllers::sdk::{
-    About, Arguments, Controller, Database, DatabaseError, DatabaseRefusal, Entry, Expected, Kind, Outputs, Parameter,
-    Progress, Registry, Tick, Transaction, TxnId, Value, WatchEvent, process,
+    About, Arguments, Controller, Database, DatabaseError, DatabaseRefusal, Entry, Every, Expected, Inputs, KeyAnswer,
+    KeyNews, KeyPut, KeyResult, Kind, Out, Outputs, Parameter, Progress, Registry, Tick, Transaction, TxnId, Value,
+    WatchEvent, process,
 };
 use std::fs::{File, OpenOptions};
 use std::io::Write;
@@ -203,10 +204,86 @@ impl Controller for Counter {
     }
 }
 
+#[derive(Inputs)]
+struct Hears {
+    /// Who has claimed what.
+    #[port("Claims")]
+    claims: Every<KeyNews>,
+    /// What has become of its own claims.
+    #[port("Answers")]
+    answers: Every<KeyAnswer>,
+}
+
+#[derive(Outputs)]
+struct Claims {
+    #[port("Claim")]
+    claim: Out<KeyPut>,
+}
+
+/// Claims numbered keys, one after the other, each if nobody has: `committed 3`, `refused 3`. All of it through its ports. Writes down
+/// what it is told, too: `complete`, `changed 3`. Is done when it has heard of all.
+struct Claimer {
+    count: u64,
+    next: u64,
+    known: u64,
+    log: Log,
+}
+
+impl Claimer {
+    fn hear(&mut self, entries: &[Entry]) {
+        for entry in entries {
+            self.known += 1;
+            self.log.add(&format!("changed {}", entry.key));
+        }
+    }
+}
+
+impl Controller for Claimer {
+    type Inputs = Hears;
+    type Outputs = Claims;
+    const TYPE: &'static str = "Claimer";
+
+    fn about() -> About {
+        const PARAMETERS: &[Parameter] = &[Parameter::new("count", Kind::Number(1.0, 1000.0)), text("file")];
+        About::task("Claims keys.").every(PERIOD).with(PARAMETERS)
+    }
+
+    fn new(arguments: &Arguments) -> Result<Self, String> {
+        Ok(Self { count: count(arguments, "count"), next: 0, known: 0, log: Log::open(arguments)? })
+    }
+
+    fn main_calc(&mut self, _: Tick, inputs: &Hears, outputs: &mut Claims) -> Progress {
+        for news in inputs.claims.iter() {
+            match &news.event {
+                WatchEvent::Complete => self.log.add("complete"),
+                WatchEvent::Changed(change) => self.hear(&change.entries),
+                WatchEvent::Present(entries) => self.hear(entries),
+                WatchEvent::Begin => {}
+                WatchEvent::Refused(why) => return Progress::Aborted(why.to_string()),
+            }
+        }
+        for KeyAnswer { number, result } in inputs.answers.iter() {
+            match result {
+                KeyResult::Committed(_) => self.log.add(&format!("committed {number}")),
+                KeyResult::Refused(DatabaseRefusal::Unmet { .. }) => self.log.add(&format!("refused {number}")),
+                KeyResult::Refused(why) => return Progress::Aborted(why.to_string()),
+                KeyResult::Unknown(why) => return Progress::Aborted(why.clone()),
+            }
+        }
+        if self.next < self.count {
+            self.next += 1;
+            let key = format!("team/claim/{}", self.next);
+            outputs.claim.send(KeyPut::new(self.next, key, "mine", WITHIN).expecting(Expected::Absent));
+        }
+        if self.known < self.count { Progress::Continue } else { Progress::Done(Vec::new()) }
+    }
+}
+
 fn main() -> ExitCode {
     let mut registry = Registry::default();
     registry.add::<Writer>();
     registry.add::<Watcher>();
     registry.add::<Counter>();
+    registry.add::<Claimer>();
     process::run(&registry)
 }

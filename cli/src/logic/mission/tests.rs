@@ -30,6 +30,7 @@ pub(crate) fn plan(names: &[&str], expression: Expression) -> Plan {
             stop_within: seconds(1.0),
             outcomes: Vec::new(),
             policy: Policy::default(),
+            keys: Vec::new(),
         });
     }
     let group = |path: &str, members, expression| Group {

@@ -169,6 +169,7 @@ impl Cycle {
             Command::Stop { activation } if activation == self.activation => self.end(Ending::Stopped),
             Command::Stop { .. } => {}
             Command::Configure(arguments) => self.configure(arguments),
+            Command::Connect(ports) => drop(self.call(|module| module.connect_keys(ports))),
             Command::Leave => {
                 self.leaving = true;
                 self.end(Ending::Stopped);

@@ -6,7 +6,7 @@ use crate::sdk::arguments::Arguments;
 use crate::sdk::export::RawReply;
 use comms::io::clock::{Wakeup, now};
 use comms::io::data::{DataSession, IncomingCall};
-use comms::logic::control::{Notice, Shape};
+use comms::logic::control::{KeyPort, Notice, Shape};
 use comms::logic::object::{Admission, CallId, CallTable, Next, ObjectError};
 use comms::logic::switch::{Arrival, Expect, Flip, Gaps, Intake, Passed, Sequence};
 use comms::logic::time::Time;
@@ -28,6 +28,8 @@ pub(super) enum Command {
     Stop { activation: u32 },
     /// Go on with these parameters.
     Configure(Arguments),
+    /// These ports are connected with keys of the database.
+    Connect(Vec<KeyPort>),
     /// Stop whatever runs, then end.
     Leave,
 }

@@ -1,6 +1,7 @@
 //! Reads process groups.
 
 mod backoff;
+mod keys;
 mod policy;
 mod quality;
 mod supervision;
@@ -44,6 +45,7 @@ pub(super) fn process(node: &Node, places: &[Span], consts: &Consts, diagnostics
     let exports = exports(node, &mut names);
     let Sets { all: sets, are_whole, .. } = Sets::read(node, &mut names);
     damage.connections |= !are_whole;
+    let keys = keys::read(node, &mut names);
     let resources = resources(node, &params, names.diagnostics);
     let actions = node.children_of(SyntaxKind::Actions).next();
     names.is_doubtful = damage.actions;
@@ -82,6 +84,7 @@ pub(super) fn process(node: &Node, places: &[Span], consts: &Consts, diagnostics
         instances,
         exports,
         sets,
+        keys,
         resources,
         supervision,
         backoff: backoff.flatten(),
@@ -364,7 +367,7 @@ impl Sets {
 
 fn connections(section: &Node, names: &mut Names<'_>, bindings: &[Binding]) -> Vec<Connection> {
     let mut connections = Vec::new();
-    for node in section.children_of(SyntaxKind::Connection) {
+    for node in section.children_of(SyntaxKind::Connection).filter(|node| node.child(SyntaxKind::Keys).is_none()) {
         let ends: Vec<Node> = node.children_of(SyntaxKind::Endpoint).collect();
         let quality = quality::quality(&node, names.diagnostics);
         let is_pull = |quality: Node| quality.names().next().is_some_and(|name| name.text == "pull");

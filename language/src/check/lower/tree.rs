@@ -208,6 +208,7 @@ impl Builder<'_> {
             stop_within: module.map_or(STOP_WITHIN, |module| module.stop_within),
             outcomes: outcomes.collect(),
             policy: policy(instance, module, &self.spec.processes[self.tree.process_of[group]]),
+            keys: Vec::new(),
         });
         self.tree.place_of.push((group, slot));
         self.leaf_places.push(place);

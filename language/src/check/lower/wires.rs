@@ -2,7 +2,7 @@
 
 use super::tree::Tree;
 use crate::check::spec::{Endpoint, Spec};
-use crate::plan::{ConnectionSet, LeafPort, MemberKind, Quality, Transfer, Wire};
+use crate::plan::{ConnectionSet, KeyBinding, LeafPort, MemberKind, Quality, Transfer, Wire};
 use std::collections::BTreeMap;
 
 /// All wires, each once: a wire that stands in two sets is shared by them.
@@ -41,6 +41,18 @@ impl Wires {
             self.all.push(wire);
             next
         })
+    }
+}
+
+/// Connects the ports of leaves with keys of the database.
+pub(super) fn connect_keys(tree: &mut Tree, spec: &Spec, group: usize) {
+    for connection in &spec.processes[tree.process_of[group]].keys {
+        let Some(LeafPort { leaf, port }) = leaf_port(tree, spec, group, &connection.endpoint) else { continue };
+        let binding = KeyBinding { port, keys: connection.keys.clone(), is_write: connection.is_write };
+        let known = &mut tree.leaves[leaf as usize].keys;
+        if !known.contains(&binding) {
+            known.push(binding);
+        }
     }
 }
 

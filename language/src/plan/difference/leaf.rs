@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Returns the change from one program to another, if they differ.
 pub(super) fn change_of_leaf(leaf: u32, before: &Leaf, after: &Leaf, claims_differ: bool) -> Option<PlanChange> {
     // Every field by its name, so that one that is added is not forgotten here.
-    let Leaf { path, module, host: _, arguments: given, exec, kind, stop_within, outcomes, policy } = before;
+    let Leaf { path, module, host: _, arguments: given, exec, kind, stop_within, outcomes, policy, keys } = before;
     let Policy { restart, agent_loss, link_loss, usage, watchdog, ready_within, backoff } = policy;
     let mut why = Vec::new();
     let mut differs = |is_different: bool, words: &str| why.extend(is_different.then(|| words.to_owned()));
@@ -15,6 +15,7 @@ pub(super) fn change_of_leaf(leaf: u32, before: &Leaf, after: &Leaf, claims_diff
     differs(claims_differ, "its claims");
     differs(*kind != after.kind, "whether it speaks the control protocol");
     differs(*outcomes != after.outcomes, "its outcomes");
+    differs(*keys != after.keys, "the keys of the database that it is connected with");
     differs(*agent_loss != after.policy.agent_loss, "`on_agent_loss`");
     differs(*usage != after.policy.usage, "its limits");
     differs(*watchdog != after.policy.watchdog, "`watchdog`");

@@ -375,14 +375,14 @@ impl Parser<'_> {
     /// `a, Out -> b, In push ;`
     fn connection(&mut self) {
         self.start(SyntaxKind::Connection);
-        self.endpoint();
+        self.end_of_connection();
         if !self.eat(Arrow) && !self.eat(BackArrow) {
             self.expected("`->`");
             if !self.at_any(&[Ident, Comma, Dot, Semicolon]) && !self.ends_block() {
                 self.skip_as_error();
             }
         }
-        self.endpoint();
+        self.end_of_connection();
         while self.at(Ident) && QUALITIES.contains(&self.word(0)) && self.kind(1) != Comma {
             self.quality();
         }
@@ -399,6 +399,27 @@ impl Parser<'_> {
         } else {
             self.eat(Number);
         }
+        self.finish();
+    }
+
+    /// `instance, Port`, or `db("team/flat/**")`
+    fn end_of_connection(&mut self) {
+        if self.at_word("db") && self.kind(1) == LeftParen {
+            self.keys();
+        } else {
+            self.endpoint();
+        }
+    }
+
+    /// `db("team/flat/**")`
+    fn keys(&mut self) {
+        self.start(SyntaxKind::Keys);
+        self.bump();
+        self.bump();
+        if !self.eat(Text) {
+            self.expected("a key or a prefix of the database, such as `\"team/flat/**\"`");
+        }
+        self.expect(RightParen);
         self.finish();
     }
 

@@ -2,9 +2,10 @@
 //!
 //! A program reads every key but those below `sys/`. It writes below `team/`, below `robot/ROBOT/` of its own robot, and below
 //! `local/`; what steers programs and nodes there (parameters, settings, records of deployments, schemas) is for people. On a node in a team
-//! with keys it writes nothing: there only what a user has signed changes something.
+//! with keys it writes what its spec connects it with, and nothing else: the spec is what a user has signed.
 
 use super::question::{AckLevel, Commit, Question, Reply};
+use comms::logic::control::KeyPort;
 use comms::logic::database::{
     Change, DatabaseAnswer, DatabaseRefusal, Entry, Expected, KeyWrite, REQUESTS_MAX, Requirement, Stored,
     TRANSACTION_SIZE_MAX, Transaction, TxnId, VALUE_SIZE_MAX, WATCHES_MAX,
@@ -53,22 +54,22 @@ impl Access {
         Ok(Question::Follow { keys })
     }
 
-    /// Returns the question for a transaction.
+    /// Returns the question for a transaction of a program with these ports.
     ///
     /// # Errors
     /// Something of it is no key, is too long, or is not for programs.
-    pub fn transact(&self, transaction: Transaction) -> Result<Question, DatabaseRefusal> {
+    pub fn transact(&self, transaction: Transaction, ports: &[KeyPort]) -> Result<Question, DatabaseRefusal> {
         check_sizes(&transaction)?;
         let Transaction { reason, requires, writes } = transaction;
         let requires: Result<_, _> = requires.into_iter().map(required).collect();
-        let writes: Result<_, _> = writes.into_iter().map(|write| self.written(write)).collect();
+        let writes: Result<_, _> = writes.into_iter().map(|write| self.written(write, ports)).collect();
         let (requires, writes) = (requires?, writes?);
         Ok(Question::Commit(Commit { reason, requires, writes, level: AckLevel::Local, within: WITHIN }))
     }
 
-    fn written(&self, write: KeyWrite) -> Result<Write, DatabaseRefusal> {
+    fn written(&self, write: KeyWrite, ports: &[KeyPort]) -> Result<Write, DatabaseRefusal> {
         let key = readable(write.key)?;
-        if let Some(why) = self.forbids(&key) {
+        if let Some(why) = self.forbids(&key, ports) {
             return Err(DatabaseRefusal::NotAllowed { key: key.to_string(), why });
         }
         let value = write.value.map(|Stored { tag, bytes }| Value { encoding: Encoding(tag), bytes: bytes.0.into() });
@@ -76,10 +77,12 @@ impl Access {
     }
 
     /// Returns why programs do not write a key, if they do not.
-    fn forbids(&self, key: &Key) -> Option<String> {
-        if self.is_team {
+    fn forbids(&self, key: &Key, ports: &[KeyPort]) -> Option<String> {
+        let is_connected = || ports.iter().any(|port| port.is_write && port.covers(key.as_str()));
+        if self.is_team && !is_connected() {
             return Some(format!(
-                "`{key}` is not written by programs: in a team only what a user has signed changes something"
+                "`{key}` is not written by this program: in a team its spec says which keys it writes, such as `robot, database -> \
+                 db(\"team/flat/**\");`"
             ));
         }
         let for_people = match key.namespace() {
@@ -213,6 +216,11 @@ mod tests {
         Access { robot: "r1".into(), is_team }
     }
 
+    /// The ports of a program that may write wherever programs may.
+    fn all() -> [KeyPort; 2] {
+        ["team/", "robot/r1/"].map(|keys| KeyPort { port: "database".into(), keys: keys.into(), is_write: true })
+    }
+
     fn put(key: &str, size: usize) -> Transaction {
         let value = Some(Stored { tag: 0, bytes: vec![0; size].into() });
         Transaction { writes: vec![KeyWrite { key: key.into(), value }], ..Transaction::default() }
@@ -221,8 +229,8 @@ mod tests {
     #[test]
     fn programs_write_what_is_neither_for_people_nor_for_the_database() {
         for key in ["team/flat/claim/cup", "robot/r1/map", "local/last", "robot/r2/params/x", "robot/r1/parameters"] {
-            assert!(access(false).transact(put(key, 1)).is_ok(), "{key}");
-            let refused = access(true).transact(put(key, 1));
+            assert!(access(false).transact(put(key, 1), &[]).is_ok(), "{key}");
+            let refused = access(true).transact(put(key, 1), &[]);
             assert!(matches!(&refused, Err(DatabaseRefusal::NotAllowed { .. })), "{key}: {refused:?}");
         }
         for key in [
@@ -232,10 +240,26 @@ mod tests {
             "team/schema/x",
             "sys/members",
         ] {
-            let refused = access(false).transact(put(key, 1));
+            let refused = access(false).transact(put(key, 1), &all());
             assert!(matches!(&refused, Err(DatabaseRefusal::NotAllowed { .. })), "{key}: {refused:?}");
         }
-        assert!(matches!(access(false).transact(put("team//x", 1)), Err(DatabaseRefusal::Database { .. })));
+        assert!(matches!(access(false).transact(put("team//x", 1), &[]), Err(DatabaseRefusal::Database { .. })));
+    }
+
+    #[test]
+    fn in_a_team_a_program_writes_what_its_spec_connects() {
+        let port = |keys: &str, is_write| KeyPort { port: "database".into(), keys: keys.into(), is_write };
+        let ports = [port("team/flat/claim/", true), port("team/gain", true), port("team/other/", false)];
+        for (key, may) in [
+            ("team/flat/claim/cup", true),
+            ("team/gain", true),
+            ("team/gain2", false),
+            ("team/flat/claimed", false),
+            ("team/other/x", false),
+        ] {
+            assert_eq!(access(true).transact(put(key, 1), &ports).is_ok(), may, "{key}");
+        }
+        assert!(access(true).transact(put("robot/r1/params/x", 1), &all()).is_err());
     }
 
     #[test]
@@ -252,7 +276,7 @@ mod tests {
 
     #[test]
     fn what_is_too_long_is_refused_with_the_limit() {
-        let refused = |transaction| access(false).transact(transaction).unwrap_err().to_string();
+        let refused = |transaction| access(false).transact(transaction, &[]).unwrap_err().to_string();
         assert_eq!(
             refused(put("team/a", VALUE_SIZE_MAX + 1)),
             "65537 bytes are more than the 65536 that are allowed; give the parts keys of their own"

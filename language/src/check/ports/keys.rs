@@ -1,0 +1,49 @@
+//! Checks the ports that are connected with keys of the database.
+
+use crate::check::spec::{Direction, KeyConnection, Port};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::plan::DATABASE;
+
+/// What an input is sent of keys: what they hold, and what has become of what its process has put there.
+const HEARS: [&str; 2] = ["KeyNews", "KeyAnswer"];
+/// What an output sends to be put at a key.
+const PUTS: [&str; 1] = ["KeyPut"];
+
+/// Returns whether the program itself is meant, which uses the database without a port.
+pub(super) fn is_program(connection: &KeyConnection) -> bool {
+    connection.endpoint.port.text == DATABASE
+}
+
+/// Returns why a program cannot be connected with keys.
+pub(super) fn check_program(connection: &KeyConnection) -> Option<Diagnostic> {
+    let error = || Diagnostic::new(Code::E0308, connection.span, "a program reads keys without a connection");
+    let is_read = !connection.is_write;
+    is_read.then(|| error().help(format!("what it may write is `robot, {DATABASE} -> db(\"team/flat/claim/**\");`")))
+}
+
+/// Returns why a port cannot be connected with keys.
+pub(super) fn check(connection: &KeyConnection, port: &Port) -> Option<Diagnostic> {
+    let name = &connection.endpoint.port;
+    let error = |message: String| {
+        let diagnostic = Diagnostic::new(Code::E0308, name.span, message);
+        diagnostic.reason(port.name.span, "declared here")
+    };
+    if port.call.is_some() {
+        return Some(error(format!("`{}` is for calls, and the database is not called", name.text)));
+    }
+    let (direction, types, what) = match connection.is_write {
+        true => (Direction::Out, &PUTS[..], "puts what an output sends"),
+        false => (Direction::In, &HEARS[..], "sends to an input"),
+    };
+    if port.direction != direction {
+        let is = if port.direction == Direction::In { "an input" } else { "an output" };
+        let diagnostic = error(format!("`{}` is {is}, but the database {what}", name.text));
+        return Some(diagnostic.help("exchange the ends of the connection, or name another port"));
+    }
+    let kind = port.kind.as_ref()?.to_string();
+    let fits = types.contains(&kind.as_str());
+    let known: Vec<String> = types.iter().map(|name| format!("`{name}`")).collect();
+    let message =
+        || format!("`{}` is of type `{kind}`, but the database {what} of type {}", name.text, known.join(" or "));
+    (!fits).then(|| error(message()).help("controllers have these types from the SDK"))
+}
