@@ -10,7 +10,7 @@ use crate::absent::{self, Absences, open_hosts};
 use crate::client::{Client, Clients, Statuses};
 use crate::logic::tree::{Unknown, tree};
 use node::console::{self, Failure, block_on};
-use node::logic::protocol::{Absent, Network, NodeStatus};
+use node::logic::protocol::{Absent, LostValues, Network, NodeStatus};
 use node::logic::table::table;
 
 /// The arguments of `dca status`.
@@ -92,6 +92,13 @@ fn text(statuses: &[NodeStatus], away: &Absences, name: Option<&str>) -> String 
     let stopped: Vec<String> =
         stopped.map(|by| format!("{by}; `dca estop --release` lets programs begin again")).collect();
     let mut blocks = vec![stopped.join("\n"), tree(statuses, &unknown)];
+    let lost = statuses.iter().flat_map(|status| &status.deployments).flat_map(|part| {
+        let row = |lost: &LostValues| {
+            vec![format!("{}: {}", part.deployment.name, lost.wire), format!("{} lost", lost.count)]
+        };
+        part.lost.iter().map(row).collect::<Vec<_>>()
+    });
+    blocks.push(table(&lost.collect::<Vec<_>>()));
     let row = |end| [format!("{end}"), "unconfirmed on".to_owned()];
     let rows: Vec<Vec<String>> =
         away.ends.iter().map(|end| row(&end.deployment).into_iter().chain([open_hosts(end)]).collect()).collect();

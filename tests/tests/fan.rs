@@ -6,6 +6,7 @@
 use comms::io::clock::now;
 use comms::logic::time::Time;
 use dca_tests::cluster::{Cluster, Host, Hosts, Program, SOON, Stream, executable, pass, wait_until};
+use node::logic::protocol::LostValues;
 use rustix::process::Signal;
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -272,6 +273,11 @@ fn a_reader_that_is_suspended_or_killed_delays_nobody() {
     let until = now();
     wait_until(SOON, || heard(&cluster, killed).len() == 2).expect("it is started again");
     wait_for_more(&cluster, &names);
+    let is_told = || here.ask(&["status"]).out.contains(&format!("first, Out -> main/{suspended}, In"));
+    assert!(wait_until(SOON, is_told).is_some(), "{}", here.ask(&["status"]));
+    let lost: Vec<LostValues> =
+        here.statuses(&[]).into_iter().flat_map(|node| node.deployments).flat_map(|one| one.lost).collect();
+    assert!(lost.iter().all(|lost| lost.wire.contains(suspended.as_str()) && lost.count > 0), "{lost:?}");
     assert_eq!(here.ask(&["stop", "fan"]).code, Some(0));
     assert_eq!(mission.ended(SOON).code, Some(1));
     for name in &names {

@@ -89,6 +89,7 @@ pub(crate) mod tests {
             home: "c1".into(),
             phase: "running".into(),
             processes: processes.iter().map(process).collect(),
+            lost: Vec::new(),
         };
         let (version, up) = ("0".into(), Duration::ZERO);
         NodeStatus {

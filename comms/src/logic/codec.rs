@@ -338,6 +338,9 @@ mod tests {
         check(&Notice::Expecting { ticket: 2 }, "4443080002000902");
         let taken = Notice::Taken { ticket: 2, lost: 300, late: 1, missing: vec![4] };
         check(&taken, "4443080002000a02ac02010104");
+        let losses = Notice::Losses { wires: vec![(300, 2)] };
+        check(&losses, "4443080002000c01ac0202");
+        assert!(!losses.is_counted());
         assert!(hello.is_counted() && !resume.is_counted());
         assert!(Order::Exit.is_counted() && !Order::Resumed { notices: 0 }.is_counted());
         assert!(!Order::Configure { parameters: vec![] }.is_counted());

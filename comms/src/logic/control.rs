@@ -322,11 +322,16 @@ pub enum Notice {
         /// The request, or a word about a watch that has this number.
         request: DatabaseRequest,
     },
+    /// How many values of wires have not come since the program began.
+    Losses {
+        /// The wires that have lost some, each with all that it has lost.
+        wires: Vec<(u32, u64)>,
+    },
 }
 
 impl Notice {
     /// Returns whether the notice has a number: [`Notice::Hello`] is 1.
     pub const fn is_counted(&self) -> bool {
-        !matches!(self, Self::Resume { .. } | Self::Database { .. })
+        !matches!(self, Self::Resume { .. } | Self::Database { .. } | Self::Losses { .. })
     }
 }

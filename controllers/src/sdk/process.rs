@@ -182,7 +182,10 @@ impl Program {
             match orders.next() {
                 Ok(Order::Exit) => break ExitCode::SUCCESS,
                 Ok(Order::Database { number, answer }) => database.take(number, answer, &inbox),
-                Ok(Order::Resumed { .. }) => database.renew(&inbox),
+                Ok(Order::Resumed { .. }) => {
+                    database.renew(&inbox);
+                    inbox.tell_losses_again();
+                }
                 Ok(Order::Keys { ports }) => drop(inbox.command(Command::Connect(ports))),
                 Ok(order) => {
                     if let Err(error) = self.obey(order, &inbox, &links) {

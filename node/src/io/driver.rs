@@ -4,6 +4,7 @@ mod adoption;
 mod gate;
 mod keeping;
 mod launching;
+mod losses;
 mod settings;
 mod start;
 
@@ -36,6 +37,7 @@ use comms::io::entropy;
 use comms::io::session::{NodeOptions, Reach};
 use comms::logic::key::HostName;
 use comms::logic::time::Time;
+use losses::Losses;
 use shim::protocol::{ShimOrder, ShimReport};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::PathBuf;
@@ -112,6 +114,8 @@ struct Driver {
     shims: BTreeMap<ProcessId, Sender<ShimOrder>>,
     programs: BTreeMap<ProcessId, (u64, ControlSender)>,
     inputs: InputLog,
+    /// What the wires of its programs have lost.
+    losses: Losses,
     /// Controllers of a node that was killed which have not come back yet: their orders are kept for them.
     awaited: BTreeSet<ProcessId>,
     /// For each deployment that has programs here what ends with it.
@@ -241,6 +245,7 @@ impl Driver {
             shims: BTreeMap::new(),
             programs: BTreeMap::new(),
             inputs,
+            losses: Losses::default(),
             awaited: BTreeSet::new(),
             living: BTreeMap::new(),
             pending: VecDeque::new(),
@@ -307,6 +312,11 @@ impl Driver {
                 let is_current = self.programs.get(&process).is_some_and(|(current, _)| *current == number);
                 is_current.then_some(Input::Control { process, notice })
             }
+            Event::Losses(Connection { deployment, instance, .. }, wires) => {
+                let process = self.state.attachments.find(&deployment, &instance)?.clone();
+                self.losses.note(process, wires);
+                None
+            }
             Event::Committed(deployment, written) => Some(Input::Committed { deployment, written }),
             Event::Found(deployment, number, problems) => Some(Input::Found { deployment, number, problems }),
         }
@@ -362,6 +372,7 @@ impl Driver {
                     status.containment = cgroup::containment();
                     status.network = start::network(&self.config);
                     status.policy = self.policy.in_use();
+                    self.losses.tell(status, &self.state.agent);
                 }
                 if !self.peers.answer(call, *answer) {
                     self.peers.take(call);

@@ -33,6 +33,8 @@ pub(crate) enum Event {
     },
     /// A word from a program.
     Control(Connection, Notice),
+    /// What the wires of a program have lost.
+    Losses(Connection, Vec<(u32, u64)>),
     /// The epoch of a deployment is in the journal, or why it is not.
     Committed(Deployment, Result<(), String>),
     /// A call that a user has signed, and that is written down.
@@ -106,7 +108,8 @@ async fn hear(
         | Notice::Stopped { .. }
         | Notice::Expecting { .. }
         | Notice::Taken { .. }
-        | Notice::Database { .. } => anyhow::bail!("a program did not say who it is"),
+        | Notice::Database { .. }
+        | Notice::Losses { .. } => anyhow::bail!("a program did not say who it is"),
     };
     let mut requests = database.open(&connection.deployment, &connection.instance, channel);
     if hello.is_some() {
@@ -118,9 +121,27 @@ async fn hear(
     }
     let mut notice = if hello.is_some() { hello } else { receiver.recv().await? };
     while let Some(said) = notice {
-        if let Notice::Database { number, request } = said {
-            requests.take(number, request);
-        } else if events.send(Event::Control(connection.clone(), said)).await.is_err() {
+        let event = match said {
+            Notice::Database { number, request } => {
+                requests.take(number, request);
+                None
+            }
+            Notice::Losses { wires } => Some(Event::Losses(connection.clone(), wires)),
+            said @ (Notice::Hello { .. }
+            | Notice::Connected
+            | Notice::ConnectFailed { .. }
+            | Notice::Switched { .. }
+            | Notice::Running { .. }
+            | Notice::Done { .. }
+            | Notice::Aborted { .. }
+            | Notice::Stopped { .. }
+            | Notice::Resume { .. }
+            | Notice::Expecting { .. }
+            | Notice::Taken { .. }) => Some(Event::Control(connection.clone(), said)),
+        };
+        if let Some(event) = event
+            && events.send(event).await.is_err()
+        {
             return Ok(());
         }
         notice = receiver.recv().await?;

@@ -42,12 +42,14 @@ pub use relay::{Relay, Relayed};
 pub use report::{Change, Report, SetsSwitched};
 use serde::{Deserialize, Serialize};
 pub use signed::{Order, Ordered, Signed, TeamOfNode};
-pub use status::{Containment, DeploymentStatus, LeafStatus, Network, NodeStatus, PolicyInUse, ProcessStatus, leaves};
+pub use status::{
+    Containment, DeploymentStatus, LeafStatus, LostValues, Network, NodeStatus, PolicyInUse, ProcessStatus, leaves,
+};
 use std::fmt;
 use std::time::Duration;
 
 /// Version of these messages.
-pub const VERSION: u16 = 15;
+pub const VERSION: u16 = 16;
 
 /// How long a node that has more to say may be silent: it says several times in that time that it is still there.
 pub const SILENCE_MAX: Duration = Duration::from_secs(8);

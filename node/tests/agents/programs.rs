@@ -113,7 +113,8 @@ impl World {
             | Order::Calls { .. }
             | Order::Rejoin
             | Order::Resumed { .. }
-            | Order::Database { .. } => {}
+            | Order::Database { .. }
+            | Order::Keys { .. } => {}
             Order::Exit if self.lingers => {}
             Order::Exit => self.die(host, process, ShimReport::Exited { code: 0 }),
         }

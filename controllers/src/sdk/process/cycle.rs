@@ -21,6 +21,8 @@ use std::time::Duration;
 
 /// The exit code of a program whose loop has panicked, as of any other that panics in Rust.
 const PANICKED: i32 = 101;
+/// How often the node is told what wires have lost.
+const LOSSES_EVERY: Duration = Duration::from_millis(500);
 /// How many calls of others are carried out before the loop looks whether a calculation is due.
 const CALLS_AT_ONCE: usize = 16;
 
@@ -62,6 +64,8 @@ pub(super) struct Cycle {
     overruns: u64,
     /// Values that were sent to inputs in this activation, and have not come.
     lost: u64,
+    /// When the node is told next what wires have lost.
+    losses_due: Time,
     leaving: bool,
 }
 
@@ -87,6 +91,7 @@ impl Cycle {
             peaks: Watch::default(),
             overruns: 0,
             lost: 0,
+            losses_due: Time::ZERO,
             leaving: false,
         }
     }
@@ -354,11 +359,21 @@ impl Cycle {
         let Some(progress) = self.call(|module| module.calculate(time)) else { return };
         self.send();
         self.finish_switches();
+        self.tell_losses(time);
         self.show(time);
         match progress {
             Progress::Continue => {}
             Progress::Done(value) => self.end(Ending::Done(value)),
             Progress::Aborted(reason) => self.end(Ending::Aborted(reason)),
+        }
+    }
+
+    /// Tells the node now and then what wires have lost; a node that is lost is told when there is one again.
+    fn tell_losses(&mut self, time: Time) {
+        if time >= self.losses_due {
+            self.losses_due = time + LOSSES_EVERY;
+            let losses = self.inbox.take_losses().map(|wires| Notice::Losses { wires });
+            losses.into_iter().for_each(|losses| drop(self.notices.send_now(&losses)));
         }
     }
 
@@ -368,7 +383,8 @@ impl Cycle {
         self.links.callers().cancel_all();
         self.database.cancel_all();
         // The last values count, and the peaks since the last sample.
-        self.signals_due = Time::ZERO;
+        (self.signals_due, self.losses_due) = (Time::ZERO, Time::ZERO);
+        self.tell_losses(now());
         self.show(now());
         let activation = self.activation;
         if self.overruns > 0 {

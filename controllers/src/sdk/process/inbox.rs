@@ -40,6 +40,8 @@ pub(super) struct Arrived {
     pub(super) port: &'static str,
     pub(super) bytes: Vec<u8>,
     pub(super) at: Time,
+    /// The number of its wire, if no device has sent it.
+    wire: Option<u32>,
     /// Whether it waits for the next activation when there is none.
     pub(super) is_latched: bool,
 }
@@ -89,6 +91,7 @@ pub(super) struct TakenSwitch {
 struct Sample {
     port: &'static str,
     bytes: Vec<u8>,
+    wire: Option<u32>,
     hold: Hold,
 }
 
@@ -100,6 +103,7 @@ struct Waiting {
     intake: Intake<Sample>,
     /// By wire, which numbers have come.
     gaps: BTreeMap<u32, Gaps>,
+    losses: Losses,
     /// By generation, the switches that are expected: the number of the order, and outputs to flip.
     expected: BTreeMap<u64, (u64, Option<Flip>)>,
     /// Calls that others make.
@@ -111,6 +115,23 @@ struct Waiting {
     /// Answers of the database.
     database: Vec<Answered>,
     left: bool,
+}
+
+/// What wires have lost since the program began.
+#[derive(Debug, Default)]
+struct Losses {
+    of_wires: BTreeMap<u32, u64>,
+    /// Whether the node has not been told.
+    is_news: bool,
+}
+
+impl Losses {
+    fn add(&mut self, wire: u32, count: u64) {
+        if count > 0 {
+            *self.of_wires.entry(wire).or_default() += count;
+            self.is_news = true;
+        }
+    }
 }
 
 /// An answer to a call of this program.
@@ -149,7 +170,7 @@ impl Inbox {
 
     /// Takes a sample that no switch has a say in.
     pub(super) fn sample(&self, port: &'static str, bytes: Vec<u8>, hold: Hold) {
-        self.lock().push(Sample { port, bytes, hold });
+        self.lock().push(Sample { port, bytes, wire: None, hold });
         self.wakeup.wake();
     }
 
@@ -165,10 +186,11 @@ impl Inbox {
             let gaps = waiting.gaps.entry(wire).or_default();
             let lost = if is_value { gaps.value(sequence) } else { gaps.boundary(sequence) };
             let end = waiting.items.len();
+            waiting.losses.add(wire, lost.into());
             waiting.lost(end, port, lost.into());
         }
         let arrival = match arrival {
-            Arrival::Value(bytes) => Arrival::Value(Sample { port, bytes, hold }),
+            Arrival::Value(bytes) => Arrival::Value(Sample { port, bytes, wire: Some(wire), hold }),
             Arrival::Boundary(boundary) => Arrival::Boundary(boundary),
         };
         self.pass(|intake, out| intake.arrive(now(), (wire, hold.count_max), arrival, out));
@@ -188,7 +210,10 @@ impl Inbox {
     /// Forgets wires that are not linked any more.
     pub(super) fn forget(&self, wires: impl IntoIterator<Item = u32>) {
         let wires: Vec<u32> = wires.into_iter().collect();
-        self.lock().gaps.retain(|wire, _| !wires.contains(wire));
+        let mut waiting = self.lock();
+        waiting.gaps.retain(|wire, _| !wires.contains(wire));
+        waiting.losses.of_wires.retain(|wire, _| !wires.contains(wire));
+        drop(waiting);
         self.pass(|intake, out| wires.into_iter().for_each(|wire| intake.forget(wire, out)));
     }
 
@@ -259,6 +284,19 @@ impl Inbox {
         std::mem::take(&mut self.lock().answers)
     }
 
+    /// Returns what each wire has lost since the program began, if that is news for the node.
+    pub(super) fn take_losses(&self) -> Option<Vec<(u32, u64)>> {
+        let losses = &mut self.lock().losses;
+        let is_news = std::mem::take(&mut losses.is_news);
+        is_news.then(|| losses.of_wires.iter().map(|(wire, count)| (*wire, *count)).collect())
+    }
+
+    /// Has another node told of all losses.
+    pub(super) fn tell_losses_again(&self) {
+        let losses = &mut self.lock().losses;
+        losses.is_news = !losses.of_wires.is_empty();
+    }
+
     /// Takes an answer of the database.
     pub(super) fn database(&self, answered: Answered) {
         // As many as there are requests, and as a watch may have on their way.
@@ -302,15 +340,18 @@ impl Inbox {
 }
 
 impl Waiting {
-    fn push(&mut self, Sample { port, bytes, hold }: Sample) {
+    fn push(&mut self, Sample { port, bytes, wire, hold }: Sample) {
         let same = |item: &Item| matches!(item, Item::Sample(other) if other.port == port);
         if self.items.iter().filter(|item| same(item)).count() >= hold.count_max {
             let oldest = self.items.iter().position(same);
-            if let Some(oldest) = oldest.filter(|oldest| self.items.remove(*oldest).is_some()) {
+            if let Some((oldest, Item::Sample(given_up))) =
+                oldest.and_then(|oldest| Some((oldest, self.items.remove(oldest)?)))
+            {
+                given_up.wire.into_iter().for_each(|wire| self.losses.add(wire, 1));
                 self.lost(oldest, port, 1);
             }
         }
-        self.items.push_back(Item::Sample(Arrived { port, bytes, at: now(), is_latched: hold.is_latched }));
+        self.items.push_back(Item::Sample(Arrived { port, bytes, at: now(), wire, is_latched: hold.is_latched }));
     }
 
     /// Notes values of an input that are lost, before the item at this place.
@@ -381,6 +422,9 @@ mod tests {
             Item::Lost(..) | Item::Taken(_) => panic!("{item:?}"),
         };
         assert_eq!(items.iter().map(what).filter(|what| *what > 0).sum::<u64>(), 4);
+        assert_eq!((inbox.take_losses(), inbox.take_losses()), (Some(vec![(3, 4)]), None));
+        inbox.tell_losses_again();
+        assert_eq!(inbox.take_losses(), Some(vec![(3, 4)]));
         assert_eq!(items.iter().map(what).filter(|what| *what == 0).count(), 2);
     }
 }

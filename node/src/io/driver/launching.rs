@@ -139,6 +139,7 @@ impl Driver {
         self.later(Job::Close(deployment.clone()));
         self.living.remove(deployment);
         self.programs.retain(|process, _| process.deployment != *deployment);
+        self.losses.forget(|process| process.deployment == *deployment);
         if let Some(oldest) = self.state.attachments.take_buried(OVER_MAX) {
             self.later(Job::Remove(self.dir.deployment(&oldest)));
         }
@@ -146,6 +147,7 @@ impl Driver {
 
     /// Lets go of a program; with the last one of a deployment, of the socket where they reported.
     pub(super) fn forget(&mut self, process: &ProcessId) {
+        self.losses.forget(|other| other == process);
         self.programs.remove(process);
         if !self.state.attachments.has_programs(&process.deployment) {
             self.later(Job::Close(process.deployment.clone()));

@@ -126,6 +126,11 @@ impl Agent {
         }
     }
 
+    /// Returns the ends of a wire of a deployment, for people.
+    pub fn wire(&self, deployment: &Deployment, number: u32) -> Option<String> {
+        self.participants.get(deployment)?.wire(number)
+    }
+
     fn deploy(
         &mut self,
         (call, request): (u64, u64),

@@ -61,8 +61,9 @@ impl Instance {
                     self.is_up(context);
                 }
             }
-            // What is asked of the database never comes as far as the agent.
-            Notice::Connected | Notice::ConnectFailed { .. } | Notice::Resume { .. } | Notice::Database { .. } => {}
+            Notice::Connected | Notice::ConnectFailed { .. } | Notice::Resume { .. } => {}
+            // Neither comes as far as the agent.
+            Notice::Database { .. } | Notice::Losses { .. } => {}
         }
     }
 

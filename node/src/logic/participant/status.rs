@@ -41,7 +41,12 @@ impl Participant {
             Phase::Leaving => "ending",
         };
         let (deployment, home) = (self.deployment.clone(), self.home.clone());
-        DeploymentStatus { deployment, home, phase: phase.to_owned(), processes }
+        DeploymentStatus { deployment, home, phase: phase.to_owned(), processes, lost: Vec::new() }
+    }
+
+    /// Returns the ends of a wire, for people.
+    pub fn wire(&self, number: u32) -> Option<String> {
+        self.plan.wires.get(number as usize).map(|wire| self.plan.ends(wire))
     }
 
     /// Returns the processes on hosts that are away.

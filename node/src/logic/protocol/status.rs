@@ -109,6 +109,18 @@ pub struct DeploymentStatus {
     pub phase: String,
     /// Groups and leaves of this host.
     pub processes: Vec<ProcessStatus>,
+    /// What wires to its programs on this host have lost.
+    pub lost: Vec<LostValues>,
+}
+
+/// Values that were sent over a wire and have not come: dropped by a link that was cut or congested, or without room in the queue. Counted
+/// since the program at its end began.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LostValues {
+    /// The ends of the wire: `main/a, Out -> main/b, In`.
+    pub wire: String,
+    /// How many.
+    pub count: u64,
 }
 
 /// A process as its host sees it.

@@ -1,0 +1,38 @@
+//! The values that wires have lost, as the programs at their ends count them.
+
+use crate::logic::agent::Agent;
+use crate::logic::effect::ProcessId;
+use crate::logic::protocol::{LostValues, NodeStatus};
+use std::collections::BTreeMap;
+
+/// How many wires of one program are told at most.
+const WIRES_MAX: usize = 256;
+
+/// The losses of the programs of this node, by the number of the wire.
+#[derive(Debug, Default)]
+pub(super) struct Losses(BTreeMap<ProcessId, BTreeMap<u32, u64>>);
+
+impl Losses {
+    /// Takes what a program has counted since it began.
+    pub(super) fn note(&mut self, process: ProcessId, wires: Vec<(u32, u64)>) {
+        self.0.insert(process, wires.into_iter().take(WIRES_MAX).collect());
+    }
+
+    /// Forgets programs that are not there any more.
+    pub(super) fn forget(&mut self, is_gone: impl Fn(&ProcessId) -> bool) {
+        self.0.retain(|process, _| !is_gone(process));
+    }
+
+    /// Adds what was lost to a status.
+    pub(super) fn tell(&self, status: &mut NodeStatus, agent: &Agent) {
+        for part in &mut status.deployments {
+            let of_part = self.0.iter().filter(|(process, _)| process.deployment == part.deployment);
+            let wires = of_part.flat_map(|(_, wires)| wires);
+            let named = wires.filter_map(|(wire, count)| {
+                let wire = agent.wire(&part.deployment, *wire)?;
+                Some(LostValues { wire, count: *count })
+            });
+            part.lost = named.collect();
+        }
+    }
+}
