@@ -1,4 +1,4 @@
-//! How many files and sockets this process may have open.
+//! How many files and sockets this process may have open, and which it has from whoever started it.
 //!
 //! The soft limit of most systems is 1024, kept low for programs that use select(2). A process of DCA uses no such thing and
 //! has as many connections as somebody makes, so it takes what the hard limit allows. Programs that it starts get back what
@@ -28,6 +28,31 @@ pub fn set(current: Option<u64>) {
     if let Err(error) = setrlimit(Resource::Nofile, Rlimit { current, maximum }) {
         tracing::debug!(%error, "the limit of descriptors stays as it is");
     }
+}
+
+/// Closes what this process has inherited beside standard input, output and errors: nobody meant it to have that, and a pipe of a
+/// shell would stay open for as long as it runs. To be called first in `main`, before anything is opened.
+pub fn close_inherited() {
+    let closed = close_from_third();
+    if closed == 0 {
+        return;
+    }
+    // Linux before 5.9, or a filter of system calls.
+    let Ok(open) = std::fs::read_dir("/proc/self/fd") else { return };
+    let numbers: Vec<i32> = open.flatten().filter_map(|entry| entry.file_name().to_str()?.parse().ok()).collect();
+    numbers.into_iter().filter(|number| *number > libc::STDERR_FILENO).for_each(close);
+}
+
+#[expect(unsafe_code, reason = "what was inherited has no owner in this process, and can only be named by its number")]
+fn close_from_third() -> libc::c_long {
+    // SAFETY: no memory is passed. The caller runs before anything of this process has opened a descriptor, so none has an owner.
+    unsafe { libc::syscall(libc::SYS_close_range, 3, libc::c_uint::MAX, 0) }
+}
+
+#[expect(unsafe_code, reason = "as above")]
+fn close(number: libc::c_int) {
+    // SAFETY: as above; the number of a descriptor that is closed by now (that of the folder which was read) does nothing.
+    unsafe { libc::close(number) };
 }
 
 #[cfg(test)]

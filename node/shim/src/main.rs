@@ -119,8 +119,10 @@ fn main() -> ExitCode {
         }
     };
     if is_launch {
+        // It has the secrets of the program.
         return launch::launch(&start);
     }
+    descriptors::close_inherited();
     // Out of the agent's session, so that a Ctrl-C for the agent is not one for the program. Fails for a leader of one.
     rustix::process::setsid().map(drop).unwrap_or_default();
     let secrets = match secrets::take(&mut start) {

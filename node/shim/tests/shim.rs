@@ -153,6 +153,18 @@ fn is_running(pid: &str) -> bool {
 }
 
 /// A pipe where the output goes would hold the shim until somebody reads: it refuses, before anything runs.
+/// Whoever has started the node may have left something open: a pipe of a shell, a lock, a file with a secret.
+#[test]
+fn a_program_has_no_descriptor_that_nobody_has_given_it() {
+    let leaky = ["sh", "-c", r#"exec 3</dev/null 7</etc/passwd 9<&0; exec "$@""#, "sh"];
+    let look = "for n in 3 4 5 6 7 8 9; do [ -e /proc/$$/fd/$n ] && echo $n; done > got; ls -l /proc/$PPID/fd > shim";
+    let script = ["sh", "-c", look];
+    let shim = Shim::start_below(&leaky, |start| start.command = script.map(str::to_owned).to_vec());
+    let over = shim.expect(&[STARTED, exited(0), ShimReport::Gone]);
+    assert_eq!(over.read("got"), "");
+    assert!(!over.read("shim").contains("/etc/passwd"), "nor does its shim keep it open");
+}
+
 #[test]
 fn a_pipe_in_place_of_the_output_is_refused() {
     for gate in [Gate::None, Gate::Exec] {
