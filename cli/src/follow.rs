@@ -11,7 +11,6 @@ use crate::logic::mission::{Files, Mission, Outcome};
 use crate::logic::record::{Entry, Messages, Port, ports};
 use crate::output::Output;
 use crate::outputs::Outputs;
-use crate::report;
 use anyhow::{Context, anyhow};
 use comms::io::clock;
 use comms::io::entropy;
@@ -24,7 +23,7 @@ use node::console::{self, Failure};
 use node::logic::output_lines::GAP;
 use node::logic::protocol::{Answer, Deployment, Ending, FailureCause, Report, Request, StopReply};
 pub(crate) use record_folder::RUNS;
-use record_folder::start_record;
+use record_folder::{end_record, start_record};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -385,21 +384,15 @@ impl Watch {
         let outputs = std::mem::take(&mut self.outputs);
         let pause_max = if watched.is_ok() { OUTPUT_PAUSE_MAX } else { Duration::ZERO };
         outputs.rest(pause_max, |path, text| self.wrote(path, text)).await;
-        let mut files = Files::default();
-        if let Some(recorder) = self.recorder.take() {
-            let (record, finished) = (recorder.path().to_owned(), recorder.finish());
-            match finished {
-                Ok((_, dropped)) => files.dropped = dropped,
-                // What was recorded before is good, and the mission has its own outcome.
-                Err(error) => self.output.note(&format!("warning: the record is not complete: {error:#}")),
+        let files = match self.recorder.take() {
+            // Nobody has taken it on: there is nothing to be kept.
+            Some(recorder) if watched.is_err() && self.deployment.is_none() => {
+                recorder.discard();
+                Files::default()
             }
-            let page = record.with_file_name(report::FILE);
-            match report::write(&record, &page) {
-                Ok(_) => files.report = Some(page.display().to_string()),
-                Err(error) => self.output.note(&format!("warning: no report was made: {error:#}")),
-            }
-            files.record = Some(record.display().to_string());
-        }
+            Some(recorder) => end_record(recorder, &mut self.output),
+            None => Files::default(),
+        };
         self.output.clear();
         if let Err(why) = watched {
             // What was seen is worth showing all the same.

@@ -2,7 +2,10 @@
 
 use super::Spec;
 use crate::io::recorder::Recorder;
+use crate::logic::mission::Files;
 use crate::logic::record::Header;
+use crate::output::Output;
+use crate::report;
 use anyhow::{Context, anyhow};
 use comms::io::clock;
 use node::console::Failure;
@@ -22,6 +25,24 @@ pub(super) fn start_record(spec: &Spec, runs: &Path) -> Result<Recorder, Failure
     let (text, plan) = (spec.text.clone(), spec.plan.clone());
     let header = Header { file, text, plan, started: Some(clock::unix_time()) };
     Ok(Recorder::create(&dir, &header).with_context(|| format!("beginning a record in `{}`", dir.display()))?)
+}
+
+/// Ends a record, and makes its page.
+pub(super) fn end_record(recorder: Recorder, output: &mut Output) -> Files {
+    let mut files = Files::default();
+    let (record, finished) = (recorder.path().to_owned(), recorder.finish());
+    match finished {
+        Ok((_, dropped)) => files.dropped = dropped,
+        // What was recorded before is good, and the mission has its own outcome.
+        Err(error) => output.note(&format!("warning: the record is not complete: {error:#}")),
+    }
+    let page = record.with_file_name(report::FILE);
+    match report::write(&record, &page) {
+        Ok(_) => files.report = Some(page.display().to_string()),
+        Err(error) => output.note(&format!("warning: no report was made: {error:#}")),
+    }
+    files.record = Some(record.display().to_string());
+    files
 }
 
 /// Makes the first of `runs/NAME-1`, `runs/NAME-2`, … that is not there yet.

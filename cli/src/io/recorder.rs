@@ -155,6 +155,15 @@ impl Recorder {
         }
     }
 
+    /// Ends the record and removes it, with its folder if nothing else is there.
+    pub fn discard(mut self) {
+        let ended = self.end().map_err(|error| reason(&error));
+        let removed = fs::remove_file(&self.path).and_then(|()| self.path.parent().map_or(Ok(()), fs::remove_dir));
+        if let Err(error) = ended.and(removed.map_err(|error| cause(&error))) {
+            tracing::debug!(error, path = %self.path.display(), "the record of a mission that was refused stays");
+        }
+    }
+
     fn end(&mut self) -> Result<(), McapError> {
         self.queue.close();
         match self.thread.take().map(JoinHandle::join) {
