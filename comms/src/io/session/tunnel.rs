@@ -20,8 +20,10 @@ use crate::io::clock::now;
 use crate::io::stream;
 use crate::logic::human;
 use handshake::{Peer, Side};
+use std::collections::BTreeSet;
 use std::fmt;
-use std::net::SocketAddr;
+use std::io::ErrorKind::{BrokenPipe, ConnectionAborted, ConnectionReset, UnexpectedEof};
+use std::net::{IpAddr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -42,6 +44,10 @@ const HANDSHAKES_MAX: usize = 512;
 const ENTERED_WITHIN: Duration = Duration::from_secs(10);
 /// How often it is looked whether those at the other ends are still trusted.
 const JUDGE_EVERY: Duration = Duration::from_secs(5);
+/// How many addresses of others are remembered.
+const MET_MAX: usize = 256;
+/// Why somebody is not let in who has gone before it was known who that is.
+const HUNG_UP: &str = "it has hung up before it had said who it is";
 /// How many bytes a tunnel reads at once.
 const BUFFER_SIZE: usize = 32 << 10;
 
@@ -89,6 +95,8 @@ pub(crate) struct Tunnels {
     locators: Vec<String>,
     made: AtomicU64,
     table: Mutex<Table>,
+    /// The addresses from which somebody who is trusted has come.
+    met: Mutex<BTreeSet<IpAddr>>,
     /// The tunnels that stand, each a task.
     tasks: Mutex<JoinSet<()>>,
     /// Something is new that may end tunnels.
@@ -122,6 +130,7 @@ impl Tunnels {
             locators,
             made: AtomicU64::new(0),
             table: Mutex::default(),
+            met: Mutex::default(),
             tasks: Mutex::default(),
             changed: Notify::new(),
         };
@@ -235,6 +244,10 @@ impl Tunnels {
                     own.table().leave(&peer.session, number);
                 });
             }
+            // A member gives up that has waited for this process, which was suspended or had no time: that is no stranger.
+            Err(why) if why == HUNG_UP && self.met().contains(&from.ip()) => {
+                tracing::debug!(%from, "somebody has hung up, where a member has been before");
+            }
             Err(why) => self.identity.refused(from, &why),
         }
     }
@@ -245,7 +258,10 @@ impl Tunnels {
     ) -> Result<(tokio_rustls::server::TlsStream<TcpStream>, Peer, Ends), String> {
         let ends = prepare(&stream).map_err(|error| human::cause(&error))?;
         let accepting = self.tls.acceptor.accept(stream);
-        let mut stream = accepting.await.map_err(|_tls| "it speaks no TLS with a key of its own".to_owned())?;
+        let mut stream = accepting.await.map_err(|error| {
+            let has_gone = matches!(error.kind(), UnexpectedEof | ConnectionReset | ConnectionAborted | BrokenPipe);
+            if has_gone { HUNG_UP } else { "it speaks no TLS with a key of its own" }.to_owned()
+        })?;
         let key = tls::peer_key(stream.get_ref().1)?;
         let peer = handshake::examine(&mut stream, self.side(key)).await?;
         Ok((stream, peer, ends))
@@ -272,6 +288,11 @@ impl Tunnels {
             self.identity.refused(ends.1, &why);
             return Err(why);
         }
+        let mut met = self.met();
+        if met.len() < MET_MAX {
+            met.insert(ends.1.ip());
+        }
+        drop(met);
         if !patience::set_as_measured(ends) {
             tracing::debug!(?ends, "the socket of a tunnel was not found");
         }
@@ -287,6 +308,10 @@ impl Tunnels {
 
     fn table(&self) -> MutexGuard<'_, Table> {
         self.table.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn met(&self) -> MutexGuard<'_, BTreeSet<IpAddr>> {
+        self.met.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Returns a path beside the entrance that nothing is at.

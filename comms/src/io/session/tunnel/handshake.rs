@@ -2,8 +2,8 @@
 //!
 //! Who has dialled says first who it is. Who listens shows nothing before that is trusted: a stranger learns a key, and no name.
 
-use super::{Identity, PublicKey};
-use crate::io::stream;
+use super::{HUNG_UP, Identity, PublicKey};
+use crate::io::stream::{self, StreamError};
 use crate::logic::codec::{self, Enveloped};
 use crate::logic::tunnel::{Introduction, Revocations};
 use tokio::io::{AsyncRead, AsyncWrite};
@@ -80,10 +80,14 @@ impl Side<'_> {
 
 async fn send<T: Enveloped>(stream: &mut (impl AsyncWrite + Unpin), message: &T) -> Result<(), String> {
     let bytes = codec::encode(message).map_err(|error| error.to_string())?;
-    stream::send(stream, &bytes, T::SIZE_MAX).await.map_err(|error| error.to_string())
+    stream::send(stream, &bytes, T::SIZE_MAX).await.map_err(cause)
 }
 
 async fn receive<T: Enveloped>(stream: &mut (impl AsyncRead + Unpin)) -> Result<T, String> {
-    let bytes = stream::receive(stream, T::SIZE_MAX).await.map_err(|error| error.to_string())?;
+    let bytes = stream::receive(stream, T::SIZE_MAX).await.map_err(cause)?;
     codec::decode(&bytes).map_err(|error| format!("it says something that cannot be read: {error}"))
+}
+
+fn cause(error: StreamError) -> String {
+    if matches!(error, StreamError::HungUp(_)) { HUNG_UP.to_owned() } else { error.to_string() }
 }

@@ -137,8 +137,30 @@ fn a_stranger_comes_to_nothing() {
     garbage.write_all(&[0x5a; 64]).unwrap();
     garbage.set_read_timeout(Some(WITHIN)).unwrap();
     let ended = garbage.read_to_end(&mut Vec::new()).map_err(|error| error.kind());
-    assert!(matches!(ended, Ok(_) | Err(std::io::ErrorKind::ConnectionReset)), "{ended:?}: nobody hangs up");
+    assert!(matches!(ended, Ok(_) | Err(ConnectionReset)), "{ended:?}: nobody hangs up");
     for opened in [a, stranger, plain] {
+        opened.close();
+    }
+}
+
+/// Who waits for a process that is suspended gives up. Where a member has been before, that is nothing to be written down.
+#[test]
+fn a_member_that_gives_up_waiting_is_no_stranger() {
+    let ((a, _, refused), (b, _, _)) = (session(0, &[1]), session(1, &[0]));
+    let gives_up = || {
+        let mut stream = std::net::TcpStream::connect(tcp(&a).trim_start_matches("tcp/")).unwrap();
+        stream.write_all(&[0x16, 3, 1]).unwrap();
+    };
+    gives_up();
+    assert_eq!(refused.recv_timeout(WITHIN).unwrap(), HUNG_UP);
+    b.dial(&a.id(), &[tcp(&a)], WITHIN).unwrap();
+    assert!(reaches(&b, &a));
+    gives_up();
+    // Whoever comes after it is refused for what it is.
+    let (stranger, _, _) = session(2, &[0]);
+    assert!(stranger.dial(&a.id(), &[tcp(&a)], Duration::from_millis(500)).is_err());
+    assert_eq!(refused.recv_timeout(WITHIN).unwrap(), "nobody knows it");
+    for opened in [a, b, stranger] {
         opened.close();
     }
 }
