@@ -1,5 +1,7 @@
 //! The gate of a node in a team: what is refused, each for its reason, and what is not. Cases 37 of the study of supervision.
 
+#[path = "gate/ledger.rs"]
+mod ledger;
 #[path = "gate/world.rs"]
 mod world;
 
@@ -112,7 +114,7 @@ fn a_call_passes_once_and_only_as_it_was_signed() {
     let is_replay = |why| matches!(why, Refusal::Request(Unsound::Replay(ReplayError::Used(_))));
     assert!(is_replay(refused(&mut gate, good.clone())));
     // The next node of this name has only what is on the disk.
-    let kept = Ledger::from_bytes(&gate.ledger().to_bytes(), &Revocations::default()).unwrap();
+    let kept = Ledger::from_bytes(&gate.ledger().to_bytes(), &Revocations::default()).unwrap().ledger;
     let mut restarted = world.gate_with("c1", kept);
     assert!(is_replay(refused(&mut restarted, good)));
     assert!(Ledger::from_bytes(b"something else", &Revocations::default()).is_err());
@@ -222,7 +224,7 @@ fn a_deployment_goes_on_by_the_request_that_began_it() {
     let (dan, mut gate) = (world.user("dan", Role::Deployer), world.gate("c2"));
     let by = dan.sign(&deploy(plan()), "c1");
     assert_eq!(order(&mut gate, &world, 5, &prepare().signed(Some(&by))), Ok(()));
-    let kept = Ledger::from_bytes(&gate.ledger().to_bytes(), &Revocations::default()).unwrap();
+    let kept = Ledger::from_bytes(&gate.ledger().to_bytes(), &Revocations::default()).unwrap().ledger;
     let mut gate = world.gate_with("c2", kept);
     let back = rejoin(plan()).signed(Some(&by));
     let later = |gate: &mut Gate, world: &World, epoch: u64, order: &ToParticipant| {

@@ -11,7 +11,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
-use trust::audit::{Decision, Entry, LINE_MAX, Log, Verifier};
+use tokio::sync::watch;
+use trust::audit::{Decision, Entry, LINE_MAX, Log, Position, Verifier};
 use trust::identity::KeyId;
 use trust::name::UnixTime;
 
@@ -21,6 +22,8 @@ pub const FILE: &str = "audit";
 const SIZE_MAX: u64 = 16 << 20;
 /// How many records wait for the disk; more are counted.
 const WAITING_MAX: usize = 256;
+/// How many more records than one are written at once.
+const TOGETHER_MAX: usize = 63;
 /// How many of them are refusals: who is refused again and again keeps nothing out that was done.
 const REFUSED_MAX: usize = 128;
 /// How many records of either decision there are in a minute; more are counted, so that nobody fills the disk.
@@ -35,7 +38,7 @@ pub struct AuditEntry {
     pub who: String,
     /// What that was.
     pub what: String,
-    /// Why it was refused; empty if it was not.
+    /// Why it was refused, or not done; else empty.
     pub reason: String,
 }
 
@@ -48,6 +51,8 @@ pub struct Audit {
     refused: Arc<AtomicUsize>,
     /// Of what was done, and of what was refused.
     quotas: Mutex<[Quota; 2]>,
+    /// Where the log has come to on the disk.
+    position: watch::Receiver<Option<Position>>,
 }
 
 /// How many records there were in this minute, and how many there would have been.
@@ -66,12 +71,18 @@ impl Audit {
     pub fn open(folder: &Path, team: KeyId, node: KeyId) -> anyhow::Result<Self> {
         let (records, waiting) = sync_channel(WAITING_MAX);
         let writer = Writer::open(folder.join(FILE), team, node)?;
+        let (positions, position) = watch::channel(writer.log.position());
         let thread = std::thread::Builder::new().name("dca-audit".to_owned());
         let refused = Arc::new(AtomicUsize::new(0));
         let taken = Arc::clone(&refused);
         let writer =
-            thread.spawn(move || writer.run(&waiting, &taken)).context("starting the thread of the audit log")?;
-        Ok(Self { records: Some(records), writer: Some(writer), refused, quotas: Mutex::default() })
+            thread.spawn(move || writer.run(&waiting, &taken, &positions)).context("starting the thread of the audit log")?;
+        Ok(Self { records: Some(records), writer: Some(writer), refused, quotas: Mutex::default(), position })
+    }
+
+    /// Tells where the log has come to, which is on the disk; nothing before its first record.
+    pub fn position(&self) -> watch::Receiver<Option<Position>> {
+        self.position.clone()
     }
 
     /// Has a record written. What comes too fast is only counted, and told of in the next minute, or at the end.
@@ -103,7 +114,7 @@ impl Audit {
 
 /// Says how many records were left out.
 fn more(decision: Decision, count: u32) -> AuditEntry {
-    let what = if decision == Decision::Done { "done" } else { "refused" };
+    let what = if decision == Decision::Refused { "refused" } else { "done" };
     let (who, what) = ("many".to_owned(), format!("{count} more that were {what}"));
     AuditEntry { decision, who, what, reason: "too many in a minute".to_owned() }
 }
@@ -190,16 +201,27 @@ impl Writer {
         written.with_context(|| format!("writing `{}`", self.path.display()))
     }
 
-    fn run(mut self, records: &Receiver<(UnixTime, AuditEntry)>, refused: &AtomicUsize) {
-        while let Ok((at, entry)) = records.recv() {
-            if entry.decision == Decision::Refused {
-                refused.fetch_sub(1, Ordering::Relaxed);
+    fn run(
+        mut self,
+        records: &Receiver<(UnixTime, AuditEntry)>,
+        refused: &AtomicUsize,
+        positions: &watch::Sender<Option<Position>>,
+    ) {
+        while let Ok(first) = records.recv() {
+            // Those that wait are one write to the disk.
+            let mut lines = Vec::new();
+            for (at, entry) in std::iter::once(first).chain(records.try_iter().take(TOGETHER_MAX)) {
+                if entry.decision == Decision::Refused {
+                    refused.fetch_sub(1, Ordering::Relaxed);
+                }
+                let AuditEntry { decision, who, what, reason } = &entry;
+                lines.push(self.log.add(&Entry { at, decision: *decision, who, what, request: [0; 16], reason }));
             }
-            let AuditEntry { decision, who, what, reason } = &entry;
-            let line = self.log.add(&Entry { at, decision: *decision, who, what, request: [0; 16], reason });
-            let written = self.write(&line).and_then(|()| self.turn_over());
-            if let Err(error) = written {
-                tracing::error!(error = format!("{error:#}"), "the audit log cannot be written");
+            let position = self.log.position();
+            match self.write(&lines.join("\n")).and_then(|()| self.turn_over()) {
+                // The first record of a log says where the one before ended: what was signed of that counts.
+                Ok(()) => drop(positions.send_replace(position)),
+                Err(error) => tracing::error!(error = format!("{error:#}"), "the audit log cannot be written"),
             }
         }
     }

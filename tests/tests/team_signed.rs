@@ -147,14 +147,19 @@ impl Attacked {
         self.ask(&Request::Signed(Box::new(signed.clone())))
     }
 
-    /// Returns who, what and why of each refusal in the audit log.
-    fn refusals(&self) -> Vec<String> {
+    /// Returns what became of what, who wanted it, and why, of each record in the audit log.
+    fn records(&self) -> Vec<String> {
         let log = fs::read_to_string(self.host.state().join("c2/team/audit")).unwrap_or_default();
         let fields = |line: &str| {
             let fields: Vec<&str> = line.split('\t').collect();
-            (fields.get(2) == Some(&"refused")).then(|| format!("{}|{}|{}", fields[3], fields[4], fields[6]))
+            (fields.len() > 6).then(|| [fields[2], fields[3], fields[4], fields[6]].join("|"))
         };
         log.lines().filter_map(fields).collect()
+    }
+
+    /// Returns who, what and why of each refusal in the audit log.
+    fn refusals(&self) -> Vec<String> {
+        self.records().iter().filter_map(|line| Some(line.strip_prefix("refused|")?.to_owned())).collect()
     }
 
     /// Attacks; it is refused for this reason, with one line in the audit log, and nothing is started.
@@ -198,6 +203,13 @@ fn what_is_not_signed_as_it_has_to_be_is_refused() {
     at.call_refused(&found, "nobody has signed it");
     at.signed_refused(dan.sign(&found, "c2"), "`dan` is deployer, who may not decide who has the database");
     let Answer::Database(Reply::Done(_)) = at.ask_signed(&ann.sign(&found, "c2")) else { panic!("an admin may") };
+    // What was accepted is in the log as what became of it.
+    let unknown = at.ask_signed(&dan.sign(&stop(), "c2"));
+    assert!(matches!(unknown, Answer::Stop(StopReply::Unknown)), "{unknown:?}");
+    let of_dan = || at.records().into_iter().filter(|line| line.contains("|dan|stop `test`|")).collect::<Vec<_>>();
+    assert!(wait_until(SOON, || of_dan().len() >= 2).is_some(), "{:#?}", at.records());
+    let failed = "failed|dan|stop `test`|no such deployment has its home here";
+    assert_eq!(of_dan(), ["accepted|dan|stop `test`|", failed]);
     for request in [deploy(), stop(), write()] {
         at.call_refused(&request, "nobody has signed it");
         at.signed_refused(vic.sign(&request, "c2"), "`vic` is viewer, who may not");

@@ -22,15 +22,19 @@ const BEGIN: &str = "dca-audit 1";
 const HEAD: &str = "dca audit head 1";
 const HEAD_TEXT: &str = "dca-head1-";
 const HEAD_LEN_MAX: usize = 512;
-const DECISIONS: [Decision; 2] = [Decision::Done, Decision::Refused];
+const DECISIONS: [Decision; 4] = [Decision::Done, Decision::Refused, Decision::Accepted, Decision::Failed];
 
 /// What became of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Decision {
     /// It was done.
     Done,
-    /// It was refused.
+    /// It was refused: whoever asked may not.
     Refused,
+    /// Whoever asked may. What became of it is a record of its own.
+    Accepted,
+    /// It was accepted, and not done.
+    Failed,
 }
 
 impl Decision {
@@ -38,6 +42,8 @@ impl Decision {
         match self {
             Self::Done => "done",
             Self::Refused => "refused",
+            Self::Accepted => "accepted",
+            Self::Failed => "failed",
         }
     }
 }
@@ -55,7 +61,7 @@ pub struct Entry<'a> {
     pub what: &'a str,
     /// The request's id.
     pub request: [u8; 16],
-    /// Why it was refused; empty if it was not.
+    /// Why it was refused, or not done; else empty.
     pub reason: &'a str,
 }
 
@@ -65,6 +71,8 @@ pub struct Log {
     /// Of whom it is.
     node: KeyId,
     team: KeyId,
+    /// The number of its first record.
+    first: u64,
     /// The number of the next record.
     next: u64,
     hash: [u8; 32],
@@ -132,7 +140,13 @@ impl Log {
         let (first, previous) = before.map_or((1, [0; 32]), |log| (log.next, log.hash));
         let line = format!("{BEGIN} {} {} {first} {}", encode(&team.0), encode(&node.0), encode(&previous));
         let hash = blake3::derive_key("dca audit begin 1", line.as_bytes());
-        (Self { node, team, next: first, hash }, line)
+        (Self { node, team, first, next: first, hash }, line)
+    }
+
+    /// Returns of which node a log is that begins with this line; nothing if no log does.
+    #[must_use]
+    pub fn node_of(line: &str) -> Option<KeyId> {
+        begin(line).map(|(log, _)| log.node)
     }
 
     /// Adds a record; returns its line.
@@ -160,13 +174,28 @@ impl Log {
         (self.team, self.node)
     }
 
-    /// Signs where the log has come to, as another member.
+    /// Signs where the log has come to.
     pub fn countersign(&self, at: UnixTime, member: &SecretKeys) -> Head {
-        let (number, by) = (self.next - 1, *member.public());
-        let mut head = Head { log: self.node, number, hash: self.hash, at, by, signature: [0; SIGNATURE_LEN] };
-        head.signature = member.sign(&head.form());
-        head
+        Head::sign(Position { log: self.node, number: self.next - 1, hash: self.hash }, at, member)
     }
+
+    /// Returns where it has come to; nothing if it has no record yet.
+    #[must_use]
+    pub const fn position(&self) -> Option<Position> {
+        let (log, number, hash) = (self.node, self.next - 1, self.hash);
+        if self.next > self.first { Some(Position { log, number, hash }) } else { None }
+    }
+}
+
+/// Where a log has come to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Position {
+    /// The node that the log is of.
+    pub log: KeyId,
+    /// The number of the last record.
+    pub number: u64,
+    /// The hash of all up to it.
+    pub hash: [u8; 32],
 }
 
 /// Where a log had come to, signed by a member.
@@ -181,6 +210,19 @@ pub struct Head {
 }
 
 impl Head {
+    /// Signs where a log has come to.
+    pub fn sign(Position { log, number, hash }: Position, at: UnixTime, member: &SecretKeys) -> Self {
+        let mut head = Self { log, number, hash, at, by: *member.public(), signature: [0; SIGNATURE_LEN] };
+        head.signature = member.sign(&head.form());
+        head
+    }
+
+    /// Returns where the log had come to.
+    #[must_use]
+    pub const fn position(&self) -> Position {
+        Position { log: self.log, number: self.number, hash: self.hash }
+    }
+
     /// Returns who has signed it. Whether that is a member is for the caller to know.
     pub fn by(&self) -> KeyId {
         self.by.id()
@@ -272,13 +314,14 @@ impl Verifier {
     pub fn line(&mut self, line: &str) -> Result<(), AuditError> {
         self.line += 1;
         let Some(log) = &mut self.log else {
-            let log = begin(line).ok_or(AuditError::Begin)?;
+            let (log, before) = begin(line).ok_or(AuditError::Begin)?;
             if self.heads.values().flatten().any(|head| head.log != log.node) {
                 return Err(AuditError::OtherLog);
             }
             self.first = log.next;
             self.log = Some(log);
-            return Ok(());
+            // Who has signed the last record of the log before this one has signed what this one goes on from.
+            return before.map_or(Ok(()), |before| self.compare(before));
         };
         let at = self.line;
         let (found, hash, body) = record(line).ok_or(AuditError::Record { line: at })?;
@@ -291,9 +334,14 @@ impl Verifier {
         }
         log.next = found.checked_add(1).ok_or(AuditError::Record { line: at })?;
         log.hash = expected;
-        let signed = self.heads.get(&found).into_iter().flatten();
-        match signed.into_iter().find(|head| head.hash != expected) {
-            Some(other) => Err(AuditError::Forked { number: found, by: other.by() }),
+        let position = Position { log: log.node, number: found, hash: expected };
+        self.compare(position)
+    }
+
+    fn compare(&self, Position { number, hash, .. }: Position) -> Result<(), AuditError> {
+        let mut signed = self.heads.get(&number).into_iter().flatten();
+        match signed.find(|head| head.hash != hash) {
+            Some(other) => Err(AuditError::Forked { number, by: other.by() }),
             None => Ok(()),
         }
     }
@@ -315,15 +363,17 @@ impl Verifier {
     }
 }
 
-fn begin(line: &str) -> Option<Log> {
+/// Returns a log of which this is the first line, and the last record of the one before, if there is one.
+fn begin(line: &str) -> Option<(Log, Option<Position>)> {
     let mut fields = line.strip_prefix(BEGIN)?.strip_prefix(' ')?.split(' ');
     let mut id = || <[u8; 32]>::try_from(decode(fields.next()?).ok()?).ok();
     let (team, node) = (KeyId(id()?), KeyId(id()?));
     let next: u64 = fields.next()?.parse().ok().filter(|first| *first > 0)?;
     let hash = <[u8; 32]>::try_from(decode(fields.next()?).ok()?).ok()?;
     // Written again it has to be the same: then it has one form.
-    let (log, again) = Log::begin(team, node, Some(&Log { node, team, next, hash }));
-    (again == line).then_some(log)
+    let (log, again) = Log::begin(team, node, Some(&Log { node, team, first: next, next, hash }));
+    let before = (next > 1).then_some(Position { log: node, number: next - 1, hash });
+    (again == line).then_some((log, before))
 }
 
 /// Returns the number of a record, its hash, and what is hashed.

@@ -6,9 +6,9 @@
 use crate::logic::human::size;
 use rustix::fs::{FileType, Mode, OFlags, fstat, lstat, open, stat};
 use rustix::io::Errno;
-use std::fs::{File, OpenOptions};
+use std::fs::{File, Metadata, OpenOptions};
 use std::io::{self, ErrorKind, Read, Write};
-use std::os::unix::fs::OpenOptionsExt;
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::Path;
 
 /// Who may read a file that is made.
@@ -65,6 +65,13 @@ pub fn appended(path: &Path, privacy: Privacy) -> io::Result<File> {
 /// It belongs to something else (`InvalidInput`, or `IsADirectory`), or nobody can tell.
 pub fn check(path: &Path) -> io::Result<()> {
     is_there(path, "written").map(drop)
+}
+
+/// Returns whether an open file still has this name: what is written to one without a name is lost.
+pub fn is_in_place(file: &File, path: &Path) -> bool {
+    let id = |found: io::Result<Metadata>| found.map(|found| (found.dev(), found.ino())).ok();
+    let here = id(std::fs::symlink_metadata(path));
+    here.is_some() && here == id(file.metadata())
 }
 
 /// Makes an empty file in the place of whatever has its name, but for a folder.

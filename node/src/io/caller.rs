@@ -4,9 +4,11 @@
 //! finds no room ends the call, and the caller is told that what it has is not everything. It is told the same when
 //! whoever answers is gone before [`Caller::end`].
 
+use crate::logic::gate::{Outcome, outcome};
 use crate::logic::protocol::Answer;
 use std::borrow::Cow;
-use std::sync::{Arc, OnceLock};
+use std::fmt;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use tokio::sync::mpsc::error::TrySendError;
 use tokio::sync::mpsc::{self, Receiver, Sender};
 
@@ -25,6 +27,16 @@ type End = Arc<OnceLock<Result<(), Cow<'static, str>>>>;
 pub struct Caller {
     answers: Sender<Answer>,
     end: End,
+    witness: Mutex<Option<Witness>>,
+}
+
+/// Hears once what became of a request.
+struct Witness(Box<dyn FnOnce(Outcome) + Send>);
+
+impl fmt::Debug for Witness {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Witness(..)")
+    }
 }
 
 /// The end of whoever passes the answers on.
@@ -37,13 +49,26 @@ pub struct Answers {
 /// Returns both ends of the answers to one call.
 pub fn answers() -> (Caller, Answers) {
     let ((to_send, answers), end) = (mpsc::channel(ANSWERS_MAX), End::default());
-    (Caller { answers: to_send, end: Arc::clone(&end) }, Answers { answers, end })
+    (Caller { answers: to_send, end: Arc::clone(&end), witness: Mutex::default() }, Answers { answers, end })
 }
 
 impl Caller {
+    /// Has somebody hear what became of the request, once an answer says so. Whose caller goes away before that hears nothing.
+    #[must_use]
+    pub(crate) fn witnessed(mut self, witness: impl FnOnce(Outcome) + Send + 'static) -> Self {
+        self.witness = Mutex::new(Some(Witness(Box::new(witness))));
+        self
+    }
+
+    fn tell(&self, outcome: Outcome) {
+        let witness = self.witness.lock().unwrap_or_else(PoisonError::into_inner).take();
+        witness.into_iter().for_each(|witness| (witness.0)(outcome.clone()));
+    }
+
     /// Answers without waiting. Returns whether there was room, and somebody who still takes answers; if not, there will be
     /// no more.
     pub fn offer(&self, answer: Answer) -> bool {
+        outcome(&answer).into_iter().for_each(|outcome| self.tell(outcome));
         match self.answers.try_send(answer) {
             Ok(()) => true,
             Err(TrySendError::Closed(_)) => false,
@@ -59,6 +84,7 @@ impl Caller {
     /// # Cancellation
     /// The answer is lost.
     pub async fn send(&self, answer: Answer) -> bool {
+        outcome(&answer).into_iter().for_each(|outcome| self.tell(outcome));
         self.answers.send(answer).await.is_ok()
     }
 
@@ -82,6 +108,7 @@ impl Caller {
 
     /// Says that there is more, which cannot be had, and why, for a person.
     pub fn fail(self, why: String) {
+        self.tell(Err(why.clone()));
         self.settle(Err(why.into()));
     }
 
@@ -112,6 +139,8 @@ impl Answers {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::logic::protocol::Report;
+    use std::time::Duration;
 
     fn answer() -> Answer {
         Answer::Refused(String::new())
@@ -131,6 +160,27 @@ mod tests {
         assert!(caller.offer(answer()));
         caller.end();
         assert_eq!(drain(rest).await, (1, Ok(())));
+    }
+
+    #[tokio::test]
+    async fn a_witness_hears_once_what_became_of_the_request() {
+        let heard = |answers_given: Vec<Answer>| {
+            let (told, hears) = std::sync::mpsc::sync_channel(8);
+            let (caller, _rest) = answers();
+            let caller = caller.witnessed(move |outcome| told.send(outcome).unwrap());
+            for answer in answers_given {
+                caller.offer(answer);
+            }
+            caller.end();
+            hears.iter().collect::<Vec<_>>()
+        };
+        let told = |report| Answer::Report(report);
+        let go = || told(Report::Go { took: Duration::ZERO, signals: Vec::new() });
+        assert_eq!(heard(vec![told(Report::Connected { host: "c1".into() })]), []);
+        assert_eq!(heard(vec![told(Report::Connected { host: "c1".into() }), go(), go()]), [Ok(())]);
+        let refused = Report::Refused { reasons: vec!["one".into(), "two".into()] };
+        assert_eq!(heard(vec![told(refused), answer()]), [Err("one; two".to_owned())]);
+        assert_eq!(heard(vec![answer()]), [Err(String::new())]);
     }
 
     #[tokio::test]

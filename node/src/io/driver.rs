@@ -27,6 +27,7 @@ use crate::io::{ready, tail};
 use crate::logic::agent::{Identity, Input};
 use crate::logic::database::settings::Settings;
 use crate::logic::effect::{Effect, ProcessId};
+use crate::logic::gate::Attempt;
 use crate::logic::nameserver::Change;
 use crate::logic::node_state::NodeState;
 use crate::logic::protocol::{Answer, Deployment};
@@ -104,6 +105,8 @@ struct Driver {
     database: database::DatabaseThread,
     /// Decides who may start, stop and change something, if it is in a team.
     guard: Option<Guard>,
+    /// The orders of other nodes that were accepted and are not answered yet.
+    accepted: BTreeMap<u64, Attempt>,
     /// Decides what runs here.
     policy: ExecutionPolicy,
     journal: Arc<Mutex<Journal>>,
@@ -209,8 +212,7 @@ impl Driver {
             let (pid, is_guarded) = (process::id(), guard.is_some());
             Identity { host, boot, pid, machine, epoch, open, is_guarded, estop, earlier }
         });
-        let mut tasks = JoinSet::new();
-        let (sink, arrivals) = mpsc::channel(EVENTS_MAX);
+        let (mut tasks, (sink, arrivals)) = (JoinSet::new(), mpsc::channel(EVENTS_MAX));
         start::show_team(&config, &dir)?;
         let siblings = start::siblings(&config)?.into_iter();
         let options = NodeOptions {
@@ -237,6 +239,7 @@ impl Driver {
             peers,
             database,
             guard,
+            accepted: BTreeMap::new(),
             policy,
             jobs,
             journal: Arc::new(Mutex::new(journal)),
@@ -351,6 +354,7 @@ impl Driver {
             Effect::CloseDeployment { deployment } => self.bury(&deployment),
             Effect::PersistEpoch { deployment, hosts } => self.commit(deployment, hosts),
             Effect::Judge { number, deployment, from, order } => self.judge(number, &deployment, &from, &order),
+            Effect::OrderEnded { number, outcome } => self.order_ended(number, &outcome),
             Effect::FindPrograms { deployment, number, programs } => {
                 self.find_programs((deployment, number), programs);
             }

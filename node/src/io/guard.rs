@@ -2,13 +2,13 @@
 //!
 //! `STATE/r1/team/accepted` is the ledger. It is on the disk before what it says was accepted is done.
 
-use crate::logic::gate::{Attempt, Gate, LEDGER_MAX, Ledger, Passed, Refused};
+mod ledger_file;
+
+use crate::logic::gate::{Attempt, Gate, Outcome, Passed, Refused};
 use crate::logic::protocol::{Deployment, Request, ToParticipant};
-use anyhow::Context as _;
-use std::path::PathBuf;
+use ledger_file::LedgerFile;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use team::audit::AuditEntry;
-use team::folder;
 use team::member::Member;
 use trust::audit::Decision;
 
@@ -23,9 +23,8 @@ pub(crate) struct Guard(Arc<Inner>);
 struct Inner {
     member: Arc<Member>,
     gate: Mutex<Gate>,
-    path: PathBuf,
-    /// Held while the ledger is written: a later state never gives way to an earlier one.
-    disk: Mutex<()>,
+    /// Held while it is written: a later state never gives way to an earlier one.
+    ledger: Mutex<LedgerFile>,
 }
 
 impl Guard {
@@ -35,17 +34,9 @@ impl Guard {
     /// The ledger cannot be read: it is not known which requests were here before.
     pub(crate) fn open(member: &Arc<Member>) -> anyhow::Result<Self> {
         let path = member.folder().join(FILE);
-        let ledger = match folder::read(&path, LEDGER_MAX)? {
-            None => Ledger::default(),
-            Some(bytes) => member.with_judge(|judge| Ledger::from_bytes(&bytes, judge.revoked)).with_context(|| {
-                format!(
-                    "`{}` is broken, so it is not known which requests were here before: take this node into its team again",
-                    path.display()
-                )
-            })?,
-        };
+        let (file, ledger) = member.with_judge(|judge| LedgerFile::open(path, judge.revoked))?;
         let gate = Mutex::new(Gate::new(member.id(), member.name().clone(), ledger));
-        Ok(Self(Arc::new(Inner { member: Arc::clone(member), gate, path, disk: Mutex::new(()) })))
+        Ok(Self(Arc::new(Inner { member: Arc::clone(member), gate, ledger: Mutex::new(file) })))
     }
 
     /// Decides about a call; `epoch_of` says which epoch of a deployment runs here.
@@ -75,18 +66,33 @@ impl Guard {
     /// # Errors
     /// The disk refuses: why it is not done, for a person. That is in the audit log.
     pub(crate) fn keep(&self, attempt: &Attempt) -> Result<(), String> {
-        let turn = self.0.disk.lock().unwrap_or_else(PoisonError::into_inner);
-        let ledger = self.gate().ledger().to_bytes();
-        let written = folder::write(&self.0.path, &ledger);
-        drop(turn);
+        let mut ledger = self.0.ledger.lock().unwrap_or_else(PoisonError::into_inner);
+        let written = ledger.keep(&self.0.gate);
+        drop(ledger);
         let why = written.err().map(|error| format!("that it was accepted cannot be written down: {error:#}"));
-        self.record(attempt, why.as_deref());
-        why.map_or(Ok(()), Err)
+        match why {
+            None => {
+                self.record(attempt, Decision::Accepted, "");
+                Ok(())
+            }
+            Some(why) => {
+                self.record(attempt, Decision::Refused, &why);
+                Err(why)
+            }
+        }
     }
 
     /// Puts into the audit log what is done without a signature.
     pub(crate) fn note(&self, attempt: &Attempt) {
-        self.record(attempt, None);
+        self.record(attempt, Decision::Done, "");
+    }
+
+    /// Puts into the audit log what became of something that was accepted.
+    pub(crate) fn ended(&self, attempt: &Attempt, outcome: &Outcome) {
+        match outcome {
+            Ok(()) => self.record(attempt, Decision::Done, ""),
+            Err(why) => self.record(attempt, Decision::Failed, why),
+        }
     }
 
     fn gate(&self) -> MutexGuard<'_, Gate> {
@@ -97,13 +103,12 @@ impl Guard {
     fn refused(&self, Refused { attempt, why }: Refused) -> String {
         let why = why.to_string();
         tracing::warn!(who = attempt.who, what = attempt.what, why, "a request was refused");
-        self.record(&attempt, Some(&why));
+        self.record(&attempt, Decision::Refused, &why);
         why
     }
 
-    fn record(&self, Attempt { who, what }: &Attempt, why: Option<&str>) {
-        let decision = if why.is_some() { Decision::Refused } else { Decision::Done };
-        let (who, what, reason) = (who.clone(), what.clone(), why.unwrap_or_default().to_owned());
+    fn record(&self, Attempt { who, what }: &Attempt, decision: Decision, why: &str) {
+        let (who, what, reason) = (who.clone(), what.clone(), why.to_owned());
         self.0.member.record(AuditEntry { decision, who, what, reason });
     }
 }

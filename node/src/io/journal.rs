@@ -16,9 +16,8 @@ use crate::logic::protocol::Deployment;
 use comms::io::clock::unix_time;
 use comms::io::file::{self, Privacy};
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::{File, Metadata};
+use std::fs::File;
 use std::io::{self, Write};
-use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -124,7 +123,7 @@ impl Journal {
     }
 
     fn append(&mut self, line: &str) -> io::Result<()> {
-        let mut file = match self.file.take().filter(|file| self.is_in_place(file)) {
+        let mut file = match self.file.take().filter(|file| file::is_in_place(file, &self.path)) {
             Some(file) => file,
             None => self.renew()?,
         };
@@ -132,13 +131,6 @@ impl Journal {
         file.sync_data()?;
         self.file = Some(file);
         Ok(())
-    }
-
-    /// Returns whether the file is the one that stands under the journal's name.
-    fn is_in_place(&self, file: &File) -> bool {
-        let id = |found: io::Result<Metadata>| found.map(|found| (found.dev(), found.ino())).ok();
-        let here = id(std::fs::symlink_metadata(&self.path));
-        here.is_some() && here == id(file.metadata())
     }
 
     /// Makes a new file with the highest epoch in it, durable and in the place of the old one.

@@ -188,6 +188,7 @@ impl Agent {
             if to == self.identity.host {
                 self.deliver_own(message, &mut out);
             } else {
+                self.note_outcome(&to, &message, out.effects);
                 self.transmit(&to, message, &mut out);
             }
             messages.extend(more.drain(..));

@@ -133,6 +133,7 @@ impl Attachments {
             | Effect::FindPrograms { .. }
             | Effect::Answer { .. }
             | Effect::Judge { .. }
+            | Effect::OrderEnded { .. }
             | Effect::WriteDatabase(_) => {}
         }
     }

@@ -1,6 +1,7 @@
 //! The effects of a node's machines, and the types that they share.
 
 use crate::logic::database::question::Commit;
+use crate::logic::gate::Outcome;
 use crate::logic::link::Frame;
 use crate::logic::nameserver::Change;
 use crate::logic::protocol::{Answer, Deployment, Estop, Kept, Message, Namesake, ToParticipant, Tombstone};
@@ -127,6 +128,13 @@ pub enum Effect {
         from: String,
         /// The order.
         order: Box<ToParticipant>,
+    },
+    /// Take note of what became of an order that was judged and accepted.
+    OrderEnded {
+        /// As judged.
+        number: u64,
+        /// Whether it was done, or why not, for a person.
+        outcome: Outcome,
     },
     /// See whether these programs could be started on this host, and give [`Input::Found`].
     ///

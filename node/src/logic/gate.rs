@@ -11,18 +11,20 @@
 
 mod action;
 mod ledger;
+mod outcome;
 
 use action::plan_of;
 pub use action::{action, audience, subject};
-pub use ledger::{LEDGER_MAX, Ledger, LedgerError};
+pub use ledger::{ENTRIES_MAX, Found, LEDGER_MAX, Ledger, LedgerError};
+pub use outcome::{Outcome, outcome, outcome_of_order};
 
 use crate::logic::protocol::{ChangeOrder, ChangeRequest, Deployment, Order, Ordered, Request, Signed, ToParticipant};
 use language::plan::{OnBoot, Plan, difference};
-use ledger::Place;
+use ledger::{Place, Start};
 use std::collections::BTreeSet;
 use thiserror::Error;
 use trust::identity::KeyId;
-use trust::name::Name;
+use trust::name::{Name, UnixTime};
 use trust::request::{self, Context};
 use trust::role::Action;
 use trust::team::{Judge, TrustError};
@@ -33,6 +35,8 @@ pub struct Gate {
     node: KeyId,
     name: Name,
     ledger: Ledger,
+    /// The records of what was accepted since they were taken last.
+    news: Vec<u8>,
 }
 
 /// Who wants what, for the audit log.
@@ -137,12 +141,17 @@ fn hint(why: &request::Refusal) -> &'static str {
 impl Gate {
     /// Returns the gate of a node that has this key and this name in its certificate.
     pub const fn new(node: KeyId, name: Name, ledger: Ledger) -> Self {
-        Self { node, name, ledger }
+        Self { node, name, ledger, news: Vec::new() }
     }
 
-    /// Returns what was accepted, to be written down.
+    /// Returns what was accepted.
     pub const fn ledger(&self) -> &Ledger {
         &self.ledger
+    }
+
+    /// Takes the records of what was accepted since this was called last, to be added to the ledger on the disk.
+    pub fn take_news(&mut self) -> Vec<u8> {
+        std::mem::take(&mut self.news)
     }
 
     /// Decides about the call of a command line. `epoch_of` says which epoch of a deployment runs here, 0 if none does.
@@ -188,9 +197,10 @@ impl Gate {
         let epoch_min = about.map_or(0, |name| epoch_of(name));
         let plan = plan_of(request);
         let deployment = plan.filter(|plan| self.takes_part(plan)).and_then(|plan| plan.name.parse().ok());
-        let Self { node, name, ledger } = self;
+        let Self { node, name, ledger, news } = self;
         let context = Context { judge: *judge, node: *node, name, deployment: deployment.as_ref(), epoch_min };
-        request::check(&signed.head, &signed.body, &context, ledger.replays())?;
+        let accepted = request::check(&signed.head, &signed.body, &context, ledger.replays())?;
+        news.extend(ledger.accept(accepted.write, None));
         Ok(())
     }
 
@@ -244,20 +254,21 @@ impl Gate {
         if epoch < known || (is_first && epoch == known) {
             return Err(Refusal::Epoch { found: epoch, known });
         }
-        let Self { node, name, ledger } = self;
+        let Self { node, name, ledger, news } = self;
         // What was accepted for this very deployment goes on: its number is spent, and its time may be over.
         let before = ledger.accepted(&place, epoch, mark).filter(|_| !is_first).or(resumed);
         let judge = Judge { now: before.unwrap_or(judge.now), ..*judge };
         let context = Context { judge, node: *node, name, deployment: deployed.as_ref(), epoch_min: 0 };
         if before.is_some() {
             request::check_again(&by.head, &by.body, &context)?;
-            if let Some(at) = resumed {
-                ledger.accept(place, epoch, mark, at);
+            if let Some(UnixTime(at)) = resumed {
+                news.extend(ledger.accept_again(mark.0, Start { place, epoch, number: mark.1, at }));
             }
             return Ok(());
         }
-        request::check(&by.head, &by.body, &context, ledger.replays())?;
-        ledger.accept(place, epoch, mark, judge.now);
+        let accepted = request::check(&by.head, &by.body, &context, ledger.replays())?;
+        let start = Start { place, epoch, number: mark.1, at: judge.now.0 };
+        news.extend(ledger.accept(accepted.write, Some(start)));
         Ok(())
     }
 

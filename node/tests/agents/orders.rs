@@ -14,6 +14,19 @@ fn what_is_signed_runs_and_is_judged_where_it_starts() {
     assert_eq!(world.ending(call), &Ending::Done(vec![]));
     let judged: Vec<(&str, u64)> = world.judged.iter().map(|(host, of)| (host.as_str(), of.epoch)).collect();
     assert_eq!(judged, [("c2", 1)], "the home has judged the call");
+    assert_eq!(world.ended, [("c2".to_owned(), Ok(()))]);
+}
+
+/// An order that is accepted and not carried out is told as what it was.
+#[test]
+fn what_was_accepted_and_failed_is_told_with_the_reason() {
+    let mut world = World::guarded(&["c1", "c2"]);
+    world.fails_at_start = true;
+    let call = world.deploy("c1", TWO_HOSTS);
+    world.run_for(Duration::from_secs(20));
+    assert!(matches!(world.last_report(call), Report::Refused { .. }));
+    let [(host, Err(why))] = world.ended.as_slice() else { panic!("{:?}", world.ended) };
+    assert!(host == "c2" && why.contains("cannot take part on `c2`"), "{why}");
 }
 
 #[test]
@@ -34,7 +47,7 @@ fn what_is_called_off_before_its_verdict_does_not_begin() {
     world.disk_ms = 3000;
     let call = world.deploy("c1", TWO_HOSTS);
     world.run_for(Duration::from_millis(1000));
-    assert_eq!(world.judged.len(), 1);
+    assert_eq!((world.judged.len(), &world.ended), (1, &Vec::new()));
     world.stop("c1");
     world.run_for(Duration::from_secs(20));
     let Report::Refused { reasons } = world.last_report(call) else { panic!("not refused") };

@@ -121,6 +121,8 @@ pub(super) struct World {
     pub(super) disk_refuses: Option<String>,
     /// What was judged, and where.
     pub(super) judged: Vec<(String, Deployment)>,
+    /// What became of orders that were accepted, and where.
+    pub(super) ended: Vec<(String, Result<(), String>)>,
     /// Why what others order is refused.
     pub(super) verdict: Option<String>,
     /// The data between programs.
@@ -337,6 +339,7 @@ impl World {
                 self.tailed.push(programs.into_iter().map(process).collect());
             }
             Effect::WriteDatabase(_) | Effect::Yield { .. } => {}
+            Effect::OrderEnded { outcome, .. } => self.ended.push((host.into(), outcome)),
             Effect::Judge { number, deployment, .. } => {
                 self.judged.push((host.into(), deployment));
                 let verdict = self.verdict.clone().map_or(Ok(()), Err);

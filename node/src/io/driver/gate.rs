@@ -6,8 +6,11 @@ use crate::io::event::Event;
 use crate::io::guard::Guard;
 use crate::io::policy::ExecutionPolicy;
 use crate::logic::agent::Input;
-use crate::logic::gate::{Attempt, Passed};
+use crate::logic::gate::{Attempt, Outcome, Passed};
 use crate::logic::protocol::{Answer, Deployment, Request, ToParticipant};
+
+/// How many orders were accepted and are not answered yet; of more, the latest.
+const ACCEPTED_MAX: usize = 256;
 
 impl Driver {
     /// Takes a call: at once if it needs no signature, or this node is in no team; else when it is written down that it was accepted.
@@ -31,9 +34,13 @@ impl Driver {
             Ok(Passed::Signed(attempt, signed)) => {
                 let events = self.events.clone();
                 self.tasks.spawn(async move {
-                    let written = keep(move || guard.keep(&attempt)).await;
+                    let (keeper, wanted) = (guard.clone(), attempt.clone());
+                    let written = keep(move || keeper.keep(&wanted)).await;
                     let event = match written {
-                        Ok(()) => Event::Admitted(call, Request::Signed(signed), caller),
+                        Ok(()) => {
+                            let caller = caller.witnessed(move |outcome| guard.ended(&attempt, &outcome));
+                            Event::Admitted(call, Request::Signed(signed), caller)
+                        }
                         Err(why) => {
                             refuse(&caller, why);
                             return caller.end();
@@ -69,12 +76,23 @@ impl Driver {
         match (judged, self.guard.clone()) {
             (Ok(attempt), Some(guard)) => {
                 let events = self.events.clone();
+                self.accepted.insert(number, attempt.clone());
+                while self.accepted.len() > ACCEPTED_MAX {
+                    self.accepted.pop_first();
+                }
                 self.tasks.spawn(async move {
                     let verdict = keep(move || guard.keep(&attempt)).await;
                     events.send(Event::Judged(number, verdict)).await.unwrap_or_default();
                 });
             }
             (verdict, _) => self.pending.push_back(Input::Judged { number, verdict: verdict.map(drop) }),
+        }
+    }
+
+    /// Puts into the audit log what became of an order that was accepted.
+    pub(super) fn order_ended(&mut self, number: u64, outcome: &Outcome) {
+        if let Some((attempt, guard)) = self.accepted.remove(&number).zip(self.guard.as_ref()) {
+            guard.ended(&attempt, outcome);
         }
     }
 }

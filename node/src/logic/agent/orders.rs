@@ -3,9 +3,12 @@
 use super::Agent;
 use super::calls::answer;
 use crate::logic::effect::{Effect, Out};
-use crate::logic::protocol::{Answer, ChangeOrder, ChangeReply, Deployment, Request, ToCoordinator, ToParticipant};
+use crate::logic::gate::outcome_of_order;
+use crate::logic::protocol::{
+    Answer, Body, ChangeOrder, ChangeReply, Deployment, Message, Request, ToCoordinator, ToParticipant,
+};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use trust::request;
 
@@ -17,6 +20,8 @@ const ORDERS_MAX: usize = 64;
 pub(super) struct Orders {
     next: u64,
     waiting: BTreeMap<u64, Waiting>,
+    /// Those that were accepted and not answered yet, with the node that has given each; of many the latest.
+    accepted: VecDeque<(u64, Deployment, String)>,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -81,11 +86,24 @@ impl Agent {
         match verdict {
             Ok(()) => {
                 let Waiting { deployment, from, order } = waiting;
+                self.orders.accepted.push_back((number, deployment.clone(), from.clone()));
+                self.orders.accepted.drain(..self.orders.accepted.len().saturating_sub(ORDERS_MAX));
                 if let Some(order) = order.plain() {
                     self.deliver_to_participant(&deployment, order, &from, out);
                 }
             }
             Err(why) => self.refuse_order(waiting, &why, out),
+        }
+    }
+
+    /// Says what became of an order that was accepted, if this is the answer to it.
+    pub(super) fn note_outcome(&mut self, to: &str, message: &Message, effects: &mut Vec<Effect>) {
+        let Body::Coordinator(answer) = &message.body else { return };
+        let mut accepted = self.orders.accepted.iter();
+        let place = accepted.position(|(_, deployment, from)| *deployment == message.deployment && from == to);
+        let Some((place, outcome)) = place.zip(outcome_of_order(answer)) else { return };
+        if let Some((number, ..)) = self.orders.accepted.remove(place) {
+            effects.push(Effect::OrderEnded { number, outcome });
         }
     }
 

@@ -1,5 +1,15 @@
 //! What a node has accepted: the numbers of requests that are spent, and by which requests each deployment runs.
+//!
+//! ```text
+//! ledger     `dca ledger 2` and a line feed, then records
+//! record     length (4 bytes), crc32 of the payload (4), crc32 of these 8 bytes (4), payload in postcard
+//! 1st record Form: all that was accepted before
+//! then       Entry: one request that was accepted
+//! ```
+//! So a request adds some 250 bytes to the file and takes one write to the disk, and not a new file. What a power cut has left of a
+//! record at the end does not count: nothing was done for its request. A ledger that is damaged in another way is none.
 
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use thiserror::Error;
@@ -10,11 +20,17 @@ use trust::revocation::Revocations;
 
 /// The most bytes of a ledger.
 pub const LEDGER_MAX: usize = 8 << 20;
+/// How many bytes of records follow the first one; then a new ledger begins.
+pub const ENTRIES_MAX: usize = 1 << 20;
 /// Of how many deployments it knows the last epoch; of more, those that were accepted last.
 const DEPLOYMENTS_MAX: usize = 1024;
 /// How many requests of one deployment it knows: the one that began it, and the last changes.
 const REQUESTS_MAX: usize = 64;
-const BEGIN: &[u8] = b"dca ledger 1\n";
+const BEGIN: &[u8] = b"dca ledger 2\n";
+/// That of a ledger without records, as nodes of version 12 and before have written it.
+const BEGIN_BEFORE: &[u8] = b"dca ledger 1\n";
+/// Length and checksums of a record, in bytes.
+const HEAD: usize = 12;
 
 /// A deployment by its home and its name: each home gives epochs of its own.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -38,11 +54,40 @@ pub struct Ledger {
     running: BTreeMap<Place, Running>,
 }
 
-/// The form of a ledger.
+/// All that was accepted.
 #[derive(Serialize, Deserialize)]
 struct Form {
     replays: Vec<([u8; 32], Vec<u8>)>,
     running: Vec<(Place, Running)>,
+}
+
+/// What one request adds.
+#[derive(Serialize, Deserialize)]
+struct Entry {
+    signer: [u8; 32],
+    /// The numbers of the signer that are spent.
+    replays: Vec<u8>,
+    /// The deployment that it is accepted for, if it starts one.
+    start: Option<Start>,
+}
+
+/// A request that was accepted for an epoch of a deployment.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Start {
+    pub(super) place: Place,
+    pub(super) epoch: u64,
+    /// The number of the request.
+    pub(super) number: u64,
+    pub(super) at: u64,
+}
+
+/// A ledger as it was found.
+#[derive(Debug)]
+pub struct Found {
+    /// What was accepted.
+    pub ledger: Ledger,
+    /// Whether records can be added: nothing is left of one at the end, and it is not the ledger of an earlier version.
+    pub is_whole: bool,
 }
 
 /// Bytes are no ledger: it is not known what was accepted.
@@ -57,12 +102,12 @@ impl Place {
 }
 
 impl Ledger {
-    /// Returns its form.
+    /// Returns its form, with all that was accepted in the first record.
     pub fn to_bytes(&self) -> Vec<u8> {
         let replays = self.replays.writes().map(|write| (write.signer.0, write.bytes)).collect();
         let running = self.running.iter().map(|(place, running)| (place.clone(), running.clone())).collect();
         let mut bytes = BEGIN.to_vec();
-        bytes.extend(postcard::to_stdvec(&Form { replays, running }).unwrap_or_default());
+        bytes.extend(record(&Form { replays, running }));
         bytes
     }
 
@@ -70,17 +115,36 @@ impl Ledger {
     ///
     /// # Errors
     /// The bytes are no ledger.
-    pub fn from_bytes(bytes: &[u8], revoked: &Revocations) -> Result<Self, LedgerError> {
-        let body = bytes.strip_prefix(BEGIN).ok_or(LedgerError)?;
-        let form: Form = postcard::from_bytes(body).map_err(|_unreadable| LedgerError)?;
-        let mut replays = Replays::default();
-        for (signer, bytes) in form.replays {
-            let signer = KeyId(signer);
-            if !revoked.has(&signer) {
-                replays.restore(&ReplayWrite { signer, bytes }).map_err(|_unreadable| LedgerError)?;
-            }
+    pub fn from_bytes(bytes: &[u8], revoked: &Revocations) -> Result<Found, LedgerError> {
+        let mut ledger = Self::default();
+        if let Some(body) = bytes.strip_prefix(BEGIN_BEFORE) {
+            let form: Form = postcard::from_bytes(body).map_err(|_unreadable| LedgerError)?;
+            ledger.take(form, revoked)?;
+            return Ok(Found { ledger, is_whole: false });
         }
-        Ok(Self { replays, running: form.running.into_iter().collect() })
+        let mut left = bytes.strip_prefix(BEGIN).ok_or(LedgerError)?;
+        let form = next(&mut left)?.ok_or(LedgerError)?;
+        ledger.take(form, revoked)?;
+        while let Some(Entry { signer, replays, start }) = next(&mut left)? {
+            ledger.restore(signer, replays, revoked)?;
+            start.into_iter().for_each(|start| ledger.begin(KeyId(signer), start));
+        }
+        Ok(Found { ledger, is_whole: left.is_empty() })
+    }
+
+    fn take(&mut self, form: Form, revoked: &Revocations) -> Result<(), LedgerError> {
+        form.replays.into_iter().try_for_each(|(signer, bytes)| self.restore(signer, bytes, revoked))?;
+        self.running = form.running.into_iter().collect();
+        Ok(())
+    }
+
+    fn restore(&mut self, signer: [u8; 32], bytes: Vec<u8>, revoked: &Revocations) -> Result<(), LedgerError> {
+        let signer = KeyId(signer);
+        // Nothing was spent by a request that was accepted before its signer was left out.
+        if bytes.is_empty() || revoked.has(&signer) {
+            return Ok(());
+        }
+        self.replays.restore(&ReplayWrite { signer, bytes }).map_err(|_unreadable| LedgerError)
     }
 
     pub(super) fn replays(&mut self) -> &mut Replays {
@@ -99,8 +163,22 @@ impl Ledger {
         requests.find(|(by, of, _)| (*by, *of) == (signer.0, number)).map(|(_, _, at)| UnixTime(*at))
     }
 
-    /// Notes that a request was accepted for an epoch of a deployment, which is not below the last one.
-    pub(super) fn accept(&mut self, place: Place, epoch: u64, (signer, number): (KeyId, u64), at: UnixTime) {
+    /// Notes that a request was accepted whose number is spent. One that starts something is of an epoch that is not below the last
+    /// one of its deployment. Returns the record of it.
+    pub(super) fn accept(&mut self, ReplayWrite { signer, bytes }: ReplayWrite, start: Option<Start>) -> Vec<u8> {
+        start.iter().for_each(|start| self.begin(signer, start.clone()));
+        record(&Entry { signer: signer.0, replays: bytes, start })
+    }
+
+    /// Notes that a request which was accepted before begins a later epoch of its deployment. Returns the record of it.
+    pub(super) fn accept_again(&mut self, signer: KeyId, start: Start) -> Vec<u8> {
+        let spent = self.replays.writes().find(|write| write.signer == signer);
+        let spent = spent.map_or_else(Vec::new, |write| write.bytes);
+        self.begin(signer, start.clone());
+        record(&Entry { signer: signer.0, replays: spent, start: Some(start) })
+    }
+
+    fn begin(&mut self, signer: KeyId, Start { place, epoch, number, at }: Start) {
         let running = self.running.entry(place).or_insert_with(|| Running { epoch, requests: Vec::new() });
         if running.epoch != epoch {
             *running = Running { epoch, requests: Vec::new() };
@@ -108,11 +186,40 @@ impl Ledger {
         if running.requests.len() >= REQUESTS_MAX {
             running.requests.remove(1);
         }
-        running.requests.push((signer.0, number, at.0));
+        running.requests.push((signer.0, number, at));
         if self.running.len() > DEPLOYMENTS_MAX {
             let last = |running: &Running| running.requests.last().map_or(0, |(_, _, at)| *at);
             let oldest = self.running.iter().min_by_key(|(_, running)| last(running)).map(|(place, _)| place.clone());
             oldest.into_iter().for_each(|place| drop(self.running.remove(&place)));
         }
     }
+}
+
+fn record(payload: &impl Serialize) -> Vec<u8> {
+    let payload = postcard::to_stdvec(payload).unwrap_or_default();
+    let mut bytes = u32::try_from(payload.len()).unwrap_or(u32::MAX).to_le_bytes().to_vec();
+    bytes.extend(crc32fast::hash(&payload).to_le_bytes());
+    bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
+    bytes.extend(payload);
+    bytes
+}
+
+/// Takes the next record; nothing at the end, where `left` has what a power cut has left of one: not all of its bytes, or zeros.
+fn next<T: DeserializeOwned>(left: &mut &[u8]) -> Result<Option<T>, LedgerError> {
+    let Some((head, rest)) = left.split_at_checked(HEAD) else { return Ok(None) };
+    if left.iter().all(|byte| *byte == 0) {
+        return Ok(None);
+    }
+    let number = |at: usize| head.get(at..at + 4)?.try_into().ok().map(u32::from_le_bytes);
+    let (Some(length), Some(sum), Some(of_head)) = (number(0), number(4), number(8)) else { return Err(LedgerError) };
+    if crc32fast::hash(&head[..8]) != of_head {
+        return Err(LedgerError);
+    }
+    let length = usize::try_from(length).map_err(|_too_long| LedgerError)?;
+    let Some((payload, after)) = rest.split_at_checked(length) else { return Ok(None) };
+    if crc32fast::hash(payload) != sum {
+        return Err(LedgerError);
+    }
+    *left = after;
+    postcard::from_bytes(payload).map(Some).map_err(|_unreadable| LedgerError)
 }

@@ -1,0 +1,160 @@
+//! The ledger of a gate on the disk. What is accepted is added to it, so it takes one write to the disk, and several requests at once
+//! take one together.
+
+use crate::logic::gate::{ENTRIES_MAX, Found, Gate, LEDGER_MAX, Ledger};
+use anyhow::Context as _;
+use comms::io::file::{self, Privacy};
+use std::fs::File;
+use std::io::Write as _;
+use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
+use team::folder;
+use trust::revocation::Revocations;
+
+/// The file of a ledger.
+#[derive(Debug)]
+pub(super) struct LedgerFile {
+    path: PathBuf,
+    /// None before the first write where the file cannot be gone on with, and after one that has failed: nobody knows what of it is on
+    /// the disk, so the next one writes a new file.
+    file: Option<File>,
+    /// How many bytes of records it takes before a new file is begun.
+    room: usize,
+}
+
+impl LedgerFile {
+    /// Reads a ledger; one that is not there is empty.
+    ///
+    /// # Errors
+    /// It cannot be read, or is damaged: it is not known which requests were here before.
+    pub(super) fn open(path: PathBuf, revoked: &Revocations) -> anyhow::Result<(Self, Ledger)> {
+        let none = |path| Self { path, file: None, room: 0 };
+        let Some(bytes) = folder::read(&path, LEDGER_MAX)? else { return Ok((none(path), Ledger::default())) };
+        let Found { ledger, is_whole } = Ledger::from_bytes(&bytes, revoked).with_context(|| {
+            format!(
+                "`{}` is broken, so it is not known which requests were here before: take this node into its team again",
+                path.display()
+            )
+        })?;
+        // A disk that takes nothing now may take something later: a new file.
+        let file = if is_whole { file::appended(&path, Privacy::Own).ok() } else { None };
+        Ok((Self { file, room: ENTRIES_MAX, ..none(path) }, ledger))
+    }
+
+    /// Writes down all that the gate has accepted: it is on the disk when this returns. Blocks.
+    ///
+    /// # Errors
+    /// The disk refuses. What was accepted is written with the next file.
+    pub(super) fn keep(&mut self, gate: &Mutex<Gate>) -> anyhow::Result<()> {
+        // Without the file whoever comes after a failure writes a new one.
+        let file = self.file.take().filter(|file| file::is_in_place(file, &self.path));
+        let mut gate = gate.lock().unwrap_or_else(PoisonError::into_inner);
+        let news = gate.take_news();
+        if let Some(mut file) = file.filter(|_| news.len() <= self.room) {
+            drop(gate);
+            if !news.is_empty() {
+                let written = file.write_all(&news).and_then(|()| file.sync_data());
+                written.with_context(|| format!("writing `{}`", self.path.display()))?;
+            }
+            self.room -= news.len();
+            self.file = Some(file);
+            return Ok(());
+        }
+        let whole = gate.ledger().to_bytes();
+        drop(gate);
+        folder::write(&self.path, &whole)?;
+        self.room = ENTRIES_MAX;
+        self.file = file::appended(&self.path, Privacy::Own).ok();
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::logic::protocol::{Request, Signed};
+    use comms::logic::codec;
+    use std::path::Path;
+    use trust::certificate::{Certificate, Claims, DAY};
+    use trust::identity::{Entropy, SecretKeys};
+    use trust::name::UnixTime;
+    use trust::request::{self, Audience};
+    use trust::role::{Action, Role};
+    use trust::team::{Credential, Judge, Team};
+
+    const NOW: UnixTime = UnixTime(1_800_000_000);
+
+    /// A gate that somebody has asked for something, so many times.
+    fn gate(requests: u64) -> Mutex<Gate> {
+        let [root, keys] = [[1; 32], [2; 32]].map(|seed| SecretKeys::generate(&mut Entropy::new(&seed)));
+        let founded = Team::found("acme".parse().unwrap(), &root);
+        let claims = Claims {
+            team: founded.id(),
+            name: "dan".parse().unwrap(),
+            role: Role::Operator,
+            keys: *keys.public(),
+            not_before: NOW,
+            not_after: NOW.plus(DAY),
+            renewable_until: NOW.plus(DAY),
+            serial: [8; 16],
+        };
+        let credential = Credential::new(Certificate::issue(claims, &root).unwrap(), None);
+        let mut gate = Gate::new(root.public().id(), "r1".parse().unwrap(), Ledger::default());
+        let body = codec::encode(&Request::ReleaseEstop).unwrap();
+        for sequence in 1..=requests {
+            let (audience, action, not_after) = (Audience::Team, Action::Start, NOW.plus(60));
+            let (team, id, epoch, not_before) = (founded.id(), [1; 16], 0, NOW);
+            let asked = request::Request { team, audience, action, id, sequence, epoch, not_before, not_after };
+            let signed = Signed { head: asked.sign(&body, &keys, &credential), body: body.clone() };
+            let judge = Judge { team: &founded, revoked: &Revocations::default(), now: NOW, grace: 0 };
+            gate.call(Request::Signed(Box::new(signed)), &judge, |_| 0).unwrap();
+        }
+        Mutex::new(gate)
+    }
+
+    fn read(path: &Path) -> Ledger {
+        LedgerFile::open(path.to_owned(), &Revocations::default()).unwrap().1
+    }
+
+    #[test]
+    fn what_was_accepted_is_on_the_disk_whatever_became_of_the_file() {
+        let folder = std::env::temp_dir().join(format!("dca-ledger-{}", std::process::id()));
+        folder::make(&folder).unwrap();
+        let path = folder.join("accepted");
+        let (mut file, empty) = LedgerFile::open(path.clone(), &Revocations::default()).unwrap();
+        assert_eq!(empty, Ledger::default());
+        let one = gate(1);
+        file.keep(&one).unwrap();
+        assert_eq!(read(&path), *one.lock().unwrap().ledger());
+        // It goes on with the file that is there.
+        let (mut file, _) = LedgerFile::open(path.clone(), &Revocations::default()).unwrap();
+        let before = std::fs::read(&path).unwrap();
+        let two = gate(2);
+        file.keep(&two).unwrap();
+        assert!(std::fs::read(&path).unwrap().starts_with(&before), "records are added");
+        assert_eq!(read(&path), *two.lock().unwrap().ledger());
+        // Somebody has removed the file: a new one has everything.
+        std::fs::remove_file(&path).unwrap();
+        file.keep(&two).unwrap();
+        assert_eq!(read(&path), *two.lock().unwrap().ledger());
+        // The disk takes nothing for a while.
+        std::fs::remove_dir_all(&folder).unwrap();
+        assert!(file.keep(&gate(3)).is_err());
+        folder::make(&folder).unwrap();
+        file.keep(&two).unwrap();
+        assert_eq!(read(&path), *two.lock().unwrap().ledger());
+        // Half a record is left of a power cut: a new file, in which nothing stands behind it.
+        let mut bytes = std::fs::read(&path).unwrap();
+        bytes.extend([9, 0]);
+        std::fs::write(&path, bytes).unwrap();
+        let (mut file, _) = LedgerFile::open(path.clone(), &Revocations::default()).unwrap();
+        file.keep(&two).unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), two.lock().unwrap().ledger().to_bytes());
+        // There is room for so much in a file, and then it is begun anew.
+        file.room = 10;
+        file.keep(&gate(1)).unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), gate(1).lock().unwrap().ledger().to_bytes());
+        assert_eq!(file.room, ENTRIES_MAX);
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}

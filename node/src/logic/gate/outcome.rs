@@ -1,0 +1,91 @@
+//! What became of a request that was accepted, as the answers to it say.
+
+use crate::logic::database::question::Reply;
+use crate::logic::protocol::{Answer, ChangeReply, Report, StopReply, ToCoordinator};
+
+/// What became of a request: it was done, or why it was not, for a person.
+pub type Outcome = Result<(), String>;
+
+/// Returns what became of a request by an answer to it; nothing if that does not say so yet.
+pub fn outcome(answer: &Answer) -> Option<Outcome> {
+    match answer {
+        Answer::Report(report) => of_report(report),
+        Answer::Refused(why) | Answer::Switched(Err(why)) => Some(Err(why.clone())),
+        Answer::Stop(StopReply::Unknown) => Some(Err("no such deployment has its home here".to_owned())),
+        Answer::Database(reply) => of_reply(reply),
+        Answer::Stop(StopReply::Stopped) | Answer::Switched(Ok(_)) | Answer::Estopped(_) | Answer::Released { .. } => {
+            Some(Ok(()))
+        }
+        // To questions, which change nothing.
+        Answer::Status(_)
+        | Answer::Output(_)
+        | Answer::Parameters(_)
+        | Answer::Wrote { .. }
+        | Answer::Unlinked(_)
+        | Answer::Absent(_)
+        | Answer::Plan(_)
+        | Answer::Revision(_)
+        | Answer::Events(_)
+        | Answer::Names(_)
+        | Answer::Locations(_)
+        | Answer::Revoked { .. }
+        | Answer::Clock(_)
+        | Answer::Team(_)
+        | Answer::Duplicates(_) => None,
+    }
+}
+
+/// Returns what became of an order by the answer of this host to the home; nothing if that is the answer to something else.
+pub fn outcome_of_order(answer: &ToCoordinator) -> Option<Outcome> {
+    match answer {
+        ToCoordinator::Prepared { .. } => Some(Ok(())),
+        ToCoordinator::Refused { reasons } => Some(Err(reasons.join("; "))),
+        ToCoordinator::Change(reply) => match reply {
+            ChangeReply::Examined { reasons, .. } if reasons.is_empty() => Some(Ok(())),
+            ChangeReply::Examined { reasons, .. } => Some(Err(reasons.join("; "))),
+            ChangeReply::Applied { .. } | ChangeReply::Joined { .. } => Some(Ok(())),
+            ChangeReply::Failed { reason, .. } => Some(Err(reason.clone())),
+            ChangeReply::Linked { .. } | ChangeReply::Healthy { .. } => None,
+        },
+        // It was taken back before it had begun.
+        ToCoordinator::Released | ToCoordinator::Unconfirmed => Some(Err("it was taken back".to_owned())),
+        ToCoordinator::Connected
+        | ToCoordinator::MainEnded { .. }
+        | ToCoordinator::Happened { .. }
+        | ToCoordinator::SetsSwitched { .. }
+        | ToCoordinator::Stepped { .. } => None,
+    }
+}
+
+fn of_report(report: &Report) -> Option<Outcome> {
+    match report {
+        Report::Go { .. } | Report::Changed { .. } => Some(Ok(())),
+        Report::Refused { reasons } | Report::Unchanged { reasons, .. } => Some(Err(reasons.join("; "))),
+        Report::Accepted { .. }
+        | Report::Prepared { .. }
+        | Report::Connected { .. }
+        | Report::Process { .. }
+        | Report::Finished { .. }
+        | Report::Programs { .. }
+        | Report::Stepped { .. } => None,
+    }
+}
+
+fn of_reply(reply: &Reply) -> Option<Outcome> {
+    match reply {
+        Reply::Committed(_) | Reply::Reached(_) | Reply::Pending(_) | Reply::Done(_) => Some(Ok(())),
+        Reply::Refused(why) | Reply::Unmet { why, .. } | Reply::Unknown(why) => Some(Err(why.clone())),
+        Reply::NotOwner { owner } => Some(Err(format!("only `{owner}` writes there"))),
+        Reply::Entries(_)
+        | Reply::Status(_)
+        | Reply::Note(_)
+        | Reply::History(_)
+        | Reply::Conflicts(..)
+        | Reply::Differences(_)
+        | Reply::Version(_)
+        | Reply::Notification(_)
+        | Reply::Text(_)
+        | Reply::Import(..)
+        | Reply::Owners(_) => None,
+    }
+}
