@@ -1,4 +1,7 @@
 //! `dca audit`: the log of a node, and whether a file is such a log that nobody has worked on.
+//!
+//! Other members sign where a log has come to. What they have signed is in the folder of each node's state, `team/heads`: those of this
+//! machine are looked at without being named.
 
 use crate::io::named_file;
 use anyhow::{Context as _, anyhow, ensure};
@@ -8,7 +11,7 @@ use node::io::{run_dir, state_dir};
 use std::path::{Path, PathBuf};
 use team::{audit, member};
 use trust::audit::{Head, Log, Verifier};
-use trust::name::Name;
+use trust::name::{Name, NoName};
 
 /// The longest log, in bytes.
 const LOG_MAX: usize = 256 << 20;
@@ -20,7 +23,7 @@ pub struct Arguments {
     #[arg(required_unless_present = "verify", conflicts_with = "verify")]
     node: Option<Name>,
     /// Folder for the state of this machine's nodes, as `dca-node --state` has it
-    #[arg(long, value_name = "DIR", requires = "node")]
+    #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
     /// Folder with the sockets of this machine's nodes, as `dca-node --run-dir` has it: the node there says where its state is
     #[arg(long, value_name = "DIR", requires = "node", conflicts_with = "state")]
@@ -28,17 +31,17 @@ pub struct Arguments {
     /// A file to verify instead
     #[arg(long, value_name = "FILE")]
     verify: Option<PathBuf>,
-    /// A file of signed heads, one a line: what they cover must be there. Their signatures are checked, not who the signers are
+    /// A file of signed heads, such as `team/heads` in the state of another node: what they cover must be there. May be given more
+    /// than once; those that nodes of this machine have are looked at, too. Their signatures are checked, not who the signers are
     #[arg(long, value_name = "FILE", requires = "verify")]
-    heads: Option<PathBuf>,
+    heads: Vec<PathBuf>,
 }
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let heads = arguments.heads.as_deref().map_or(Ok(Vec::new()), heads)?;
     match (&arguments.node, &arguments.verify) {
         (Some(node), _) => show(&state(node, arguments)?),
-        (None, Some(path)) => verify(path, heads),
+        (None, Some(path)) => verify(path, arguments),
         (None, None) => Ok(()),
     }
 }
@@ -67,8 +70,10 @@ fn show(state: &Path) -> Result<(), Failure> {
     if !rows.is_empty() {
         console::say(&table::table(&rows));
     }
-    let log = verified(&path, &text, Vec::new())?;
-    console::note(&format!("complete up to record {}", log.last()));
+    let own = Some(state.join(member::FOLDER).join(member::HEADS)).filter(|heads| heads.is_file());
+    let signed = Signed::of(&text, &[], own.as_slice())?;
+    let log = verified(&path, &text, &signed)?;
+    console::note(&format!("complete up to record {}; {}", log.last(), signed.told()));
     Ok(())
 }
 
@@ -80,31 +85,95 @@ fn row(line: &str) -> Option<Vec<String>> {
     Some([&at, decision, who, what, reason].map(str::to_owned).to_vec())
 }
 
-fn verify(path: &Path, heads: Vec<Head>) -> Result<(), Failure> {
+fn verify(path: &Path, arguments: &Arguments) -> Result<(), Failure> {
     let text = named_file::text(path, LOG_MAX).with_context(|| format!("reading `{}`", path.display()))?;
-    let count = heads.len();
-    let log = verified(path, &text, heads)?;
+    let signed = Signed::of(&text, &arguments.heads, &of_this_machine(arguments.state.as_deref()))?;
+    let log = verified(path, &text, &signed)?;
     let node = log.of().1;
-    let heads = match count {
-        0 => "no signed heads: records may be missing at the end".to_owned(),
-        1 => "1 signed head fits".to_owned(),
-        count => format!("{count} signed heads fit"),
-    };
-    console::say(&format!("{}: complete up to record {}, of node {node}; {heads}", path.display(), log.last()));
+    let told = signed.told();
+    console::say(&format!("{}: complete up to record {}, of node {node}; {told}", path.display(), log.last()));
     Ok(())
 }
 
 /// Returns the end of a log that is as it was written, to which all heads fit.
-fn verified(path: &Path, text: &str, heads: Vec<Head>) -> anyhow::Result<Log> {
-    let mut verifier = Verifier::new(heads)?;
-    let verified = text.lines().try_for_each(|line| verifier.line(line)).and_then(|()| verifier.finish());
-    verified.with_context(|| format!("`{}` is not as it was written", path.display()))
+fn verified(path: &Path, text: &str, signed: &Signed) -> anyhow::Result<Log> {
+    let heads = signed.0.iter().map(|(_, head)| head.clone()).collect();
+    let verifier = Verifier::new(heads)?;
+    let read = |mut verifier: Verifier| {
+        text.lines().try_for_each(|line| verifier.line(line))?;
+        verifier.finish()
+    };
+    read(verifier).with_context(|| {
+        let of_others = signed.signer_of_last().map_or_else(String::new, |name| format!(", as `{name}` has signed it"));
+        format!("`{}` is not as it was written{of_others}", path.display())
+    })
 }
 
-fn heads(path: &Path) -> anyhow::Result<Vec<Head>> {
+/// Returns the files with signed heads of all nodes of this machine.
+fn of_this_machine(base: Option<&Path>) -> Vec<PathBuf> {
+    let base = base.map(Path::to_owned).or_else(state_dir::default_base);
+    let nodes = base.and_then(|base| std::fs::read_dir(base).ok());
+    let folders = nodes.into_iter().flatten().flatten().map(|node| node.path());
+    folders.map(|node| node.join(member::FOLDER).join(member::HEADS)).filter(|file| file.is_file()).collect()
+}
+
+/// The signed heads of a log, with the name that each signer had.
+struct Signed(Vec<(Name, Head)>);
+
+impl Signed {
+    /// Returns those of the log with this text that are in files. Those that are `named` have to have some.
+    fn of(text: &str, named: &[PathBuf], found: &[PathBuf]) -> anyhow::Result<Self> {
+        // What is no log is said by who reads all of it.
+        let Some(log) = text.lines().next().and_then(Log::node_of) else { return Ok(Self(Vec::new())) };
+        let mut all = Vec::new();
+        for (path, is_named) in named.iter().map(|path| (path, true)).chain(found.iter().map(|path| (path, false))) {
+            let heads = match heads(path) {
+                Err(error) if !is_named => {
+                    console::note(&format!("warning: {error:#}"));
+                    continue;
+                }
+                heads => heads?,
+            };
+            let before = all.len();
+            all.extend(heads.into_iter().filter(|(_, head)| head.position().log == log));
+            ensure!(!is_named || all.len() > before, "`{}` has no signed head of this log", path.display());
+        }
+        Ok(Self(all))
+    }
+
+    fn last(&self) -> Option<&(Name, Head)> {
+        self.0.iter().max_by_key(|(_, head)| head.position().number)
+    }
+
+    fn signer_of_last(&self) -> Option<&Name> {
+        self.last().map(|(name, _)| name)
+    }
+
+    /// Says what they cover.
+    fn told(&self) -> String {
+        match self.last() {
+            None => "no signed heads: records may be missing at the end".to_owned(),
+            Some((name, head)) => {
+                let number = head.position().number;
+                let heads = if self.0.len() == 1 {
+                    "1 signed head fits".to_owned()
+                } else {
+                    format!("{} signed heads fit", self.0.len())
+                };
+                format!("{heads}, the last of record {number} by `{name}`")
+            }
+        }
+    }
+}
+
+/// Reads the heads in a file: one a line, with the name of its signer behind it.
+fn heads(path: &Path) -> anyhow::Result<Vec<(Name, Head)>> {
     let text = named_file::text(path, LOG_MAX).with_context(|| format!("reading `{}`", path.display()))?;
     let read = |(index, line): (usize, &str)| {
-        Head::from_text(line).map_err(|error| anyhow!("line {} of `{}`: {error}", index + 1, path.display()))
+        let (head, name) = line.split_once(' ').unwrap_or((line, "somebody"));
+        let wrong = |error: &dyn std::fmt::Display| anyhow!("line {} of `{}`: {error}", index + 1, path.display());
+        let head = Head::from_text(head).map_err(|error| wrong(&error))?;
+        Ok((name.parse().map_err(|error: NoName| wrong(&error))?, head))
     };
     text.lines().enumerate().map(read).collect()
 }

@@ -11,11 +11,17 @@ use ::team::{now, random};
 use clap::{Args, Subcommand};
 use dbmanager::logic::view::{date, table};
 use node::console::{self, Failure};
+use node::logic::protocol::{Answer, Request};
 use std::path::PathBuf;
+use std::time::Duration;
 use trust::bundle::{Bundle, Holder};
 use trust::name::{Name, UnixTime};
-use trust::team::{Standing, TrustError};
+use trust::renewal;
+use trust::team::{Credential, Judge, OFFLINE_GRACE, Standing, TrustError};
 use zeroize::Zeroizing;
+
+/// How long the node of this machine has to say whose certificates were renewed.
+const SOON: Duration = Duration::from_secs(2);
 
 /// The arguments of `dca team`.
 #[derive(Debug, Args)]
@@ -100,12 +106,19 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 fn list(keys: &KeysArgs) -> Result<(), Failure> {
     let (_, bundle) = keys.bundle()?;
-    console::say(&listed(&bundle, now()));
+    console::say(&listed(&bundle, &renewed(keys), now()));
     Ok(())
 }
 
-/// Returns a team as a person reads it.
-fn listed(bundle: &Bundle, now: UnixTime) -> String {
+/// Returns what nodes of the team have shown to the node of this machine, which may have been renewed; nothing if none runs.
+fn renewed(keys: &KeysArgs) -> Vec<Credential> {
+    let asked = revoke::with_node(keys, async |client, host| client.ask(host, &Request::Credentials, SOON).await);
+    let Ok(Some(Answer::Credentials(shown))) = asked else { return Vec::new() };
+    shown.iter().filter_map(|bytes| Credential::from_bytes(bytes).ok()).collect()
+}
+
+/// Returns a team as a person reads it. Who was `renewed` is valid for longer than the certificate says.
+fn listed(bundle: &Bundle, renewed: &[Credential], now: UnixTime) -> String {
     let team = bundle.team();
     let mut text = format!("team {}: {}\nid {}\n", team.name(), team.id().fingerprint(), team.id());
     match bundle.revoked() {
@@ -113,14 +126,24 @@ fn listed(bundle: &Bundle, now: UnixTime) -> String {
         Some(set) => text += &format!("revocations: number {}, keys {}\n", set.number(), set.keys().len()),
     }
     let head = ["name", "role", "until", "can be renewed until", "key", ""].map(str::to_owned).to_vec();
+    let revoked = bundle.revocations();
+    let judge = Judge { team: bundle.team(), revoked: &revoked, now, grace: OFFLINE_GRACE };
+    let row = |holder: &Holder<'_>| {
+        let newest = renewed.iter().filter(|credential| credential.certificate() == holder.certificate);
+        row(holder, newest.max_by_key(|credential| renewal::end(credential, &judge)), &judge)
+    };
     let rows: Vec<Vec<String>> = std::iter::once(head).chain(bundle.holders(now).iter().map(row)).collect();
     if rows.len() == 1 { text + "nobody has a certificate\n" } else { text + "\n" + &table::table(&rows) + "\n" }
 }
 
-fn row(holder: &Holder<'_>) -> Vec<String> {
+fn row(holder: &Holder<'_>, renewed: Option<&Credential>, judge: &Judge<'_>) -> Vec<String> {
     let claims = holder.certificate.claims();
-    let state = match &holder.standing {
-        Ok(Standing::Valid(_) | Standing::Grace(_)) => "",
+    let until = renewed.map_or(claims.not_after, |renewed| renewal::end(renewed, judge));
+    let grace = renewed.map(|renewed| renewed.check(judge));
+    let state = match grace.as_ref().unwrap_or(&holder.standing) {
+        Ok(Standing::Valid(_)) if until > claims.not_after => "renewed",
+        Ok(Standing::Valid(_)) => "",
+        Ok(Standing::Grace(_)) => "! has ended; trusted for a while, until it is renewed",
         Err(TrustError::Revoked(_)) => "! revoked",
         Err(TrustError::Expired(_)) => "! has ended",
         Err(TrustError::NotYet(_)) => "! not valid yet",
@@ -136,7 +159,7 @@ fn row(holder: &Holder<'_>) -> Vec<String> {
     vec![
         claims.name.to_string(),
         claims.role.to_string(),
-        time(claims.not_after),
+        time(until),
         time(claims.renewable_until),
         holder.certificate.subject().fingerprint(),
         state.to_owned(),

@@ -75,8 +75,9 @@ impl Audit {
         let thread = std::thread::Builder::new().name("dca-audit".to_owned());
         let refused = Arc::new(AtomicUsize::new(0));
         let taken = Arc::clone(&refused);
-        let writer =
-            thread.spawn(move || writer.run(&waiting, &taken, &positions)).context("starting the thread of the audit log")?;
+        let writer = thread
+            .spawn(move || writer.run(&waiting, &taken, &positions))
+            .context("starting the thread of the audit log")?;
         Ok(Self { records: Some(records), writer: Some(writer), refused, quotas: Mutex::default(), position })
     }
 

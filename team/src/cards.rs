@@ -6,9 +6,10 @@ use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use trust::certificate::Certificate;
 use trust::name::UnixTime;
+use trust::renewal;
 use trust::role::Kind;
 use trust::statement;
-use trust::team::Credential;
+use trust::team::{Credential, Judge};
 
 /// How many are kept. Only those of the team are, so there are no more of them than nodes.
 const CARDS_MAX: usize = 1024;
@@ -34,6 +35,19 @@ impl Cards {
         if cards.len() < CARDS_MAX || cards.contains_key(&key) {
             cards.insert(key, Card { credential: credential.clone(), judged: Some(crate::now()) });
         }
+    }
+
+    /// Returns what its holder has shown since and is valid for longer, if something is.
+    pub(crate) fn newer(&self, credential: &Credential, judge: &Judge<'_>) -> Option<Credential> {
+        let key = *credential.certificate().claims().keys.signing();
+        let known = self.cards().get(&key)?.credential.clone();
+        let is_other = known != *credential && known.chain == credential.chain;
+        (is_other && renewal::end(&known, judge) > renewal::end(credential, judge)).then_some(known)
+    }
+
+    /// Returns all that are known.
+    pub(crate) fn all(&self) -> Vec<Credential> {
+        self.cards().values().map(|card| card.credential.clone()).collect()
     }
 
     /// Has everybody judged again: somebody was revoked.

@@ -7,21 +7,26 @@
 //!   credential            what shows that the node belongs to it; written last: without it the node is in no team
 //!   revoked               whom the team has revoked, as far as this node has heard
 //!   audit                 who was refused, and what was revoked
+//!   heads                 where audit logs of others have come to, signed by this node, and its own, signed by others
 //! ```
+
+mod heads;
+mod renewal;
 
 use crate::audit::{Audit, AuditEntry};
 use crate::cards::Cards;
 use crate::folder;
-use crate::program::ProgramIdentity;
 use anyhow::{Context as _, bail, ensure};
 use comms::io::session::{Authenticator, Author, Digest, Identity, PublicKey};
 use comms::logic::proof::Proof;
+use renewal::Vouched;
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::{IpAddr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
 use trust::audit::Decision;
+use trust::heads::Heads;
 use trust::identity::{KeyId, PublicKeys, SECRET_LEN, SIGNATURE_LEN, SecretKeys};
 use trust::name::Name;
 use trust::revocation::{Received, Revocations, RevokedSet, SET_MAX};
@@ -37,6 +42,8 @@ const KEYS: &str = "keys";
 const TEAM: &str = "team";
 const CREDENTIAL: &str = "credential";
 const REVOKED: &str = "revoked";
+/// The name of the file with signed heads of audit logs.
+pub const HEADS: &str = "heads";
 /// For so many reasons messages are refused aloud in a minute.
 const REASONS_MAX: usize = 32;
 /// The most bytes that [`Member::begin`] writes, with some to spare for the file system.
@@ -50,13 +57,19 @@ pub struct Member {
     folder: PathBuf,
     keys: SecretKeys,
     team: Team,
+    /// As it was when this node was started.
     credential: Credential,
+    /// The same, with the newest renewal.
+    newest: Mutex<Credential>,
+    /// What its programs show to others, and where they read that.
+    vouched: Mutex<Option<Vouched>>,
     revoked: Mutex<Revocations>,
     /// What others have shown.
     cards: Cards,
     changes: watch::Sender<()>,
     /// None where the disk takes none.
     audit: Option<Audit>,
+    heads: Mutex<Heads>,
     /// The last refusal that was logged, with its minute.
     told: Mutex<Option<(IpAddr, String, u64)>>,
     /// A minute, and why messages were refused in it.
@@ -104,9 +117,26 @@ impl Member {
         let audit = Audit::open(&folder, team.id(), keys.public().id());
         let audit =
             audit.inspect_err(|error| tracing::error!(error = format!("{error:#}"), "there is no audit log")).ok();
+        let heads = Mutex::new(heads::open(&folder));
         let (revoked, changes) = (Mutex::new(revoked), watch::Sender::new(()));
         let (cards, told, forged) = (Cards::default(), Mutex::default(), Mutex::default());
-        Ok(Some(Self { folder, keys, team, credential, revoked, cards, changes, audit, told, forged }))
+        let (newest, vouched) = (Mutex::new(credential.clone()), Mutex::default());
+        let member = Self {
+            folder,
+            keys,
+            team,
+            credential,
+            newest,
+            vouched,
+            revoked,
+            cards,
+            changes,
+            audit,
+            heads,
+            told,
+            forged,
+        };
+        Ok(Some(member))
     }
 
     /// Returns whether a node is in a team, without a look at anything else.
@@ -162,16 +192,7 @@ impl Member {
     /// It is not, with the reason.
     pub fn check(&self) -> anyhow::Result<()> {
         let revoked = self.revoked();
-        self.credential.check(&self.by(&revoked)).map(drop).context("this node is not trusted")
-    }
-
-    /// Makes an identity for the programs of this node, and writes it to a file that they are told of.
-    ///
-    /// # Errors
-    /// The disk refuses, or the system has no random bytes.
-    pub fn vouch(&self, path: &Path) -> anyhow::Result<()> {
-        let (keys, credential) = (&self.keys, self.credential.clone());
-        ProgramIdentity::issue(&self.team, keys, credential, &self.folder.join(REVOKED))?.keep(path)
+        self.newest().check(&self.by(&revoked)).map(drop).context("this node is not trusted")
     }
 
     /// Returns whether a refusal is another one than the last, or a minute later.
@@ -188,7 +209,7 @@ impl Member {
 
     /// Returns the bytes of its credential.
     pub fn shown(&self) -> Vec<u8> {
-        self.credential.to_bytes()
+        self.newest().to_bytes()
     }
 
     /// Returns the node of the team that has a credential, however old that is, and whether or not it was revoked since: what it has
@@ -303,7 +324,7 @@ impl Identity for Member {
     }
 
     fn credential(&self) -> Vec<u8> {
-        self.credential.to_bytes()
+        self.newest().to_bytes()
     }
 
     fn judge(&self, key: &PublicKey, credential: &[u8]) -> Result<String, String> {
@@ -312,12 +333,18 @@ impl Identity for Member {
         if claims.keys.signing() != key {
             return Err("its credential is that of another key".to_owned());
         }
-        let revoked = self.revoked();
-        credential.check(&self.by(&revoked)).map_err(|error| error.to_string())?;
+        // A copy: who looks at the cards of others asks for the revocations, so neither is held here while the other is.
+        let revoked = self.revoked().clone();
+        let by = self.by(&revoked);
+        // It may have been renewed since it was shown here.
+        let newer = self.cards.newer(&credential, &by);
+        newer.as_ref().unwrap_or(&credential).check(&by).map_err(|error| error.to_string())?;
         if credential.certificate().kind() != Kind::Node {
             return Err(format!("`{}` is no node", claims.name));
         }
-        self.cards.note(&credential);
+        if newer.is_none() {
+            self.cards.note(&credential);
+        }
         Ok(claims.name.to_string())
     }
 
@@ -352,7 +379,7 @@ impl Identity for Member {
 impl Authenticator for Member {
     fn sign(&self, digest: &Digest, shows: bool) -> Option<Proof> {
         let signature = statement::sign(digest, &self.keys).to_vec();
-        let credential = shows.then(|| self.credential.to_bytes());
+        let credential = shows.then(|| self.newest().to_bytes());
         Some(Proof { key: *self.keys.public().signing(), signature, credential })
     }
 

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use trust::delegation::Delegation;
 use trust::identity::{SECRET_LEN, SecretKeys};
 use trust::revocation::Revocations;
-use trust::team::{Credential, Team};
+use trust::team::Team;
 use zeroize::Zeroizing;
 
 /// The longest file.
@@ -23,6 +23,8 @@ const FILE_MAX: usize = 16 << 10;
 /// The identity of the programs of a node.
 #[derive(Debug)]
 pub struct ProgramIdentity {
+    /// Where it was read, and is read again: its node's certificate may be renewed.
+    path: PathBuf,
     keys: SecretKeys,
     team: Team,
     delegation: Delegation,
@@ -33,21 +35,16 @@ pub struct ProgramIdentity {
 }
 
 impl ProgramIdentity {
-    pub(crate) fn issue(
-        team: &Team,
-        node: &SecretKeys,
-        credential: Credential,
+    /// Writes what programs of a node read: their keys, what shows that the node vouches for them, and where it writes who is revoked.
+    pub(crate) fn keep(
+        path: &Path,
+        keys: &SecretKeys,
+        (team, delegation): (&Team, &Delegation),
         revoked: &Path,
-    ) -> anyhow::Result<Self> {
-        let keys = SecretKeys::generate(&mut crate::random()?);
-        let delegation = Delegation::sign(*keys.public().signing(), crate::now(), node, credential);
-        Ok(Self { keys, team: team.clone(), delegation, revoked: revoked.to_owned(), cards: Cards::default() })
-    }
-
-    pub(crate) fn keep(&self, path: &Path) -> anyhow::Result<()> {
-        let secret = self.keys.to_bytes();
-        let revoked = self.revoked.to_str().context("a folder has a name that is no text")?;
-        let fields = (&secret[..], self.team.to_bytes(), self.delegation.to_bytes(), revoked);
+    ) -> anyhow::Result<()> {
+        let secret = keys.to_bytes();
+        let revoked = revoked.to_str().context("a folder has a name that is no text")?;
+        let fields = (&secret[..], team.to_bytes(), delegation.to_bytes(), revoked);
         folder::write(path, &Zeroizing::new(postcard::to_stdvec(&fields)?))
     }
 
@@ -63,7 +60,8 @@ impl ProgramIdentity {
         let keys = SecretKeys::from_bytes(<&[u8; SECRET_LEN]>::try_from(&secret[..]).with_context(broken)?);
         let team = Team::from_bytes(&fields.1).with_context(broken)?;
         let delegation = Delegation::from_bytes(&fields.2).with_context(broken)?;
-        Ok(Self { keys, team, delegation, revoked: fields.3.into(), cards: Cards::default() })
+        let (path, revoked, cards) = (path.to_owned(), fields.3.into(), Cards::default());
+        Ok(Self { path, keys, team, delegation, revoked, cards })
     }
 
     /// Returns who is revoked, as the node has written it down last. Somebody must not be trusted because that cannot be read.
@@ -80,7 +78,9 @@ impl Identity for ProgramIdentity {
     }
 
     fn credential(&self) -> Vec<u8> {
-        self.delegation.to_bytes()
+        // The one that it was started with is good for a while, if that cannot be read.
+        let newest = Self::open(&self.path).ok().filter(|newest| newest.delegation.key() == self.delegation.key());
+        newest.as_ref().unwrap_or(self).delegation.to_bytes()
     }
 
     fn judge(&self, key: &PublicKey, credential: &[u8]) -> Result<String, String> {

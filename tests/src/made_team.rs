@@ -42,15 +42,28 @@ impl MadeTeam {
     /// # Panics
     /// If `name` is none.
     pub fn certify(&self, name: &str, role: Role, keys: &SecretKeys) -> Credential {
-        let now = UnixTime(team::now().0 - 10);
+        let now = team::now();
+        self.certify_between(name, (role, keys), (UnixTime(now.0 - 10), now.plus(30 * DAY)))
+    }
+
+    /// Returns a certificate that begins and ends at these times, and can be renewed for a year.
+    ///
+    /// # Panics
+    /// If `name` is none, or the times are not in order.
+    pub fn certify_between(
+        &self,
+        name: &str,
+        (role, keys): (Role, &SecretKeys),
+        (not_before, not_after): (UnixTime, UnixTime),
+    ) -> Credential {
         let claims = Claims {
             team: self.team.id(),
             name: name.parse().expect("a name"),
             role,
             keys: *keys.public(),
-            not_before: now,
-            not_after: now.plus(30 * DAY),
-            renewable_until: now.plus(365 * DAY),
+            not_before,
+            not_after,
+            renewable_until: not_before.plus(365 * DAY),
             serial: [8; 16],
         };
         Credential::new(Certificate::issue(claims, &self.root).expect("good claims"), None)
@@ -76,7 +89,15 @@ impl MadeTeam {
     fn admit_at(&self, state: &Path, name: &str) {
         let own = keys();
         let credential = self.certify(name, Role::Member, &own);
+        self.begin(state, &own, &credential);
+    }
+
+    /// Makes a node of this host a member with these keys and this credential.
+    ///
+    /// # Panics
+    /// If the folder of its state cannot be made.
+    pub fn begin(&self, state: &Path, keys: &SecretKeys, credential: &Credential) {
         fs::create_dir_all(state).expect("a folder of ours");
-        Member::begin(state, &own, &self.team, &credential).expect("a folder of ours");
+        Member::begin(state, keys, &self.team, credential).expect("a folder of ours");
     }
 }

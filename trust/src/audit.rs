@@ -379,7 +379,8 @@ fn begin(line: &str) -> Option<(Log, Option<Position>)> {
 /// Returns the number of a record, its hash, and what is hashed.
 fn record(line: &str) -> Option<(u64, [u8; 32], &str)> {
     let (body, hash) = line.rsplit_once('\t').filter(|_| line.len() <= LINE_MAX)?;
-    let hash = <[u8; 32]>::try_from(decode(hash).ok()?).ok()?;
+    // Letters that look alike are read alike: a record has one form all the same.
+    let hash = <[u8; 32]>::try_from(decode(hash).ok()?).ok().filter(|read| encode(read) == hash)?;
     let fields: Vec<&str> = body.split('\t').collect();
     let &[number, at, decision, _, _, _, _] = fields.as_slice() else { return None };
     at.parse::<u64>().ok()?;

@@ -84,6 +84,12 @@ impl Bundle {
         self.revoked.as_ref()
     }
 
+    /// Returns the same, to judge by.
+    #[must_use]
+    pub fn revocations(&self) -> Revocations {
+        self.revoked.clone().map(Revocations::of_checked).unwrap_or_default()
+    }
+
     /// Adds a certificate, in place of an older one for the same keys.
     ///
     /// # Errors
@@ -105,7 +111,7 @@ impl Bundle {
     /// Returns every holder of a certificate, and who is trusted at a time.
     #[must_use]
     pub fn holders(&self, now: UnixTime) -> Vec<Holder<'_>> {
-        let revoked = self.revoked.clone().map(Revocations::of_checked).unwrap_or_default();
+        let revoked = self.revocations();
         let judge = Judge { team: &self.team, revoked: &revoked, now, grace: 0 };
         let standing = |certificate: &Certificate| self.credential(certificate).check(&judge);
         self.certificates.iter().map(|certificate| Holder { certificate, standing: standing(certificate) }).collect()

@@ -234,14 +234,18 @@ impl Credential {
     pub fn check(&self, judge: &Judge<'_>) -> Result<Standing, TrustError> {
         self.chain.check(judge)?;
         let claims = self.certificate().claims();
-        let end = match &self.renewal {
+        let grace = if self.certificate().kind() == Kind::Node { judge.grace } else { 0 };
+        let renewed = self.renewal.as_ref().map(|(renewal, renewer)| self.renewed(renewal, renewer, judge));
+        let end = match renewed {
             None => claims.not_after,
-            Some((renewal, renewer)) => self.renewed(renewal, renewer, judge)?.max(claims.not_after),
+            Some(Ok(end)) => end.max(claims.not_after),
+            // Who has renewed it may be revoked since: it is valid as if nobody had.
+            Some(Err(_)) if judge.now <= claims.not_after.plus(SKEW).plus(grace) => claims.not_after,
+            Some(Err(why)) => return Err(why),
         };
         if judge.now.plus(SKEW) < claims.not_before {
             return Err(TrustError::NotYet(claims.name.clone()));
         }
-        let grace = if self.certificate().kind() == Kind::Node { judge.grace } else { 0 };
         if judge.now <= end.plus(SKEW) {
             Ok(Standing::Valid(end))
         } else if judge.now <= end.plus(SKEW).plus(grace) {

@@ -37,6 +37,9 @@ pub(super) struct InviteArgs {
     /// The name of the robot, as `dca-node --name` has it there
     #[arg(value_parser = HostName::parse)]
     name: HostName,
+    /// It may renew the certificates of other nodes, so that the team goes on while this machine is off
+    #[arg(long)]
+    renewer: bool,
     /// For how many minutes the invitation is good, and this command waits
     #[arg(long, value_name = "MINUTES", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..=24 * 60))]
     minutes: u64,
@@ -68,6 +71,10 @@ impl InviteArgs {
         block_on(self.wait(&name, keyring, bundle, root))
     }
 
+    const fn role(&self) -> Role {
+        if self.renewer { Role::Renewer } else { Role::Member }
+    }
+
     async fn wait(&self, name: &Name, keyring: Keyring, bundle: Bundle, root: SecretKeys) -> Result<(), Failure> {
         let listeners = self.listen().await?;
         let addresses = listeners.iter().map(TcpListener::local_addr).collect::<Result<Vec<_>, _>>()?;
@@ -76,7 +83,7 @@ impl InviteArgs {
         let team = bundle.team().clone();
         let invite = Invite { team: team.id(), secret, expires, addresses: addresses.clone() };
         let mut inviter = Inviter::new(team.clone(), root, None);
-        inviter.open(invite.hash(), OpenInvite { expires, role: Role::Member, name: Some(name.clone()) }, now())?;
+        inviter.open(invite.hash(), OpenInvite { expires, role: self.role(), name: Some(name.clone()) }, now())?;
         console::say(&format!("dca team join {}", *invite.to_line()));
         console::note(&waits(&addresses, expires));
         let (of_team, robot) = (team.name().clone(), name.clone());

@@ -92,7 +92,7 @@ pub(super) fn revoke(bundle: &mut Bundle, name: &Name, root: &SecretKeys, now: U
 }
 
 /// Does something with the node of this machine, of which it gets the name; nothing if none runs.
-fn with_node<T>(
+pub(super) fn with_node<T>(
     keys: &KeysArgs,
     work: impl AsyncFnOnce(&Client, &str) -> Result<T, Failure>,
 ) -> Result<Option<T>, Failure> {

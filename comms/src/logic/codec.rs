@@ -91,6 +91,10 @@ pub enum Kind {
     Namesake = 106,
     /// What a node says to another one whose message it has refused.
     Refusal = 107,
+    /// Where the audit log of a node has come to, signed.
+    AuditHead = 108,
+    /// The certificate of a node that is to be renewed, or was.
+    Renewing = 109,
 }
 
 impl Kind {

@@ -8,6 +8,10 @@
 //! dca/n/<host>/pong                  answers to it
 //! dca/n/<host>/namesake              what nodes of one name say to each other
 //! dca/n/<host>/revoked               a node has heard of keys that its team has revoked
+//! dca/n/<host>/audit                 where the audit log of a node has come to
+//! dca/n/<host>/countersigned         the same, signed by others
+//! dca/n/<host>/renew                 a node wants its certificate renewed
+//! dca/n/<host>/renewed               its certificate, renewed by others
 //! dca/n/<host>/refused               others have refused what a node has said
 //! dca/live/<host>/<boot>             a node is up
 //! dca/d/<deployment>/<epoch>/w/<wire>  samples of one wire
@@ -139,6 +143,36 @@ pub fn revoked(host: &str) -> String {
 /// Returns the key on which a node hears that others have refused what it has said.
 pub fn refused(host: &str) -> String {
     format!("dca/n/{}/refused", escape(host))
+}
+
+/// Returns the key on which a node tells the others of its team where its audit log has come to.
+pub fn audit(host: &str) -> String {
+    format!("dca/n/{}/audit", escape(host))
+}
+
+/// Returns the expression of all keys on which nodes tell the others where their audit logs have come to.
+pub fn audit_any() -> String {
+    "dca/n/*/audit".to_owned()
+}
+
+/// Returns the key on which a node gets back what others have signed of its audit log.
+pub fn countersigned(host: &str) -> String {
+    format!("dca/n/{}/countersigned", escape(host))
+}
+
+/// Returns the key on which a node asks the others of its team to renew its certificate.
+pub fn renew(host: &str) -> String {
+    format!("dca/n/{}/renew", escape(host))
+}
+
+/// Returns the expression of all keys on which nodes ask for that.
+pub fn renew_any() -> String {
+    "dca/n/*/renew".to_owned()
+}
+
+/// Returns the key on which a node gets its certificate back, renewed.
+pub fn renewed(host: &str) -> String {
+    format!("dca/n/{}/renewed", escape(host))
 }
 
 /// Returns the expression of all keys on which nodes tell the others who is revoked.

@@ -3,6 +3,7 @@
 use crate::io::authors::Authors;
 use crate::io::calendar;
 use crate::io::caller::{Answers, Caller, answers};
+use crate::io::{heads, renewal};
 use crate::logic::agent::Input;
 use crate::logic::link::Frame;
 use crate::logic::protocol::{Answer, Body, Namesake, Ping, Pong, Request, SILENCE_MAX, TeamOfNode};
@@ -18,6 +19,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use team::member::Member;
+use tokio::sync::broadcast;
 use tokio::sync::mpsc::Sender;
 use tokio::task::JoinSet;
 use trust::revocation::RevokedSet;
@@ -61,6 +63,8 @@ struct Own {
     rounds: Mutex<VecDeque<(u64, Time)>>,
     /// In how many rounds it still shows who it is.
     shows: AtomicU64,
+    /// Says that somebody has come.
+    appeared: broadcast::Sender<()>,
 }
 
 /// An event of the session.
@@ -107,13 +111,17 @@ impl Peers {
         tasks.spawn(hear_refusals(refused, authors.clone()));
         let host = host.as_str().to_owned();
         let (holders, rounds, shows) = (Mutex::default(), Mutex::default(), AtomicU64::new(SHOWN_ROUNDS[0]));
-        let own = Arc::new(Own { host, boot, started, place: place(), holders, rounds, shows });
+        let (place, appeared) = (place(), broadcast::Sender::new(1));
+        let own = Arc::new(Own { host, boot, started, place, holders, rounds, shows, appeared });
         tasks.spawn(hear_presence(presence, Arc::clone(&own), sink.clone()));
         let speaking = || (Arc::clone(&session), Arc::clone(&own), authors.clone());
         tasks.spawn(answer_pings(pings, speaking(), sink.clone()));
         tasks.spawn(hear_pongs(pongs, speaking(), sink.clone()));
         let revoked = session.subscribe(&key::revoked_any(), Policy::reject(REVOKED_MAX))?;
         if let Some(member) = &member {
+            let speaker = || (Arc::clone(member), Arc::clone(&session), authors.clone(), own.host.clone());
+            heads::spawn(speaker(), own.appeared.subscribe(), tasks)?;
+            renewal::spawn(speaker(), own.appeared.subscribe(), tasks)?;
             tasks.spawn(spread_revocations(Arc::clone(member), revoked, Arc::clone(&session), Arc::clone(&own)));
         }
         tasks.spawn(hear_calls(calls, Arc::clone(&session), member, sink));
@@ -329,6 +337,7 @@ async fn hear_presence(mut watch: Watch, own: Arc<Own>, sink: Sender<Arrival>) {
         if appeared {
             // It has not met this node yet.
             own.shows.store(SHOWN_ROUNDS[0], Ordering::Relaxed);
+            drop(own.appeared.send(()));
         }
         let input = if appeared { Input::Appeared { host, boot } } else { Input::Vanished { host, boot } };
         if sink.send(Arrival::Input(input)).await.is_err() {
@@ -384,6 +393,10 @@ async fn hear_calls(mut calls: Server, session: Arc<Session>, member: Option<Arc
         match codec::decode::<Request>(request.payload()) {
             Ok(Request::Clock) => at_once(request, &Answer::Clock(calendar::read())).await,
             Ok(Request::Team) => at_once(request, &Answer::Team(member.as_deref().map(team))).await,
+            Ok(Request::Credentials) => {
+                let known = member.as_ref().map_or_else(Vec::new, |member| member.known_credentials());
+                at_once(request, &Answer::Credentials(known)).await;
+            }
             Ok(Request::Unlinked) => at_once(request, &Answer::Unlinked(session.unlinked())).await,
             Ok(Request::Revoke { set }) => at_once(request, &revoke(member.as_deref(), &set)).await,
             Ok(asked) => {

@@ -37,7 +37,7 @@ use language::plan::{MemberKind, Plan};
 pub use message::{Body, Message};
 pub use names::{DeviceName, Names, PortName};
 pub use parameters::{InstanceParameters, ParameterStatus};
-pub use presence::{Duplicate, Namesake, Ping, Pong, Refusal};
+pub use presence::{AuditHead, Duplicate, Namesake, Ping, Pong, Refusal, Renewing};
 pub use relay::{Relay, Relayed};
 pub use report::{Change, Report, SetsSwitched};
 use serde::{Deserialize, Serialize};
@@ -224,6 +224,8 @@ pub enum Request {
     ReleaseEstop,
     /// Keeps a tombstone for a home that the node does not reach, until that has heard of it. Answered by [`StopReply`].
     StopAway(Box<Tombstone>),
+    /// Answered by [`Answer::Credentials`], at once.
+    Credentials,
 }
 
 /// A request to switch connection sets.
@@ -295,6 +297,8 @@ pub enum Answer {
         /// Whether everything was stopped.
         was_stopped: bool,
     },
+    /// To `Credentials`: what nodes of the team have shown last, that of the node itself first; none if it is in no team.
+    Credentials(Vec<Vec<u8>>),
 }
 
 impl Enveloped for Request {

@@ -3,8 +3,10 @@
 mod audit;
 mod bundle;
 mod forms;
+mod heads;
 mod invite;
 mod policy;
+mod renewal;
 mod request;
 mod revocation;
 mod seal;

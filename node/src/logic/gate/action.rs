@@ -34,6 +34,7 @@ pub fn action(request: &Request) -> Option<Action> {
         | Request::Locations { .. }
         | Request::Clock
         | Request::Team
+        | Request::Credentials
         | Request::Duplicates
         // A signature around a signature is nothing that anybody asks for.
         | Request::Signed(_) => None,

@@ -31,6 +31,7 @@ pub fn outcome(answer: &Answer) -> Option<Outcome> {
         | Answer::Revoked { .. }
         | Answer::Clock(_)
         | Answer::Team(_)
+        | Answer::Credentials(_)
         | Answer::Duplicates(_) => None,
     }
 }

@@ -59,6 +59,24 @@ pub struct Refusal {
     pub why: String,
 }
 
+/// Where the audit log of a node has come to: signed by itself for others, or by another one for it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct AuditHead {
+    /// Name of the node that says it.
+    pub from: String,
+    /// The form of a [`trust::audit::Head`].
+    pub head: Vec<u8>,
+}
+
+/// The certificate of a node: it asks the others to renew it, or one of them has.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Renewing {
+    /// Name of the node that says it.
+    pub from: String,
+    /// The form of a [`trust::team::Credential`].
+    pub credential: Vec<u8>,
+}
+
 /// A name that two nodes have.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Duplicate {
@@ -78,6 +96,18 @@ impl Enveloped for Namesake {
 
 impl Enveloped for Refusal {
     const KIND: Kind = Kind::Refusal;
+    const VERSION: u16 = 1;
+    const SIZE_MAX: usize = 4 << 10;
+}
+
+impl Enveloped for AuditHead {
+    const KIND: Kind = Kind::AuditHead;
+    const VERSION: u16 = 1;
+    const SIZE_MAX: usize = 4 << 10;
+}
+
+impl Enveloped for Renewing {
+    const KIND: Kind = Kind::Renewing;
     const VERSION: u16 = 1;
     const SIZE_MAX: usize = 4 << 10;
 }

@@ -1,0 +1,169 @@
+//! Members sign where the audit logs of others have come to. A node tells all others of its team where its own log is, each of them
+//! signs that, keeps it, and gives it back. `team::member::heads` has what is signed, and when it is not.
+//!
+//! ```text
+//! r1 ──AuditHead, signed by r1──▶ r2: compares it with what it has signed before, signs it, keeps it
+//!    ◀─AuditHead, signed by r2───
+//! ```
+
+use super::authors::Authors;
+use crate::logic::protocol::AuditHead;
+use anyhow::Context as _;
+use comms::io::clock;
+use comms::io::session::{Session, Subscription};
+use comms::logic::port::Policy;
+use comms::logic::time::Time;
+use comms::logic::{codec, key};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+use team::audit::AuditEntry;
+use team::member::Member;
+use tokio::sync::broadcast::error::RecvError::Lagged;
+use tokio::sync::{broadcast, watch};
+use tokio::task::JoinSet;
+use trust::audit::{Decision, Head, Position};
+use trust::name::Name;
+
+/// How long after a record its place is told, unless it was told less than [`TELL_EVERY`] ago.
+const TELL_AFTER: Duration = Duration::from_secs(1);
+/// How often a log that goes on is told.
+const TELL_EVERY: Duration = Duration::from_secs(60);
+/// How many words of others wait; they say them again.
+const HEADS_MAX: usize = 64;
+/// Of how many nodes it is remembered what was wrong with their logs.
+const WRONG_MAX: usize = 1024;
+
+/// What this task works with.
+struct Countersigning {
+    member: Arc<Member>,
+    session: Arc<Session>,
+    authors: Authors,
+    host: String,
+    /// What was wrong with the log of a node, so that it is written down once.
+    wrong: BTreeMap<String, String>,
+}
+
+/// Begins to tell where the log of this node is, when it has grown or `appeared` says that somebody has come, and to sign for others.
+///
+/// # Errors
+/// The session is closed.
+pub(super) fn spawn(
+    (member, session, authors, host): (Arc<Member>, Arc<Session>, Authors, String),
+    appeared: broadcast::Receiver<()>,
+    tasks: &mut JoinSet<()>,
+) -> anyhow::Result<()> {
+    let policy = || Policy::reject(HEADS_MAX);
+    let others = session.subscribe(&key::audit_any(), policy())?;
+    let signed = session.subscribe(&key::countersigned(&host), policy())?;
+    let signing = Countersigning { member, session, authors, host, wrong: BTreeMap::new() };
+    tasks.spawn(signing.run([others, signed], appeared));
+    Ok(())
+}
+
+impl Countersigning {
+    async fn run(mut self, [mut others, mut signed]: [Subscription; 2], mut appeared: broadcast::Receiver<()>) {
+        let mut position = self.member.audit_position();
+        let (mut told_at, mut due): (Option<Time>, Option<Time>) = (None, Some(clock::now() + TELL_AFTER));
+        loop {
+            tokio::select! {
+                told = others.next_signed() => match told {
+                    Some((key, bytes, author)) => {
+                        let Ok(AuditHead { from, head }) = codec::decode(&bytes) else { continue };
+                        if from != self.host && key == key::audit(&from) && self.authors.admits(&author, &from) {
+                            self.countersign(from, head).await;
+                        }
+                    }
+                    None => return,
+                },
+                told = signed.next_signed() => match told {
+                    Some((_, bytes, author)) => {
+                        let Ok(AuditHead { from, head }) = codec::decode(&bytes) else { continue };
+                        if self.authors.admits(&author, &from) {
+                            self.keep(&from, head).await;
+                        }
+                    }
+                    None => return,
+                },
+                () = changed(&mut position) => {
+                    let soon = clock::now() + TELL_AFTER;
+                    due = due.or(Some(told_at.map_or(soon, |at| soon.max(at + TELL_EVERY))));
+                }
+                // One that it has missed is one that has come, too.
+                Ok(()) | Err(Lagged(_)) = appeared.recv() => due = Some(clock::now() + TELL_AFTER),
+                () = super::driver::until(due) => {
+                    (due, told_at) = (None, Some(clock::now()));
+                    let last = position.as_ref().and_then(|position| *position.borrow());
+                    last.into_iter().for_each(|last| self.tell(last));
+                }
+            }
+        }
+    }
+
+    fn tell(&self, position: Position) {
+        let head = self.member.sign_position(position).to_bytes();
+        self.put(&key::audit(&self.host), head);
+    }
+
+    fn put(&self, key: &str, head: Vec<u8>) {
+        let sent = codec::encode(&AuditHead { from: self.host.clone(), head }).map_err(anyhow::Error::from);
+        if let Err(error) = sent.and_then(|bytes| Ok(self.session.put_shown(key, bytes)?)) {
+            tracing::debug!(error = format!("{error:#}"), "where an audit log has come to was not told");
+        }
+    }
+
+    /// Signs where the log of another node has come to, unless this node has signed something else. That is written down.
+    async fn countersign(&mut self, from: String, head: Vec<u8>) {
+        let member = Arc::clone(&self.member);
+        let signed = blocking(move || {
+            let head = Head::from_bytes(&head).context("it is no head of an audit log")?;
+            member.countersign(&head)
+        });
+        match signed.await {
+            Ok(head) => {
+                self.wrong.remove(&from);
+                self.put(&key::countersigned(&from), head.to_bytes());
+            }
+            Err(error) => {
+                let why = format!("{error:#}");
+                if self.wrong.get(&from) == Some(&why) || self.wrong.len() >= WRONG_MAX {
+                    return;
+                }
+                tracing::error!(host = from, why, "the audit log of a node is not signed");
+                let what = format!("sign the audit log of `{from}`");
+                let entry = AuditEntry { decision: Decision::Refused, who: from.clone(), what, reason: why.clone() };
+                self.member.record(entry);
+                self.wrong.insert(from, why);
+            }
+        }
+    }
+
+    async fn keep(&self, from: &str, head: Vec<u8>) {
+        let (member, name) = (Arc::clone(&self.member), from.parse::<Name>());
+        let kept = blocking(move || {
+            let head = Head::from_bytes(&head).context("it is no head of an audit log")?;
+            member.keep_head(head, &name.context("its name is none")?)
+        });
+        if let Err(error) = kept.await {
+            tracing::warn!(host = from, error = format!("{error:#}"), "a signed head of the audit log is not kept");
+        }
+    }
+}
+
+async fn blocking<T: Send + 'static>(work: impl FnOnce() -> anyhow::Result<T> + Send + 'static) -> anyhow::Result<T> {
+    tokio::task::spawn_blocking(work).await?
+}
+
+/// Waits until the log has grown; for ever where there is none.
+///
+/// # Cancellation
+/// Safe.
+async fn changed(position: &mut Option<watch::Receiver<Option<Position>>>) {
+    let is_there = match position {
+        Some(position) => position.changed().await.is_ok(),
+        None => false,
+    };
+    if !is_there {
+        std::future::pending::<()>().await;
+    }
+}

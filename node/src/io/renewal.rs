@@ -1,0 +1,130 @@
+//! Nodes of a team renew each other's certificates, as `team::member::renewal` and `trust::renewal` decide.
+//!
+//! ```text
+//! r1 ──Renewing, with r1's credential, when a third of its life is left──▶ every node that hears it
+//!    ◀─Renewing, with the renewed credential── those whose role lets them
+//! ```
+
+use super::authors::Authors;
+use crate::logic::protocol::Renewing;
+use comms::io::clock;
+use comms::io::session::{Session, Subscription};
+use comms::logic::port::Policy;
+use comms::logic::time::Time;
+use comms::logic::{codec, key};
+use std::sync::Arc;
+use std::time::Duration;
+use team::member::Member;
+use tokio::sync::broadcast;
+use tokio::sync::broadcast::error::RecvError::Lagged;
+use tokio::task::JoinSet;
+
+/// How often a node asks that nobody has renewed yet.
+const ASK_EVERY: Duration = Duration::from_secs(60);
+/// How long it waits at most before it looks at the calendar again, which may be set meanwhile.
+const LOOK_EVERY: Duration = Duration::from_secs(3600);
+/// How soon after somebody has come it asks.
+const ASK_AFTER: Duration = Duration::from_secs(1);
+/// How many words of others wait; they say them again.
+const WAITING_MAX: usize = 64;
+
+/// What this task works with.
+struct Renewals {
+    member: Arc<Member>,
+    session: Arc<Session>,
+    authors: Authors,
+    host: String,
+}
+
+/// Begins to ask others to renew this node when that is due, also when `appeared` says that somebody has come, and to renew others.
+///
+/// # Errors
+/// The session is closed.
+pub(super) fn spawn(
+    (member, session, authors, host): (Arc<Member>, Arc<Session>, Authors, String),
+    appeared: broadcast::Receiver<()>,
+    tasks: &mut JoinSet<()>,
+) -> anyhow::Result<()> {
+    let policy = || Policy::reject(WAITING_MAX);
+    let wanted = session.subscribe(&key::renew_any(), policy())?;
+    let renewed = session.subscribe(&key::renewed(&host), policy())?;
+    tasks.spawn(Renewals { member, session, authors, host }.run([wanted, renewed], appeared));
+    Ok(())
+}
+
+impl Renewals {
+    async fn run(self, [mut wanted, mut renewed]: [Subscription; 2], mut appeared: broadcast::Receiver<()>) {
+        let mut next = self.next();
+        loop {
+            tokio::select! {
+                told = wanted.next_signed() => match told {
+                    Some((key, bytes, author)) => {
+                        let Ok(Renewing { from, credential }) = codec::decode(&bytes) else { continue };
+                        let is_other = from != self.host && key == key::renew(&from);
+                        if is_other && self.member.may_renew() && self.authors.admits(&author, &from) {
+                            self.renew(&from, &credential);
+                        }
+                    }
+                    None => return,
+                },
+                told = renewed.next_signed() => match told {
+                    Some((_, bytes, author)) => {
+                        let Ok(Renewing { from, credential }) = codec::decode(&bytes) else { continue };
+                        if self.authors.admits(&author, &from) {
+                            self.take(from, credential).await;
+                            next = self.next();
+                        }
+                    }
+                    None => return,
+                },
+                Ok(()) | Err(Lagged(_)) = appeared.recv() => {
+                    let soon = clock::now() + ASK_AFTER;
+                    next = if self.is_due() { next.min(soon) } else { next };
+                }
+                () = clock::sleep_until(next) => {
+                    if self.is_due() {
+                        tracing::debug!("this node's certificate is to be renewed");
+                        self.put(&key::renew(&self.host), self.member.shown());
+                        next = clock::now() + ASK_EVERY;
+                    } else {
+                        next = self.next();
+                    }
+                }
+            }
+        }
+    }
+
+    fn is_due(&self) -> bool {
+        self.member.validity().1.is_some_and(|due| team::now() >= due)
+    }
+
+    /// Returns when to look next.
+    fn next(&self) -> Time {
+        let left = self.member.validity().1.map_or(LOOK_EVERY, |due| Duration::from_secs(due.since(team::now())));
+        clock::now() + left.min(LOOK_EVERY)
+    }
+
+    fn renew(&self, from: &str, credential: &[u8]) {
+        match self.member.renew(credential) {
+            Ok(credential) => self.put(&key::renewed(from), credential),
+            Err(error) => tracing::debug!(host = from, error = format!("{error:#}"), "a certificate is not renewed"),
+        }
+    }
+
+    async fn take(&self, from: String, credential: Vec<u8>) {
+        let (member, by) = (Arc::clone(&self.member), from.clone());
+        let taken = tokio::task::spawn_blocking(move || member.take_renewal(&credential, &by)).await;
+        match taken.map_err(anyhow::Error::from).flatten() {
+            Ok(true) => tracing::info!(by = from, until = self.member.validity().0.0, "the certificate was renewed"),
+            Ok(false) => {}
+            Err(error) => tracing::debug!(by = from, error = format!("{error:#}"), "a renewal is not taken"),
+        }
+    }
+
+    fn put(&self, key: &str, credential: Vec<u8>) {
+        let sent = codec::encode(&Renewing { from: self.host.clone(), credential }).map_err(anyhow::Error::from);
+        if let Err(error) = sent.and_then(|bytes| Ok(self.session.put_shown(key, bytes)?)) {
+            tracing::debug!(error = format!("{error:#}"), "a word about a certificate was not said");
+        }
+    }
+}

@@ -1,0 +1,72 @@
+//! The signed heads of audit logs that a node keeps: of the logs of others, signed by itself, and of its own, signed by others.
+
+use super::{HEADS, Member};
+use crate::audit::Audit;
+use crate::folder;
+use anyhow::ensure;
+use std::path::Path;
+use std::sync::PoisonError;
+use tokio::sync::watch;
+use trust::audit::{Head, Position};
+use trust::heads::{Heads, TEXT_MAX};
+use trust::name::Name;
+
+/// Returns the signed heads of audit logs that were kept. Without them nothing is taken for what it is not: others have theirs.
+pub(super) fn open(folder: &Path) -> Heads {
+    let path = folder.join(HEADS);
+    let read = folder::read(&path, TEXT_MAX).and_then(|bytes| {
+        let text = String::from_utf8(bytes.map_or_else(Vec::new, |bytes| bytes.to_vec()))?;
+        Ok(Heads::from_text(&text)?)
+    });
+    read.unwrap_or_else(|error| {
+        tracing::error!(
+            error = format!("{error:#}"),
+            "the signed heads of audit logs cannot be read; new ones are signed"
+        );
+        Heads::default()
+    })
+}
+
+impl Member {
+    /// Tells where the audit log of this node has come to; nothing where there is no log.
+    pub fn audit_position(&self) -> Option<watch::Receiver<Option<Position>>> {
+        self.audit.as_ref().map(Audit::position)
+    }
+
+    /// Signs where the audit log of this node has come to, for others to countersign.
+    pub fn sign_position(&self, position: Position) -> Head {
+        Head::sign(position, crate::now(), &self.keys)
+    }
+
+    /// Signs where the audit log of another node has come to, as that node itself has signed. Blocks.
+    ///
+    /// # Errors
+    /// The log was cut off or rewritten since this node has signed it last, it is not that node's own, or the disk refuses.
+    pub fn countersign(&self, head: &Head) -> anyhow::Result<Head> {
+        ensure!(head.position().log == head.by(), "somebody else has signed where its log has come to");
+        let mut heads = self.heads.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut with = heads.clone();
+        let (head, is_new) = with.countersign(head.position(), crate::now(), (self.name(), &self.keys))?;
+        if is_new {
+            // On the disk first: what was signed is not signed in another way after a restart.
+            folder::write(&self.folder.join(HEADS), with.to_text().as_bytes())?;
+            *heads = with;
+        }
+        Ok(head)
+    }
+
+    /// Keeps what another node has signed of this one's audit log. Blocks.
+    ///
+    /// # Errors
+    /// It is of another log, there is no room, or the disk refuses.
+    pub fn keep_head(&self, head: Head, name: &Name) -> anyhow::Result<()> {
+        ensure!(head.position().log == self.id() && head.by() != self.id(), "it is the head of another log");
+        let mut heads = self.heads.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut with = heads.clone();
+        if with.keep(head, name)? {
+            folder::write(&self.folder.join(HEADS), with.to_text().as_bytes())?;
+            *heads = with;
+        }
+        Ok(())
+    }
+}

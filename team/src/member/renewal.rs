@@ -1,0 +1,106 @@
+//! Certificates that members renew for each other: this node's by others, and those of others by this node, if its role allows it.
+
+use super::{CREDENTIAL, Member};
+use crate::audit::AuditEntry;
+use crate::folder;
+use crate::program::ProgramIdentity;
+use anyhow::Context as _;
+use std::path::{Path, PathBuf};
+use std::sync::{MutexGuard, PoisonError};
+use trust::audit::Decision;
+use trust::identity::SecretKeys;
+use trust::name::UnixTime;
+use trust::renewal;
+use trust::role::Action;
+use trust::team::Credential;
+
+/// The identity of the programs of this node: their keys, and the file that they read.
+pub(super) type Vouched = (SecretKeys, PathBuf);
+
+impl Member {
+    /// Makes an identity for the programs of this node, and writes it to a file that they are told of. It is written anew when this
+    /// node's own certificate is renewed.
+    ///
+    /// # Errors
+    /// The disk refuses, or the system has no random bytes.
+    pub fn vouch(&self, path: &Path) -> anyhow::Result<()> {
+        let keys = SecretKeys::generate(&mut crate::random()?);
+        self.vouch_for(&keys, path)?;
+        *self.vouched.lock().unwrap_or_else(PoisonError::into_inner) = Some((keys, path.to_owned()));
+        Ok(())
+    }
+
+    fn vouch_for(&self, keys: &SecretKeys, path: &Path) -> anyhow::Result<()> {
+        let delegation = trust::delegation::Delegation::sign(
+            *keys.public().signing(),
+            crate::now(),
+            &self.keys,
+            self.newest().clone(),
+        );
+        ProgramIdentity::keep(path, keys, (&self.team, &delegation), &self.folder.join(super::REVOKED))
+    }
+
+    /// Returns its credential, with the newest renewal.
+    pub(super) fn newest(&self) -> MutexGuard<'_, Credential> {
+        // It is exchanged as a whole.
+        self.newest.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Returns until when this node is valid, without the grace, and from when on others are to be asked to renew that; nothing if it
+    /// cannot be renewed any more.
+    pub fn validity(&self) -> (UnixTime, Option<UnixTime>) {
+        let credential = self.newest().clone();
+        self.with_judge(|judge| (renewal::end(&credential, judge), renewal::due(&credential, judge)))
+    }
+
+    /// Returns whether its role lets it renew others.
+    pub fn may_renew(&self) -> bool {
+        self.credential.certificate().claims().role.may(Action::Renew)
+    }
+
+    /// Renews the certificate of another node; returns the form of its credential.
+    ///
+    /// # Errors
+    /// This node may not, or that one is not trusted or is valid for long enough.
+    pub fn renew(&self, credential: &[u8]) -> anyhow::Result<Vec<u8>> {
+        let asker = Credential::from_bytes(credential).context("it shows no credential")?;
+        let own = self.newest().clone();
+        let renewed = self.with_judge(|judge| renewal::renew(&asker, (&self.keys, &own), judge))?;
+        self.note_renewal("a node", &renewed);
+        Ok(renewed.to_bytes())
+    }
+
+    /// Takes in what another node has renewed for this one. Says whether it is valid for longer now. Blocks.
+    ///
+    /// # Errors
+    /// It is no better than what there is, or the disk refuses.
+    pub fn take_renewal(&self, offered: &[u8], by: &str) -> anyhow::Result<bool> {
+        let offered = Credential::from_bytes(offered).context("it is no credential")?;
+        let own = self.newest().clone();
+        if own == offered {
+            return Ok(false);
+        }
+        self.with_judge(|judge| renewal::accept(&own, &offered, judge))?;
+        folder::write(&self.folder.join(CREDENTIAL), &offered.to_bytes())?;
+        *self.newest() = offered.clone();
+        self.note_renewal(by, &offered);
+        // What their programs show to others has this node's credential in it.
+        let vouched = self.vouched.lock().unwrap_or_else(PoisonError::into_inner);
+        vouched.as_ref().map_or(Ok(()), |(keys, path)| self.vouch_for(keys, path))?;
+        Ok(true)
+    }
+
+    fn note_renewal(&self, by: &str, credential: &Credential) {
+        let name = &credential.certificate().claims().name;
+        let until = self.with_judge(|judge| renewal::end(credential, judge));
+        let what = format!("renew the certificate of `{name}` until {}", until.0);
+        let (who, reason) = (by.to_owned(), String::new());
+        self.record(AuditEntry { decision: Decision::Done, who, what, reason });
+    }
+
+    /// Returns the forms of the newest credentials that are known: its own, and those that others have shown.
+    pub fn known_credentials(&self) -> Vec<Vec<u8>> {
+        let own = self.newest().to_bytes();
+        std::iter::once(own).chain(self.cards.all().iter().map(Credential::to_bytes)).collect()
+    }
+}

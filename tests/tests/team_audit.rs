@@ -1,0 +1,118 @@
+//! Audit logs of two nodes of a team: each signs where the other's has come to, so a log that is cut off or written anew is found out.
+
+use dca_tests::cluster::{Cluster, Ended, Host, Network, Program, SOON, wait_until};
+use dca_tests::made_team::MadeTeam;
+use rustix::process::Signal;
+use std::fs;
+use std::path::PathBuf;
+use trust::audit::{Decision, Entry, Log};
+use trust::name::UnixTime;
+
+/// How many records the log has before it is signed.
+const RECORDS: usize = 5;
+
+/// Two robots of a team that see each other.
+struct Robots {
+    nodes: [Option<Program>; 2],
+    cluster: Cluster,
+    network: Network,
+}
+
+impl Robots {
+    fn new() -> Option<Self> {
+        let (cluster, network) = (Cluster::new(), Network::new(2)?);
+        let team = MadeTeam::default();
+        let mut robots = Self { nodes: [None, None], cluster, network };
+        for number in [1, 2] {
+            team.admit(&robots.host(number), &name(number));
+            robots.start(number);
+        }
+        Some(robots)
+    }
+
+    fn host(&self, number: usize) -> Host {
+        self.cluster.host(&self.network, number)
+    }
+
+    fn start(&mut self, number: usize) {
+        self.nodes[number - 1] = Some(self.host(number).node(&name(number), &[]));
+    }
+
+    fn stop(&mut self, number: usize) {
+        let Some(node) = self.nodes[number - 1].take() else { return };
+        node.signal(Signal::TERM);
+        let ended = node.ended(SOON);
+        assert_eq!(ended.code, Some(0), "{ended}");
+    }
+
+    fn file(&self, number: usize, file: &str) -> PathBuf {
+        self.host(number).state().join(name(number)).join("team").join(file)
+    }
+
+    fn log(&self, number: usize) -> String {
+        fs::read_to_string(self.file(number, "audit")).unwrap_or_default()
+    }
+
+    /// Verifies a text as the log of the first robot, with what the second one has signed.
+    fn verify(&self, text: &str) -> Ended {
+        let file = self.cluster.file("c1.audit", text);
+        let (heads, state) = (self.file(2, "heads").display().to_string(), self.cluster.folder().join("none"));
+        let arguments = ["audit", "--verify", &file, "--heads", &heads, "--state", &state.display().to_string()];
+        self.host(2).ask(&arguments)
+    }
+}
+
+fn name(number: usize) -> String {
+    format!("c{number}")
+}
+
+#[test]
+fn a_log_that_was_cut_or_written_anew_is_found_out() {
+    let Some(mut robots) = Robots::new() else { return };
+    let first = robots.host(1);
+    let see_each_other = || first.ask(&["nodes"]).out.lines().filter(|line| line.starts_with('c')).count() == 2;
+    assert!(wait_until(SOON, see_each_other).is_some(), "{}", first.ask(&["nodes"]));
+    // Whoever it is may stop everything: that is a record.
+    for _ in 0..RECORDS {
+        let stopped = first.ask(&["estop", "test"]);
+        assert_eq!(stopped.code, Some(0), "{stopped}");
+    }
+    assert!(wait_until(SOON, || robots.log(1).lines().count() > RECORDS).is_some(), "{}", robots.log(1));
+    // Who comes is told at once where it is.
+    robots.stop(2);
+    robots.start(2);
+    let state = first.state().display().to_string();
+    let shown = || first.ask(&["audit", "c1", "--state", &state]);
+    let signed = || shown().err.split_once("the last of record ")?.1.split_once(' ')?.0.parse::<usize>().ok();
+    assert!(wait_until(SOON, || signed() >= Some(RECORDS)).is_some(), "{}", shown());
+    let good = robots.log(1);
+    let fits = robots.verify(&good);
+    assert!(fits.code == Some(0) && fits.out.contains("by `c2`"), "{fits}");
+    // Cut off: it fits in itself, and not to what the other one has signed.
+    let cut: String = good.lines().take(1).map(|line| format!("{line}\n")).collect();
+    let refused = robots.verify(&cut);
+    assert!(refused.code == Some(1) && refused.err.contains("is not as it was written"), "{refused}");
+    assert!(refused.err.contains("ends with nothing, but"), "{refused}");
+    // Written anew, with as many records.
+    let (mut log, begin) = {
+        let mut verifier = trust::audit::Verifier::new(Vec::new()).expect("no heads");
+        good.lines().for_each(|line| verifier.line(line).expect("it is whole"));
+        let (team, node) = verifier.finish().expect("it is whole").of();
+        Log::begin(team, node, None)
+    };
+    let mut forged = begin + "\n";
+    for _ in good.lines().skip(1) {
+        let (at, decision, who, what) = (UnixTime(1), Decision::Done, "nobody", "nothing");
+        forged += &(log.add(&Entry { at, decision, who, what, request: [0; 16], reason: "" }) + "\n");
+    }
+    let refused = robots.verify(&forged);
+    assert!(refused.code == Some(1) && refused.err.contains("is not the one that"), "{refused}");
+    // The node goes on with a shorter one: the other one signs that no more, and writes it down.
+    robots.stop(1);
+    let short: String = forged.lines().take(2).map(|line| format!("{line}\n")).collect();
+    fs::write(robots.file(1, "audit"), short).expect("a file of ours");
+    robots.start(1);
+    let is_told = || robots.log(2).contains("\trefused\tc1\tsign the audit log of `c1`\t");
+    assert!(wait_until(SOON, is_told).is_some(), "{}", robots.log(2));
+    assert!(robots.verify(&good).code == Some(0), "what was signed stays");
+}

@@ -1,0 +1,140 @@
+//! The signed heads of audit logs that a member keeps: what it has signed of the logs of others, and what others have signed of its
+//! own.
+//!
+//! A member signs where the log of another one has come to, and never again an earlier place, nor another record of that number. So
+//! who cuts off or rewrites the end of a log has the word of others against it, which is on their disks. Of each log and signer some
+//! heads are kept, of all its time: a log that was rewritten and has grown since does not fit to the old ones.
+
+use crate::audit::{Head, Position};
+use crate::identity::{KeyId, SecretKeys};
+use crate::name::{Name, UnixTime};
+use std::collections::BTreeMap;
+use thiserror::Error;
+
+/// The most heads of one log by one signer. Of more, one goes that has another one near it in time.
+pub const HEADS_MAX: usize = 8;
+/// The most pairs of a log and a signer.
+pub const PAIRS_MAX: usize = 256;
+/// The most bytes of the text of all.
+pub const TEXT_MAX: usize = 1 << 20;
+
+/// Why a head is not signed, or not kept.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum HeadError {
+    /// The log was cut, or set back.
+    #[error("its log ends with record {found}, but record {signed} was signed: it was cut off, or set back")]
+    Cut {
+        /// The last record now.
+        found: u64,
+        /// The last one that was signed.
+        signed: u64,
+    },
+    /// The log was rewritten.
+    #[error("record {number} of its log is not the one that was signed")]
+    Rewritten {
+        /// The record.
+        number: u64,
+    },
+    /// There is no room.
+    #[error("no more than {PAIRS_MAX} pairs of a log and a signer are kept")]
+    Full,
+    /// A line of the text is no head.
+    #[error("line {line} is no signed head of an audit log")]
+    Line {
+        /// The line, from 1.
+        line: usize,
+    },
+}
+
+/// The heads that a member keeps.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Heads(BTreeMap<(KeyId, KeyId), Signed>);
+
+/// The heads of one log by one signer, in the order of their numbers.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Signed {
+    /// The signer, as it was called.
+    name: Name,
+    heads: Vec<Head>,
+}
+
+impl Heads {
+    /// Signs where the log of somebody else has come to, unless it was there before. Returns the head, and whether it is a new one.
+    ///
+    /// # Errors
+    /// This member has signed something else of that log, or there is no room.
+    pub fn countersign(
+        &mut self,
+        position: Position,
+        at: UnixTime,
+        (name, keys): (&Name, &SecretKeys),
+    ) -> Result<(Head, bool), HeadError> {
+        let pair = (position.log, keys.public().id());
+        if let Some(last) = self.0.get(&pair).and_then(|signed| signed.heads.last()) {
+            let Position { number, hash, .. } = last.position();
+            if position.number < number {
+                return Err(HeadError::Cut { found: position.number, signed: number });
+            }
+            if position.number == number {
+                let is_same = position.hash == hash;
+                return is_same.then(|| (last.clone(), false)).ok_or(HeadError::Rewritten { number });
+            }
+        }
+        let head = Head::sign(position, at, keys);
+        self.keep(head.clone(), name).map(|_is_new| (head, true))
+    }
+
+    /// Keeps a head that somebody has signed. Says whether it is new.
+    ///
+    /// # Errors
+    /// There is no room.
+    pub fn keep(&mut self, head: Head, name: &Name) -> Result<bool, HeadError> {
+        let (pair, number) = ((head.position().log, head.by()), head.position().number);
+        if self.0.len() >= PAIRS_MAX && !self.0.contains_key(&pair) {
+            return Err(HeadError::Full);
+        }
+        let signed = self.0.entry(pair).or_insert_with(|| Signed { name: name.clone(), heads: Vec::new() });
+        if signed.heads.last().is_some_and(|last| last.position().number >= number) {
+            return Ok(false);
+        }
+        name.clone_into(&mut signed.name);
+        signed.heads.push(head);
+        if signed.heads.len() > HEADS_MAX {
+            signed.heads.remove(crowded(&signed.heads));
+        }
+        Ok(true)
+    }
+
+    /// Returns the heads of a log, with the name of who has signed each.
+    pub fn of(&self, log: KeyId) -> impl Iterator<Item = (&Name, &Head)> {
+        let signed = self.0.iter().filter(move |((of, _), _)| *of == log);
+        signed.flat_map(|(_, signed)| signed.heads.iter().map(|head| (&signed.name, head)))
+    }
+
+    /// Returns them as text: a head and the name of its signer in each line.
+    pub fn to_text(&self) -> String {
+        let lines = self.0.values().flat_map(|signed| signed.heads.iter().map(|head| (&signed.name, head)));
+        lines.map(|(name, head)| format!("{} {name}\n", head.to_text())).collect()
+    }
+
+    /// Reads such a text, and checks the signatures: whether the signers are members is for the caller to know.
+    ///
+    /// # Errors
+    /// A line is no head, or there are too many.
+    pub fn from_text(text: &str) -> Result<Self, HeadError> {
+        let mut heads = Self::default();
+        for (index, line) in text.lines().enumerate() {
+            let (head, name) = line.split_once(' ').ok_or(HeadError::Line { line: index + 1 })?;
+            let read = Head::from_text(head).ok().zip(name.parse().ok());
+            let (head, name) = read.ok_or(HeadError::Line { line: index + 1 })?;
+            heads.keep(head, &name)?;
+        }
+        Ok(heads)
+    }
+}
+
+/// Returns the head that is missed least: the one with the least time between its neighbours. The first and the last stay.
+fn crowded(heads: &[Head]) -> usize {
+    let between = |place: &usize| heads[place + 1].at().since(heads[place - 1].at());
+    (1..heads.len() - 1).min_by_key(between).unwrap_or_default()
+}

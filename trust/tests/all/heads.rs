@@ -1,0 +1,106 @@
+//! Heads of audit logs that members sign for each other.
+
+use crate::world::{NOW, keys};
+use trust::audit::{AuditError, Decision, Entry, Head, Log, Verifier};
+use trust::heads::{HEADS_MAX, HeadError, Heads, PAIRS_MAX};
+use trust::identity::KeyId;
+use trust::name::Name;
+
+const TEAM: KeyId = KeyId([3; 32]);
+const NODE: KeyId = KeyId([4; 32]);
+
+fn name(text: &str) -> Name {
+    text.parse().expect("the input is good")
+}
+
+fn add(log: &mut Log, what: &str) -> String {
+    let (decision, who, reason) = (Decision::Done, "dan", "");
+    log.add(&Entry { at: NOW, decision, who, what, request: [0; 16], reason })
+}
+
+#[test]
+fn a_member_signs_no_log_that_was_cut_or_rewritten() {
+    let (member, r2) = (keys(5), name("r2"));
+    let (mut log, _) = Log::begin(TEAM, NODE, None);
+    assert_eq!(log.position(), None, "there is nothing to sign");
+    let mut heads = Heads::default();
+    let mut sign = |log: &Log| heads.countersign(log.position().unwrap(), NOW, (&r2, &member));
+    add(&mut log, "one");
+    let early = log;
+    add(&mut log, "two");
+    let (first, is_new) = sign(&log).unwrap();
+    assert!(is_new && first.by() == member.public().id());
+    assert_eq!(sign(&log), Ok((first, false)), "the same once more");
+    assert_eq!(sign(&early), Err(HeadError::Cut { found: 1, signed: 2 }));
+    let mut other = early;
+    add(&mut other, "2");
+    assert_eq!(sign(&other), Err(HeadError::Rewritten { number: 2 }));
+    add(&mut log, "three");
+    assert!(sign(&log).unwrap().1);
+}
+
+/// Old heads stay, so a log that was rewritten and has grown since is found out.
+#[test]
+fn some_heads_of_all_times_are_kept() {
+    let (member, r2) = (keys(5), name("r2"));
+    let (mut log, first) = Log::begin(TEAM, NODE, None);
+    let (mut heads, mut lines) = (Heads::default(), vec![first]);
+    for number in 0..500 {
+        lines.push(add(&mut log, "something"));
+        heads.countersign(log.position().unwrap(), NOW.plus(60 * number), (&r2, &member)).unwrap();
+    }
+    let numbers: Vec<u64> = heads.of(NODE).map(|(_, head)| head.position().number).collect();
+    assert!(numbers.len() == HEADS_MAX && numbers[0] == 1 && numbers[HEADS_MAX - 1] == 500, "{numbers:?}");
+    assert!(numbers.windows(2).all(|pair| pair[1] - pair[0] < 250), "{numbers:?}");
+    let read = Heads::from_text(&heads.to_text()).unwrap();
+    assert_eq!(read, heads);
+    let kept: Vec<Head> = read.of(NODE).map(|(_, head)| head.clone()).collect();
+    let verify = |lines: &[String]| {
+        let mut verifier = Verifier::new(kept.clone())?;
+        lines.iter().try_for_each(|line| verifier.line(line))?;
+        verifier.finish()
+    };
+    assert_eq!(verify(&lines), Ok(log));
+    let (mut forged, first) = Log::begin(TEAM, NODE, None);
+    let forged: Vec<String> = std::iter::once(first).chain((0..600).map(|_| add(&mut forged, "nothing"))).collect();
+    assert!(matches!(verify(&forged), Err(AuditError::Forked { .. })));
+    assert!(matches!(verify(&lines[..400]), Err(AuditError::Truncated { number: 500, .. })));
+}
+
+#[test]
+fn heads_of_others_have_a_limit_and_a_form() {
+    let (r2, mut heads) = (name("r2"), Heads::default());
+    let (mut log, _) = Log::begin(TEAM, NODE, None);
+    add(&mut log, "one");
+    let position = log.position().unwrap();
+    for number in 0..PAIRS_MAX {
+        let mut of = position;
+        of.log.0[..8].copy_from_slice(&(number as u64).to_le_bytes());
+        assert_eq!(heads.keep(Head::sign(of, NOW, &keys(5)), &r2), Ok(true));
+        assert_eq!(heads.keep(Head::sign(of, NOW, &keys(5)), &r2), Ok(false));
+    }
+    assert_eq!(heads.keep(Head::sign(position, NOW, &keys(6)), &r2), Err(HeadError::Full));
+    for (text, line) in [("x r2", 1), ("\n", 1), (&format!("{}r2", heads.to_text()), PAIRS_MAX + 1)] {
+        assert_eq!(Heads::from_text(text), Err(HeadError::Line { line }));
+    }
+    let changed = heads.to_text().replacen("r2", "two words", 1);
+    assert_eq!(Heads::from_text(&changed), Err(HeadError::Line { line: 1 }));
+}
+
+/// A log that goes on in another file: what was signed of the end of the first is known to the second.
+#[test]
+fn the_end_of_the_file_before_is_signed_too() {
+    let (mut log, _) = Log::begin(TEAM, NODE, None);
+    add(&mut log, "one");
+    let head = Head::sign(log.position().unwrap(), NOW, &keys(5));
+    let verify = |before: &Log| {
+        let (_, line) = Log::begin(TEAM, NODE, Some(before));
+        let mut verifier = Verifier::new(vec![head.clone()])?;
+        verifier.line(&line)?;
+        verifier.finish().map(drop)
+    };
+    assert_eq!(verify(&log), Ok(()));
+    let (mut other, _) = Log::begin(TEAM, NODE, None);
+    add(&mut other, "two");
+    assert_eq!(verify(&other), Err(AuditError::Forked { number: 1, by: keys(5).public().id() }));
+}
