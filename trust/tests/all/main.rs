@@ -4,6 +4,7 @@ mod audit;
 mod bundle;
 mod forms;
 mod heads;
+mod hostile;
 mod invite;
 mod policy;
 mod renewal;
