@@ -139,7 +139,7 @@ fn limit(start: &ShimStart) -> Result<Vec<OsString>, String> {
             return Err(format!("a limit of {value} {what} is refused: {}", cause(&error.into())));
         }
     }
-    sandbox::enter(&start.sandbox)?;
+    sandbox::enter(&start.sandbox, [&start.dir, &start.working_directory])?;
     Ok(command)
 }
 

@@ -40,8 +40,8 @@ use rustix::process::{Pid, PidfdFlags, Signal, WaitOptions, WaitStatus, pidfd_op
 use shim::process_record::RECORD_FILE;
 use shim::processes;
 use shim::protocol::{
-    EXIT_FILE, EndReason, Gate, LAUNCH, LimitKind, Limits, OUTPUT_FILE, ProgramEnd, SOCKET_FILE, ShimOrder, ShimReport,
-    ShimStart,
+    EXIT_FILE, EndReason, Gate, LAUNCH, LEVELS, LimitKind, Limits, OUTPUT_FILE, ProgramEnd, SOCKET_FILE, ShimOrder,
+    ShimReport, ShimStart,
 };
 use std::io::{self, Write};
 use std::os::fd::OwnedFd;
@@ -85,6 +85,7 @@ Options:
                                what it may use
   --sandbox none|standard  --user UID:GID[:GID...]
                                its rights, and as whom it runs
+  --sandbox-levels             what the sandbox takes besides, where the kernel has it: landlock, seccomp
   -h, --help                   this text
   -V, --version                the version";
 
@@ -103,8 +104,9 @@ enum Event {
 fn main() -> ExitCode {
     let mut arguments = std::env::args_os().skip(1).peekable();
     let about = match arguments.peek().and_then(|first| first.to_str()) {
-        Some("--version" | "-V") => Some(concat!("dca-shim ", env!("CARGO_PKG_VERSION"))),
-        Some("--help" | "-h") => Some(HELP),
+        Some("--version" | "-V") => Some(concat!("dca-shim ", env!("CARGO_PKG_VERSION")).to_owned()),
+        Some("--help" | "-h") => Some(HELP.to_owned()),
+        Some(LEVELS) => Some(sandbox::levels().join(" ")),
         _ => None,
     };
     if let Some(about) = about {

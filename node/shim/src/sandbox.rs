@@ -1,6 +1,10 @@
-//! The rights of a program: it runs as a user of its own, has no capability, and gets none from what it executes.
-//!
-//! Landlock and seccomp are not used: neither is in a crate that DCA has, and their system calls have no safe signature.
+//! The rights of a program: it runs as a user of its own, has no capability, and gets none from what it executes. What the kernel offers
+//! beyond that is taken, too: with Landlock it writes nothing into the folders of the system, and with seccomp it makes no call that
+//! only who runs the machine needs. [`levels`] says what that is here.
+
+mod kernel;
+
+pub(crate) use kernel::levels;
 
 use comms::logic::human::cause;
 use rustix::io::Errno;
@@ -10,12 +14,13 @@ use rustix::thread::{
     set_no_new_privs, set_thread_groups, set_thread_res_gid, set_thread_res_uid,
 };
 use shim::protocol::{Account, Sandbox, SandboxLevel};
+use std::path::Path;
 
-/// Gives up the rights that the sandbox takes. The process has one thread, whose rights are those of what it becomes.
+/// Gives up the rights that the sandbox takes. In its `own` folders a program writes wherever they are. The process has one thread, whose rights are those of what it becomes.
 ///
 /// # Errors
 /// The kernel refuses a step, in a sentence.
-pub(crate) fn enter(sandbox: &Sandbox) -> Result<(), String> {
+pub(crate) fn enter(sandbox: &Sandbox, own: [&Path; 2]) -> Result<(), String> {
     let is_standard = sandbox.level == SandboxLevel::Standard;
     let refused = |what: &str, error: Errno| format!("{what} is refused: {}", cause(&error.into()));
     if is_standard {
@@ -40,6 +45,7 @@ pub(crate) fn enter(sandbox: &Sandbox) -> Result<(), String> {
             set_no_new_privs(true)
         };
         give_up().map_err(|error| refused("a sandbox without capabilities", error))?;
+        kernel::confine(own)?;
     }
     Ok(())
 }

@@ -16,8 +16,8 @@ use language::plan::Usage;
 use rustix::net::sockopt::{Timeout, set_socket_timeout};
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, connect, socket_with};
 use shim::protocol::{
-    AttachReply, AttachRequest, EXIT_FILE, Limits, OUTPUT_FILE, OUTPUT_FILE_OLD, Realtime, SOCKET_FILE, ShimOrder,
-    ShimReport, ShimStart,
+    AttachReply, AttachRequest, EXIT_FILE, LEVELS, Limits, OUTPUT_FILE, OUTPUT_FILE_OLD, Realtime, SOCKET_FILE,
+    ShimOrder, ShimReport, ShimStart,
 };
 use std::io::{self, Read, Write};
 use std::os::unix::net::UnixStream;
@@ -212,6 +212,18 @@ fn remove_stale(path: &Path) -> io::Result<()> {
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
         _ => Ok(()),
     }
+}
+
+/// Returns what the sandbox of this shim takes beyond capabilities, where the kernel has it: `landlock`, `seccomp`. Blocks.
+///
+/// # Errors
+/// The shim cannot be started, or does not say it.
+pub fn sandbox_levels(shim: &Path) -> io::Result<Vec<String>> {
+    let said = Command::new(shim).arg(LEVELS).stdin(Stdio::null()).stderr(Stdio::null()).env_clear().output()?;
+    if !said.status.success() {
+        return Err(io::Error::other("the shim does not say what its sandbox takes"));
+    }
+    Ok(String::from_utf8_lossy(&said.stdout).split_whitespace().map(str::to_owned).collect())
 }
 
 /// Returns what a command executes, so that a spec is refused before anything runs.

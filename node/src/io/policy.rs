@@ -4,8 +4,8 @@
 //! The file is read anew each time that a program is started, so a change of it holds from the next start on, also for a program that
 //! is started again. Nothing else says what may run here, and nobody changes it from afar.
 
-use crate::io::child;
 use crate::io::users::{self, User};
+use crate::io::{child, programs};
 use crate::logic::effect::SpawnOrder;
 use crate::logic::protocol::PolicyInUse;
 use anyhow::{Context, anyhow, ensure};
@@ -18,7 +18,7 @@ use std::fs::{self, File};
 use std::io::ErrorKind;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 use team::audit::AuditEntry;
 use team::member::Member;
@@ -237,8 +237,24 @@ fn in_use(found: &PolicyFile) -> PolicyInUse {
     let is_confined = found.policy.sandbox() == policy::Sandbox::Standard;
     PolicyInUse {
         file: found.path.display().to_string(),
-        sandbox: if is_confined { "standard" } else { "none" }.to_owned(),
+        sandbox: if is_confined { standard().to_owned() } else { "none".to_owned() },
     }
+}
+
+/// Returns the standard sandbox as this machine has it, for a person.
+fn standard() -> &'static str {
+    static STANDARD: OnceLock<String> = OnceLock::new();
+    STANDARD.get_or_init(|| {
+        let found = child::sandbox_levels(&programs::beside("dca-shim"));
+        let found = found.inspect_err(|error| tracing::warn!(%error, "it is not known what the sandbox takes"));
+        let missing = |level: &&str| !found.as_ref().is_ok_and(|found| found.iter().any(|one| one == level));
+        let missing: Vec<&str> = ["landlock", "seccomp"].into_iter().filter(missing).collect();
+        if missing.is_empty() {
+            return "standard".to_owned();
+        }
+        tracing::warn!(missing = missing.join(", "), "this kernel does not have all of the standard sandbox");
+        format!("standard without {}", missing.join(" and "))
+    })
 }
 
 fn hash_of(file: File) -> std::io::Result<[u8; 32]> {

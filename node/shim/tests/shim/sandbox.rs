@@ -75,6 +75,44 @@ fn root_without_capabilities_stays_without_them() {
     assert!(output.contains("CapBnd: 0000000000000000"), "{output}");
 }
 
+/// What this kernel has of the sandbox, as the shim says.
+fn levels() -> String {
+    let said = Command::new(env!("CARGO_BIN_EXE_dca-shim")).arg("--sandbox-levels").output().unwrap();
+    assert!(said.status.success());
+    String::from_utf8(said.stdout).unwrap()
+}
+
+/// Root without capabilities owns the files of the system all the same, and may make namespaces of users: in the sandbox neither.
+#[test]
+fn what_the_kernel_offers_is_taken_too() {
+    if !getuid().is_root() {
+        println!("skipped: needs root");
+        return;
+    }
+    let found = levels();
+    let script = "touch $OWN/here && (touch /etc/dca-shim-test) 2> /dev/null && rm /etc/dca-shim-test && echo landlock; \
+        unshare --user true 2> /dev/null && echo seccomp; cat /etc/passwd > /dev/null; true";
+    let confine = |level| {
+        let shim = Shim::start_with(|start| {
+            start.sandbox.level = level;
+            start.environment.push(("OWN".into(), start.dir.display().to_string()));
+            start.command = ["sh", "-c", script].map(str::to_owned).to_vec();
+        });
+        let over = shim.expect(&[STARTED, exited(0), ShimReport::Gone]);
+        assert!(over.dir.join("here").exists(), "in its own folder it writes");
+        over.read(OUTPUT_FILE)
+    };
+    let free = confine(SandboxLevel::None);
+    let confined = confine(SandboxLevel::Standard);
+    for (word, what) in [("landlock", "a file of the system is made"), ("seccomp", "a namespace is made")] {
+        if found.contains(word) && free.contains(word) {
+            assert!(!confined.contains(word), "{what}: {confined}");
+        } else {
+            println!("skipped: no {word} here, or nothing that it takes: {found}; {free}");
+        }
+    }
+}
+
 /// The class is the 41st field. Source: proc_pid_stat(5).
 #[test]
 fn a_program_in_a_sandbox_keeps_its_class_and_its_limits() {
