@@ -36,6 +36,7 @@ use comms::io::clock;
 use comms::io::control::ControlSender;
 use comms::io::entropy;
 use comms::io::session::{NodeOptions, Reach};
+use comms::logic::control::Order;
 use comms::logic::key::HostName;
 use comms::logic::time::Time;
 use losses::Losses;
@@ -340,15 +341,7 @@ impl Driver {
                     tracing::warn!(%error, "a shim does not take its orders");
                 }
             }
-            Effect::Control { process, order } => {
-                let why = match self.programs.get(&process).map(|(_, sender)| sender.send(&order)) {
-                    Some(Ok(())) => return,
-                    Some(Err(error)) => error.to_string(),
-                    None if self.awaited.contains(&process) => return,
-                    None => "it has no control channel".to_owned(),
-                };
-                self.pending.push_back(Input::Undelivered { process, why });
-            }
+            Effect::Control { process, order } => self.control(process, &order),
             Effect::CloseProcess { process } => self.forget(&process),
             Effect::KillShim { process } => self.later(Job::Kill(self.dir.process(&process))),
             Effect::CloseDeployment { deployment } => self.bury(&deployment),
@@ -397,6 +390,16 @@ impl Driver {
             Effect::Yield { why } => self.yielded = Some(why),
             Effect::Leave => {}
         }
+    }
+
+    fn control(&mut self, process: ProcessId, order: &Order) {
+        let why = match self.programs.get(&process).map(|(_, sender)| sender.send(order)) {
+            Some(Ok(())) => return,
+            Some(Err(error)) => error.to_string(),
+            None if self.awaited.contains(&process) => return,
+            None => "it has no control channel".to_owned(),
+        };
+        self.pending.push_back(Input::Undelivered { process, why });
     }
 
     /// Tells the database of a node that has come, and people of every change, where the log is this node's alone.
