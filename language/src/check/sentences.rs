@@ -104,20 +104,11 @@ fn unreadable(words: &Words) -> Box<Diagnostic> {
     }))
 }
 
-/// What a sentence begins with, if not with a process; and what has to follow, for words that may also be a process.
-const BEGINNINGS: [(&str, &str); 11] = [
-    ("never", ""),
-    ("always", ""),
-    ("after", ""),
-    ("on", ""),
-    ("eventually", ""),
-    ("exclusive", ""),
-    ("assume", ""),
-    ("holds", ""),
-    ("can", "`finish`"),
-    ("finishes", "`within`"),
-    ("stops", "`within`"),
-];
+/// What a sentence begins with, if not with a process.
+const BEGINNINGS: [&str; 11] =
+    ["never", "always", "after", "on", "eventually", "exclusive", "assume", "holds", "can", "finishes", "stops"];
+/// Those of two words, the second as it is asked for.
+const PAIRS: [(&str, &str); 3] = [("can", "`finish`"), ("finishes", "`within`"), ("stops", "`within`")];
 
 fn sentence(words: &mut Words, names: &Names<'_>) -> Read<Sentence> {
     // A process may be called as a sentence begins: `on only after a.done`.
@@ -195,15 +186,14 @@ fn about(words: &mut Words, names: &Names<'_>) -> Read<Sentence> {
 
 /// The process that a sentence begins with.
 fn subject(words: &mut Words, names: &Names<'_>) -> Read<ProcessRef> {
-    let first = words.next_name().unwrap_or_default().to_owned();
     let before = words.peek();
-    who(words, names).map_err(|unknown| match BEGINNINGS.iter().find(|(word, _)| *word == first) {
+    who(words, names).map_err(|unknown| match PAIRS.iter().find(|(word, _)| before.at(word)) {
         Some((word, wanted)) => {
             *words = before;
             words.eat(word);
             unreadable(words.want(wanted))
         }
-        None => names.or_word(unknown, &before, BEGINNINGS.map(|(word, _)| word)),
+        None => names::or_word(unknown, &before, &BEGINNINGS),
     })
 }
 
@@ -246,7 +236,7 @@ fn consequence(words: &mut Words, names: &Names<'_>) -> Read<Consequence> {
         return Ok(Consequence::Eventually(names.occurrence(words, EventKind::Started)?));
     }
     let before = words.peek();
-    let who = who(words, names).map_err(|unknown| names.or_word(unknown, &before, ["never", "not", "eventually"]))?;
+    let who = who(words, names).map_err(|unknown| names::or_word(unknown, &before, &["never", "not", "eventually"]))?;
     words.need("stopped")?;
     let limit = if words.eat("within") { Some(words.time()?) } else { None };
     Ok(Consequence::Stopped(who, limit))

@@ -195,22 +195,6 @@ impl Names<'_> {
         })
     }
 
-    /// Offers a word of the language where a name is unknown that looks more like it than like any process.
-    pub(super) fn or_word<const N: usize>(
-        &self,
-        unknown: Box<Diagnostic>,
-        words: &Words,
-        wanted: [&'static str; N],
-    ) -> Box<Diagnostic> {
-        let (name, place) = (words.next_name().unwrap_or_default(), words.place());
-        match similar::nearest(name, wanted) {
-            Some(near) if unknown.code == Code::E0802 && unknown.primary.span == place && unknown.fix.is_none() => {
-                Box::new(unknown.replace(place, near))
-            }
-            Some(_) | None => unknown,
-        }
-    }
-
     /// A host of the plan.
     pub(super) fn host(&self, words: &mut Words) -> Read<String> {
         let Some((name, span)) = words.name() else { return Err(unreadable(words.want("a host"))) };
@@ -220,5 +204,15 @@ impl Names<'_> {
         let message = format!("no process of this plan is on a host `{name}`");
         let help = format!("its hosts are {}", self.plan.hosts.join(", "));
         Err(Box::new(Diagnostic::new(Code::E0802, span, message).help(help)))
+    }
+}
+
+/// Offers one of the words that may stand at a place whose name is unknown, if it looks like one, and like no process.
+pub(super) fn or_word(unknown: Box<Diagnostic>, words: &Words, wanted: &[&'static str]) -> Box<Diagnostic> {
+    let (name, place) = (words.next_name().unwrap_or_default(), words.place());
+    let is_it = unknown.code == Code::E0802 && unknown.primary.span == place && unknown.fix.is_none();
+    match similar::nearest(name, wanted.iter().copied()).filter(|near| is_it && *near != name) {
+        Some(near) => Box::new(unknown.replace(place, near)),
+        None => unknown,
     }
 }
