@@ -35,19 +35,23 @@ impl Times<'_, '_> {
         // A group ends once what is in it beside the cause has stopped.
         let inside = causes.iter().take_while(|(inner, _)| *inner != last);
         let rest = inside.map(|&(group, slot)| {
-            let source = &self.model.plan.groups[group as usize];
-            self.rest_stops(Place { group, source, slot }, slot, &source.expression)
+            let place = self.place(group, slot);
+            self.rest_stops(place, slot, &place.source.expression)
         });
         let before = rest.into_iter().try_fold(Duration::ZERO, sum)?;
         let Some((group, slot, other)) = common else {
             return sum(before, self.of_group(who.group).stop);
         };
-        let place = Place { group, source: &self.model.plan.groups[group as usize], slot: other };
+        let place = self.place(group, other);
         let stop = match slot == other {
             true => self.until_member_stopped(place, &stopped),
             false => self.across(place, slot, &place.source.expression, &stopped).unwrap_or(Some(Duration::ZERO)),
         };
         sum(before, stop)
+    }
+
+    fn place(&self, group: u32, slot: u32) -> Place<'_> {
+        Place { group, source: &self.model.plan.groups[group as usize], slot }
     }
 
     /// A process and the groups around it, the innermost first, each by its place.
@@ -126,8 +130,8 @@ impl Times<'_, '_> {
             (MemberKind::Group(_), Some(inside)) => {
                 self.count_messages(place.group, place.slot);
                 let (group, slot) = stopped[inside];
-                let source = &self.model.plan.groups[group as usize];
-                self.until_stopped(Place { group, source, slot }, &source.expression, stopped)
+                let place = self.place(group, slot);
+                self.until_stopped(place, &place.source.expression, stopped)
             }
             (MemberKind::Group(_) | MemberKind::Leaf(_), _) => self.of_member(place.group, place.slot).stop,
         }

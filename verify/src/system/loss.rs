@@ -124,20 +124,18 @@ impl System<'_> {
 
     /// The hosts that have something to do when they note a loss.
     fn concerned(&self, rift: &Rift, loss: Loss) -> Vec<u32> {
-        let is_cut = |one: u32, other: u32| (one == loss.host) != (other == loss.host);
         let mut hosts = BTreeSet::new();
         for (unit, &own) in rift.units.iter().enumerate() {
             for &host in &rift.seats[unit] {
-                if is_cut(own, host) {
+                if self.is_cut(own, host) {
                     hosts.extend([own, host]);
                 }
                 // A program that stops by itself minds every supervisor above it, not only its own.
-                let above = std::iter::successors(Some(unit), |unit| Some(self.units[*unit].parent?.0));
-                if is_cut(rift.home, host) || above.into_iter().any(|unit| is_cut(rift.units[unit], host)) {
+                if self.is_cut_from_above(rift, unit, host) {
                     hosts.insert(host);
                 }
             }
-            if is_cut(rift.home, own) {
+            if self.is_cut(rift.home, own) {
                 hosts.insert(own);
             }
         }
@@ -180,7 +178,11 @@ impl System<'_> {
     /// Whether the loss stands between a member and the home, or a supervisor above it.
     pub(crate) fn is_cut_off(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
         let Some(rift) = self.rift.as_ref().filter(|_| frame.is_faulty) else { return false };
-        let host = rift.seats[unit][member as usize];
+        self.is_cut_from_above(rift, unit, rift.seats[unit][member as usize])
+    }
+
+    /// The same of a host on which a member of a unit runs, whether the loss has happened or not.
+    fn is_cut_from_above(&self, rift: &Rift, unit: usize, host: u32) -> bool {
         let mut above = std::iter::successors(Some(unit), |unit| Some(self.units[*unit].parent?.0));
         self.is_cut(rift.home, host) || above.any(|unit| self.is_cut(rift.units[unit], host))
     }
