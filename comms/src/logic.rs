@@ -14,6 +14,7 @@ pub mod pace;
 pub mod port;
 pub mod proof;
 pub mod random;
+pub mod seal;
 pub mod signals;
 pub mod switch;
 pub mod tap;

@@ -2,7 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
-use comms::io::data::{AnswerWay, DataSession, ObjectEvent, ObjectServer};
+use comms::io::data::{AnswerWay, CallWay, DataSession, ObjectEvent, ObjectServer};
 use comms::io::session::Reach;
 use comms::logic::bytes::Bytes;
 use comms::logic::control::Dial;
@@ -61,7 +61,7 @@ fn keys() -> (String, String) {
 
 fn ask(session: &DataSession, call: &ObjectCall) -> Result<Vec<u8>, ObjectError> {
     let (key, cancel_key) = keys();
-    session.call_and_wait((&key, &cancel_key), call)
+    session.call_and_wait((&key, &cancel_key), (&CallWay::Open, call))
 }
 
 /// Serves `echo`, keeps `wait` without an answer, and forgets `drop`. Tells what happens.
@@ -87,7 +87,7 @@ fn serve(session: &DataSession) -> (ObjectServer, Receiver<String>) {
             ObjectEvent::Cancelled(id) => tell(format!("cancelled {}", id.number)),
         }
     };
-    (session.serve_calls(&key, &cancel_key, serve).unwrap(), told)
+    (session.serve_calls((&key, &cancel_key), None, serve).unwrap(), told)
 }
 
 #[test]
@@ -124,14 +124,16 @@ fn the_other_end_learns_that_nobody_waits() {
     let (_serving, told) = serve(&server);
     client.dial(&dial_of(&server), LONG).unwrap();
     let (key, cancel_key) = keys();
-    let pending =
-        client.call((&key, &cancel_key), &call(&client, 1, "wait", vec![], LONG), |_| panic!("no answer")).unwrap();
+    let pending = client
+        .call((&key, &cancel_key), (&CallWay::Open, &call(&client, 1, "wait", vec![], LONG)), |_| panic!("no answer"))
+        .unwrap();
     assert_eq!(told.recv_timeout(LONG).unwrap(), "called 1");
     drop(pending);
     assert_eq!(told.recv_timeout(LONG).unwrap(), "cancelled 1");
     let (done_tx, done) = sync_channel(1);
     let take = move |result| done_tx.send(result).unwrap_or_default();
-    let pending = client.call((&key, &cancel_key), &call(&client, 2, "echo", vec![1], LONG), take).unwrap();
+    let pending =
+        client.call((&key, &cancel_key), (&CallWay::Open, &call(&client, 2, "echo", vec![1], LONG)), take).unwrap();
     assert_eq!(done.recv_timeout(LONG).unwrap(), Ok(vec![1]));
     drop(pending);
     assert_eq!(told.recv_timeout(LONG).unwrap(), "called 2");
@@ -217,7 +219,8 @@ fn a_server_that_is_killed_in_a_call_is_gone_at_once() {
     let (done_tx, done) = sync_channel(1);
     let take = move |result| done_tx.send(result).unwrap_or_default();
     let hour = Duration::from_secs(3600);
-    let _pending = client.call((&key, &cancel_key), &call(&client, 2, "wait", vec![], hour), take).unwrap();
+    let _pending =
+        client.call((&key, &cancel_key), (&CallWay::Open, &call(&client, 2, "wait", vec![], hour)), take).unwrap();
     // It has arrived once the next one is answered.
     assert_eq!(ask(&client, &call(&client, 3, "echo", vec![6], LONG)), Ok(vec![6]));
     other.signal(Signal::KILL);

@@ -404,7 +404,7 @@ impl Member {
         if told.0 != minute {
             *told = (minute, BTreeSet::new());
         }
-        let is_news = told.1.len() < REASONS_MAX && told.1.insert(why.to_owned());
+        let is_news = told.1.len() < REASONS_MAX && told.1.insert(format!("{what}: {why}"));
         drop(told);
         if is_news {
             tracing::warn!(what, why, "a message was refused");

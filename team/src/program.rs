@@ -14,7 +14,9 @@ use std::path::{Path, PathBuf};
 use trust::delegation::Delegation;
 use trust::identity::{SECRET_LEN, SecretKeys};
 use trust::revocation::Revocations;
+use trust::statement;
 use trust::team::Team;
+pub use trust::wire_key::{ProgramKeys, Sealing};
 use zeroize::Zeroizing;
 
 /// The longest file.
@@ -64,6 +66,33 @@ impl ProgramIdentity {
         Ok(Self { path, keys, team, delegation, revoked, cards })
     }
 
+    /// Signs what somebody says who looks at programs, or calls them, by way of the node of this machine.
+    pub fn sign_visit(&self, digest: &Digest) -> Proof {
+        let signature = statement::sign(digest, &self.keys).to_vec();
+        Proof { key: *self.delegation.key(), signature, credential: Some(self.credential()) }
+    }
+
+    /// Returns why a digest is not signed by who may visit programs; nothing if it is.
+    pub fn visit_problem(&self, proof: &Proof, digest: &Digest) -> Option<String> {
+        let Some(credential) = &proof.credential else { return Some("it shows no credential".to_owned()) };
+        let delegation = match self.delegation(&proof.key, credential) {
+            Ok(delegation) => delegation,
+            Err(why) => return Some(why),
+        };
+        (!delegation.has_signed(digest, &proof.signature)).then(|| "its signature is not that of its key".to_owned())
+    }
+
+    /// Returns what shows that a node of the team vouches for a key.
+    fn delegation(&self, key: &PublicKey, credential: &[u8]) -> Result<Delegation, String> {
+        let delegation = Delegation::from_bytes(credential).map_err(|error| format!("its credential: {error}"))?;
+        if delegation.key() != key {
+            return Err("its credential is that of another key".to_owned());
+        }
+        let revoked = self.revocations_now()?;
+        delegation.check(&judge(&self.team, &revoked)).map_err(|error| error.to_string())?;
+        Ok(delegation)
+    }
+
     /// Returns who is revoked, as the node has written it down last. Somebody must not be trusted because that cannot be read.
     fn revocations_now(&self) -> Result<Revocations, String> {
         let read = folder::read(&self.revoked, REVOKED_BYTES_MAX);
@@ -84,12 +113,7 @@ impl Identity for ProgramIdentity {
     }
 
     fn judge(&self, key: &PublicKey, credential: &[u8]) -> Result<String, String> {
-        let delegation = Delegation::from_bytes(credential).map_err(|error| format!("its credential: {error}"))?;
-        if delegation.key() != key {
-            return Err("its credential is that of another key".to_owned());
-        }
-        let revoked = self.revocations_now()?;
-        delegation.check(&judge(&self.team, &revoked)).map_err(|error| error.to_string())?;
+        let delegation = self.delegation(key, credential)?;
         Ok(format!("a program of {}", delegation.node().certificate().claims().name))
     }
 

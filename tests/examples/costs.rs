@@ -3,26 +3,30 @@
 
 use anyhow::{Context as _, Result, bail, ensure};
 use comms::io::clock::now;
-use comms::io::data::{DataSession, Priority};
+use comms::io::data::{Cover, DataSession, Opener, Priority, Publisher, SealCounter, SealKey, Sealer, Subscription};
 use comms::io::file::{self, Privacy};
 use comms::io::session::{Reach, Role as SessionRole, prepare_process};
 use comms::logic::codec;
 use comms::logic::control::Dial;
+use comms::logic::switch::Arrival;
 use dca_tests::cluster::{Cluster, Ended, Host, Network, Program, SOON, Stream, wait_until};
 use dca_tests::made_team::{MadeTeam, keys};
 use node::logic::gate::{self, Gate, Ledger, Passed};
 use node::logic::protocol::{Request, Signed};
+use std::borrow::Cow;
 use std::fs;
 use std::io::Write as _;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::sync::mpsc::sync_channel;
 use std::time::Duration;
 use trust::request;
 use trust::revocation::Revocations;
 use trust::role::{Action, Role};
 use trust::team::Judge;
+use zeroize::Zeroizing;
 
 /// How many requests are signed and checked.
 const REQUESTS: u64 = 500;
@@ -119,11 +123,27 @@ struct Pair {
     ping: DataSession,
     echo: DataSession,
     name: &'static str,
+    /// What the seals of both directions cover, in a team.
+    cover: Option<Cover>,
+}
+
+/// Returns both ends of a direction with a key of its own.
+fn seals(secret: u8, cover: Cover) -> (Arc<Sealer>, Arc<Opener>) {
+    let key = || Some(SealKey::new(&Zeroizing::new([secret; 32]), cover));
+    let (sealer, opener) = (Sealer::new(&SealCounter::default()), Opener::new(|_, _| ()));
+    sealer.set(key());
+    opener.set(key());
+    (Arc::new(sealer), Arc::new(opener))
 }
 
 impl Pair {
-    fn open(name: &'static str, [ping, echo]: [PathBuf; 2], [reach, other]: [Reach; 2]) -> Result<Self> {
-        let pair = Self { ping: DataSession::open(&ping, reach)?, echo: DataSession::open(&echo, other)?, name };
+    fn open(
+        (name, cover): (&'static str, Option<Cover>),
+        [ping, echo]: [PathBuf; 2],
+        [reach, other]: [Reach; 2],
+    ) -> Result<Self> {
+        let (ping, echo) = (DataSession::open(&ping, reach)?, DataSession::open(&echo, other)?);
+        let pair = Self { ping, echo, name, cover };
         let place = pair.echo.location();
         let locators = if name == "Unix socket" { place.local } else { place.remote };
         ensure!(!locators.is_empty(), "nothing to dial");
@@ -135,23 +155,23 @@ impl Pair {
     fn measure(&self, (size, count, warm_up): (usize, usize, usize)) -> Result<Duration> {
         let (heard, to_echo) = sync_channel(4);
         let (back, to_ping) = sync_channel(4);
-        let hears_ping = self.echo.on_sample("hop/0", move |bytes| drop(heard.try_send(bytes.into_owned())))?;
-        let hears_echo = self.ping.on_sample("hop/1", move |bytes| back.try_send(bytes.len()).unwrap_or_default())?;
-        let (out, answer) =
-            (self.ping.publisher("hop/0", Priority::Wire)?, self.echo.publisher("hop/1", Priority::Wire)?);
+        let hears_ping = hear(&self.echo, "hop/0", self.cover, move |bytes| drop(heard.try_send(bytes)))?;
+        let hears_echo =
+            hear(&self.ping, "hop/1", self.cover, move |bytes| back.try_send(bytes.len()).unwrap_or_default())?;
+        let (out, answer) = (send(&self.ping, "hop/0", self.cover)?, send(&self.echo, "hop/1", self.cover)?);
         ensure!(wait_until(SOON, || out.is_heard() && answer.is_heard()).is_some(), "nobody hears");
         let mut times = Vec::new();
         std::thread::scope(|scope| {
             scope.spawn(move || {
                 while let Ok(bytes) = to_echo.recv() {
-                    if answer.put(bytes).is_err() {
+                    if answer.put_numbered(bytes, 1).is_err() {
                         return;
                     }
                 }
             });
             for number in 0..count + warm_up {
                 let at = now();
-                out.put(vec![1; size])?;
+                out.put_numbered(vec![1; size], 1)?;
                 ensure!(to_ping.recv_timeout(SOON) == Ok(size), "nothing comes back over {}", self.name);
                 if number >= warm_up {
                     times.push((now() - at) / 2);
@@ -166,19 +186,49 @@ impl Pair {
     }
 }
 
-/// Measures a hop over TCP with TLS and without, and over a Unix socket, which has no TLS in either case.
+/// Returns the seals of a key: those of one way are not those of the other.
+fn of_way(key: &str, cover: Cover) -> (Arc<Sealer>, Arc<Opener>) {
+    seals(if key == "hop/0" { 1 } else { 2 }, cover)
+}
+
+fn send(session: &DataSession, key: &str, cover: Option<Cover>) -> Result<Publisher> {
+    let publisher = session.publisher(key, Priority::Wire)?;
+    Ok(cover.into_iter().fold(publisher, |publisher, cover| publisher.sealed(of_way(key, cover).0)))
+}
+
+fn hear(
+    session: &DataSession,
+    key: &str,
+    cover: Option<Cover>,
+    heard: impl Fn(Vec<u8>) + Send + Sync + 'static,
+) -> Result<Subscription> {
+    let on_arrival = move |arrival: Arrival<Cow<'_, [u8]>>, _| {
+        if let Arrival::Value(bytes) = arrival {
+            heard(bytes.into_owned());
+        }
+    };
+    Ok(match cover {
+        None => session.on_wire(key, on_arrival)?,
+        Some(cover) => session.on_sealed_wire(key, of_way(key, cover).1, on_arrival)?,
+    })
+}
+
+/// Measures a hop over TCP with TLS and without, and with seals, and over a Unix socket, which has no TLS in either case.
 fn hops() -> Result<()> {
     let (cluster, team) = (Cluster::new(), MadeTeam::default());
     let socket = |name: &str| cluster.folder().join(name);
     let [one, two] = ["m1", "m2"].map(|name| team.member(&socket(name), name));
+    let in_team = || [Reach::Team(one.clone()), Reach::Team(two.clone())];
     let pairs = [
-        Pair::open("TCP", [socket("a"), socket("b")], [Reach::Lan, Reach::Lan])?,
-        Pair::open("TCP with TLS", [socket("c"), socket("d")], [Reach::Team(one.clone()), Reach::Team(two.clone())])?,
-        Pair::open("Unix socket", [socket("e"), socket("f")], [Reach::Host, Reach::Host])?,
-        Pair::open("Unix socket", [socket("g"), socket("h")], [Reach::Team(one), Reach::Team(two)])?,
+        Pair::open(("TCP", None), [socket("a"), socket("b")], [Reach::Lan, Reach::Lan])?,
+        Pair::open(("TCP with TLS", None), [socket("c"), socket("d")], in_team())?,
+        Pair::open(("Unix socket", None), [socket("e"), socket("f")], [Reach::Host, Reach::Host])?,
+        Pair::open(("Unix socket", None), [socket("g"), socket("h")], in_team())?,
+        Pair::open(("TCP with TLS and seals", Some(Cover::Bytes)), [socket("i"), socket("j")], in_team())?,
+        Pair::open(("Unix socket", Some(Cover::Sender)), [socket("k"), socket("l")], in_team())?,
     ];
     for (name, size, count, warm_up) in SIZES {
-        let mut times: [Vec<Duration>; 4] = Default::default();
+        let mut times: [Vec<Duration>; 6] = Default::default();
         for _ in 0..ROUNDS {
             for (pair, times) in pairs.iter().zip(&mut times) {
                 times.push(pair.measure((size, count, warm_up))?);
@@ -191,10 +241,15 @@ fn hops() -> Result<()> {
             ratios[ratios.len() / 2]
         };
         let (tls, local) = (ratio(1, 0), ratio(3, 2));
-        let [tcp, with_tls, unix, in_team] = times.map(median).map(micros);
+        let (sealed, sealed_local) = (ratio(4, 1), ratio(5, 3));
+        let [tcp, with_tls, unix, in_team, with_seals, local_seals] = times.map(median).map(micros);
         say(&format!(
             "a hop of {name}, two sessions: TCP {tcp}, with TLS {with_tls}, ratio {tls:.2}; on one host {unix}, in a team {in_team}, \
              ratio {local:.2} (at most 1.02)"
+        ));
+        say(&format!(
+            "the same with the seals of wires: with TLS {with_seals}, ratio to TLS alone {sealed:.2}; on one host {local_seals}, \
+             ratio {sealed_local:.2}"
         ));
     }
     for Pair { ping, echo, .. } in pairs {

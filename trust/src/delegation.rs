@@ -4,6 +4,7 @@ use crate::certificate::DAY;
 use crate::identity::{KeyId, SIGNATURE_LEN, SecretKeys};
 use crate::name::UnixTime;
 use crate::role::Kind;
+use crate::statement;
 use crate::team::{CREDENTIAL_MAX, Credential, Judge, TrustError};
 use crate::wire::{FormError, Reader, Writer};
 use thiserror::Error;
@@ -59,6 +60,11 @@ impl Delegation {
     /// Returns the credential of the node, which is not checked.
     pub const fn node(&self) -> &Credential {
         &self.node
+    }
+
+    /// Returns whether who has the key has signed the digest of a message.
+    pub fn has_signed(&self, digest: &[u8; 32], signature: &[u8]) -> bool {
+        statement::is_signed_by(digest, &self.key, signature)
     }
 
     /// Checks that a node of the team vouches for the key now.

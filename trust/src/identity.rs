@@ -153,6 +153,12 @@ impl PublicKeys {
     }
 }
 
+/// Returns whether a signature of these bytes was made with the secret key of a public one, as strictly as [`PublicKeys`] looks at it.
+pub(crate) fn has_signed(key: &[u8; 32], bytes: &[u8], signature: &[u8; SIGNATURE_LEN]) -> bool {
+    let key = VerifyingKey::from_bytes(key);
+    key.is_ok_and(|key| !key.is_weak() && key.verify_strict(bytes, &Signature::from_bytes(signature)).is_ok())
+}
+
 impl fmt::Debug for PublicKeys {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "PublicKeys({})", self.id())

@@ -59,6 +59,7 @@ pub mod statement;
 pub mod team;
 mod text;
 mod wire;
+pub mod wire_key;
 
 pub use text::TextError;
 pub use wire::FormError;

@@ -2,7 +2,7 @@
 
 use crate::logic::record::Port;
 use comms::io::clock;
-use comms::io::data::{DataError, DataSession, Subscription};
+use comms::io::data::{CallWay, DataError, DataSession, Subscription, Visitor};
 use comms::logic::control::Dial;
 use comms::logic::signals::{Peak, Peaks, Signals};
 use comms::logic::time::Time;
@@ -111,7 +111,9 @@ impl Observer {
     ) -> Self {
         let source = |(port, dial): &(Port, Dial)| {
             let what = EventKind::Port(port.from.clone(), port.to.clone());
-            Source { key: port.key(deployment), dial: dial.clone(), what }
+            let wire = port.key(deployment);
+            let key = if team.is_some() { key::wire_seen(&wire) } else { wire };
+            Source { key, dial: dial.clone(), what }
         };
         Self::look(ports.iter().map(source).collect(), team, sink)
     }
@@ -135,13 +137,16 @@ impl Observer {
     }
 }
 
-/// Opens a data session that only dials. In a team `team` is the file with what the node of this machine gives its programs.
-pub(crate) fn open(team: Option<&Path>) -> anyhow::Result<DataSession> {
-    let Some(file) = team else { return Ok(DataSession::open_observer(None)?) };
+/// Opens a data session that only dials, and says how it calls. In a team `team` is the file with what the node of this machine gives
+/// those who look at programs.
+pub(crate) fn open(team: Option<&Path>) -> anyhow::Result<(DataSession, CallWay)> {
+    let Some(file) = team else { return Ok((DataSession::open_observer(None)?, CallWay::Open)) };
     let identity = Arc::new(ProgramIdentity::open(file)?);
+    let signs = Arc::clone(&identity);
+    let way = CallWay::Signed(Visitor(Arc::new(move |digest| Some(signs.sign_visit(digest)))));
     // The node's own folder, which only this user can enter.
     let folder = file.parent().unwrap_or(Path::new("/")).to_owned();
-    Ok(DataSession::open_observer(Some((identity, folder)))?)
+    Ok((DataSession::open_observer(Some((identity, folder)))?, way))
 }
 
 async fn look(sources: Vec<Source>, team: Option<PathBuf>, sink: Sender<ObserverEvent>) -> Option<Opened> {
@@ -149,7 +154,7 @@ async fn look(sources: Vec<Source>, team: Option<PathBuf>, sink: Sender<Observer
     // Zenoh's own calls block.
     let opened = tokio::task::spawn_blocking(move || open(team.as_deref())).await;
     let session = match opened.map_err(anyhow::Error::from).flatten() {
-        Ok(session) => Arc::new(session),
+        Ok((session, _)) => Arc::new(session),
         Err(error) => {
             unseen(format!("signals cannot be seen: {error:#}")).await;
             return None;

@@ -2,7 +2,7 @@
 
 use crate::io::observer;
 use comms::io::clock;
-use comms::io::data::{DataError, DataSession, Subscription};
+use comms::io::data::{CallWay, DataError, DataSession, Subscription};
 use comms::logic::bytes::Bytes;
 use comms::logic::codec::Enveloped;
 use comms::logic::control::Dial;
@@ -25,6 +25,8 @@ const ASK_AGAIN: Duration = Duration::from_millis(50);
 /// The session, and what it hears.
 pub(crate) struct Taps {
     session: Arc<DataSession>,
+    /// How it calls.
+    way: CallWay,
     subscriptions: Vec<Subscription>,
     /// How many calls it has made.
     called: AtomicU64,
@@ -36,10 +38,12 @@ impl Taps {
     /// Opens the session; it has no links yet. In a team `team` is the file with what the node of this machine gives its programs.
     pub(crate) async fn open(team: Option<PathBuf>) -> Result<Self, Failure> {
         // Zenoh's own calls block.
-        let session =
+        let opened =
             tokio::task::spawn_blocking(move || observer::open(team.as_deref())).await.map_err(anyhow::Error::from)?;
+        let (session, way) = opened?;
         Ok(Self {
-            session: Arc::new(session?),
+            session: Arc::new(session),
+            way,
             subscriptions: Vec::new(),
             called: AtomicU64::new(0),
             within: (DIAL_WITHIN, ANSWER_WITHIN),
@@ -125,7 +129,9 @@ impl Taps {
             within,
             argument: Bytes(argument),
         };
-        let calling = tokio::task::spawn_blocking(move || session.call_and_wait((&keys.0, &keys.1), &call)).await;
+        let way = self.way.clone();
+        let calling = tokio::task::spawn_blocking(move || session.call_and_wait((&keys.0, &keys.1), (&way, &call)));
+        let calling = calling.await;
         Ok(calling.map_err(anyhow::Error::from)?)
     }
 

@@ -4,9 +4,14 @@
 //! a link that is lost is dialled again until the session closes. Nothing here needs tokio, and nothing may be called from
 //! a tokio task.
 
+mod calls;
 mod object;
+mod seal;
+mod sealed;
 
+pub use calls::{CallGate, CallWay, Caller, Visitor};
 pub use object::{AnswerWay, IncomingCall, ObjectEvent, ObjectServer, PendingCall};
+pub use seal::{Cover, Opener, SealCounter, SealKey, Sealer};
 
 use crate::io::clock::now;
 use crate::io::session::{
@@ -15,6 +20,7 @@ use crate::io::session::{
 use crate::logic::codec;
 use crate::logic::control::{Dial, Location};
 use crate::logic::human::span;
+use crate::logic::seal::Content;
 use crate::logic::switch::{Arrival, Boundary, Sequence};
 use crate::logic::time::Time;
 use std::borrow::Cow;
@@ -27,7 +33,7 @@ use zenoh::Wait;
 use zenoh::bytes::ZBytes;
 use zenoh::pubsub::Subscriber;
 use zenoh::qos::CongestionControl;
-use zenoh::query::{Query, Queryable, Reply};
+use zenoh::query::{Query, Queryable, Reply, ReplyError};
 use zenoh::sample::{Sample, SourceInfo};
 
 /// How long [`DataSession::close`] waits. Zenoh alone can take 10 s when a peer has vanished.
@@ -84,6 +90,8 @@ pub enum DataError {
 pub struct Publisher {
     publisher: zenoh::pubsub::Publisher<'static>,
     listeners: Arc<Listeners>,
+    /// Seals what it sends numbered.
+    sealer: Option<Arc<Sealer>>,
 }
 
 /// Bytes to be sent; a clone is the same bytes, not a copy.
@@ -107,7 +115,7 @@ pub struct Responder {
 pub struct PendingFetch {
     key: String,
     within: Duration,
-    reply: Receiver<Reply>,
+    reply: Receiver<Result<Vec<u8>, ReplyError>>,
 }
 
 /// Whether the publisher has a subscriber.
@@ -154,7 +162,7 @@ impl DataSession {
     pub fn location(&self) -> Location {
         let (local, remote) =
             self.opened.locators().into_iter().partition(|locator| locator.starts_with("unixsock-stream/"));
-        Location { session: self.opened.id(), local, remote }
+        Location { session: self.opened.id(), local, remote, keys: Vec::new() }
     }
 
     /// Links to another session and keeps linked to it; tries for as long as `within`.
@@ -214,7 +222,7 @@ impl DataSession {
         if publisher.matching_status().wait().is_ok_and(|status| status.matching()) {
             listeners.set(true);
         }
-        Ok(Publisher { publisher, listeners })
+        Ok(Publisher { publisher, listeners, sealer: None })
     }
 
     /// Calls `on_sample` with each sample put on `key`, and with no word between them. It runs on zenoh's threads, so it must
@@ -296,7 +304,10 @@ impl DataSession {
     pub fn ask(&self, key: &str, within: Duration) -> Result<PendingFetch, DataError> {
         let (reply_tx, reply) = sync_channel(1);
         // A second answer finds the queue full and is dropped: a key has one producer.
-        let on_reply = move |reply: Reply| drop(reply_tx.try_send(reply));
+        let on_reply = move |reply: Reply| {
+            let answer = reply.into_result().map(|sample| sample.payload().to_bytes().into_owned());
+            drop(reply_tx.try_send(answer));
+        };
         let asked = self.opened.session.get(key).timeout(within).callback(on_reply).wait();
         asked.map_err(|cause| session_error(key, &cause))?;
         Ok(PendingFetch { key: key.to_owned(), within, reply })
@@ -325,10 +336,8 @@ impl PendingFetch {
     pub fn answer(self, until: Time) -> Result<Option<Vec<u8>>, DataError> {
         let timeout = || DataError::Timeout { key: self.key.clone(), within: self.within };
         match self.reply.recv_timeout(until.since(now())) {
-            Ok(reply) => match reply.result() {
-                Ok(sample) => Ok(Some(sample.payload().to_bytes().into_owned())),
-                Err(_) => Err(timeout()),
-            },
+            Ok(Ok(bytes)) => Ok(Some(bytes)),
+            Ok(Err(_)) => Err(timeout()),
             Err(RecvTimeoutError::Disconnected) => Ok(None),
             Err(RecvTimeoutError::Timeout) => Err(timeout()),
         }
@@ -352,6 +361,9 @@ impl Publisher {
     /// # Errors
     /// If the session is closed.
     pub fn put_numbered(&self, payload: impl Into<Payload>, number: u32) -> Result<(), DataError> {
+        if let Some(sealer) = &self.sealer {
+            return self.put_sealed(sealer, (Content::Value, &payload.into().0), number);
+        }
         self.publisher
             .put(payload.into().0)
             .source_info(self.source_info(number))
@@ -370,6 +382,9 @@ impl Publisher {
     pub fn mark(&self, boundary: &Boundary, number: u32) -> Result<(), DataError> {
         let failed = |cause: String| DataError::Session { key: self.publisher.key_expr().to_string(), cause };
         let word = codec::encode(boundary).map_err(|error| failed(error.to_string()))?;
+        if let Some(sealer) = &self.sealer {
+            return self.put_sealed(sealer, (Content::Boundary, &word.into()), number);
+        }
         let put = self.publisher.put(ZBytes::new()).attachment(word).source_info(self.source_info(number)).wait();
         put.map_err(|cause| failed(crate::io::session::plain(&cause)))
     }

@@ -29,6 +29,7 @@ pub(crate) use interfaces::{dialled, locator};
 pub use message::{Presence, Subscription, Token, Watch};
 pub use nearby::discovery;
 pub(crate) use open::{Opened, Redial, Search, plain};
+pub(crate) use proof::question;
 pub use proof::{Authenticator, Author, Digest, relayed};
 pub use serve::{Request, Server};
 pub(crate) use tunnel::TunnelOptions;

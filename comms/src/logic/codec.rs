@@ -75,6 +75,8 @@ pub enum Kind {
     LockRequest = 24,
     /// [`LockAnswer`](crate::logic::messaging::wire::LockAnswer): the answer to it.
     LockAnswer = 25,
+    /// [`Seal`](crate::logic::seal::Seal): what travels beside something sealed in a team.
+    Seal = 26,
     /// A frame of the ordered link between two nodes.
     Frame = 100,
     /// A request to a node.
@@ -268,7 +270,10 @@ fn check_size<T: Enveloped>(size: usize) -> Result<(), CodecError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::logic::control::{CallRoute, Device, Dial, Incoming, KeyPort, Location, Outgoing, Shape, VERSION};
+    use crate::logic::control::{
+        CallRoute, Device, Dial, Incoming, KeyPort, Location, Outgoing, Partner, Shape, VERSION,
+    };
+    use crate::logic::seal::{Refusal, Refused};
     use crate::logic::signals::{Peak, Signal};
     use crate::logic::switch::{Boundary, Expect, Flip, Opening};
     use crate::logic::tap::OutputType;
@@ -292,35 +297,37 @@ mod tests {
         let devices = vec![Device { device: "arm".into(), owner: dial() }];
         check(
             &Order::Connect { robot: "r".into(), incoming: vec![incoming], outgoing: vec![outgoing], devices },
-            "444308000100000172010102496e016b02613101016c0001ac02034f7574016a01010361726d02613101016c",
+            "444309000100000172010102496e016b02613101016c0001ac02034f7574016a01010361726d02613101016c",
         );
-        check(&Order::Open { wires: vec![1, 2], generation: 3 }, "4443080001000102010203");
-        check(&Order::Close { wires: vec![], generation: 1 }, "444308000100020001");
-        check(&Order::Activate { activation: 9, value: vec![1] }, "44430800010003090101");
-        check(&Order::Stop { activation: 9 }, "4443080001000409");
-        check(&Order::Exit, "44430800010005");
+        check(&Order::Open { wires: vec![1, 2], generation: 3 }, "4443090001000102010203");
+        check(&Order::Close { wires: vec![], generation: 1 }, "444309000100020001");
+        check(&Order::Activate { activation: 9, value: vec![1] }, "44430900010003090101");
+        check(&Order::Stop { activation: 9 }, "4443090001000409");
+        check(&Order::Exit, "44430900010005");
         let parameters = vec![("a".to_owned(), "1".to_owned())];
-        check(&Order::Configure { parameters }, "444308000100060101610131");
+        check(&Order::Configure { parameters }, "444309000100060101610131");
         let shape = Shape { wire: 1, latch: true, queue: Some(5), period_min: Some(Duration::from_millis(100)) };
-        check(&Order::Shape { wires: vec![shape] }, "444308000100070101010105010080c2d72f");
-        check(&Order::Rejoin, "44430800010008");
-        check(&Order::Relink { lost: "b".into(), found: dial() }, "44430800010009016202613101016c");
-        check(&Order::Resumed { notices: 300 }, "4443080001000aac02");
+        check(&Order::Shape { wires: vec![shape] }, "444309000100070101010105010080c2d72f");
+        check(&Order::Rejoin, "44430900010008");
+        check(&Order::Relink { lost: "b".into(), found: dial() }, "44430900010009016202613101016c");
+        check(&Order::Resumed { notices: 300 }, "4443090001000aac02");
         let (call, path, name) = ("Grip".into(), "m".into(), "G".into());
         let calls = vec![CallRoute { wire: 300, call, server: dial(), path, name }];
-        check(&Order::Calls { calls }, "4443080001000b01ac02044772697002613101016c016d0147");
+        check(&Order::Calls { calls }, "4443090001000b01ac02044772697002613101016c016d0147");
         let open = vec![Opening { wire: 4, after: vec![3] }];
         let flip = Flip { generation: 300, close: vec![3], open };
-        check(&Order::Flip { ticket: 2, flip: flip.clone() }, "4443080001000c02ac02010301040103");
+        check(&Order::Flip { ticket: 2, flip: flip.clone() }, "4443090001000c02ac02010301040103");
         let expect = Expect { generation: 300, close: vec![3], open: vec![4] };
         let port = KeyPort { port: "In".into(), keys: "k/".into(), is_write: true };
-        check(&Order::Keys { ports: vec![port] }, "4443080001000f0102496e026b2f01");
-        check(&Order::Expect { ticket: 2, expect, then: Some(flip) }, "4443080001000d02ac020103010401ac02010301040103");
+        check(&Order::Keys { ports: vec![port] }, "4443090001000f0102496e026b2f01");
+        let partner = Partner { session: "a1".into(), keys: vec![7], is_near: true, wires: vec![300] };
+        check(&Order::Partners { partners: vec![partner] }, "444309000100100102613101070101ac02");
+        check(&Order::Expect { ticket: 2, expect, then: Some(flip) }, "4443090001000d02ac020103010401ac02010301040103");
     }
 
     #[test]
     fn golden_notices() {
-        let location = Location { session: "a".into(), local: vec!["u".into()], remote: vec![] };
+        let location = Location { session: "a".into(), local: vec!["u".into()], remote: vec![], keys: vec![7] };
         let hello = Notice::Hello {
             version: VERSION,
             instance: "m".into(),
@@ -329,22 +336,25 @@ mod tests {
             needs: vec!["ft".into()],
             signals: true,
         };
-        check(&hello, "4443080002000008016d01016101017500000102667401");
-        check(&Notice::Connected, "44430800020001");
-        check(&Notice::ConnectFailed { reason: "x".into() }, "444308000200020178");
-        check(&Notice::Switched { generation: 7 }, "4443080002000307");
-        check(&Notice::Running { activation: 1 }, "4443080002000401");
-        check(&Notice::Done { activation: 1, value: vec![] }, "444308000200050100");
-        check(&Notice::Aborted { activation: 1, reason: "x".into() }, "44430800020006010178");
-        check(&Notice::Stopped { activation: 1 }, "4443080002000701");
+        check(&hello, "4443090002000009016d010161010175000107000102667401");
+        check(&Notice::Connected, "44430900020001");
+        check(&Notice::ConnectFailed { reason: "x".into() }, "444309000200020178");
+        check(&Notice::Switched { generation: 7 }, "4443090002000307");
+        check(&Notice::Running { activation: 1 }, "4443090002000401");
+        check(&Notice::Done { activation: 1, value: vec![] }, "444309000200050100");
+        check(&Notice::Aborted { activation: 1, reason: "x".into() }, "44430900020006010178");
+        check(&Notice::Stopped { activation: 1 }, "4443090002000701");
         let resume = Notice::Resume { version: VERSION, instance: "m".into(), orders: 300 };
-        check(&resume, "4443080002000808016dac02");
-        check(&Notice::Expecting { ticket: 2 }, "4443080002000902");
+        check(&resume, "4443090002000809016dac02");
+        check(&Notice::Expecting { ticket: 2 }, "4443090002000902");
         let taken = Notice::Taken { ticket: 2, lost: 300, late: 1, missing: vec![4] };
-        check(&taken, "4443080002000a02ac02010104");
+        check(&taken, "4443090002000a02ac02010104");
         let losses = Notice::Losses { wires: vec![(300, 2)] };
-        check(&losses, "4443080002000c01ac0202");
-        assert!(!losses.is_counted());
+        check(&losses, "4443090002000c01ac0202");
+        let refused = Refused { wire: 300, count: 2, why: Refusal::Repeated, from: Some("a1".into()) };
+        let refused = Notice::Refused { wires: vec![refused] };
+        check(&refused, "4443090002000d01ac02020201026131");
+        assert!(!losses.is_counted() && !refused.is_counted());
         assert!(hello.is_counted() && !resume.is_counted());
         assert!(Order::Exit.is_counted() && !Order::Resumed { notices: 0 }.is_counted());
         assert!(!Order::Configure { parameters: vec![] }.is_counted());
@@ -387,8 +397,8 @@ mod tests {
         let mut order = encode(&Order::Exit).unwrap();
         order.push(0);
         assert!(refused(&order).starts_with("a message of kind 1 is malformed"));
-        order[2] = 9;
-        assert_eq!(refused(&order), "a message of version 9 of kind 1; this program speaks version 8");
+        order[2] = 10;
+        assert_eq!(refused(&order), "a message of version 10 of kind 1; this program speaks version 9");
         let long = vec![0; Order::SIZE_MAX + 1];
         assert!(matches!(decode::<Order>(&long), Err(CodecError::TooLong { .. })));
         assert!(encode(&Order::Activate { activation: 0, value: long }).is_err());

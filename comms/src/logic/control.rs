@@ -13,13 +13,14 @@
 //! ([`Order::is_counted`], [`Notice::is_counted`]).
 
 use crate::logic::database::{DatabaseAnswer, DatabaseRequest};
+use crate::logic::seal::Refused;
 use crate::logic::switch::{Expect, Flip};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
 /// Version of this protocol: one more with every order, notice or field that is appended. Node and program must be of the
 /// same one. Of any other they understand no more than [`Notice::Hello`] and [`Notice::Resume`] say at their beginning, so that each can be told.
-pub const VERSION: u16 = 8;
+pub const VERSION: u16 = 9;
 
 /// Where a program's data session can be dialled.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -30,6 +31,21 @@ pub struct Location {
     pub local: Vec<String>,
     /// Dialled by programs on other hosts; empty when the node is not open to the network.
     pub remote: Vec<String>,
+    /// The public keys that the program has made at its start, for what is sealed for it; empty outside of a team.
+    pub keys: Vec<u8>,
+}
+
+/// A program at the other end of wires, whose values are sealed.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Partner {
+    /// The session of the program.
+    pub session: String,
+    /// Its public keys, as in its [`Location`].
+    pub keys: Vec<u8>,
+    /// Whether it runs on the same machine.
+    pub is_near: bool,
+    /// Numbers of the wires, those of calls too.
+    pub wires: Vec<u32>,
 }
 
 /// One end of a data route. The key is `comms::logic::key::wire(..)`; both ends are told the same one.
@@ -225,6 +241,12 @@ pub enum Order {
         /// Each with its keys.
         ports: Vec<KeyPort>,
     },
+    /// The programs at the other ends of wires and calls, all of them anew, in a team; comes before [`Order::Connect`], and again when one
+    /// of them was started again.
+    Partners {
+        /// Each with the wires to it.
+        partners: Vec<Partner>,
+    },
 }
 
 impl Order {
@@ -327,11 +349,16 @@ pub enum Notice {
         /// The wires that have lost some, each with all that it has lost.
         wires: Vec<(u32, u64)>,
     },
+    /// What has come over wires and was dropped, because the other end has not sealed it.
+    Refused {
+        /// Each wire at most once a minute.
+        wires: Vec<Refused>,
+    },
 }
 
 impl Notice {
     /// Returns whether the notice has a number: [`Notice::Hello`] is 1.
     pub const fn is_counted(&self) -> bool {
-        !matches!(self, Self::Resume { .. } | Self::Database { .. } | Self::Losses { .. })
+        !matches!(self, Self::Resume { .. } | Self::Database { .. } | Self::Losses { .. } | Self::Refused { .. })
     }
 }

@@ -16,6 +16,7 @@
 //! dca/live/<host>/<boot>             a node is up
 //! dca/d/<deployment>/<epoch>/w/<wire>  samples of one wire
 //! dca/d/<deployment>/<epoch>/w/<wire>/type  what its consumer takes
+//! dca/d/<deployment>/<epoch>/w/<wire>/seen  its values, for people, in a team
 //! dca/db/<team>/news/<origin>        what a replica of the database tells everybody
 //! dca/db/<team>/to|ask/<origin>      what one is told, and asked
 //! dca/<robot>/hw/<device>/state|cmd  a device; `<robot>` starts with `_` if it is one of the words above
@@ -227,6 +228,11 @@ pub fn wire(deployment: &str, epoch: u64, wire: u32) -> String {
 /// Returns the key on which the consumer of a wire answers of which type it takes the values.
 pub fn wire_type(wire: &str) -> String {
     format!("{wire}/type")
+}
+
+/// Returns the key on which people see the values of a wire that are sealed for its consumer.
+pub fn wire_seen(wire: &str) -> String {
+    format!("{wire}/seen")
 }
 
 /// Returns the key on which a replica of a team's database tells everybody something.

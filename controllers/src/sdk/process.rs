@@ -16,6 +16,7 @@ mod cycle;
 mod database;
 mod heartbeat;
 mod inbox;
+mod keyring;
 mod links;
 mod node_line;
 mod objects;
@@ -31,10 +32,11 @@ use super::registry::{CreateError, Registry};
 use comms::io::control::ControlError;
 use comms::io::data::DataSession;
 use comms::io::session::{OpenError, Reach, Role, prepare_process};
-use comms::logic::control::{Notice, Order, VERSION};
+use comms::logic::control::{Location, Notice, Order, VERSION};
 use cycle::Cycle;
 use heartbeat::Watcher;
 use inbox::{Command, Inbox};
+use keyring::Keyring;
 use links::Links;
 use node_line::{NodeLine, NoticeLog};
 use signal_hook::consts::SIGTERM;
@@ -114,29 +116,38 @@ fn take_part(registry: &Registry, name: &str, arguments: &[String]) -> Result<Ex
     let (socket, instance) = (PathBuf::from(variable("DCA_CONTROL")?), variable("DCA_INSTANCE")?);
     let instance = instance.to_string_lossy().into_owned();
     let interface = module.interface().clone();
+    let (inbox, mut keyring) = (Arc::new(Inbox::default()), None);
     let session = if needs_session(&interface) {
-        let reach = reach()?;
+        let reach = match team()? {
+            Some(identity) => {
+                let made = Keyring::generate(&identity, &inbox);
+                keyring = Some(made.map_err(|error| ProcessError::Team(error.to_string()))?);
+                Reach::Team(identity)
+            }
+            None if std::env::var_os("DCA_REMOTE").is_some() => Reach::Lan,
+            None => Reach::Host,
+        };
         Some(Arc::new(DataSession::open(Path::new(&variable("DCA_DATA_SOCKET")?), reach)?))
     } else {
         None
     };
+    let keys = keyring.as_ref().map(Keyring::public).unwrap_or_default();
+    let location = session.as_ref().map(|session| Location { keys, ..session.location() });
+    let links = Arc::new(Links::new(keyring));
     let (notices, orders) = node_line::connect(&socket, &instance, parent)?;
-    notices.send(&hello(&interface, &instance, session.as_deref()))?;
+    notices.send(&hello(&interface, &instance, location))?;
     let parameters = interface.about.parameters;
     // The registry has made a controller of them already, so they fit.
     let arguments = Arguments::parse(parameters, arguments).unwrap_or_default();
     let program = Program { interface, instance, arguments, session, notices };
-    program.serve(module, orders)
+    program.serve(module, (inbox, links), orders)
 }
 
-/// Returns whom the node lets come to its programs from other hosts.
-fn reach() -> Result<Reach, ProcessError> {
-    if let Some(file) = std::env::var_os("DCA_TEAM") {
-        let identity =
-            ProgramIdentity::open(Path::new(&file)).map_err(|error| ProcessError::Team(format!("{error:#}")))?;
-        return Ok(Reach::Team(Arc::new(identity)));
-    }
-    Ok(if std::env::var_os("DCA_REMOTE").is_some() { Reach::Lan } else { Reach::Host })
+/// Returns what shows others that a node of the team has started this program; nothing outside of a team.
+fn team() -> Result<Option<Arc<ProgramIdentity>>, ProcessError> {
+    let Some(file) = std::env::var_os("DCA_TEAM") else { return Ok(None) };
+    let identity = ProgramIdentity::open(Path::new(&file));
+    identity.map(|identity| Some(Arc::new(identity))).map_err(|error| ProcessError::Team(format!("{error:#}")))
 }
 
 fn needs_session(interface: &Interface) -> bool {
@@ -144,12 +155,12 @@ fn needs_session(interface: &Interface) -> bool {
     !interface.ports.is_empty() || interface.about.signals_every.is_some() || is_called
 }
 
-fn hello(interface: &Interface, instance: &str, session: Option<&DataSession>) -> Notice {
+fn hello(interface: &Interface, instance: &str, location: Option<Location>) -> Notice {
     let names = |devices: Vec<&'static str>| devices.into_iter().map(str::to_owned).collect();
     Notice::Hello {
         version: VERSION,
         instance: instance.to_owned(),
-        location: session.map(DataSession::location),
+        location,
         owns: names(interface.owns()),
         needs: names(interface.needs()),
         signals: interface.about.signals_every.is_some(),
@@ -168,9 +179,12 @@ struct Program {
 
 impl Program {
     /// Obeys the node until it says `Exit`, or nobody will ever: then stops what runs, and leaves.
-    fn serve(self, module: Box<dyn Module>, mut orders: NodeLine) -> Result<ExitCode, ProcessError> {
-        let inbox = Arc::new(Inbox::default());
-        let links = Arc::new(Links::default());
+    fn serve(
+        self,
+        module: Box<dyn Module>,
+        (inbox, links): (Arc<Inbox>, Arc<Links>),
+        mut orders: NodeLine,
+    ) -> Result<ExitCode, ProcessError> {
         let cycle = Cycle::new(module, Arc::clone(&inbox), Arc::clone(&links), self.notices.clone());
         if let Some(watcher) = Watcher::of_environment() {
             watcher.tell(cycle.heartbeat())?;
@@ -265,6 +279,7 @@ impl Program {
             Order::Shape { wires } => links.shape(wires),
             Order::Calls { calls } => links.call(calls),
             Order::Rejoin => links.rejoin(),
+            Order::Partners { partners } => links.partners(partners),
             Order::Relink { lost, found } => {
                 if let Some(session) = &self.session {
                     session.forget(&lost);

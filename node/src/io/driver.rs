@@ -321,6 +321,7 @@ impl Driver {
                 self.losses.note(process, wires);
                 None
             }
+            Event::Refused(connection, wires) => self.refused(&connection, wires),
             Event::Committed(deployment, written) => Some(Input::Committed { deployment, written }),
             Event::Found(deployment, number, problems) => Some(Input::Found { deployment, number, problems }),
         }

@@ -7,6 +7,7 @@ use crate::logic::effect::ProcessId;
 use crate::logic::protocol::{Deployment, Request};
 use comms::io::control::{ControlReceiver, ControlSender, Listener};
 use comms::logic::control::Notice;
+use comms::logic::seal::Refused;
 use shim::protocol::ShimReport;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -35,6 +36,8 @@ pub(crate) enum Event {
     Control(Connection, Notice),
     /// What the wires of a program have lost.
     Losses(Connection, Vec<(u32, u64)>),
+    /// What a program has dropped that the other ends of its wires have not sealed.
+    Refused(Connection, Vec<Refused>),
     /// The epoch of a deployment is in the journal, or why it is not.
     Committed(Deployment, Result<(), String>),
     /// A call that a user has signed, and that is written down.
@@ -109,7 +112,8 @@ async fn hear(
         | Notice::Expecting { .. }
         | Notice::Taken { .. }
         | Notice::Database { .. }
-        | Notice::Losses { .. } => anyhow::bail!("a program did not say who it is"),
+        | Notice::Losses { .. }
+        | Notice::Refused { .. } => anyhow::bail!("a program did not say who it is"),
     };
     let mut requests = database.open(&connection.deployment, &connection.instance, channel);
     if hello.is_some() {
@@ -127,6 +131,7 @@ async fn hear(
                 None
             }
             Notice::Losses { wires } => Some(Event::Losses(connection.clone(), wires)),
+            Notice::Refused { wires } => Some(Event::Refused(connection.clone(), wires)),
             said @ (Notice::Hello { .. }
             | Notice::Connected
             | Notice::ConnectFailed { .. }

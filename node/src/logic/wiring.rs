@@ -4,7 +4,7 @@
 //! keys. Programs that share a machine use Unix sockets; others use the addresses that the producer listens on.
 
 use crate::logic::protocol::{Deployment, LeafFacts};
-use comms::logic::control::{CallRoute, Device, Dial, Incoming, Location, Order, Outgoing, Shape};
+use comms::logic::control::{CallRoute, Device, Dial, Incoming, Location, Order, Outgoing, Partner, Shape};
 use comms::logic::key;
 use language::plan::{Plan, Quality, Retention, Transfer, Wire};
 use serde::{Deserialize, Serialize};
@@ -101,6 +101,38 @@ pub fn shapes(plan: &Plan, leaf: u32) -> Option<Order> {
     (!wires.is_empty()).then_some(Order::Shape { wires })
 }
 
+/// Returns the order that tells `leaf` which programs are at the other ends of its wires, by their keys; none if it has no keys.
+pub fn partners(plan: &Plan, registrations: &Registrations, leaf: u32) -> Option<Order> {
+    let location = |leaf: u32| registrations.facts.get(&leaf)?.location.as_ref();
+    location(leaf).filter(|own| !own.keys.is_empty())?;
+    let mut wires: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+    for (number, wire) in (0_u32..).zip(&plan.wires) {
+        let other = match (wire.from.leaf == leaf, wire.to.leaf == leaf) {
+            (true, _) => wire.to.leaf,
+            (false, true) => wire.from.leaf,
+            (false, false) => continue,
+        };
+        wires.entry(other).or_default().push(number);
+    }
+    let partner = |(other, wires): (u32, Vec<u32>)| {
+        let at = location(other)?;
+        let is_near = machine(plan, registrations, leaf) == machine(plan, registrations, other);
+        Some(Partner { session: at.session.clone(), keys: at.keys.clone(), is_near, wires })
+    };
+    Some(Order::Partners { partners: wires.into_iter().filter_map(partner).collect() })
+}
+
+/// Returns the programs that have wires with `leaf`, in either direction.
+pub fn wired(plan: &Plan, leaf: u32) -> BTreeSet<u32> {
+    let ends = plan.wires.iter().map(|wire| (wire.from.leaf, wire.to.leaf));
+    let others = ends.filter_map(|(from, to)| match (from == leaf, to == leaf) {
+        (true, _) => Some(to),
+        (false, true) => Some(from),
+        (false, false) => None,
+    });
+    others.filter(|other| *other != leaf).collect()
+}
+
 /// Returns the programs that dial `leaf`: consumers of its outputs, those that call it, and those that need a device of it.
 pub fn dialers(plan: &Plan, registrations: &Registrations, leaf: u32) -> BTreeSet<u32> {
     let dialled = |wire: &&Wire| {
@@ -147,17 +179,19 @@ fn dial(plan: &Plan, registrations: &Registrations, from: u32, to: u32) -> Resul
     let Some(location) = location else {
         return Err(format!("`{}` has no data session, so `{}` cannot reach it", path(plan, to), path(plan, from)));
     };
-    let machine = |leaf: u32| {
-        let host = plan.leaves.get(leaf as usize)?.host;
-        registrations.machines.get(host as usize)
-    };
-    reach(location, machine(from) == machine(to)).ok_or_else(|| {
+    let is_near = machine(plan, registrations, from) == machine(plan, registrations, to);
+    reach(location, is_near).ok_or_else(|| {
         let host = plan.leaves.get(to as usize).and_then(|leaf| plan.hosts.get(leaf.host as usize));
         let host = host.map_or("?", String::as_str);
         format!(
             "host `{host}` is not open to the network; take its node into a team, or start it with `--insecure-lan`"
         )
     })
+}
+
+fn machine<'a>(plan: &Plan, registrations: &'a Registrations, leaf: u32) -> Option<&'a String> {
+    let host = plan.leaves.get(leaf as usize)?.host;
+    registrations.machines.get(host as usize)
 }
 
 fn reach(location: &Location, same_machine: bool) -> Option<Dial> {
@@ -196,7 +230,8 @@ process main() {
     }
 
     fn facts(leaf: u32, session: &str) -> LeafFacts {
-        let location = Location { session: session.into(), local: vec!["unix".into()], remote: vec!["tcp".into()] };
+        let location =
+            Location { session: session.into(), local: vec!["unix".into()], remote: vec!["tcp".into()], keys: vec![] };
         LeafFacts { location: Some(location), ..LeafFacts::plain(leaf) }
     }
 
@@ -232,6 +267,35 @@ process main() {
             Some(Order::Relink { lost: "old".into(), found })
         };
         assert_eq!((relink(1), relink(2)), (order("unix"), order("tcp")));
+    }
+
+    /// In a team both ends of a wire know each other, by the keys that they have now.
+    #[test]
+    fn both_ends_know_the_keys_of_each_other() {
+        let plan = plan();
+        let keyed = |leaf: u32, session: &str, keys: &[u8]| {
+            let mut facts = facts(leaf, session);
+            facts.location.iter_mut().for_each(|location| location.keys = keys.to_vec());
+            (leaf, facts)
+        };
+        let registrations = Registrations {
+            facts: [keyed(0, "a", &[1]), keyed(1, "b", &[2]), keyed(2, "c", &[3])].into(),
+            machines: vec!["one".into(), "other".into()],
+        };
+        let partner = |session: &str, keys: &[u8], is_near, wires: &[u32]| Partner {
+            session: session.into(),
+            keys: keys.to_vec(),
+            is_near,
+            wires: wires.to_vec(),
+        };
+        let order = |partners: &[Partner]| Some(Order::Partners { partners: partners.to_vec() });
+        let both = [partner("b", &[2], true, &[0]), partner("c", &[3], false, &[1, 2])];
+        assert_eq!(partners(&plan, &registrations, 0), order(&both));
+        assert_eq!(partners(&plan, &registrations, 1), order(&[partner("a", &[1], true, &[0])]));
+        assert_eq!(partners(&plan, &registrations, 2), order(&[partner("a", &[1], false, &[1, 2])]));
+        assert_eq!((wired(&plan, 0), wired(&plan, 2)), (BTreeSet::from([1, 2]), BTreeSet::from([0])));
+        let open = Registrations { facts: [(0, facts(0, "a")), keyed(1, "b", &[2])].into(), ..registrations };
+        assert_eq!(partners(&plan, &open, 0), None, "who has no keys is in no team");
     }
 
     /// A call is dialled by who calls, and is no input of who is called; one that calls nothing is told nothing.

@@ -114,7 +114,8 @@ impl World {
             | Order::Rejoin
             | Order::Resumed { .. }
             | Order::Database { .. }
-            | Order::Keys { .. } => {}
+            | Order::Keys { .. }
+            | Order::Partners { .. } => {}
             Order::Exit if self.lingers => {}
             Order::Exit => self.die(host, process, ShimReport::Exited { code: 0 }),
         }
@@ -139,7 +140,8 @@ impl World {
             return;
         }
         let local = vec!["unix".into()];
-        let location = Some(Location { session: self.session(&process), local, remote: vec!["tcp".into()] });
+        let (session, remote) = (self.session(&process), vec!["tcp".into()]);
+        let location = Some(Location { session, local, remote, keys: vec![] });
         let owns = if order.command[1] == "Owner" { vec!["arm".to_owned()] } else { vec![] };
         let needs = vec![];
         let version = self.version.unwrap_or(VERSION);

@@ -160,7 +160,7 @@ impl Callee {
                 argument: Bytes(argument(self.made)),
             };
             let sent = now();
-            let answer = self.session.call_and_wait((&key, &cancel_key), &call)?;
+            let answer = self.session.call_and_wait((&key, &cancel_key), (&CallWay::Open, &call))?;
             let took = now().since(sent);
             ensure!(name != "Echo" || answer == call.argument.0, "another answer");
             if number >= warm_up {

@@ -143,20 +143,20 @@ async fn another_version_is_told_on_both_sides() {
     let listener = Listener::bind(&dir.socket()).unwrap();
     let of_later = |message: Vec<u8>| {
         let mut bytes = message;
-        bytes[2] = 9;
+        bytes[2] = 99;
         frame::encode(&bytes, 100).unwrap()
     };
     let mut program = UnixStream::connect(dir.socket()).unwrap();
     program.write_all(&of_later(codec::encode(&hello()).unwrap())).unwrap();
     let (_orders, mut notices) = listener.accept().await.unwrap();
     let said = notices.recv().await.unwrap();
-    assert!(matches!(&said, Some(Notice::Hello { version: 9, instance, .. }) if instance == "main/x"), "{said:?}");
+    assert!(matches!(&said, Some(Notice::Hello { version: 99, instance, .. }) if instance == "main/x"), "{said:?}");
 
     let node = std::os::unix::net::UnixListener::bind(dir.0.join("later.sock")).unwrap();
     let (_notices, mut orders) = connect(&dir.0.join("later.sock"), SOON).unwrap();
     node.accept().unwrap().0.write_all(&of_later(codec::encode(&Order::Exit).unwrap())).unwrap();
     let error = orders.recv().unwrap_err().to_string();
-    assert!(error.starts_with("the other side speaks version 9 of the control protocol, this one "), "{error}");
+    assert!(error.starts_with("the other side speaks version 99 of the control protocol, this one "), "{error}");
 }
 
 /// A node that is suspended takes no notices and no connections: a program waits for neither of them.

@@ -4,10 +4,13 @@
 //! nothing, so control loops neither call nor answer themselves: answers go out on threads of their own, and who calls has a
 //! thread for it.
 
-use super::{DataError, DataSession, session_error};
+use super::calls::{CallGate, CallWay, Outgoing as Prepared, Sender};
+use super::seal::Sealed;
+use super::{DataError, DataSession, Sealer, session_error};
 use crate::io::clock::now;
 use crate::logic::codec::{self, CodecError};
 use crate::logic::object::{CallId, ObjectAnswer, ObjectCall, ObjectCancel, ObjectError};
+use crate::logic::seal::Content;
 use crate::logic::time::Time;
 use std::fmt;
 use std::pin::pin;
@@ -16,10 +19,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::task::{Context, Waker};
 use std::time::Duration;
 use zenoh::Wait;
+use zenoh::bytes::ZBytes;
 use zenoh::cancellation::CancellationToken;
 use zenoh::pubsub::Subscriber;
 use zenoh::qos::{CongestionControl, Priority};
-use zenoh::query::{ConsolidationMode, Query, Queryable, Reply};
+use zenoh::query::{ConsolidationMode, Query, QueryTarget, Queryable, Reply};
 use zenoh::sample::Sample;
 
 /// Answers that have not been sent yet. One more is lost, which its caller hears.
@@ -62,15 +66,18 @@ pub struct AnswerWay {
     /// Taken once it is answered.
     query: Option<Query>,
     answers: SyncSender<Outgoing>,
+    /// What seals the answer for its caller, in a team, and the number of the call.
+    sealer: Option<(Arc<Sealer>, u64)>,
 }
 
-/// An answer on its way, or none: dropped, a query tells its caller that nobody answers.
-type Outgoing = (Query, Option<Vec<u8>>);
+/// An answer on its way, with what goes beside it, or none: dropped, a query tells its caller that nobody answers.
+type Outgoing = (Query, Option<(ZBytes, Option<Vec<u8>>)>);
 
 /// A call whose answer has not come yet. Dropped, nobody waits for it any more, and the other end is told.
 pub struct PendingCall {
     id: CallId,
     session: zenoh::Session,
+    way: CallWay,
     cancel_key: String,
     token: CancellationToken,
     sink: Arc<Sink>,
@@ -99,23 +106,28 @@ impl Sink {
 }
 
 /// Zenoh holds this for as long as an answer may come.
-struct Awaiting(Arc<Sink>);
+struct Awaiting {
+    sink: Arc<Sink>,
+    until: Time,
+    within: Duration,
+}
 
 impl Drop for Awaiting {
     fn drop(&mut self) {
-        self.0.put(Err(ObjectError::Gone));
+        let is_late = now() >= self.until;
+        self.sink.put(Err(if is_late { ObjectError::Deadline { within: self.within } } else { ObjectError::Gone }));
     }
 }
 
 impl DataSession {
-    /// Serves the calls of `key`, and hears on `cancel_key` who waits no more.
+    /// Serves the calls of `key`, and hears on `cancel_key` who waits no more. With a gate, only those that it lets in.
     ///
     /// # Errors
     /// If the session is closed, or there are no threads to be had.
     pub fn serve_calls(
         &self,
-        key: &str,
-        cancel_key: &str,
+        (key, cancel_key): (&str, &str),
+        gate: Option<Arc<CallGate>>,
         serve: impl Fn(ObjectEvent) + Send + Sync + 'static,
     ) -> Result<ObjectServer, DataError> {
         let (answers, to_send) = sync_channel(ANSWERS_MAX);
@@ -126,12 +138,18 @@ impl DataSession {
             thread.map_err(|cause| DataError::Session { key: key.to_owned(), cause: cause.to_string() })?;
         }
         let serve = Arc::new(serve);
-        let cancelled = Arc::clone(&serve);
-        let on_query = move |query: Query| hear(query, &answers, &*serve);
+        let (cancelled, admits) = (Arc::clone(&serve), gate.clone());
+        let on_query = move |query: Query| hear(query, admits.as_deref(), &answers, &*serve);
         let queryable = self.opened.session.declare_queryable(key).complete(true).callback(on_query).wait();
         let queryable = queryable.map_err(|cause| session_error(key, &cause))?;
         let on_cancel = move |sample: Sample| {
-            if let Ok(ObjectCancel { id }) = codec::decode(&sample.payload().to_bytes()) {
+            let said = (sample.attachment(), sample.payload());
+            let Some((sender, bytes)) = admit(gate.as_deref(), Content::Cancel, said, sample.key_expr()) else {
+                return;
+            };
+            if let Ok(ObjectCancel { id }) = codec::decode(&bytes)
+                && sender.is_none_or(|sender| sender.may_be(&id.session))
+            {
                 cancelled(ObjectEvent::Cancelled(id));
             }
         };
@@ -148,44 +166,67 @@ impl DataSession {
     pub fn call(
         &self,
         (key, cancel_key): (&str, &str),
-        call: &ObjectCall,
+        (way, call): (&CallWay, &ObjectCall),
         take: impl FnOnce(Result<Vec<u8>, ObjectError>) + Send + 'static,
     ) -> Result<PendingCall, ObjectError> {
         ObjectError::check_size(call.argument.0.len())?;
         let refused = |reason: String| ObjectError::Refused { reason };
         let bytes = codec::encode(call).map_err(|error| refused(error.to_string()))?;
+        let Prepared { bytes, beside, number } = way.prepare(key, Content::Call, bytes).map_err(refused)?;
         let sink = Arc::new(Sink(Mutex::new(Some(Box::new(take)))));
-        let (awaiting, within) = (Awaiting(Arc::clone(&sink)), call.within);
+        let within = call.within;
+        let awaiting = Awaiting { sink: Arc::clone(&sink), until: now() + within, within };
+        let theirs = way.clone();
+        let on_reply = move |reply: Reply| match &theirs {
+            CallWay::Open | CallWay::Signed(_) => awaiting.sink.put(result_of(&reply, within)),
+            CallWay::Sealed { answer, .. } => {
+                // An error has no seal, and may be anybody's.
+                let opened = reply
+                    .result()
+                    .ok()
+                    .and_then(|sample| answer.open(sample.attachment(), number, sample.payload(), || None));
+                if let Some((Content::Answer, bytes)) = opened {
+                    awaiting.sink.put(read(&bytes));
+                }
+            }
+        };
+        let target = if matches!(way, CallWay::Sealed { .. }) { QueryTarget::All } else { QueryTarget::default() };
         let token = CancellationToken::default();
         let asking = self
             .opened
             .session
             .get(key)
+            .target(target)
             .payload(bytes)
+            .attachment(beside)
             .consolidation(ConsolidationMode::None)
             .congestion_control(CongestionControl::Block)
             .priority(Priority::InteractiveLow)
             .express(true)
             .timeout(within)
             .cancellation_token(token.clone())
-            .callback(move |reply| awaiting.0.put(result_of(&reply, within)));
+            .callback(on_reply);
         if let Err(cause) = asking.wait() {
             drop(sink.take());
             return Err(refused(crate::io::session::plain(&cause)));
         }
         let (session, cancel_key) = (self.opened.session.clone(), cancel_key.to_owned());
-        Ok(PendingCall { id: call.id.clone(), session, cancel_key, token, sink })
+        Ok(PendingCall { id: call.id.clone(), session, way: way.clone(), cancel_key, token, sink })
     }
 
     /// Calls as [`DataSession::call`] does, and waits for the result.
     ///
     /// # Errors
     /// Why there is none.
-    pub fn call_and_wait(&self, keys: (&str, &str), call: &ObjectCall) -> Result<Vec<u8>, ObjectError> {
+    pub fn call_and_wait(
+        &self,
+        keys: (&str, &str),
+        (way, call): (&CallWay, &ObjectCall),
+    ) -> Result<Vec<u8>, ObjectError> {
         let (result_tx, result) = sync_channel(1);
         // Nobody waits any more only where the wait below has ended.
         let take = move |result| result_tx.try_send(result).unwrap_or_default();
-        let _pending = self.call(keys, call, take)?;
+        let _pending = self.call(keys, (way, call), take)?;
         // Zenoh keeps the time; ours is for the case that it does not.
         let late = ObjectError::Deadline { within: call.within };
         result.recv_timeout(call.within + Duration::from_millis(500)).map_err(|_late| late)?
@@ -202,11 +243,37 @@ impl DataSession {
     }
 }
 
+/// Returns what was said, and by whom if a gate knows that; nothing if the gate does not let it in.
+fn admit(
+    gate: Option<&CallGate>,
+    content: Content,
+    said: (Option<&ZBytes>, &ZBytes),
+    key: &str,
+) -> Option<(Option<Sender>, Vec<u8>)> {
+    let Some(gate) = gate else { return Some((None, said.1.to_bytes().into_owned())) };
+    gate.open(content, said, key).map(|(sender, bytes)| (Some(sender), bytes))
+}
+
 /// Takes what a caller sends. Called from zenoh.
-fn hear(query: Query, answers: &SyncSender<Outgoing>, serve: &(impl Fn(ObjectEvent) + ?Sized)) {
-    let call = query.payload().map(|payload| codec::decode::<ObjectCall>(&payload.to_bytes()));
-    let way = AnswerWay { query: Some(query), answers: answers.clone() };
-    match call.unwrap_or(Err(CodecError::Foreign)) {
+fn hear(
+    query: Query,
+    gate: Option<&CallGate>,
+    answers: &SyncSender<Outgoing>,
+    serve: &(impl Fn(ObjectEvent) + ?Sized),
+) {
+    let (nothing, key) = (ZBytes::new(), query.key_expr().clone());
+    let said = (query.attachment(), query.payload().unwrap_or(&nothing));
+    // Dropped, the query tells its caller that nobody is there.
+    let Some((sender, bytes)) = admit(gate, Content::Call, said, &key) else { return };
+    let call = codec::decode::<ObjectCall>(&bytes);
+    let is_own = |call: &ObjectCall| sender.as_ref().is_none_or(|sender| sender.may_be(&call.id.session));
+    let call = call.and_then(|call| if is_own(&call) { Ok(call) } else { Err(CodecError::Foreign) });
+    let sealer = match sender {
+        Some(Sender::Caller(_, sealer, number)) => Some((sealer, number)),
+        Some(Sender::Visitor) | None => None,
+    };
+    let way = AnswerWay { query: Some(query), answers: answers.clone(), sealer };
+    match call {
         Ok(call) => {
             let deadline = now() + call.within;
             serve(ObjectEvent::Called(Box::new(IncomingCall { call, deadline, way })));
@@ -219,8 +286,8 @@ fn send_all(answers: &Mutex<Receiver<Outgoing>>) {
     loop {
         let next = answers.lock().unwrap_or_else(PoisonError::into_inner).recv();
         let Ok((query, answer)) = next else { return };
-        let Some(bytes) = answer else { continue };
-        if let Err(error) = query.reply(query.key_expr().clone(), bytes).express(true).wait() {
+        let Some((bytes, beside)) = answer else { continue };
+        if let Err(error) = query.reply(query.key_expr().clone(), bytes).attachment(beside).express(true).wait() {
             tracing::debug!(key = query.key_expr().as_str(), %error, "an answer was not sent");
         }
     }
@@ -228,12 +295,16 @@ fn send_all(answers: &Mutex<Receiver<Outgoing>>) {
 
 fn result_of(reply: &Reply, within: Duration) -> Result<Vec<u8>, ObjectError> {
     match reply.result() {
-        Ok(sample) => match codec::decode::<ObjectAnswer>(&sample.payload().to_bytes()) {
-            Ok(answer) => answer.into(),
-            Err(error) => Err(ObjectError::Refused { reason: format!("the answer cannot be read: {error}") }),
-        },
+        Ok(sample) => read(&sample.payload().to_bytes()),
         Err(error) if *error.payload().to_bytes() == *TIMEOUT => Err(ObjectError::Deadline { within }),
         Err(_) => Err(ObjectError::Gone),
+    }
+}
+
+fn read(answer: &[u8]) -> Result<Vec<u8>, ObjectError> {
+    match codec::decode::<ObjectAnswer>(answer) {
+        Ok(answer) => answer.into(),
+        Err(error) => Err(ObjectError::Refused { reason: format!("the answer cannot be read: {error}") }),
     }
 }
 
@@ -243,6 +314,13 @@ impl AnswerWay {
         let Some(query) = self.query.take() else { return };
         let answer = codec::encode(&ObjectAnswer::from(result));
         let answer = answer.map_err(|error| tracing::warn!(%error, "an answer cannot be written")).ok();
+        let answer = match self.sealer.take() {
+            None => answer.map(|bytes| (bytes.into(), None)),
+            // Nobody else can read it. A caller without a key any more is gone.
+            Some((sealer, number)) => answer
+                .and_then(|bytes| sealer.seal(Content::Answer, number, &bytes.into()))
+                .map(|Sealed { bytes, seal, .. }| (bytes, Some(seal))),
+        };
         if self.answers.try_send((query, answer)).is_err() {
             tracing::warn!("an answer is lost: too many have not been taken");
         }
@@ -275,8 +353,9 @@ impl Drop for PendingCall {
         let closing = pin!(self.token.cancel().into_future());
         drop(closing.poll(&mut Context::from_waker(Waker::noop())));
         let Ok(cancel) = codec::encode(&ObjectCancel { id: self.id.clone() }) else { return };
-        let told = self.session.put(&self.cancel_key, cancel).congestion_control(CongestionControl::Drop).express(true);
-        if let Err(error) = told.wait() {
+        let Ok(prepared) = self.way.prepare(&self.cancel_key, Content::Cancel, cancel) else { return };
+        let told = self.session.put(&self.cancel_key, prepared.bytes).attachment(prepared.beside);
+        if let Err(error) = told.congestion_control(CongestionControl::Drop).express(true).wait() {
             tracing::debug!(%error, "the other end does not hear that nobody waits");
         }
     }

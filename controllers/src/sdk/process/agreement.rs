@@ -4,7 +4,10 @@
 //! The consumer answers what it takes, and then subscribes. So once its producer sees that somebody listens, it can ask. Who does not
 //! answer, as a program of an older DCA, is believed.
 
+use super::keyring::{Keyring, Use};
+use super::wire::answer_with;
 use crate::sdk::interface::PortInterface;
+use comms::io::clock::now;
 use comms::io::data::{DataError, DataSession, Responder};
 use comms::logic::object::TypeForm;
 use comms::logic::{codec, key};
@@ -14,18 +17,35 @@ use std::time::Duration;
 const ANSWER_WITHIN: Duration = Duration::from_secs(4);
 
 /// Answers on a wire's key what an input takes.
-pub(super) fn declare(session: &DataSession, wire: &str, input: &PortInterface) -> Result<Responder, DataError> {
+pub(super) fn declare(
+    (session, keyring): (&DataSession, Option<&Keyring>),
+    (number, wire): (u32, &str),
+    input: &PortInterface,
+) -> Result<Responder, DataError> {
     let form = codec::encode(&form(input)).ok();
-    session.answer(&key::wire_type(wire), move || form.clone())
+    let sealer = keyring.map(|keyring| keyring.sealer((number, Use::Type), wire));
+    answer_with(session, &key::wire_type(wire), sealer, move || form.clone())
 }
 
 /// Asks the consumer of a wire what it takes.
 ///
 /// # Errors
 /// If that is not what the output sends; both definitions are shown.
-pub(super) fn check(session: &DataSession, wire: &str, output: &PortInterface) -> Result<(), String> {
-    let answer = session.fetch(&key::wire_type(wire), ANSWER_WITHIN);
-    let theirs = answer.ok().flatten().and_then(|bytes| codec::decode::<TypeForm>(&bytes).ok());
+pub(super) fn check(
+    (session, keyring): (&DataSession, Option<&Keyring>),
+    (number, wire): (u32, &str),
+    output: &PortInterface,
+) -> Result<(), String> {
+    let (key, until) = (key::wire_type(wire), now() + ANSWER_WITHIN);
+    let asked = match keyring {
+        None => session.ask(&key, ANSWER_WITHIN),
+        Some(keyring) => session.ask_sealed(&key, keyring.opener((number, Use::Type), wire), ANSWER_WITHIN),
+    };
+    let theirs = asked
+        .and_then(|asked| asked.answer(until))
+        .ok()
+        .flatten()
+        .and_then(|bytes| codec::decode::<TypeForm>(&bytes).ok());
     let ours = form(output);
     match theirs.filter(|theirs| !theirs.fits(&ours)) {
         None => Ok(()),

@@ -123,6 +123,7 @@ impl Cycle {
                 self.command(command);
             }
             self.serve();
+            self.notices.tell(self.inbox.take_refused());
             let triggered = self.take_samples();
             if matches!(self.phase, Phase::Idle) {
                 if self.leaving {
@@ -372,8 +373,7 @@ impl Cycle {
     fn tell_losses(&mut self, time: Time) {
         if time >= self.losses_due {
             self.losses_due = time + LOSSES_EVERY;
-            let losses = self.inbox.take_losses().map(|wires| Notice::Losses { wires });
-            losses.into_iter().for_each(|losses| drop(self.notices.send_now(&losses)));
+            self.notices.tell(self.inbox.take_losses().map(|wires| Notice::Losses { wires }));
         }
     }
 

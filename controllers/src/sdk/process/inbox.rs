@@ -8,6 +8,7 @@ use comms::io::clock::{Wakeup, now};
 use comms::io::data::{DataSession, IncomingCall};
 use comms::logic::control::{KeyPort, Notice, Shape};
 use comms::logic::object::{Admission, CallId, CallTable, Next, ObjectError};
+use comms::logic::seal::{Refusal, Refusals};
 use comms::logic::switch::{Arrival, Expect, Flip, Gaps, Intake, Passed, Sequence};
 use comms::logic::time::Time;
 use std::collections::{BTreeMap, VecDeque};
@@ -104,6 +105,7 @@ struct Waiting {
     /// By wire, which numbers have come.
     gaps: BTreeMap<u32, Gaps>,
     losses: Losses,
+    refusals: Refusals,
     /// By generation, the switches that are expected: the number of the order, and outputs to flip.
     expected: BTreeMap<u64, (u64, Option<Flip>)>,
     /// Calls that others make.
@@ -217,9 +219,10 @@ impl Inbox {
         self.pass(|intake, out| wires.into_iter().for_each(|wire| intake.forget(wire, out)));
     }
 
-    /// Returns when something that is waited for is given up.
+    /// Returns when something that is waited for is given up, or something refused is to be told.
     pub(super) fn deadline(&self) -> Option<Time> {
-        self.lock().intake.deadline()
+        let waiting = self.lock();
+        [waiting.intake.deadline(), waiting.refusals.deadline()].into_iter().flatten().min()
     }
 
     fn pass(&self, act: impl FnOnce(&mut Intake<Sample>, &mut Vec<Passed<Sample>>)) {
@@ -289,6 +292,24 @@ impl Inbox {
         let losses = &mut self.lock().losses;
         let is_news = std::mem::take(&mut losses.is_news);
         is_news.then(|| losses.of_wires.iter().map(|(wire, count)| (*wire, *count)).collect())
+    }
+
+    /// Notes that something has come over a wire which its other end has not sealed.
+    pub(super) fn refuse(&self, wire: u32, why: Refusal, from: Option<String>) {
+        self.lock().refusals.note(now(), wire, why, from);
+        self.wakeup.wake();
+    }
+
+    /// Notes that another program is at the other end of a wire now.
+    pub(super) fn partner_changed(&self, wire: u32) {
+        self.lock().refusals.changed(wire);
+    }
+
+    /// Returns what is to be told to the node now: what was refused.
+    pub(super) fn take_refused(&self) -> Option<Notice> {
+        let refusals = &mut self.lock().refusals;
+        let wires = refusals.deadline().map_or(Vec::new(), |_| refusals.take(now()));
+        (!wires.is_empty()).then_some(Notice::Refused { wires })
     }
 
     /// Has another node told of all losses.

@@ -2,14 +2,15 @@
 
 use super::agreement;
 use super::inbox::{Hold, Inbox};
+use super::keyring::{Keyring, Use};
 use super::objects::{Callers, Serving};
 use super::taps::Taps;
-use super::wire::{Fetch, Transport, Wire, hear, port, put, put_numbered, subscribe, wire};
+use super::wire::{Fetch, Transport, Wire, hear, port, put, subscribe, wire};
 use crate::sdk::interface::{Binding, Direction, Interface, PortInterface};
 use comms::io::clock::now;
 use comms::io::data::{DataError, DataSession, Payload, Priority, Publisher, Responder, Subscription};
 use comms::logic::codec::{self, Enveloped};
-use comms::logic::control::{CallRoute, Device, Dial, Incoming, Outgoing, Shape};
+use comms::logic::control::{CallRoute, Device, Dial, Incoming, Outgoing, Partner, Shape};
 use comms::logic::human::span;
 use comms::logic::key::{self, Channel};
 use comms::logic::switch::{Boundary, Flip, Opening};
@@ -64,6 +65,8 @@ pub(super) struct Links {
     turn: Mutex<()>,
     told: Mutex<PendingConfig>,
     callers: Callers,
+    /// In a team.
+    keyring: Option<Keyring>,
 }
 
 /// The configuration that arrives before the links are made.
@@ -87,6 +90,18 @@ enum DialBudget {
 }
 
 impl Links {
+    /// Returns no links. With keys everything that goes over them is sealed.
+    pub(super) fn new(keyring: Option<Keyring>) -> Self {
+        Self { keyring, ..Self::default() }
+    }
+
+    /// Takes note of who is at the other ends of wires.
+    pub(super) fn partners(&self, partners: Vec<Partner>) {
+        if let Some(keyring) = &self.keyring {
+            keyring.take(partners);
+        }
+    }
+
     /// Notes how data is to move on wires that are made later.
     pub(super) fn shape(&self, wires: Vec<Shape>) {
         self.told().shapes.extend(wires.into_iter().map(|shape| (shape.wire, shape)));
@@ -140,13 +155,13 @@ impl Links {
         } else {
             DialBudget::Each(DIAL_WITHIN)
         };
-        let mut made = Made::default();
+        let (mut made, keyring) = (Made::default(), self.keyring.as_ref());
         for outgoing in orders.outgoing.iter().filter(|outgoing| !self.lock().wires.contains_key(&outgoing.wire)) {
             let shape = self.shape_of(outgoing.wire);
-            made.wires.insert(outgoing.wire, wire(session, interface, outgoing, shape)?);
+            made.wires.insert(outgoing.wire, wire(session, (interface, keyring), outgoing, shape)?);
         }
         if is_first {
-            made.devices = Devices::make(session, interface, &orders, inbox)?;
+            made.devices = Devices::make((session, keyring), interface, &orders, inbox)?;
         }
         let dial = |to: &Dial| budget.dial(session, to).map_err(|error| error.to_string());
         for device in orders.devices.iter().filter(|_| is_first) {
@@ -158,19 +173,22 @@ impl Links {
             let port = input.name;
             if incoming.pull {
                 let (key, session) = (incoming.key.clone(), Arc::clone(session));
-                made.fetches.insert(number, Arc::new(Fetch { port, key, session }));
+                let opener = keyring.map(|keyring| keyring.opener((number, Use::Values), &key));
+                made.fetches.insert(number, Arc::new(Fetch { port, key, session, opener }));
             } else {
                 let hold = Hold::of(&self.shape_of(number));
                 inbox.link(number);
-                let declared = agreement::declare(session, &incoming.key, input).map_err(|error| error.to_string())?;
-                made.inputs.insert(number, (declared, hear(session, incoming, (port, hold), inbox)?));
+                let declared = agreement::declare((session, keyring), (number, &incoming.key), input);
+                let declared = declared.map_err(|error| error.to_string())?;
+                made.inputs.insert(number, (declared, hear(session, incoming, (port, hold), (inbox, keyring))?));
             }
         }
         let calls = self.told().calls.clone();
         for call in &calls {
             dial(&call.server).map_err(|why| format!("call `{}`: {why}", call.call))?;
         }
-        self.callers.take(session, (&orders.robot, &orders.instance), interface, (&calls, inbox))?;
+        let names = (&*orders.robot, &*orders.instance);
+        self.callers.take((session, keyring), names, interface, (&calls, inbox))?;
         // Consumers have their inputs before anybody sends: a value that is sent once must not find nobody there.
         for wire in made.wires.values() {
             if let Transport::Push(publisher) = &wire.way
@@ -182,7 +200,8 @@ impl Links {
             }
         }
         for outgoing in orders.outgoing.iter().filter(|outgoing| made.is_heard(outgoing.wire)) {
-            agreement::check(session, &outgoing.key, port(interface, &outgoing.port, Direction::Out)?)?;
+            let (of, port) = ((outgoing.wire, &*outgoing.key), port(interface, &outgoing.port, Direction::Out)?);
+            agreement::check((session, keyring), of, port)?;
         }
         inbox.forget(self.lock().take(made, &orders, is_first));
         self.are_made.store(true, Ordering::Release);
@@ -220,7 +239,7 @@ impl Links {
             let last = wire.flow.open(now);
             wire.way.mark(&Boundary::Opened { generation: *generation, after: after.clone() }, before);
             match (&wire.way, last) {
-                (Transport::Push(publisher), Some(last)) => put_numbered(publisher, last.into(), wire.flow.number()),
+                (Transport::Push(_), Some(last)) => wire.send(&last.into()),
                 (Transport::Push(_), None) => {}
                 (Transport::Pull { .. }, _) if was_open => {}
                 (Transport::Pull { .. }, last) => wire.way.keep(last),
@@ -246,9 +265,7 @@ impl Links {
             put(device, payload.clone());
         }
         for wire in passing.iter().filter_map(|number| made.wires.get(number)) {
-            if let Transport::Push(publisher) = &wire.way {
-                put_numbered(publisher, payload.clone(), wire.flow.number());
-            }
+            wire.send(&payload);
         }
     }
 
@@ -326,7 +343,7 @@ impl Made {
 
 impl Devices {
     fn make(
-        session: &Arc<DataSession>,
+        (session, keyring): (&Arc<DataSession>, Option<&Keyring>),
         interface: &Interface,
         orders: &LinkOrders,
         inbox: &Arc<Inbox>,
@@ -341,7 +358,7 @@ impl Devices {
         }
         let taps = Taps::make(session, interface, (&orders.robot, &orders.instance));
         devices.taps = taps.map_err(|error| error.to_string())?;
-        let serving = Serving::make(session, interface, (&orders.robot, &orders.instance), inbox);
+        let serving = Serving::make((session, keyring), interface, (&orders.robot, &orders.instance), inbox);
         devices.serving = serving.map_err(|error| error.to_string())?;
         Ok(devices)
     }
@@ -402,7 +419,7 @@ mod tests {
         let location = producer.location();
         consumer.dial(&Dial { session: location.session, locators: location.local }, LONG).unwrap();
         assert!(publisher.wait_heard(LONG));
-        let fetch = |key: String| Arc::new(Fetch { port: "In", key, session: Arc::clone(&consumer) });
+        let fetch = |key: String| Arc::new(Fetch { port: "In", key, session: Arc::clone(&consumer), opener: None });
         let fetches: Vec<_> = keys.into_iter().map(fetch).collect();
         let (began, within) = (now(), Duration::from_millis(500));
         let got = fetch_all(&fetches, within);

@@ -159,6 +159,11 @@ impl NoticeLog {
         Ok(Some(log.channels))
     }
 
+    /// Says something now, if there is something; a node that is not there does not hear it.
+    pub(super) fn tell(&self, notice: Option<Notice>) {
+        notice.into_iter().for_each(|notice| drop(self.send_now(&notice)));
+    }
+
     /// Returns the number of the present channel, or of the next one if there is none.
     pub(super) fn channel(&self) -> u64 {
         let log = self.lock();

@@ -4,10 +4,11 @@
 //! may hold up who sends.
 
 use super::inbox::Inbox;
+use super::keyring::Keyring;
 use crate::sdk::calls::CallOrder;
 use crate::sdk::export::{ExportInterface, admit};
 use crate::sdk::interface::Interface;
-use comms::io::data::{DataError, DataSession, ObjectEvent, ObjectServer, PendingCall, Responder};
+use comms::io::data::{CallWay, DataError, DataSession, ObjectEvent, ObjectServer, PendingCall, Responder};
 use comms::logic::bytes::Bytes;
 use comms::logic::control::CallRoute;
 use comms::logic::object::{CallId, Exports, ObjectCall, ObjectError, Signature};
@@ -52,6 +53,7 @@ struct Route {
     /// The procedure or state there.
     name: String,
     signature: Signature,
+    way: CallWay,
     is_open: bool,
 }
 
@@ -66,15 +68,17 @@ enum Job {
 
 impl Serving {
     pub(super) fn make(
-        session: &Arc<DataSession>,
+        (session, keyring): (&Arc<DataSession>, Option<&Keyring>),
         interface: &Interface,
         (robot, instance): (&str, &str),
         inbox: &Arc<Inbox>,
     ) -> Result<Self, DataError> {
         let (exports, inbox, of) = (interface.exports.clone(), Arc::clone(inbox), Arc::downgrade(session));
         let (key, cancel_key) = key::object(robot, instance);
-        let serve =
-            |exports: Vec<_>| session.serve_calls(&key, &cancel_key, move |event| hear(event, &exports, &inbox, &of));
+        let serve = |exports: Vec<_>| {
+            let gate = keyring.map(|keyring| keyring.gate((&key, &cancel_key)));
+            session.serve_calls((&key, &cancel_key), gate, move |event| hear(event, &exports, &inbox, &of))
+        };
         let server = Some(exports).filter(|exports| !exports.is_empty()).map(serve).transpose()?;
         // What exports nothing says so, too: silence means that it was not reached.
         let exports = interface.exports.iter().map(ExportInterface::exported).collect();
@@ -98,7 +102,7 @@ impl Callers {
     /// Takes the routes of all calls, in the place of those before; the new ones are closed.
     pub(super) fn take(
         &self,
-        session: &Arc<DataSession>,
+        (session, keyring): (&Arc<DataSession>, Option<&Keyring>),
         (robot, instance): (&str, &str),
         interface: &Interface,
         (routes, inbox): (&[CallRoute], &Arc<Inbox>),
@@ -110,8 +114,9 @@ impl Callers {
             let declared = declared.ok_or_else(|| format!("`{}` calls no `{}`", interface.type_name, route.call))?;
             let is_open = known.get(&route.wire).is_some_and(|before| before.is_open);
             let (keys, signature) = (key::object(robot, &route.path), declared.signature.clone());
-            let name = route.name.clone();
-            next.insert(route.wire, Route { call: declared.name, keys, name, signature, is_open });
+            let (name, wire) = (route.name.clone(), route.wire);
+            let way = keyring.map_or(CallWay::Open, |keyring| keyring.way(wire, (&keys.0, &keys.1)));
+            next.insert(wire, Route { call: declared.name, keys, name, signature, way, is_open });
         }
         *known = next;
         drop(known);
@@ -205,7 +210,7 @@ fn work(jobs: &Receiver<Job>, session: &Weak<DataSession>, caller: &str, (shared
                     theirs.pending().remove(&call);
                     to.answered(call, result);
                 };
-                match session.call((&route.keys.0, &route.keys.1), &asked, take) {
+                match session.call((&route.keys.0, &route.keys.1), (&route.way, &asked), take) {
                     Ok(pending) => {
                         let mut all = shared.pending();
                         // An answer that has come already finds nothing to take out; one that comes now waits for this.

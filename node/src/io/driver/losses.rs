@@ -1,8 +1,11 @@
-//! The values that wires have lost, as the programs at their ends count them.
+//! The values that wires have lost, and those that were refused, as the programs at their ends count them.
 
-use crate::logic::agent::Agent;
+use super::Driver;
+use crate::io::event::Connection;
+use crate::logic::agent::{Agent, Input};
 use crate::logic::effect::ProcessId;
 use crate::logic::protocol::{LostValues, NodeStatus};
+use comms::logic::seal::{NO_WIRE, Refused};
 use std::collections::BTreeMap;
 
 /// How many wires of one program are told at most.
@@ -34,5 +37,28 @@ impl Losses {
             });
             part.lost = named.collect();
         }
+    }
+}
+
+impl Driver {
+    /// Puts into the audit log that somebody has spoken on wires of a program who is not at their other ends.
+    pub(super) fn refused(
+        &self,
+        Connection { deployment, instance, .. }: &Connection,
+        wires: Vec<Refused>,
+    ) -> Option<Input> {
+        let member = self.config.member.as_ref()?;
+        for Refused { wire, count, why, from } in wires.into_iter().take(WIRES_MAX) {
+            let what = match self.state.agent.wire(deployment, wire) {
+                Some(ends) => format!("send on the wire `{ends}` of `{deployment}`"),
+                None if wire == NO_WIRE => format!("call `{instance}` of `{deployment}`"),
+                None => continue,
+            };
+            let from = from.map_or(String::new(), |session| format!(", as session {session}"));
+            let why = format!("`{instance}` has dropped it: {why}{from}");
+            tracing::debug!(what, count, why, "something was dropped");
+            member.refuse_message(&what, &why);
+        }
+        None
     }
 }

@@ -11,7 +11,7 @@ use crate::logic::effect::Out;
 use crate::logic::executer::leaf_host;
 use crate::logic::instance::Instance;
 use crate::logic::protocol::{LeafFacts, ToParticipant};
-use crate::logic::wiring::{calls, dialers, links, relink, shapes};
+use crate::logic::wiring::{calls, dialers, links, partners, relink, shapes, wired};
 use comms::logic::control::Order;
 use comms::logic::switch::{Flip, Opening};
 use language::plan::LeafKind;
@@ -71,7 +71,8 @@ impl Participant {
     pub(super) fn orders(&self, leaf: u32) -> Result<impl Iterator<Item = Order> + use<>, Vec<String>> {
         let links = links(&self.plan, &self.deployment, &self.registrations, (leaf, &self.live))?;
         let calls = calls(&self.plan, &self.registrations, (leaf, &self.live))?;
-        Ok(shapes(&self.plan, leaf).into_iter().chain(calls).chain([links]))
+        let partners = partners(&self.plan, &self.registrations, leaf);
+        Ok(partners.into_iter().chain(shapes(&self.plan, leaf)).chain(calls).chain([links]))
     }
 
     /// Links a program of this host that was started again, and tells the hosts of those who dial it.
@@ -86,24 +87,32 @@ impl Participant {
         });
     }
 
-    /// Tells the hosts of those who dial a program where it is now, and the home, which tells a host that rejoins.
+    /// Tells the hosts of those who dial a program, or have wires to it, where it is now, and the home, which tells a host that rejoins.
     fn tell_where(&self, facts: &LeafFacts, out: &mut Out<'_>) {
         let here = leaf_host(&self.plan, facts.leaf);
-        let dialers = dialers(&self.plan, &self.registrations, facts.leaf);
-        let others = dialers.into_iter().filter_map(|dialer| leaf_host(&self.plan, dialer));
+        let mut concerned = dialers(&self.plan, &self.registrations, facts.leaf);
+        if facts.location.as_ref().is_some_and(|location| !location.keys.is_empty()) {
+            concerned.extend(wired(&self.plan, facts.leaf));
+        }
+        let others = concerned.into_iter().filter_map(|dialer| leaf_host(&self.plan, dialer));
         let hosts: BTreeSet<&str> = others.filter(|host| Some(*host) != here).chain([self.home.as_str()]).collect();
         for host in hosts {
             out.send(host, self.deployment.to_participant(ToParticipant::Moved { facts: facts.clone() }));
         }
     }
 
-    /// Takes note of where a program is now, and tells those of this host who dial it.
+    /// Takes note of where a program is now, and tells those of this host who dial it or have wires to it.
     pub(super) fn moved(&mut self, facts: LeafFacts, out: &mut Out<'_>) {
         let moved = facts.leaf;
         if self.registrations.facts.get(&moved) == Some(&facts) {
             return;
         }
         let before = self.registrations.facts.insert(moved, facts);
+        for other in wired(&self.plan, moved) {
+            if let Some(order) = partners(&self.plan, &self.registrations, other) {
+                self.with_instance(other, out, |instance, moment| instance.relink(order, moment));
+            }
+        }
         let Some(lost) = before.and_then(|before| before.location).map(|location| location.session) else { return };
         for dialer in dialers(&self.plan, &self.registrations, moved) {
             if let Some(order) = relink(&self.plan, &self.registrations, (dialer, moved), &lost) {

@@ -1,0 +1,174 @@
+//! Calls in a team: the server carries out what is sealed by a program that may call it, or signed by who only visits.
+
+use super::seal::Sealed;
+use super::{Opener, Sealer};
+use crate::io::session::{Digest, question};
+use crate::logic::codec;
+use crate::logic::proof::Proof;
+use crate::logic::seal::{Content, Refusal, Seal};
+use std::collections::BTreeMap;
+use std::fmt;
+use std::sync::{Arc, Mutex, PoisonError};
+use zenoh::bytes::ZBytes;
+
+/// A program that may call, as the server knows it.
+#[derive(Clone, Debug)]
+pub struct Caller {
+    /// Its session.
+    pub session: String,
+    /// Opens what it has sealed.
+    pub opener: Arc<Opener>,
+    /// Seals the answers.
+    pub sealer: Arc<Sealer>,
+}
+
+/// Says why a signature of this digest is not that of somebody who may visit; nothing if it is.
+type Visits = Box<dyn Fn(&Proof, &Digest) -> Option<String> + Send + Sync>;
+
+/// Who may call a server in a team.
+pub struct CallGate {
+    /// By the id of the key that seals the calls.
+    callers: Mutex<BTreeMap<u32, Caller>>,
+    visits: Visits,
+    refused: Box<dyn Fn(Refusal, Option<String>) + Send + Sync>,
+}
+
+/// Who has sent a call, or the word that it is not waited for any more.
+#[derive(Debug)]
+pub(super) enum Sender {
+    /// The program with this session; what seals the answer, and the number of the call.
+    Caller(String, Arc<Sealer>, u64),
+    /// Somebody who looks at what runs, by a node of the team.
+    Visitor,
+}
+
+/// How calls go to a server.
+#[derive(Clone)]
+pub enum CallWay {
+    /// As they are: outside of a team.
+    Open,
+    /// Sealed for the server, which seals the answers.
+    Sealed {
+        /// Seals the calls.
+        call: Arc<Sealer>,
+        /// Seals the word that nobody waits.
+        cancel: Arc<Sealer>,
+        /// Opens the answers.
+        answer: Arc<Opener>,
+    },
+    /// Signed, by who only visits: nobody but the server gets to see it.
+    Signed(Visitor),
+}
+
+/// Signs what a visitor says; returns nothing if it cannot.
+#[derive(Clone)]
+pub struct Visitor(pub Arc<dyn Fn(&Digest) -> Option<Proof> + Send + Sync>);
+
+/// Something to be sent to a server, and what goes beside it.
+pub(super) struct Outgoing {
+    pub(super) bytes: ZBytes,
+    pub(super) beside: Option<Vec<u8>>,
+    /// What its answer is about.
+    pub(super) number: u64,
+}
+
+impl CallWay {
+    /// Prepares something to be sent; says for a person why it cannot be.
+    pub(super) fn prepare(&self, key: &str, content: Content, bytes: Vec<u8>) -> Result<Outgoing, String> {
+        match self {
+            Self::Open => Ok(Outgoing { bytes: bytes.into(), beside: None, number: 0 }),
+            Self::Sealed { call, cancel, .. } => {
+                let sealer = if content == Content::Cancel { cancel } else { call };
+                let sealed = sealer.seal(content, 0, &bytes.into());
+                let Sealed { bytes, seal, number } = sealed.ok_or("the server has shown no key")?;
+                Ok(Outgoing { bytes, beside: Some(seal), number })
+            }
+            Self::Signed(Visitor(sign)) => {
+                let proof = sign(&question(key, &[], &bytes)).ok_or("nobody signs for this program")?;
+                let beside = Some(codec::encode(&proof).map_err(|error| error.to_string())?);
+                Ok(Outgoing { bytes: bytes.into(), beside, number: 0 })
+            }
+        }
+    }
+}
+
+impl fmt::Debug for Visitor {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Visitor(..)")
+    }
+}
+
+impl fmt::Debug for CallWay {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Open => "Open",
+            Self::Sealed { .. } => "Sealed",
+            Self::Signed(_) => "Signed",
+        })
+    }
+}
+
+impl CallGate {
+    /// Returns one that lets nobody in but who `visits`. `refused` hears why something was dropped; it must only note it.
+    pub fn new(
+        visits: impl Fn(&Proof, &Digest) -> Option<String> + Send + Sync + 'static,
+        refused: impl Fn(Refusal, Option<String>) + Send + Sync + 'static,
+    ) -> Self {
+        Self { callers: Mutex::default(), visits: Box::new(visits), refused: Box::new(refused) }
+    }
+
+    /// Lets these programs call, in the place of those before.
+    pub fn set(&self, callers: impl IntoIterator<Item = (u32, Caller)>) {
+        *self.callers.lock().unwrap_or_else(PoisonError::into_inner) = callers.into_iter().collect();
+    }
+
+    /// Returns who has sent something, and what; nothing if it is to be dropped.
+    pub(super) fn open(
+        &self,
+        wanted: Content,
+        (beside, bytes): (Option<&ZBytes>, &ZBytes),
+        key: &str,
+    ) -> Option<(Sender, Vec<u8>)> {
+        let Some(beside) = beside else {
+            (self.refused)(Refusal::Unsealed, None);
+            return None;
+        };
+        if let Ok(seal) = codec::decode::<Seal>(&beside.to_bytes()) {
+            let callers = self.callers.lock().unwrap_or_else(PoisonError::into_inner);
+            let Some(caller) = callers.get(&seal.key).cloned() else {
+                drop(callers);
+                (self.refused)(Refusal::OtherKey, None);
+                return None;
+            };
+            drop(callers);
+            let (content, opened) = caller.opener.open(Some(beside), 0, bytes, || Some(caller.session.clone()))?;
+            return (content == wanted).then_some((Sender::Caller(caller.session, caller.sealer, seal.number), opened));
+        }
+        let bytes = bytes.to_bytes().into_owned();
+        let proof = codec::decode::<Proof>(&beside.to_bytes()).map_err(|_other| Refusal::Unsealed);
+        let judged = proof.and_then(|proof| match (self.visits)(&proof, &question(key, &[], &bytes)) {
+            None => Ok(()),
+            Some(why) => {
+                tracing::debug!(why, "who calls is no visitor");
+                Err(Refusal::Stranger)
+            }
+        });
+        judged.map(|()| (Sender::Visitor, bytes)).map_err(|why| (self.refused)(why, None)).ok()
+    }
+}
+
+impl Sender {
+    /// Returns whether what it says is from a session may be from there.
+    pub(super) fn may_be(&self, session: &str) -> bool {
+        match self {
+            Self::Caller(own, _, _) => own == session,
+            Self::Visitor => true,
+        }
+    }
+}
+
+impl fmt::Debug for CallGate {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("CallGate").field("callers", &self.callers).finish_non_exhaustive()
+    }
+}

@@ -1,0 +1,204 @@
+//! The seals of what programs of a team say to each other. A seal travels beside what it is for; `comms::io::data` makes and breaks
+//! them.
+//!
+//! Zenoh does not say over which link something has come, and who is linked to a program for one wire could speak on any other. So what
+//! goes over a wire is sealed with a key that its two ends alone have. The consumer drops what has no valid seal, what is sealed
+//! with another key, and what comes twice.
+
+use super::codec::{Enveloped, Kind};
+use super::time::Time;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::time::Duration;
+use thiserror::Error;
+
+/// Bytes of a tag. Source: RFC 8439, section 2.8.
+pub const TAG_SIZE: usize = 16;
+/// How often a wire tells what it has refused.
+pub const TELL_EVERY: Duration = Duration::from_secs(60);
+/// How long something sealed with another key is no more than that: one end may have heard later than the other that the program there was
+/// started again.
+pub const OTHER_KEY_WITHIN: Duration = Duration::from_secs(10);
+/// How many wires of a program are told of at most.
+const WIRES_MAX: usize = 256;
+
+/// Stands for the number of a wire where something has come over none: a call of somebody who may not call.
+pub const NO_WIRE: u32 = u32::MAX;
+
+/// What is sealed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Content {
+    /// A value of a wire.
+    Value,
+    /// A [`Boundary`](crate::logic::switch::Boundary) between values.
+    Boundary,
+    /// An answer to who fetches.
+    Answer,
+    /// A call of what a program exports.
+    Call,
+    /// The word that its caller waits no more.
+    Cancel,
+}
+
+/// What travels beside something sealed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Seal {
+    /// What is sealed.
+    pub content: Content,
+    /// Names the key; no secret.
+    pub key: u32,
+    /// Counts what the program has sealed since its start; no number comes twice.
+    pub number: u64,
+    /// Shows that nothing was changed.
+    pub tag: [u8; TAG_SIZE],
+}
+
+impl Enveloped for Seal {
+    const KIND: Kind = Kind::Seal;
+    const VERSION: u16 = 1;
+    const SIZE_MAX: usize = 64;
+}
+
+/// Why something is dropped that has come over a wire of a team.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, Error)]
+pub enum Refusal {
+    /// It has no seal.
+    #[error("it is not sealed")]
+    Unsealed,
+    /// It is sealed with a key that is not that of the wire.
+    #[error("it is sealed with the key of another program")]
+    OtherKey,
+    /// It has come before, or what was sealed later has.
+    #[error("it was sent a second time")]
+    Repeated,
+    /// It was changed, or belongs elsewhere.
+    #[error("its seal is broken")]
+    Broken,
+    /// Who has signed it is no visitor from the team.
+    #[error("no node of the team vouches for who has signed it")]
+    Stranger,
+}
+
+/// What a program has refused on one of its wires.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Refused {
+    /// Number of the wire in the plan.
+    pub wire: u32,
+    /// How much was refused since this was told last.
+    pub count: u64,
+    /// Why the last of it was.
+    pub why: Refusal,
+    /// The session that it says to be from, if it says so.
+    pub from: Option<String>,
+}
+
+/// What a program has refused and not told yet.
+#[derive(Debug, Default)]
+pub struct Refusals(BTreeMap<u32, OfWire>);
+
+#[derive(Debug, Default)]
+struct OfWire {
+    told: Option<Time>,
+    news: Option<Refused>,
+    /// The same for another key, and since when.
+    other: Option<(Time, Refused)>,
+}
+
+impl Refusals {
+    /// Takes note of something that was refused.
+    pub fn note(&mut self, now: Time, wire: u32, why: Refusal, from: Option<String>) {
+        if self.0.len() >= WIRES_MAX && !self.0.contains_key(&wire) {
+            return;
+        }
+        let of_wire = self.0.entry(wire).or_default();
+        let new = || Refused { wire, count: 0, why, from: None };
+        let refused = if why == Refusal::OtherKey {
+            &mut of_wire.other.get_or_insert_with(|| (now, new())).1
+        } else {
+            of_wire.news.get_or_insert_with(new)
+        };
+        (refused.count, refused.why, refused.from) = (refused.count.saturating_add(1), why, from);
+    }
+
+    /// Takes note that the other end of a wire has another key now: what was sealed with a key that is not known was its.
+    pub fn changed(&mut self, wire: u32) {
+        self.0.entry(wire).and_modify(|of_wire| of_wire.other = None);
+    }
+
+    /// Returns when something is to be told.
+    pub fn deadline(&self) -> Option<Time> {
+        self.0.values().filter_map(OfWire::deadline).min()
+    }
+
+    /// Returns what is to be told now: of each wire no more than once a minute.
+    pub fn take(&mut self, now: Time) -> Vec<Refused> {
+        let due = self.0.values_mut().filter(|of_wire| of_wire.deadline().is_some_and(|due| due <= now));
+        let told = due.filter_map(|of_wire| {
+            of_wire.told = Some(now);
+            let other = of_wire.other.take_if(|(since, _)| *since + OTHER_KEY_WITHIN <= now).map(|(_, other)| other);
+            let news = of_wire.news.take();
+            let both = news.iter().chain(&other).fold(0_u64, |count, refused| count.saturating_add(refused.count));
+            news.or(other).map(|refused| Refused { count: both, ..refused })
+        });
+        told.collect()
+    }
+}
+
+impl OfWire {
+    fn deadline(&self) -> Option<Time> {
+        let news = self.news.is_some().then_some(Time::ZERO);
+        let other = self.other.as_ref().map(|(since, _)| *since + OTHER_KEY_WITHIN);
+        let due = news.into_iter().chain(other).min()?;
+        Some(self.told.map_or(due, |told| due.max(told + TELL_EVERY)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::codec::{decode, encode};
+    use super::*;
+
+    /// Bytes that other versions say and hear.
+    #[test]
+    fn golden_seal() {
+        let seal = Seal { content: Content::Boundary, key: 300, number: 300, tag: [7; TAG_SIZE] };
+        let bytes = encode(&seal).unwrap();
+        assert_eq!(bytes, [&b"DC\x01\x00\x1a\x00\x01\xac\x02\xac\x02"[..], &[7; 16]].concat());
+        assert_eq!(decode::<Seal>(&bytes), Ok(seal));
+    }
+
+    fn at(seconds: u64) -> Time {
+        Time::from_nanos(seconds * 1_000_000_000)
+    }
+
+    #[test]
+    fn a_wire_tells_once_a_minute() {
+        let mut refusals = Refusals::default();
+        assert_eq!((refusals.deadline(), refusals.take(at(0))), (None, vec![]));
+        refusals.note(at(1), 3, Refusal::Unsealed, None);
+        refusals.note(at(1), 3, Refusal::Broken, Some("a1".to_owned()));
+        let refused = |count| Refused { wire: 3, count, why: Refusal::Broken, from: Some("a1".to_owned()) };
+        assert_eq!(refusals.deadline(), Some(Time::ZERO));
+        assert_eq!(refusals.take(at(1)), [refused(2)]);
+        for second in 2..100 {
+            refusals.note(at(second), 3, Refusal::Broken, Some("a1".to_owned()));
+            let told = refusals.take(at(second));
+            assert_eq!(told, if second == 61 { vec![refused(60)] } else { vec![] }, "{second}");
+        }
+        assert_eq!(refusals.deadline(), Some(at(121)));
+    }
+
+    #[test]
+    fn another_key_is_nothing_to_be_told_of_if_the_other_end_has_changed() {
+        let mut refusals = Refusals::default();
+        refusals.note(at(1), 3, Refusal::OtherKey, None);
+        assert_eq!((refusals.deadline(), refusals.take(at(1))), (Some(at(11)), vec![]));
+        refusals.changed(3);
+        assert_eq!(refusals.take(at(20)), []);
+        refusals.note(at(20), 3, Refusal::OtherKey, None);
+        refusals.note(at(25), 3, Refusal::OtherKey, None);
+        assert_eq!(refusals.take(at(29)), []);
+        assert_eq!(refusals.take(at(30)), [Refused { wire: 3, count: 2, why: Refusal::OtherKey, from: None }]);
+        assert_eq!(refusals.deadline(), None);
+    }
+}

@@ -1,0 +1,185 @@
+//! The keys of a program in a team, and what it seals with them: values of wires, words between them, answers to who fetches, and calls.
+//!
+//! The keys are made at the start of the process and never leave it. The node tells the public keys of the programs at the other
+//! ends of wires, and tells them anew when one of them was started again; what is made already takes the new key then.
+
+use super::inbox::Inbox;
+use comms::io::data::{CallGate, CallWay, Caller, Cover, Opener, SealCounter, SealKey, Sealer};
+use comms::io::session::Digest;
+use comms::logic::control::Partner;
+use comms::logic::proof::Proof;
+use comms::logic::seal::NO_WIRE;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use team::program::{ProgramIdentity, ProgramKeys, Sealing};
+
+/// What is sealed with a key: the values that the producer of a wire sends, or what its consumer says of itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Use {
+    /// Sent or answered by the producer.
+    Values,
+    /// Answered by the consumer.
+    Type,
+    /// Sent by who calls.
+    Call,
+    /// Sent by who waits no more.
+    Cancel,
+    /// Answered by who is called.
+    Result,
+}
+
+impl Use {
+    fn word(self) -> &'static str {
+        match self {
+            Self::Values => "values",
+            Self::Type => "type",
+            Self::Call => "call",
+            Self::Cancel => "cancel",
+            Self::Result => "result",
+        }
+    }
+}
+
+/// The keys, and what is sealed with them.
+#[derive(Debug)]
+pub(super) struct Keyring {
+    keys: ProgramKeys,
+    /// Judges who only visits.
+    identity: Arc<ProgramIdentity>,
+    counter: SealCounter,
+    inbox: Arc<Inbox>,
+    state: Mutex<State>,
+}
+
+/// Who may call this program, and on which keys.
+#[derive(Debug)]
+struct Serving {
+    keys: (String, String),
+    gate: Arc<CallGate>,
+}
+
+/// By the number of the wire; kept for the life of the program, so that nothing is taken twice because a wire was made anew.
+#[derive(Debug, Default)]
+struct State {
+    partners: BTreeMap<u32, Arc<Partner>>,
+    sealers: BTreeMap<(u32, Use), (String, Arc<Sealer>)>,
+    openers: BTreeMap<(u32, Use), (String, Arc<Opener>)>,
+    serving: Option<Serving>,
+}
+
+impl Keyring {
+    /// Makes the keys.
+    ///
+    /// # Errors
+    /// The system has no random bytes.
+    pub(super) fn generate(identity: &Arc<ProgramIdentity>, inbox: &Arc<Inbox>) -> std::io::Result<Self> {
+        let (identity, inbox) = (Arc::clone(identity), Arc::clone(inbox));
+        let (counter, state) = (SealCounter::default(), Mutex::default());
+        Ok(Self { keys: ProgramKeys::generate(&mut team::random()?), identity, counter, inbox, state })
+    }
+
+    /// Returns the public keys.
+    pub(super) fn public(&self) -> Vec<u8> {
+        self.keys.public().to_vec()
+    }
+
+    /// Takes who is at the other ends of wires, in the place of those before.
+    pub(super) fn take(&self, partners: Vec<Partner>) {
+        let mut state = self.state();
+        state.partners.clear();
+        for partner in partners.into_iter().map(Arc::new) {
+            state.partners.extend(partner.wires.iter().map(|wire| (*wire, Arc::clone(&partner))));
+        }
+        for (&(wire, used), (key, sealer)) in &state.sealers {
+            sealer.set(self.key(&state, (wire, used), key, Sealing::Here));
+        }
+        for (&(wire, used), (key, opener)) in &state.openers {
+            if opener.set(self.key(&state, (wire, used), key, Sealing::There)) {
+                self.inbox.partner_changed(wire);
+            }
+        }
+        self.admit(&mut state);
+        self.inbox.partner_changed(NO_WIRE);
+    }
+
+    /// Returns what seals one use of a wire for its other end. `key` is that of the wire, or of the calls.
+    pub(super) fn sealer(&self, of: (u32, Use), key: &str) -> Arc<Sealer> {
+        self.sealer_in(&mut self.state(), of, key)
+    }
+
+    /// Returns what opens one use of a wire that its other end has sealed.
+    pub(super) fn opener(&self, of: (u32, Use), key: &str) -> Arc<Opener> {
+        self.opener_in(&mut self.state(), of, key)
+    }
+
+    /// Returns how calls go over a wire to who serves them on this key, and hears on the other who waits no more.
+    pub(super) fn way(&self, wire: u32, (key, cancel_key): (&str, &str)) -> CallWay {
+        let mut state = self.state();
+        CallWay::Sealed {
+            call: self.sealer_in(&mut state, (wire, Use::Call), key),
+            cancel: self.sealer_in(&mut state, (wire, Use::Cancel), cancel_key),
+            answer: self.opener_in(&mut state, (wire, Use::Result), key),
+        }
+    }
+
+    /// Returns who may call this program on these keys: those at the other ends of its wires, and visitors.
+    pub(super) fn gate(&self, (key, cancel_key): (&str, &str)) -> Arc<CallGate> {
+        let (identity, inbox) = (Arc::clone(&self.identity), Arc::clone(&self.inbox));
+        let visits = move |proof: &Proof, digest: &Digest| identity.visit_problem(proof, digest);
+        let gate = Arc::new(CallGate::new(visits, move |why, from| inbox.refuse(NO_WIRE, why, from)));
+        let mut state = self.state();
+        state.serving = Some(Serving { keys: (key.to_owned(), cancel_key.to_owned()), gate: Arc::clone(&gate) });
+        self.admit(&mut state);
+        gate
+    }
+
+    /// Lets those call who are at the other ends of wires.
+    fn admit(&self, state: &mut State) {
+        let Some(Serving { keys: (key, cancel_key), gate }) = state.serving.take() else { return };
+        let mut callers = Vec::new();
+        for (wire, partner) in state.partners.clone() {
+            let sealer = self.sealer_in(state, (wire, Use::Result), &key);
+            for (used, key) in [(Use::Call, &key), (Use::Cancel, &cancel_key)] {
+                let (opener, sealer) = (self.opener_in(state, (wire, used), key), Arc::clone(&sealer));
+                let caller = Caller { session: partner.session.clone(), opener, sealer };
+                callers.extend(caller.opener.key_id().map(|id| (id, caller)));
+            }
+        }
+        gate.set(callers);
+        state.serving = Some(Serving { keys: (key, cancel_key), gate });
+    }
+
+    fn sealer_in(&self, state: &mut State, of: (u32, Use), key: &str) -> Arc<Sealer> {
+        let sealing = self.key(state, of, key, Sealing::Here);
+        let new = || (key.to_owned(), Arc::new(Sealer::new(&self.counter)));
+        let (about, sealer) = state.sealers.entry(of).or_insert_with(new);
+        key.clone_into(about);
+        sealer.set(sealing);
+        Arc::clone(sealer)
+    }
+
+    fn opener_in(&self, state: &mut State, of: (u32, Use), key: &str) -> Arc<Opener> {
+        let sealing = self.key(state, of, key, Sealing::There);
+        let (inbox, wire) = (Arc::clone(&self.inbox), of.0);
+        let new = || {
+            let refused = move |why, from| inbox.refuse(wire, why, from);
+            (key.to_owned(), Arc::new(Opener::new(refused)))
+        };
+        let (about, opener) = state.openers.entry(of).or_insert_with(new);
+        key.clone_into(about);
+        opener.set(sealing);
+        Arc::clone(opener)
+    }
+
+    fn key(&self, state: &State, (wire, used): (u32, Use), key: &str, sealing: Sealing) -> Option<SealKey> {
+        let partner = state.partners.get(&wire)?;
+        let secret = self.keys.wire(&partner.keys, sealing, &format!("{key} {wire} {}", used.word()));
+        let secret = secret.inspect_err(|error| tracing::warn!(wire, %error, "a wire has no key")).ok()?;
+        // What goes from one program to another of the machine is nobody else's, so there it is enough to show who has sent it.
+        Some(SealKey::new(&secret, if partner.is_near { Cover::Sender } else { Cover::Bytes }))
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

@@ -1,0 +1,179 @@
+//! The seals of wires against a zenoh session like any other, which is linked to both ends of a wire: it forges, repeats, reads and answers
+//! in vain. [`team_wires`](../team_wires.rs) does the same with programs on hosts of a team.
+
+use comms::io::clock::now;
+use comms::io::data::{Cover, DataSession, Opener, Priority, SealCounter, SealKey, Sealer};
+use comms::io::session::Reach;
+use comms::logic::codec;
+use comms::logic::control::Dial;
+use comms::logic::seal::Refusal;
+use comms::logic::switch::{Arrival, Boundary};
+use dca_tests::cluster::{Cluster, SOON, wait_until};
+use std::borrow::Cow;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, sync_channel};
+use zenoh::Wait as _;
+use zenoh::bytes::ZBytes;
+use zenoh::query::Query;
+use zenoh::sample::{Sample as Heard, SourceInfo};
+use zeroize::Zeroizing;
+
+fn seal_key(secret: u8) -> SealKey {
+    SealKey::new(&Zeroizing::new([secret; 32]), Cover::Bytes)
+}
+
+/// Both ends of a wire, and of one that is fetched, in one process.
+struct Ends {
+    producer: DataSession,
+    consumer: DataSession,
+    sealer: Arc<Sealer>,
+    opener: Arc<Opener>,
+    refused: Receiver<Refusal>,
+    cluster: Cluster,
+}
+
+const PUSHED: &str = "dca/d/t/1/w/0";
+const FETCHED: &str = "dca/d/t/1/w/1";
+
+impl Ends {
+    fn new() -> Self {
+        let cluster = Cluster::new();
+        let open = |name: &str| DataSession::open(&cluster.folder().join(name), Reach::Host).expect("it opens");
+        let (producer, consumer) = (open("p"), open("c"));
+        let location = producer.location();
+        let dial = Dial { session: location.session, locators: location.local };
+        consumer.dial(&dial, SOON).expect("it is there");
+        let (refused_tx, refused) = sync_channel(1000);
+        let sealer = Arc::new(Sealer::new(&SealCounter::default()));
+        let opener = Arc::new(Opener::new(move |why, _| refused_tx.try_send(why).unwrap_or_default()));
+        sealer.set(Some(seal_key(1)));
+        opener.set(Some(seal_key(1)));
+        Self { producer, consumer, sealer, opener, refused, cluster }
+    }
+
+    /// Returns a zenoh session like any other that is linked to both ends.
+    fn intruder(&self) -> zenoh::Session {
+        let mut config = zenoh::Config::default();
+        let places =
+            ["p", "c"].map(|name| format!("\"unixsock-stream/{}\"", self.cluster.folder().join(name).display()));
+        for (key, value) in [
+            ("mode", "\"peer\"".to_owned()),
+            ("scouting/multicast/enabled", "false".to_owned()),
+            ("listen/endpoints", "[]".to_owned()),
+            ("connect/endpoints", format!("[{}]", places.join(","))),
+        ] {
+            config.insert_json5(key, &value).expect("zenoh knows it");
+        }
+        #[expect(clippy::disallowed_methods, reason = "an intruder's session is none of ours")]
+        let session = zenoh::open(config).wait().expect("a session opens");
+        let linked = wait_until(SOON, || session.info().peers_zid().wait().count() == 2);
+        assert!(linked.is_some(), "it is linked to both");
+        session
+    }
+}
+
+#[test]
+fn an_intruder_forges_repeats_and_reads_nothing() {
+    let ends = Ends::new();
+    let (tx, heard) = sync_channel(1000);
+    let hears = move |arrival: Arrival<Cow<'_, [u8]>>, _| {
+        let arrival = match arrival {
+            Arrival::Value(bytes) => Arrival::Value(bytes.into_owned()),
+            Arrival::Boundary(boundary) => Arrival::Boundary(boundary),
+        };
+        tx.try_send(arrival).unwrap_or_default();
+    };
+    let _hearing = ends.consumer.on_sealed_wire(PUSHED, Arc::clone(&ends.opener), hears).expect("it is open");
+    let wire = ends.producer.publisher(PUSHED, Priority::Wire).expect("it is open").sealed(Arc::clone(&ends.sealer));
+    assert!(wire.wait_heard(SOON));
+    let intruder = ends.intruder();
+    let (overheard_tx, overheard) = sync_channel::<Heard>(1000);
+    let overhears = move |sample: Heard| overheard_tx.try_send(sample).unwrap_or_default();
+    let _all = intruder.declare_subscriber("**").callback(overhears).wait().expect("it is open");
+    let only_it = ends.producer.publisher("nobody/else", Priority::Wire).expect("it is open");
+    assert!(only_it.wait_heard(SOON), "the producer knows that somebody else listens");
+    let opened = Boundary::Opened { generation: 0, after: vec![] };
+    wire.mark(&opened, 0).expect("it is open");
+    for number in 1..=3_u8 {
+        wire.put_numbered(vec![number; 40], number.into()).expect("it is open");
+    }
+    let next = || heard.recv_timeout(SOON).expect("it comes");
+    assert_eq!(next(), Arrival::Boundary(opened));
+    assert_eq!([1, 2, 3].map(|_| next()), [1, 2, 3].map(|number| Arrival::Value(vec![number; 40])));
+    // The intruder gets them, too, and can read none.
+    let caught: Vec<Heard> = (0..4).map(|_| overheard.recv_timeout(SOON).expect("it hears the wire")).collect();
+    for sample in &caught {
+        let bytes = sample.payload().to_bytes();
+        assert!(!bytes.windows(8).any(|part| part.iter().all(|byte| (1..=3).contains(byte) && *byte == part[0])));
+    }
+    let reaches = |session: &zenoh::Session| {
+        let matching = session.declare_publisher(PUSHED).wait().expect("it is open");
+        wait_until(SOON, || matching.matching_status().wait().is_ok_and(|status| status.matching()))
+    };
+    assert!(reaches(&intruder).is_some());
+    let put = |bytes: ZBytes, seal: Option<ZBytes>, source: Option<SourceInfo>| {
+        intruder.put(PUSHED, bytes).attachment(seal).source_info(source).wait().expect("it is open");
+    };
+    for sample in &caught {
+        put(sample.payload().clone(), sample.attachment().cloned(), sample.source_info().cloned());
+    }
+    for _ in 0..4 {
+        assert_eq!(ends.refused.recv_timeout(SOON), Ok(Refusal::Repeated));
+    }
+    // Of its own: without a seal, with a word that is no seal, with the seal of something else, and with a key of its own.
+    put(vec![9; 40].into(), None, None);
+    assert_eq!(ends.refused.recv_timeout(SOON), Ok(Refusal::Unsealed));
+    let closed = Boundary::Closed { generation: 0, sent: 0 };
+    put(ZBytes::new(), Some(codec::encode(&closed).expect("it is short").into()), None);
+    assert_eq!(ends.refused.recv_timeout(SOON), Ok(Refusal::Unsealed));
+    let own = Arc::new(Sealer::new(&SealCounter::default()));
+    own.set(Some(seal_key(2)));
+    let thief = DataSession::open(&ends.cluster.folder().join("t"), Reach::Host).expect("it opens");
+    let location = ends.consumer.location();
+    thief.dial(&Dial { session: location.session, locators: location.local }, SOON).expect("it is there");
+    let stolen = thief.publisher(PUSHED, Priority::Wire).expect("it is open").sealed(own);
+    assert!(stolen.wait_heard(SOON));
+    stolen.put_numbered(vec![9; 40], 4).expect("it is open");
+    assert_eq!(ends.refused.recv_timeout(SOON), Ok(Refusal::OtherKey));
+    // The wire goes on.
+    wire.put_numbered(vec![4; 40], 4).expect("it is open");
+    assert_eq!(next(), Arrival::Value(vec![4; 40]));
+    // What was caught now has the number of the next one: held back and changed, it is no value of it.
+    let is_last = |sample: &Heard| sample.source_info().is_some_and(|source| source.source_sn() == 4);
+    let hears = || overheard.recv_timeout(SOON).expect("it hears the wire");
+    let last = std::iter::repeat_with(hears).find(is_last).expect("it hears the wire");
+    let later = last.source_info().map(|source| SourceInfo::new(*source.source_id(), 5));
+    put(last.payload().clone(), last.attachment().cloned(), later);
+    assert_eq!(ends.refused.recv_timeout(SOON), Ok(Refusal::Repeated));
+    wire.put_numbered(vec![5; 40], 5).expect("it is open");
+    assert_eq!(next(), Arrival::Value(vec![5; 40]));
+    assert!(heard.try_recv().is_err() && ends.refused.try_recv().is_err());
+}
+
+#[test]
+fn nobody_answers_for_another_and_answers_are_for_one_question() {
+    let ends = Ends::new();
+    let answering =
+        ends.producer.answer_sealed(FETCHED, Arc::clone(&ends.sealer), || Some(b"the latest value".to_vec()));
+    let _answering = answering.expect("it is open");
+    let intruder = ends.intruder();
+    let ask = || ends.consumer.ask_sealed(FETCHED, Arc::clone(&ends.opener), SOON).expect("it is open");
+    assert_eq!(ask().answer(now() + SOON), Ok(Some(b"the latest value".to_vec())));
+    // Who asks for itself cannot read the answer, and can give it to nobody else.
+    let replies = intruder.get(FETCHED).payload(7_u64.to_le_bytes().to_vec()).wait().expect("it is open");
+    let reply = replies.recv_timeout(SOON).expect("it is open").expect("it is answered");
+    let caught = reply.result().expect("it is an answer").clone();
+    assert!(!caught.payload().to_bytes().windows(6).any(|part| part == b"latest"));
+    let lies = move |query: Query| {
+        let key = query.key_expr().clone();
+        query.reply_err("nothing").wait().unwrap_or_default();
+        query.reply(key.clone(), "a lie").wait().unwrap_or_default();
+        query.reply(key, caught.payload().clone()).attachment(caught.attachment().cloned()).wait().unwrap_or_default();
+    };
+    let _lying = intruder.declare_queryable(FETCHED).complete(true).callback(lies).wait().expect("it is open");
+    let lied = wait_until(SOON, || {
+        assert_eq!(ask().answer(now() + SOON), Ok(Some(b"the latest value".to_vec())));
+        ends.refused.try_iter().any(|why| why == Refusal::Broken)
+    });
+    assert!(lied.is_some(), "the answer to another question is refused");
+}

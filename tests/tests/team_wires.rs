@@ -1,0 +1,326 @@
+//! Who speaks on a wire in a team: somebody who is linked to both ends of one, with all that zenoh lets a peer do, changes nothing that
+//! comes over it, reads nothing, and answers nothing for others. That is one line of the audit log, and the wire keeps its rate.
+
+use comms::io::clock::now;
+use comms::io::data::{CallWay, Cover, DataSession, Opener, Priority, SealCounter, SealKey, Sealer};
+use comms::io::session::Session;
+use comms::logic::bytes::Bytes;
+use comms::logic::codec;
+use comms::logic::control::Dial;
+use comms::logic::key;
+use comms::logic::object::{CallId, ObjectCall, ObjectError, Signature};
+use comms::logic::seal::OTHER_KEY_WITHIN;
+use comms::logic::time::Time;
+use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, Sample, Stream, Trace, executable, pass, wait_until};
+use node::logic::protocol::{Answer, Deployment, Request};
+use rustix::process::Signal;
+use std::fs::{self, Permissions};
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::mpsc::sync_channel;
+use std::time::Duration;
+use team::program::ProgramIdentity;
+use zeroize::Zeroizing;
+
+/// A key that nobody else has.
+fn seal_key(secret: u8) -> SealKey {
+    SealKey::new(&Zeroizing::new([secret; 32]), Cover::Bytes)
+}
+
+const RATES: &str = "
+process main() {
+    host { c1 }
+    instantiated_processes { source instof RateSource(c2, 1 kB); monitor instof RateMonitor(c3); }
+    internal_connections(source, lbl1) { source, Out -> monitor, In; }
+    internal_event_actions { source[lbl1], monitor }
+}
+";
+
+/// A team on four hosts. The last one is a member, and runs nothing.
+struct Team {
+    // Dropped in this order.
+    _nodes: Vec<Program>,
+    cluster: Cluster,
+    network: Network,
+    keys: Vec<String>,
+}
+
+const MEMBERS: [&str; 4] = ["c1", "c2", "c3", "c4"];
+
+impl Team {
+    /// Begins it; its nodes have these options.
+    fn new(options: &[&str]) -> Option<Self> {
+        let (cluster, network) = (Cluster::new(), Network::new(MEMBERS.len())?);
+        let passphrase = cluster.file("passphrase", "correct horse battery\n");
+        fs::set_permissions(&passphrase, Permissions::from_mode(0o600)).expect("a file of ours");
+        let keys = cluster.folder().join("keys").display().to_string();
+        let keys = ["--keys".to_owned(), keys, "--passphrase".to_owned(), passphrase].to_vec();
+        let mut team = Self { _nodes: Vec::new(), cluster, network, keys };
+        assert_eq!(team.ask(&["team", "init", "acme"]), 0);
+        for (number, name) in (1..).zip(MEMBERS) {
+            let invitation = team.host(1).dca(&team.with(&["team", "invite", name]));
+            invitation.wait_for(Stream::Out, "\n", SOON);
+            let said = invitation.text(Stream::Out);
+            let line = said.trim().strip_prefix("dca team join ").expect("it prints what to type");
+            let state = team.host(number).state().display().to_string();
+            assert_eq!(team.host(number).ask(&["team", "join", line, "--state", &state]).code, Some(0));
+            assert_eq!(invitation.ended(SOON).code, Some(0));
+        }
+        team._nodes = (1..).zip(MEMBERS).map(|(number, name)| team.host(number).node(name, options)).collect();
+        let all_there = || {
+            let nodes = team.host(1).ask(&["nodes"]);
+            MEMBERS.iter().all(|name| nodes.out.lines().any(|line| line.starts_with(name)))
+        };
+        assert!(wait_until(SOON, all_there).is_some(), "{}", team.host(1).ask(&["nodes"]));
+        Some(team)
+    }
+
+    fn host(&self, number: usize) -> Host {
+        self.cluster.host(&self.network, number)
+    }
+
+    fn with<'a>(&'a self, arguments: &[&'a str]) -> Vec<&'a str> {
+        arguments.iter().copied().chain(self.keys.iter().map(String::as_str)).collect()
+    }
+
+    fn ask(&self, arguments: &[&str]) -> i32 {
+        self.host(1).ask(&self.with(arguments)).code.unwrap_or(-1)
+    }
+
+    /// Returns where the programs of a node are, by their paths.
+    fn locations(&self, number: usize, (deployment, epoch): (&str, u64)) -> Vec<(String, Dial)> {
+        let name = MEMBERS[number - 1];
+        let socket = self.host(number).run_dir().join(name).join("node.sock");
+        let asked = Request::Locations { deployment: Deployment { name: deployment.to_owned(), epoch } };
+        // Zenoh begins its threads in the network where it is used first: that of the intruder.
+        let ask = move || {
+            let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build();
+            runtime.expect("threads").block_on(async {
+                let session = Session::open_client(&socket).await.expect("the node is there");
+                let asked = codec::encode(&asked).expect("it is short");
+                let answer = session.call(&key::rpc(name, "request"), asked, SOON).await;
+                session.close().await;
+                answer.expect("it answers")
+            })
+        };
+        let answer = self.network.inside(4, ask).join().expect("it answers");
+        match codec::decode(&answer) {
+            Ok(Answer::Locations(locations)) => locations,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    /// Returns what and why of each refusal in the audit log of a node that is about a wire or a call.
+    fn refusals(&self, number: usize) -> Vec<String> {
+        let name = MEMBERS[number - 1];
+        let log = fs::read_to_string(self.host(number).state().join(name).join("team/audit")).unwrap_or_default();
+        let fields = |line: &str| {
+            let fields: Vec<&str> = line.split('\t').collect();
+            let is_meant =
+                fields.get(2) == Some(&"refused") && ["send on", "call"].iter().any(|what| fields[4].starts_with(what));
+            is_meant.then(|| format!("{}|{}", fields[4], fields[6]))
+        };
+        log.lines().filter_map(fields).collect()
+    }
+}
+
+/// A session with the credentials that a node gives those who look at programs, linked to these.
+fn intrude(file: &Path, folder: &Path, dials: &[Dial]) -> DataSession {
+    let identity = Arc::new(ProgramIdentity::open(file).expect("the node has written it"));
+    let session = DataSession::open_observer(Some((identity, folder.to_owned()))).expect("it opens");
+    for dial in dials {
+        let remote = dial.locators.iter().filter(|place| place.starts_with("tcp/")).cloned().collect();
+        session.dial(&Dial { session: dial.session.clone(), locators: remote }, SOON).expect("it is in the team");
+    }
+    session
+}
+
+fn window(act: impl FnOnce()) -> (Time, Time) {
+    let began = now();
+    act();
+    (began, now())
+}
+
+/// Returns by how much a count grew each second.
+fn rate(samples: &[Sample], (from, to): (Time, Time)) -> f64 {
+    let mut within = samples.iter().filter(|sample| (from..to).contains(&sample.stamp));
+    let (first, last) = (within.next().expect("samples came"), within.next_back().expect("samples came"));
+    (last.value - first.value) / (last.stamp - first.stamp).as_secs_f64()
+}
+
+/// A fourth host is a member of the team, and somebody on it uses the credentials that its node gives those who look at programs.
+#[test]
+fn a_member_speaks_for_other_programs_in_vain() {
+    let [library, program] = ["dca-controller", "dca-examples"].map(|name| executable(name).display().to_string());
+    let Some(team) = Team::new(&["--controllers", &library, "--controllers", &program]) else { return };
+    sends_on_a_wire_in_vain(&team);
+    calls_in_vain(&team, &program);
+}
+
+/// Somebody with credentials of the team sends on the wire of two programs, a thousand times a second: nothing of it arrives, the wire
+/// keeps its rate, and the node of the consumer has one line in its audit log.
+fn sends_on_a_wire_in_vain(team: &Team) {
+    let rates = team.cluster.file("rates.dca", RATES);
+    let deployed = team.host(1).dca(&team.with(&["deploy", &rates]));
+    deployed.wait_for(Stream::Err, "▸", SOON);
+    pass(Duration::from_secs(1));
+    let quiet = window(|| pass(Duration::from_secs(3)));
+    let dials: Vec<Dial> =
+        [2, 3].iter().flat_map(|number| team.locations(*number, ("rates", 1))).map(|(_, dial)| dial).collect();
+    assert_eq!(dials.len(), 2);
+    let (file, folder) = (team.host(4).run_dir().join("c4/programs"), team.cluster.folder().to_owned());
+    let attack = move || {
+        let session = intrude(&file, &folder, &dials);
+        let wire = key::wire("rates", 1, 0);
+        let (tx, overheard) = sync_channel(1000);
+        let _hearing = session.on_sample(&wire, move |bytes| tx.try_send(bytes.into_owned()).unwrap_or_default());
+        let plain = session.publisher(&wire, Priority::Wire).expect("it is open");
+        let own = Arc::new(Sealer::new(&SealCounter::default()));
+        own.set(Some(seal_key(2)));
+        let sealed = session.publisher(&wire, Priority::Wire).expect("it is open").sealed(own);
+        assert!(plain.wait_heard(SOON) && sealed.wait_heard(SOON), "the monitor listens");
+        let until = now() + Duration::from_secs(3);
+        let mut number = 1_000_000;
+        while now() < until {
+            number += 1;
+            // A beat of a source: its number, and no ballast.
+            let beat = vec![0xff, 0xff, 0x7f, 0];
+            plain.put_numbered(beat.clone(), number).expect("it is open");
+            sealed.put_numbered(beat, number).expect("it is open");
+            pass(Duration::from_millis(1));
+        }
+        session.close();
+        (number, overheard.try_iter().collect::<Vec<Vec<u8>>>())
+    };
+    let attacked = window(|| {
+        let (number, overheard) = team.network.inside(4, attack).join().expect("the attack ends");
+        assert!(number > 1_000_500, "{number}");
+        assert!(
+            overheard.iter().all(|bytes| !bytes.windows(64).any(|part| part.iter().all(|byte| *byte == 0))),
+            "it reads"
+        );
+    });
+    let told = wait_until(SOON, || !team.refusals(3).is_empty());
+    let lines = team.refusals(3);
+    assert!(told.is_some() && lines.len() <= 2, "one line a minute: {lines:#?}");
+    assert!(
+        lines[0].starts_with("send on the wire `main/source, Out -> main/monitor, In` of `rates@1`|"),
+        "{lines:#?}"
+    );
+    assert_eq!(team.ask(&["stop", "rates"]), 0);
+    drop(deployed.ended(SOON));
+    let trace = Trace::read(&team.cluster.folder().join("runs/rates-1"));
+    let received = trace.signal("main/monitor", "received");
+    let [before, meanwhile] = [quiet, attacked].map(|window| rate(&received, window));
+    println!("{before:.1} beats/s, with an intruder {meanwhile:.1} beats/s");
+    assert!(meanwhile > 0.9 * before && meanwhile < 1.1 * before, "{before} {meanwhile}");
+    let lost = trace.signal("main/monitor", "lost").last().expect("signals came").value;
+    assert!(lost < 100.0, "no number of the intruder was believed: {lost}");
+}
+
+const LEVELS: &str = "
+process main() {
+    host { c1 }
+    instantiated_processes {
+        wheels instof Wheels(c3);
+        guard instof SpeedGuard(c2, limit = 0.5 m/s);
+        trip instof Trip(c2, distance = 10000 m, speed = 2 m/s);
+    }
+    internal_connections { guard, Below -> wheels, Drive; trip, Drive -> guard, Drive; trip, Place -> wheels, place; }
+    internal_event_actions { wheels, guard, trip }
+}
+";
+
+/// Calls go between hosts of a team as the spec connects them, and `dca` on any of its machines may call. Who is linked to a program and
+/// has signed nothing calls in vain.
+fn calls_in_vain(team: &Team, program: &str) {
+    let levels = team.cluster.file("levels.dca", LEVELS);
+    let deployed = team.host(1).dca(&team.with(&["deploy", &levels, "--no-record", "--controllers", program]));
+    deployed.wait_for(Stream::Err, "▸", SOON);
+    let place = || {
+        let got = team.host(4).ask(&["get", "levels:main/wheels.place", "--within", "60"]);
+        assert_eq!(got.code, Some(0), "{got}");
+        let place: serde_json::Value =
+            serde_json::from_str(got.out.trim()).unwrap_or_else(|why| panic!("{why}: {got}"));
+        place["travelled"].as_f64().expect("a length")
+    };
+    let moves = |from: f64| wait_until(SOON, || place() > from).is_some();
+    assert!(moves(place()), "the trip drives the wheels over two hosts");
+    let asked = team.host(4).ask(&["call", "wheels.Drive", "speed=0.25 m/s", "--json", "--within", "60"]);
+    assert_eq!(asked.code, Some(0), "{asked}");
+    let locations = team.locations(3, ("levels", 2));
+    let dial = locations.into_iter().find(|(path, _)| path == "main/wheels").expect("it is there").1;
+    let (file, folder) = (team.host(4).run_dir().join("c4/programs"), team.cluster.folder().to_owned());
+    let attack = move || {
+        let session = intrude(&file, &folder, &[dial]);
+        let (key, cancel_key) = key::object("levels", "main/wheels");
+        let call = ObjectCall {
+            id: CallId { session: session.id(), number: 1 },
+            caller: "dca".to_owned(),
+            name: "Drive".to_owned(),
+            signature: Signature::default(),
+            within: Duration::from_secs(5),
+            argument: Bytes(3.0_f64.to_le_bytes().to_vec()),
+        };
+        let own = || {
+            let sealer = Arc::new(Sealer::new(&SealCounter::default()));
+            sealer.set(Some(seal_key(2)));
+            sealer
+        };
+        let sealed = CallWay::Sealed { call: own(), cancel: own(), answer: Arc::new(Opener::new(|_, _| ())) };
+        let called = [&CallWay::Open, &sealed].map(|way| session.call_and_wait((&key, &cancel_key), (way, &call)));
+        session.close();
+        called
+    };
+    let called = team.network.inside(4, attack).join().expect("the attack ends");
+    assert_eq!(called, [Err(ObjectError::Gone), Err(ObjectError::Gone)]);
+    let told = wait_until(SOON, || team.refusals(3).iter().any(|line| line.starts_with("call ")));
+    let lines: Vec<String> = team.refusals(3).into_iter().filter(|line| line.starts_with("call ")).collect();
+    assert!(told.is_some() && lines.len() == 1, "{lines:#?}");
+    assert!(lines[0].starts_with("call `main/wheels` of `levels@2`|"), "{lines:#?}");
+    assert!(moves(place()), "it goes on");
+    assert_eq!(team.ask(&["stop", "levels"]), 0);
+    drop(deployed.ended(SOON));
+}
+
+/// A source on one host feeds two monitors on another. The source is killed twice, and one monitor in between. Who is started again has other
+/// keys: the other ends hear of them, the values go on, and that is no line of the audit log.
+#[test]
+fn programs_that_are_started_again_go_on_with_new_keys() {
+    let Some(team) = Team::new(&[]) else { return };
+    let text = "
+        process main() {
+            host { c1 }
+            instantiated_processes {
+                source instof RateSource(c2) { restart transient; }
+                monitor instof RateMonitor(c3);
+                other instof RateMonitor(c3) { restart transient; }
+            }
+            internal_connections(source, lbl1) { source, Out -> monitor, In; source, Out -> other, In; }
+            internal_event_actions { source[lbl1], monitor, other }
+        }";
+    let deployed = team.host(1).dca(&team.with(&["deploy", &team.cluster.file("beats.dca", text)]));
+    deployed.wait_for(Stream::Err, "▸", SOON);
+    let runs = team.cluster.folder().join("runs/beats-1");
+    // Waits until so many more values have come.
+    let beats = |count: f64| {
+        let received = || Trace::so_far(&runs).signal("main/monitor", "received").last().map_or(0.0, |last| last.value);
+        let began = received();
+        assert!(wait_until(SOON, || received() > began + count).is_some(), "{}", deployed.text(Stream::Err));
+    };
+    beats(50.0);
+    for path in ["main/source", "main/other", "main/source"] {
+        let killed = team.cluster.leaf(path).expect("it runs");
+        killed.signal(Signal::KILL);
+        let is_back = || team.cluster.leaf(path).is_some_and(|leaf| leaf.pid != killed.pid);
+        assert!(wait_until(SOON, is_back).is_some(), "{path} is started again");
+        beats(50.0);
+    }
+    // Longer than somebody may have another key unnoticed.
+    pass(OTHER_KEY_WITHIN + Duration::from_secs(1));
+    beats(50.0);
+    assert_eq!((team.refusals(2), team.refusals(3)), (vec![], vec![]));
+    assert_eq!(team.ask(&["stop", "beats"]), 0);
+    drop(deployed.ended(SOON));
+}
