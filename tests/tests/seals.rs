@@ -2,7 +2,7 @@
 //! in vain. [`team_wires`](../team_wires.rs) does the same with programs on hosts of a team.
 
 use comms::io::clock::now;
-use comms::io::data::{Cover, DataSession, Opener, Priority, SealCounter, SealKey, Sealer};
+use comms::io::data::{Cover, DataSession, DeviceGate, Opener, Priority, SealCounter, SealKey, Sealer, Voucher};
 use comms::io::session::Reach;
 use comms::logic::codec;
 use comms::logic::control::Dial;
@@ -15,7 +15,7 @@ use std::sync::mpsc::{Receiver, sync_channel};
 use zenoh::Wait as _;
 use zenoh::bytes::ZBytes;
 use zenoh::query::Query;
-use zenoh::sample::{Sample as Heard, SourceInfo};
+use zenoh::sample::{Locality, Sample as Heard, SourceInfo};
 use zeroize::Zeroizing;
 
 fn seal_key(secret: u8) -> SealKey {
@@ -107,7 +107,8 @@ fn an_intruder_forges_repeats_and_reads_nothing() {
         assert!(!bytes.windows(8).any(|part| part.iter().all(|byte| (1..=3).contains(byte) && *byte == part[0])));
     }
     let reaches = |session: &zenoh::Session| {
-        let matching = session.declare_publisher(PUSHED).wait().expect("it is open");
+        let matching = session.declare_publisher(PUSHED).allowed_destination(Locality::Remote).wait();
+        let matching = matching.expect("it is open");
         wait_until(SOON, || matching.matching_status().wait().is_ok_and(|status| status.matching()))
     };
     assert!(reaches(&intruder).is_some());
@@ -176,4 +177,74 @@ fn nobody_answers_for_another_and_answers_are_for_one_question() {
         ends.refused.try_iter().any(|why| why == Refusal::Broken)
     });
     assert!(lied.is_some(), "the answer to another question is refused");
+}
+
+/// A device belongs to one program, and two use it. What it says goes to both at once, each of which believes the owner alone; what they
+/// say is believed of each. Who is linked to all of them may look.
+#[test]
+fn a_device_hears_and_says_nothing_of_an_intruder() {
+    let ends = Ends::new();
+    let intruder = ends.intruder();
+    let (owner, user) = (&ends.producer, &ends.consumer);
+    let counter = SealCounter::default();
+    let sealer = |secret| {
+        let sealer = Sealer::new(&counter);
+        sealer.set(Some(seal_key(secret)));
+        Arc::new(sealer)
+    };
+    let opener = |secret| {
+        let opener = Opener::new(|_, _| ());
+        opener.set(Some(seal_key(secret)));
+        Arc::new(opener)
+    };
+    let hear = |session: &DataSession, key: &str, senders: Vec<Arc<Opener>>| {
+        let ((tx, heard), (refused_tx, refused)) = (sync_channel(1000), sync_channel(1000));
+        let gate = DeviceGate::new(move |why, _| refused_tx.try_send(why).unwrap_or_default());
+        gate.set(senders);
+        let hears = move |bytes: Cow<'_, [u8]>| tx.try_send(bytes.into_owned()).unwrap_or_default();
+        (session.on_vouched(key, Arc::new(gate), hears).expect("it is open"), heard, refused)
+    };
+    let (state, command) = ("dca/d/hw/arm/state", "dca/d/hw/arm/cmd");
+    // Two keys for the two users, of whom one is here, and one for what the one here says.
+    let (_state, states, lies) = hear(user, state, vec![opener(2)]);
+    let (_command, commands, orders) = hear(owner, command, vec![opener(4), opener(3)]);
+    let (says, to_users) = (owner.publisher(state, Priority::Device).expect("it is open"), Voucher::default());
+    to_users.set(vec![sealer(1), sealer(2)]);
+    let (asks, to_owner) = (user.publisher(command, Priority::Device).expect("it is open"), Voucher::default());
+    to_owner.set(vec![sealer(3)]);
+    assert!(says.wait_heard(SOON) && asks.wait_heard(SOON));
+    let (overheard_tx, overheard) = sync_channel::<Heard>(1000);
+    let overhears = move |sample: Heard| overheard_tx.try_send(sample).unwrap_or_default();
+    let _all = intruder.declare_subscriber("**").callback(overhears).wait().expect("it is open");
+    let only_it = owner.publisher("nobody/else", Priority::Wire).expect("it is open");
+    assert!(only_it.wait_heard(SOON), "the owner knows that somebody else listens");
+    for value in [1, 2] {
+        says.put_vouched(vec![value; 8], &to_users).expect("it is open");
+        asks.put_vouched(vec![value; 4], &to_owner).expect("it is open");
+        assert_eq!(states.recv_timeout(SOON), Ok(vec![value; 8]));
+        assert_eq!(commands.recv_timeout(SOON), Ok(vec![value; 4]));
+    }
+    let hears = || overheard.recv_timeout(SOON).expect("it hears the device");
+    let caught = std::iter::repeat_with(hears).find(|sample| sample.key_expr().as_str() == state).expect("it is told");
+    let put = |key: &str, bytes: Vec<u8>, seals: Option<ZBytes>| {
+        intruder.put(key.to_owned(), bytes).attachment(seals).wait().expect("it is open");
+    };
+    let reaches = |key: &str| {
+        let publisher = intruder.declare_publisher(key.to_owned()).allowed_destination(Locality::Remote);
+        let publisher = publisher.wait().expect("it is open");
+        wait_until(SOON, || publisher.matching_status().wait().is_ok_and(|status| status.matching()))
+    };
+    assert!(reaches(state).is_some() && reaches(command).is_some());
+    put(state, caught.payload().to_bytes().into_owned(), caught.attachment().cloned());
+    assert_eq!(lies.recv_timeout(SOON), Ok(Refusal::Repeated));
+    put(state, vec![9; 8], None);
+    assert_eq!(lies.recv_timeout(SOON), Ok(Refusal::Unsealed));
+    put(command, vec![9; 4], None);
+    assert_eq!(orders.recv_timeout(SOON), Ok(Refusal::Unsealed));
+    // The seal of a state is none of a command.
+    put(command, caught.payload().to_bytes().into_owned(), caught.attachment().cloned());
+    assert_eq!(orders.recv_timeout(SOON), Ok(Refusal::OtherKey));
+    says.put_vouched(vec![3; 8], &to_users).expect("it is open");
+    assert_eq!(states.recv_timeout(SOON), Ok(vec![3; 8]));
+    assert!(states.try_recv().is_err() && commands.try_recv().is_err());
 }

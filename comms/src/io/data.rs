@@ -5,11 +5,13 @@
 //! a tokio task.
 
 mod calls;
+mod devices;
 mod object;
 mod seal;
 mod sealed;
 
 pub use calls::{CallGate, CallWay, Caller, Visitor};
+pub use devices::{DeviceGate, Voucher};
 pub use object::{AnswerWay, IncomingCall, ObjectEvent, ObjectServer, PendingCall};
 pub use seal::{Cover, Opener, SealCounter, SealKey, Sealer};
 

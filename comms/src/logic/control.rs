@@ -20,7 +20,7 @@ use std::time::Duration;
 
 /// Version of this protocol: one more with every order, notice or field that is appended. Node and program must be of the
 /// same one. Of any other they understand no more than [`Notice::Hello`] and [`Notice::Resume`] say at their beginning, so that each can be told.
-pub const VERSION: u16 = 9;
+pub const VERSION: u16 = 10;
 
 /// Where a program's data session can be dialled.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -35,7 +35,7 @@ pub struct Location {
     pub keys: Vec<u8>,
 }
 
-/// A program at the other end of wires, whose values are sealed.
+/// A program at the other end of wires, or that shares a device, for whom what is sent is sealed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Partner {
     /// The session of the program.
@@ -46,6 +46,8 @@ pub struct Partner {
     pub is_near: bool,
     /// Numbers of the wires, those of calls too.
     pub wires: Vec<u32>,
+    /// Devices that one of both owns and the other needs.
+    pub devices: Vec<String>,
 }
 
 /// One end of a data route. The key is `comms::logic::key::wire(..)`; both ends are told the same one.

@@ -24,6 +24,8 @@ const WIRES_MAX: usize = 256;
 
 /// Stands for the number of a wire where something has come over none: a call of somebody who may not call.
 pub const NO_WIRE: u32 = u32::MAX;
+/// The same for a sample of a device.
+pub const DEVICE: u32 = u32::MAX - 1;
 
 /// What is sealed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -38,6 +40,8 @@ pub enum Content {
     Call,
     /// The word that its caller waits no more.
     Cancel,
+    /// A sample of a device, which everybody can read.
+    Device,
 }
 
 /// What travels beside something sealed.
@@ -51,6 +55,19 @@ pub struct Seal {
     pub number: u64,
     /// Shows that nothing was changed.
     pub tag: [u8; TAG_SIZE],
+}
+
+/// What travels beside something that several programs get: a seal for each.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Seals {
+    /// In any order; each names its key.
+    pub seals: Vec<Seal>,
+}
+
+impl Enveloped for Seals {
+    const KIND: Kind = Kind::Seals;
+    const VERSION: u16 = 1;
+    const SIZE_MAX: usize = 64 << 10;
 }
 
 impl Enveloped for Seal {
@@ -165,6 +182,8 @@ mod tests {
         let bytes = encode(&seal).unwrap();
         assert_eq!(bytes, [&b"DC\x01\x00\x1a\x00\x01\xac\x02\xac\x02"[..], &[7; 16]].concat());
         assert_eq!(decode::<Seal>(&bytes), Ok(seal));
+        let bytes = encode(&Seals { seals: vec![seal] }).unwrap();
+        assert_eq!(bytes, [&b"DC\x01\x00\x1b\x00\x01\x01\xac\x02\xac\x02"[..], &[7; 16]].concat());
     }
 
     fn at(seconds: u64) -> Time {

@@ -105,32 +105,48 @@ pub fn shapes(plan: &Plan, leaf: u32) -> Option<Order> {
 pub fn partners(plan: &Plan, registrations: &Registrations, leaf: u32) -> Option<Order> {
     let location = |leaf: u32| registrations.facts.get(&leaf)?.location.as_ref();
     location(leaf).filter(|own| !own.keys.is_empty())?;
-    let mut wires: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+    let mut shared: BTreeMap<u32, (Vec<u32>, Vec<String>)> = BTreeMap::new();
     for (number, wire) in (0_u32..).zip(&plan.wires) {
         let other = match (wire.from.leaf == leaf, wire.to.leaf == leaf) {
             (true, _) => wire.to.leaf,
             (false, true) => wire.from.leaf,
             (false, false) => continue,
         };
-        wires.entry(other).or_default().push(number);
+        shared.entry(other).or_default().0.push(number);
     }
-    let partner = |(other, wires): (u32, Vec<u32>)| {
+    for (other, device) in sharing(registrations, leaf) {
+        shared.entry(other).or_default().1.push(device.clone());
+    }
+    let partner = |(other, (wires, devices)): (u32, (Vec<u32>, Vec<String>))| {
         let at = location(other)?;
         let is_near = machine(plan, registrations, leaf) == machine(plan, registrations, other);
-        Some(Partner { session: at.session.clone(), keys: at.keys.clone(), is_near, wires })
+        Some(Partner { session: at.session.clone(), keys: at.keys.clone(), is_near, wires, devices })
     };
-    Some(Order::Partners { partners: wires.into_iter().filter_map(partner).collect() })
+    Some(Order::Partners { partners: shared.into_iter().filter_map(partner).collect() })
 }
 
-/// Returns the programs that have wires with `leaf`, in either direction.
-pub fn wired(plan: &Plan, leaf: u32) -> BTreeSet<u32> {
+/// Returns the devices that `leaf` owns and others need, or needs and others own, each with who that is.
+fn sharing(registrations: &Registrations, leaf: u32) -> Vec<(u32, &String)> {
+    let Some(own) = registrations.facts.get(&leaf) else { return Vec::new() };
+    let others = registrations.facts.values().filter(|facts| facts.leaf != leaf);
+    let shared = others.flat_map(|facts| {
+        let needed = own.owns.iter().filter(|device| facts.needs.contains(device));
+        let owned = own.needs.iter().filter(|device| facts.owns.contains(device));
+        needed.chain(owned).map(|device| (facts.leaf, device))
+    });
+    shared.collect()
+}
+
+/// Returns the programs that have wires with `leaf`, in either direction, or share a device with it.
+pub fn partnered(plan: &Plan, registrations: &Registrations, leaf: u32) -> BTreeSet<u32> {
     let ends = plan.wires.iter().map(|wire| (wire.from.leaf, wire.to.leaf));
     let others = ends.filter_map(|(from, to)| match (from == leaf, to == leaf) {
         (true, _) => Some(to),
         (false, true) => Some(from),
         (false, false) => None,
     });
-    others.filter(|other| *other != leaf).collect()
+    let sharing = sharing(registrations, leaf).into_iter().map(|(other, _)| other);
+    others.chain(sharing).filter(|other| *other != leaf).collect()
 }
 
 /// Returns the programs that dial `leaf`: consumers of its outputs, those that call it, and those that need a device of it.
@@ -287,13 +303,25 @@ process main() {
             keys: keys.to_vec(),
             is_near,
             wires: wires.to_vec(),
+            devices: vec![],
         };
         let order = |partners: &[Partner]| Some(Order::Partners { partners: partners.to_vec() });
         let both = [partner("b", &[2], true, &[0]), partner("c", &[3], false, &[1, 2])];
         assert_eq!(partners(&plan, &registrations, 0), order(&both));
         assert_eq!(partners(&plan, &registrations, 1), order(&[partner("a", &[1], true, &[0])]));
         assert_eq!(partners(&plan, &registrations, 2), order(&[partner("a", &[1], false, &[1, 2])]));
-        assert_eq!((wired(&plan, 0), wired(&plan, 2)), (BTreeSet::from([1, 2]), BTreeSet::from([0])));
+        let partnered = |leaf| partnered(&plan, &registrations, leaf);
+        assert_eq!((partnered(0), partnered(2)), (BTreeSet::from([1, 2]), BTreeSet::from([0])));
+        // Who shares a device knows the other, too.
+        let mut sharing = registrations.clone();
+        sharing.facts.entry(1).and_modify(|facts| facts.owns = vec!["arm".into(), "ft".into()]);
+        sharing.facts.entry(2).and_modify(|facts| facts.needs = vec!["arm".into()]);
+        let arm =
+            |session: &str, keys: &[u8]| Partner { devices: vec!["arm".into()], ..partner(session, keys, false, &[]) };
+        let of_b = [partner("a", &[1], true, &[0]), arm("c", &[3])];
+        assert_eq!(partners(&plan, &sharing, 1), order(&of_b));
+        let of_c = [partner("a", &[1], false, &[1, 2]), arm("b", &[2])];
+        assert_eq!(partners(&plan, &sharing, 2), order(&of_c));
         let open = Registrations { facts: [(0, facts(0, "a")), keyed(1, "b", &[2])].into(), ..registrations };
         assert_eq!(partners(&plan, &open, 0), None, "who has no keys is in no team");
     }

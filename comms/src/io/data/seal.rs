@@ -77,6 +77,28 @@ impl SealKey {
         Some(Seal { content, key: self.id, number, tag })
     }
 
+    /// Vouches for bytes that everybody can read, by their hash.
+    fn vouch(&self, number: u64, hash: &[u8; 32]) -> Option<Seal> {
+        let tag = self.key.seal_in_place_separate_tag(nonce(number), Aad::from(self.vouched(hash)), &mut []).ok()?;
+        let tag = <[u8; TAG_SIZE]>::try_from(tag.as_ref()).ok()?;
+        Some(Seal { content: Content::Device, key: self.id, number, tag })
+    }
+
+    fn check(&self, seal: &Seal, hash: &[u8; 32]) -> Result<(), Refusal> {
+        let (aad, tag) = (Aad::from(self.vouched(hash)), Tag::from(seal.tag));
+        let opened = self.key.open_in_place_separate_tag(nonce(seal.number), aad, tag, &mut [], 0..);
+        opened.map(drop).map_err(|_unspecified| Refusal::Broken)
+    }
+
+    fn vouched(&self, hash: &[u8; 32]) -> [u8; 41] {
+        let mut bytes = [0; 41];
+        bytes[..9].copy_from_slice(&associated(Content::Device, 0));
+        if self.cover == Cover::Bytes {
+            bytes[9..].copy_from_slice(hash);
+        }
+        bytes
+    }
+
     fn open(&self, seal: &Seal, about: u64, bytes: &mut [u8]) -> Result<(), Refusal> {
         let cover = if seal.content == Content::Value { self.cover } else { Cover::Bytes };
         let covered = if cover == Cover::Bytes { bytes } else { &mut [] };
@@ -120,6 +142,12 @@ impl Sealer {
     /// Seals with another key from now on.
     pub fn set(&self, key: Option<SealKey>) {
         *self.key.lock().unwrap_or_else(PoisonError::into_inner) = key.map(Arc::new);
+    }
+
+    /// Returns a seal for bytes that everybody can read, with this hash; nothing without a key.
+    pub(super) fn vouch(&self, hash: &[u8; 32]) -> Option<Seal> {
+        let key = self.key.lock().unwrap_or_else(PoisonError::into_inner).clone()?;
+        key.vouch(self.counter.0.fetch_add(1, Ordering::Relaxed) + 1, hash)
     }
 
     /// Returns these bytes sealed; nothing without a key.
@@ -168,6 +196,18 @@ impl Opener {
         from: impl FnOnce() -> Option<String>,
     ) -> Option<(Content, Vec<u8>)> {
         self.try_open(seal, about, bytes).map_err(|why| (self.refused)(why, from())).ok()
+    }
+
+    /// Checks a seal for bytes that everybody can read.
+    pub(super) fn check(&self, seal: &Seal, hash: &[u8; 32]) -> Result<(), Refusal> {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let key = state.key.as_ref().filter(|key| key.id == seal.key).ok_or(Refusal::OtherKey)?;
+        if seal.number <= state.last {
+            return Err(Refusal::Repeated);
+        }
+        key.check(seal, hash)?;
+        state.last = seal.number;
+        Ok(())
     }
 
     fn try_open(&self, seal: Option<&ZBytes>, about: u64, bytes: &ZBytes) -> Result<(Content, Vec<u8>), Refusal> {

@@ -61,7 +61,7 @@ impl DataSession {
                     Ok(boundary) => on_arrival(Arrival::Boundary(boundary), sequence(&sample)),
                     Err(error) => tracing::warn!(key = sample.key_expr().as_str(), %error, "a word is ignored"),
                 },
-                Some((Content::Answer | Content::Call | Content::Cancel, _)) | None => {}
+                Some((Content::Answer | Content::Call | Content::Cancel | Content::Device, _)) | None => {}
             }
         };
         let subscriber = self.opened.session.declare_subscriber(key).callback_mut(on_sample).wait();

@@ -4,11 +4,11 @@
 //! ends of wires, and tells them anew when one of them was started again; what is made already takes the new key then.
 
 use super::inbox::Inbox;
-use comms::io::data::{CallGate, CallWay, Caller, Cover, Opener, SealCounter, SealKey, Sealer};
+use comms::io::data::{CallGate, CallWay, Caller, Cover, DeviceGate, Opener, SealCounter, SealKey, Sealer, Voucher};
 use comms::io::session::Digest;
 use comms::logic::control::Partner;
 use comms::logic::proof::Proof;
-use comms::logic::seal::NO_WIRE;
+use comms::logic::seal::{DEVICE, NO_WIRE};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use team::program::{ProgramIdentity, ProgramKeys, Sealing};
@@ -65,6 +65,13 @@ struct State {
     sealers: BTreeMap<(u32, Use), (String, Arc<Sealer>)>,
     openers: BTreeMap<(u32, Use), (String, Arc<Opener>)>,
     serving: Option<Serving>,
+    /// Those who share a device, by its name.
+    sharing: BTreeMap<String, Vec<Arc<Partner>>>,
+    /// By device and key.
+    vouchers: BTreeMap<(String, String), Arc<Voucher>>,
+    gates: BTreeMap<(String, String), Arc<DeviceGate>>,
+    /// What opens samples of a device from one of those who share it, by the keys of both: nothing is taken twice.
+    senders: BTreeMap<(String, Vec<u8>), Arc<Opener>>,
 }
 
 impl Keyring {
@@ -87,8 +94,12 @@ impl Keyring {
     pub(super) fn take(&self, partners: Vec<Partner>) {
         let mut state = self.state();
         state.partners.clear();
+        state.sharing.clear();
         for partner in partners.into_iter().map(Arc::new) {
             state.partners.extend(partner.wires.iter().map(|wire| (*wire, Arc::clone(&partner))));
+            for device in &partner.devices {
+                state.sharing.entry(device.clone()).or_default().push(Arc::clone(&partner));
+            }
         }
         for (&(wire, used), (key, sealer)) in &state.sealers {
             sealer.set(self.key(&state, (wire, used), key, Sealing::Here));
@@ -100,6 +111,55 @@ impl Keyring {
         }
         self.admit(&mut state);
         self.inbox.partner_changed(NO_WIRE);
+        self.inbox.partner_changed(DEVICE);
+        for ((device, key), voucher) in state.vouchers.clone() {
+            voucher.set(self.vouched(&state, &device, &key));
+        }
+        for ((device, key), gate) in state.gates.clone() {
+            gate.set(self.senders(&mut state, &device, &key));
+        }
+        let partners: Vec<Vec<u8>> = state.sharing.values().flatten().map(|partner| partner.keys.clone()).collect();
+        state.senders.retain(|(_, keys), _| partners.contains(keys));
+    }
+
+    /// Returns what vouches for samples of a device to those who share it. `key` is that of the samples.
+    pub(super) fn voucher(&self, device: &str, key: &str) -> Arc<Voucher> {
+        let mut state = self.state();
+        let voucher = Arc::new(Voucher::default());
+        voucher.set(self.vouched(&state, device, key));
+        state.vouchers.insert((device.to_owned(), key.to_owned()), Arc::clone(&voucher));
+        voucher
+    }
+
+    /// Returns what lets in the samples of a device that those who share it send.
+    pub(super) fn device_gate(&self, device: &str, key: &str) -> Arc<DeviceGate> {
+        let mut state = self.state();
+        let inbox = Arc::clone(&self.inbox);
+        let gate = Arc::new(DeviceGate::new(move |why, from| inbox.refuse(DEVICE, why, from)));
+        gate.set(self.senders(&mut state, device, key));
+        state.gates.insert((device.to_owned(), key.to_owned()), Arc::clone(&gate));
+        gate
+    }
+
+    fn vouched(&self, state: &State, device: &str, key: &str) -> Vec<Arc<Sealer>> {
+        let sealer = |partner: &Arc<Partner>| {
+            let sealer = Sealer::new(&self.counter);
+            sealer.set(Some(self.shared(partner, Sealing::Here, &format!("{key} device"))?));
+            Some(Arc::new(sealer))
+        };
+        state.sharing.get(device).into_iter().flatten().filter_map(sealer).collect()
+    }
+
+    fn senders(&self, state: &mut State, device: &str, key: &str) -> Vec<Arc<Opener>> {
+        let partners = state.sharing.get(device).cloned().unwrap_or_default();
+        let sender = |partner: Arc<Partner>| {
+            let shared = self.shared(&partner, Sealing::There, &format!("{key} device"))?;
+            let new = || Arc::new(Opener::new(|_, _| ()));
+            let opener = state.senders.entry((key.to_owned(), partner.keys.clone())).or_insert_with(new);
+            opener.set(Some(shared));
+            Some(Arc::clone(opener))
+        };
+        partners.into_iter().filter_map(sender).collect()
     }
 
     /// Returns what seals one use of a wire for its other end. `key` is that of the wire, or of the calls.
@@ -172,9 +232,12 @@ impl Keyring {
     }
 
     fn key(&self, state: &State, (wire, used): (u32, Use), key: &str, sealing: Sealing) -> Option<SealKey> {
-        let partner = state.partners.get(&wire)?;
-        let secret = self.keys.wire(&partner.keys, sealing, &format!("{key} {wire} {}", used.word()));
-        let secret = secret.inspect_err(|error| tracing::warn!(wire, %error, "a wire has no key")).ok()?;
+        self.shared(state.partners.get(&wire)?, sealing, &format!("{key} {wire} {}", used.word()))
+    }
+
+    fn shared(&self, partner: &Partner, sealing: Sealing, about: &str) -> Option<SealKey> {
+        let secret = self.keys.wire(&partner.keys, sealing, about);
+        let secret = secret.inspect_err(|error| tracing::warn!(about, %error, "there is no key")).ok()?;
         // What goes from one program to another of the machine is nobody else's, so there it is enough to show who has sent it.
         Some(SealKey::new(&secret, if partner.is_near { Cover::Sender } else { Cover::Bytes }))
     }

@@ -8,7 +8,7 @@ use super::taps::Taps;
 use super::wire::{Fetch, Transport, Wire, hear, port, put, subscribe, wire};
 use crate::sdk::interface::{Binding, Direction, Interface, PortInterface};
 use comms::io::clock::now;
-use comms::io::data::{DataError, DataSession, Payload, Priority, Publisher, Responder, Subscription};
+use comms::io::data::{DataError, DataSession, Payload, Priority, Publisher, Responder, Subscription, Voucher};
 use comms::logic::codec::{self, Enveloped};
 use comms::logic::control::{CallRoute, Device, Dial, Incoming, Outgoing, Partner, Shape};
 use comms::logic::human::span;
@@ -47,12 +47,34 @@ struct Made {
 /// The links of a program to devices and to people, from its first links on.
 #[derive(Debug, Default)]
 struct Devices {
-    outputs: Vec<(&'static str, Publisher)>,
+    outputs: Vec<DeviceOutput>,
     inputs: Vec<Subscription>,
     signals: Option<Publisher>,
     taps: Taps,
     /// Held for as long as calls are to arrive.
     serving: Serving,
+}
+
+/// An output to a device, or of one.
+#[derive(Debug)]
+struct DeviceOutput {
+    port: &'static str,
+    publisher: Publisher,
+    /// In a team.
+    voucher: Option<Arc<Voucher>>,
+}
+
+impl DeviceOutput {
+    fn put(&self, payload: Payload) {
+        match &self.voucher {
+            None => put(&self.publisher, payload),
+            Some(voucher) => {
+                if let Err(error) = self.publisher.put_vouched(payload, voucher) {
+                    tracing::debug!(%error, "a sample was not sent");
+                }
+            }
+        }
+    }
 }
 
 /// Every link of the program. Flags are flipped by the listener while the cycle sends.
@@ -261,8 +283,8 @@ impl Links {
             }
         }
         let payload = Payload::from(bytes);
-        for (_, device) in made.devices.outputs.iter().filter(|(name, _)| *name == port) {
-            put(device, payload.clone());
+        for device in made.devices.outputs.iter().filter(|device| device.port == port) {
+            device.put(payload.clone());
         }
         for wire in passing.iter().filter_map(|number| made.wires.get(number)) {
             wire.send(&payload);
@@ -350,7 +372,7 @@ impl Devices {
     ) -> Result<Self, String> {
         let mut devices = Self::default();
         for port in interface.ports.iter().filter(|port| port.binding != Binding::Wire) {
-            devices.port(session, &orders.robot, port, inbox)?;
+            devices.port((session, keyring), &orders.robot, port, inbox)?;
         }
         if interface.about.signals_every.is_some() {
             let key = key::signals(&orders.robot, &orders.instance);
@@ -365,7 +387,7 @@ impl Devices {
 
     fn port(
         &mut self,
-        session: &DataSession,
+        (session, keyring): (&DataSession, Option<&Keyring>),
         robot: &str,
         port: &PortInterface,
         inbox: &Arc<Inbox>,
@@ -374,10 +396,14 @@ impl Devices {
         let channel = if device.channel == "state" { Channel::State } else { Channel::Command };
         let key = key::hardware(robot, device.name, channel);
         match port.direction {
-            Direction::In => self.inputs.push(subscribe(session, &key, (port.name, Hold::default()), inbox)?),
+            Direction::In => {
+                let gate = keyring.map(|keyring| keyring.device_gate(device.name, &key));
+                self.inputs.push(subscribe((session, gate), &key, (port.name, Hold::default()), inbox)?);
+            }
             Direction::Out => {
                 let publisher = session.publisher(&key, Priority::Device).map_err(|error| error.to_string())?;
-                self.outputs.push((port.name, publisher));
+                let voucher = keyring.map(|keyring| keyring.voucher(device.name, &key));
+                self.outputs.push(DeviceOutput { port: port.name, publisher, voucher });
             }
         }
         Ok(())

@@ -5,7 +5,8 @@ use super::keyring::{Keyring, Use};
 use crate::sdk::interface::{Binding, Direction, Interface, PortInterface};
 use comms::io::clock::now;
 use comms::io::data::{
-    DataError, DataSession, Opener, Payload, PendingFetch, Priority, Publisher, Responder, Sealer, Subscription,
+    DataError, DataSession, DeviceGate, Opener, Payload, PendingFetch, Priority, Publisher, Responder, Sealer,
+    Subscription,
 };
 use comms::logic::control::{Incoming, Outgoing, Shape};
 use comms::logic::key;
@@ -100,13 +101,17 @@ pub(super) fn fetch_all(fetches: &[Arc<Fetch>], within: Duration) -> Vec<(&'stat
 }
 
 pub(super) fn subscribe(
-    session: &DataSession,
+    (session, gate): (&DataSession, Option<Arc<DeviceGate>>),
     key: &str,
     (port, hold): (&'static str, Hold),
     inbox: &Arc<Inbox>,
 ) -> Result<Subscription, String> {
     let inbox = Arc::clone(inbox);
-    let subscription = session.on_sample(key, move |bytes| inbox.sample(port, bytes.into_owned(), hold));
+    let hear = move |bytes: Cow<'_, [u8]>| inbox.sample(port, bytes.into_owned(), hold);
+    let subscription = match gate {
+        None => session.on_sample(key, hear),
+        Some(gate) => session.on_vouched(key, gate, hear),
+    };
     subscription.map_err(|error| error.to_string())
 }
 

@@ -5,7 +5,7 @@ use crate::io::event::Connection;
 use crate::logic::agent::{Agent, Input};
 use crate::logic::effect::ProcessId;
 use crate::logic::protocol::{LostValues, NodeStatus};
-use comms::logic::seal::{NO_WIRE, Refused};
+use comms::logic::seal::{DEVICE, NO_WIRE, Refused};
 use std::collections::BTreeMap;
 
 /// How many wires of one program are told at most.
@@ -51,6 +51,7 @@ impl Driver {
         for Refused { wire, count, why, from } in wires.into_iter().take(WIRES_MAX) {
             let what = match self.state.agent.wire(deployment, wire) {
                 Some(ends) => format!("send on the wire `{ends}` of `{deployment}`"),
+                None if wire == DEVICE => format!("speak on a device to `{instance}` of `{deployment}`"),
                 None if wire == NO_WIRE => format!("call `{instance}` of `{deployment}`"),
                 None => continue,
             };

@@ -11,7 +11,7 @@ use crate::logic::effect::Out;
 use crate::logic::executer::leaf_host;
 use crate::logic::instance::Instance;
 use crate::logic::protocol::{LeafFacts, ToParticipant};
-use crate::logic::wiring::{calls, dialers, links, partners, relink, shapes, wired};
+use crate::logic::wiring::{calls, dialers, links, partnered, partners, relink, shapes};
 use comms::logic::control::Order;
 use comms::logic::switch::{Flip, Opening};
 use language::plan::LeafKind;
@@ -92,7 +92,7 @@ impl Participant {
         let here = leaf_host(&self.plan, facts.leaf);
         let mut concerned = dialers(&self.plan, &self.registrations, facts.leaf);
         if facts.location.as_ref().is_some_and(|location| !location.keys.is_empty()) {
-            concerned.extend(wired(&self.plan, facts.leaf));
+            concerned.extend(partnered(&self.plan, &self.registrations, facts.leaf));
         }
         let others = concerned.into_iter().filter_map(|dialer| leaf_host(&self.plan, dialer));
         let hosts: BTreeSet<&str> = others.filter(|host| Some(*host) != here).chain([self.home.as_str()]).collect();
@@ -108,7 +108,7 @@ impl Participant {
             return;
         }
         let before = self.registrations.facts.insert(moved, facts);
-        for other in wired(&self.plan, moved) {
+        for other in partnered(&self.plan, &self.registrations, moved) {
             if let Some(order) = partners(&self.plan, &self.registrations, other) {
                 self.with_instance(other, out, |instance, moment| instance.relink(order, moment));
             }

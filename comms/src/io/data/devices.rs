@@ -1,0 +1,103 @@
+//! Devices in a team: a sample goes to several programs, and has a seal for each of those that may believe it. It is no secret.
+
+use super::{DataError, DataSession, Opener, Publisher, Sealer, Subscription, session_error};
+use crate::logic::codec;
+use crate::logic::seal::{Content, Refusal, Seals};
+use std::borrow::Cow;
+use std::fmt;
+use std::sync::{Arc, Mutex, PoisonError};
+use zenoh::Wait;
+use zenoh::sample::Sample;
+
+/// Vouches for samples to those who may believe them.
+#[derive(Debug, Default)]
+pub struct Voucher(Mutex<Vec<Arc<Sealer>>>);
+
+/// Lets in samples of those who may send them.
+pub struct DeviceGate {
+    senders: Mutex<Vec<Arc<Opener>>>,
+    refused: Box<dyn Fn(Refusal, Option<String>) + Send + Sync>,
+}
+
+impl Voucher {
+    /// Vouches to these, in the place of those before.
+    pub fn set(&self, to: Vec<Arc<Sealer>>) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = to;
+    }
+
+    fn seals(&self, bytes: &[u8]) -> Option<Vec<u8>> {
+        let hash = blake3::hash(bytes).into();
+        let to = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        codec::encode(&Seals { seals: to.iter().filter_map(|sealer| sealer.vouch(&hash)).collect() }).ok()
+    }
+}
+
+impl DeviceGate {
+    /// Returns one that lets nobody in. `refused` hears why something was dropped, and from which session that says to be; it must only
+    /// note it.
+    pub fn new(refused: impl Fn(Refusal, Option<String>) + Send + Sync + 'static) -> Self {
+        Self { senders: Mutex::default(), refused: Box::new(refused) }
+    }
+
+    /// Lets these in, in the place of those before.
+    pub fn set(&self, senders: Vec<Arc<Opener>>) {
+        *self.senders.lock().unwrap_or_else(PoisonError::into_inner) = senders;
+    }
+
+    fn check(&self, sample: &Sample, bytes: &[u8]) -> Result<(), Refusal> {
+        let seals = sample.attachment().and_then(|seals| codec::decode::<Seals>(&seals.to_bytes()).ok());
+        let Seals { seals } = seals.ok_or(Refusal::Unsealed)?;
+        let senders = self.senders.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let known = |seal: &crate::logic::seal::Seal| senders.iter().find(|one| one.key_id() == Some(seal.key));
+        let found = seals.iter().find_map(|seal| Some((seal, known(seal)?)));
+        let (seal, opener) = found.filter(|(seal, _)| seal.content == Content::Device).ok_or(Refusal::OtherKey)?;
+        opener.check(seal, &blake3::hash(bytes).into())
+    }
+}
+
+impl fmt::Debug for DeviceGate {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("DeviceGate").field("senders", &self.senders).finish_non_exhaustive()
+    }
+}
+
+impl Publisher {
+    /// Sends a sample that everybody can read, with a seal for each who may believe it.
+    ///
+    /// # Errors
+    /// If the session is closed.
+    pub fn put_vouched(&self, payload: impl Into<super::Payload>, voucher: &Voucher) -> Result<(), DataError> {
+        let bytes = payload.into().0;
+        let Some(seals) = voucher.seals(&bytes.to_bytes()) else { return Ok(()) };
+        let put = self.publisher.put(bytes).attachment(seals).source_info(self.source_info(0)).wait();
+        put.map_err(|cause| session_error(self.publisher.key_expr().as_str(), &cause))
+    }
+}
+
+impl DataSession {
+    /// Calls `on_sample` with each sample of a device that the gate lets in, as [`DataSession::on_sample`] does.
+    ///
+    /// # Errors
+    /// If the session is closed.
+    pub fn on_vouched(
+        &self,
+        key: &str,
+        gate: Arc<DeviceGate>,
+        mut on_sample: impl FnMut(Cow<'_, [u8]>) + Send + Sync + 'static,
+    ) -> Result<Subscription, DataError> {
+        let on_sample = move |sample: Sample| {
+            let bytes = sample.payload().to_bytes();
+            match gate.check(&sample, &bytes) {
+                Ok(()) => on_sample(bytes),
+                Err(why) => {
+                    let from = sample.source_info().map(|source| source.source_id().zid().to_string());
+                    (gate.refused)(why, from);
+                }
+            }
+        };
+        let subscriber = self.opened.session.declare_subscriber(key).callback_mut(on_sample).wait();
+        subscriber
+            .map(|subscriber| Subscription { _subscriber: subscriber })
+            .map_err(|cause| session_error(key, &cause))
+    }
+}
