@@ -435,7 +435,7 @@ pub(crate) fn unasked(host: &str, answer: &Answer) -> Failure {
 pub(crate) fn words(failure: &Failure) -> String {
     match failure {
         Failure::Refused(error) | Failure::Unreachable(error) => format!("{error:#}"),
-        Failure::Reported | Failure::Limited => String::new(),
+        Failure::Reported | Failure::ReportedUnreachable | Failure::Limited => String::new(),
     }
 }
 

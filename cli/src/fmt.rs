@@ -64,7 +64,7 @@ mod tests {
     fn told(files: Vec<PathBuf>, check: bool) -> bool {
         match run(&Arguments { files, check }) {
             Ok(()) => false,
-            Err(Failure::Reported | Failure::Limited) => true,
+            Err(Failure::Reported | Failure::ReportedUnreachable | Failure::Limited) => true,
             Err(Failure::Refused(error) | Failure::Unreachable(error)) => panic!("{error:#}"),
         }
     }

@@ -21,7 +21,7 @@ use language::Source;
 use language::plan::Plan;
 use node::console::{self, Failure};
 use node::logic::output_lines::GAP;
-use node::logic::protocol::{Answer, Deployment, Ending, FailureCause, Report, Request, StopReply};
+use node::logic::protocol::{Answer, Deployment, Ending, FailureCause, Report, Request, StopReply, is_unreached};
 pub(crate) use record_folder::RUNS;
 use record_folder::{end_record, start_record};
 use std::collections::BTreeSet;
@@ -404,6 +404,7 @@ impl Watch {
         self.display.finish(&self.mission, &files, &mut self.output)?;
         match self.mission.verdict().map(|verdict| &verdict.outcome) {
             Some(Outcome::Done) => Ok(()),
+            Some(Outcome::Refused(reasons)) if is_unreached(reasons) => Err(Failure::ReportedUnreachable),
             _ => Err(Failure::Reported),
         }
     }

@@ -31,6 +31,8 @@ pub enum Failure {
     Reported,
     /// Somebody could not be reached: exit code 3.
     Unreachable(anyhow::Error),
+    /// Somebody could not be reached, and that has been printed: exit code 3.
+    ReportedUnreachable,
     /// A limit was reached before everything was decided, and what was and was not has been said: exit code 4.
     Limited,
 }
@@ -89,6 +91,7 @@ pub fn finish(result: Result<(), Failure>) -> ExitCode {
             Some(error) => return finish(Err(unwritten(error))),
         },
         Err(Failure::Reported) => return ExitCode::from(1),
+        Err(Failure::ReportedUnreachable) => return ExitCode::from(3),
         Err(Failure::Limited) => return ExitCode::from(4),
         Err(Failure::Refused(error)) => (error, 1),
         Err(Failure::Unreachable(error)) => (error, 3),

@@ -237,7 +237,11 @@ fn partly(failure: Failure, done: usize, count: usize) -> Failure {
     match failure {
         Failure::Refused(error) if done > 0 => Failure::Refused(add(error)),
         Failure::Unreachable(error) if done > 0 => Failure::Unreachable(add(error)),
-        Failure::Refused(_) | Failure::Unreachable(_) | Failure::Reported | Failure::Limited => failure,
+        Failure::Refused(_)
+        | Failure::Unreachable(_)
+        | Failure::Reported
+        | Failure::ReportedUnreachable
+        | Failure::Limited => failure,
     }
 }
 

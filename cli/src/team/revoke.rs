@@ -127,7 +127,7 @@ fn could_read(keys: &KeysArgs, bundle: &Bundle, name: &Name) -> Result<(), Failu
         Err(Failure::Refused(why) | Failure::Unreachable(why)) => {
             console::note(&format!("which secrets `{name}` could read is not known: {why:#}"));
         }
-        Err(failure @ (Failure::Reported | Failure::Limited)) => return Err(failure),
+        Err(failure @ (Failure::Reported | Failure::ReportedUnreachable | Failure::Limited)) => return Err(failure),
     }
     Ok(())
 }

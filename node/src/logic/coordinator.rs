@@ -20,7 +20,7 @@ mod switching;
 use crate::logic::effect::{Effect, Out, earliest};
 use crate::logic::history::History;
 use crate::logic::protocol::{
-    Answer, Deployment, Ending, Report, Signed, StopReply, ToCoordinator, ToParticipant, Why,
+    Answer, Deployment, Ending, Report, Signed, StopReply, ToCoordinator, ToParticipant, Why, unreached,
 };
 use crate::logic::wiring::Registrations;
 use change::Changing;
@@ -272,7 +272,7 @@ impl Coordinator {
         }
         match self.phase {
             Phase::Preparing | Phase::Connecting => {
-                self.reasons.push(format!("host `{host}` could not be reached any more"));
+                self.reasons.push(unreached(host));
                 self.end(None, out);
             }
             Phase::Running => {

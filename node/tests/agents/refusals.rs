@@ -7,7 +7,7 @@ use comms::logic::time::Time;
 use node::logic::agent::{Agent, Identity, Input};
 use node::logic::node_state::NodeState;
 use node::logic::programs::Programs;
-use node::logic::protocol::{Ending, Report};
+use node::logic::protocol::{Ending, Report, is_unreached};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
@@ -147,4 +147,20 @@ fn a_host_that_nobody_has_seen_refuses_at_once() {
     let Report::Refused { reasons } = world.last_report(call) else { panic!("not refused") };
     assert!(reasons.iter().any(|reason| reason.contains("host `c2` cannot be reached")), "{reasons:?}");
     assert_eq!(world.alive, BTreeSet::new());
+}
+
+/// Who deploys is told by the exit code that it was no refusal: the host could not be reached.
+#[test]
+fn a_host_that_is_lost_while_it_prepares_is_told_as_such() {
+    for after in 0..12 {
+        let mut world = World::new(&["c1", "c2"]);
+        let call = world.deploy("c1", TWO_HOSTS);
+        world.run_for(Duration::from_millis(after));
+        super::losses::cut(&mut world, "c2");
+        world.run_for(Duration::from_secs(30));
+        match world.last_report(call) {
+            Report::Refused { reasons } => assert!(is_unreached(reasons), "{after} ms: {reasons:?}"),
+            other => assert!(matches!(other, Report::Finished { .. }) && after > 8, "{after} ms: {other:?}"),
+        }
+    }
 }

@@ -220,3 +220,16 @@ impl Change {
         ))
     }
 }
+
+/// How a reason ends that is the loss of a host.
+const UNREACHED: &str = "could not be reached any more";
+
+/// Returns the reason against something that a host was lost.
+pub fn unreached(host: &str) -> String {
+    format!("host `{host}` {UNREACHED}")
+}
+
+/// Returns whether a host was lost, of the reasons why something was not done. Who asks again may have it.
+pub fn is_unreached(reasons: &[String]) -> bool {
+    reasons.iter().any(|reason| reason.ends_with(UNREACHED))
+}
