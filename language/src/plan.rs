@@ -20,12 +20,12 @@ use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
 pub use component::Failing;
-pub use difference::{Difference, PlanChange, difference};
+pub use difference::{Difference, PlanChange, difference, difference_with};
 pub use exec::{ExecError, words};
 pub use on_boot::OnBoot;
 pub use parameter::{Accepts, Parameter};
 pub use policy::{
-    BACKOFF_MAX, BACKOFF_MIN, Backoff, LinkLoss, Policy, REALTIME_MAX, Realtime, Restart, Usage, Watchdog,
+    BACKOFF_MAX, BACKOFF_MIN, Backoff, LinkLoss, Policy, REALTIME_MAX, Realtime, Replacement, Restart, Usage, Watchdog,
 };
 pub use supervision::{Intensity, RESTARTS_MAX, Strategy, Supervision};
 pub use validate::PlanError;

@@ -34,6 +34,8 @@ mod names;
 mod namesakes;
 #[path = "agents/orders.rs"]
 mod orders;
+#[path = "agents/overlap.rs"]
+mod overlap;
 #[path = "agents/programs.rs"]
 mod programs;
 #[path = "agents/refusals.rs"]

@@ -7,7 +7,7 @@ mod world;
 
 use dbmanager::logic::key::Key;
 use dbmanager::logic::txn::Write;
-use language::plan::{OnBoot, Plan};
+use language::plan::{Member, MemberKind, OnBoot, Plan};
 use node::logic::database::question::{AckLevel, Commit, Question};
 use node::logic::gate::{Gate, Ledger, Passed, Refusal};
 use node::logic::protocol::{ChangeOrder, ChangeRequest, Deployment, Request, Signed, ToParticipant};
@@ -189,9 +189,16 @@ fn an_order_starts_what_was_signed_and_nothing_else() {
     let mut other = plan();
     other.leaves[0].exec = Some("/bin/sh".into());
     assert_eq!(order(&mut gate, &world, 5, &rejoin(other.clone()).signed(Some(&by))), Err(altered.clone()));
-    // Something behind a path that is there twice.
+    // Something behind a path that is there twice: in the place of what was signed, or beside it. Of what has no place nothing is started.
     let mut hidden = plan();
     hidden.leaves.push(other.leaves[0].clone());
+    let number = u32::try_from(hidden.leaves.len() - 1).expect("there are a few");
+    assert_eq!(order(&mut world.gate("c2"), &world, 5, &rejoin(hidden.clone()).signed(Some(&by))), Ok(()));
+    let mut beside = hidden.clone();
+    let member = Member { kind: MemberKind::Leaf(number), ..beside.groups[0].members[0].clone() };
+    beside.groups[0].members.push(member);
+    assert_eq!(order(&mut gate, &world, 5, &rejoin(beside).signed(Some(&by))), Err(altered.clone()));
+    hidden.groups[0].members[0].kind = MemberKind::Leaf(number);
     assert_eq!(order(&mut gate, &world, 5, &rejoin(hidden).signed(Some(&by))), Err(altered.clone()));
     let another = Deployment { name: "other".into(), epoch: 5 };
     let refused = gate.order(&another, ("c1", &prepare().signed(Some(&by))), &world.judge(NOW)).unwrap_err();
@@ -312,6 +319,24 @@ fn a_change_is_applied_as_it_was_signed_and_can_be_taken_back() {
     // It was not healthy: back to the plan of before, by the request of before.
     assert_eq!(order(&mut gate, &world, 5, &apply(&plan(), &[1]).signed(Some(&first))), altered);
     assert_eq!(order(&mut gate, &world, 5, &apply(&plan(), &[]).signed(Some(&first))), Ok(()));
+    // The next program may be a leaf of its own, beside the one before, which is started by nobody any more.
+    let mut beside = plan();
+    let number = u32::try_from(beside.leaves.len()).expect("there are a few");
+    beside.leaves.push(next.leaves[0].clone());
+    beside
+        .wires
+        .iter_mut()
+        .flat_map(|wire| [&mut wire.from, &mut wire.to])
+        .filter(|end| end.leaf == 0)
+        .for_each(|end| end.leaf = number);
+    let members = beside.groups.iter_mut().flat_map(|group| &mut group.members);
+    members
+        .filter(|member| member.kind == MemberKind::Leaf(0))
+        .for_each(|member| member.kind = MemberKind::Leaf(number));
+    assert_eq!(order(&mut gate, &world, 5, &apply(&beside, &[]).signed(Some(&by))), Ok(()));
+    assert_eq!(order(&mut gate, &world, 5, &apply(&beside.back_to(&plan()), &[]).signed(Some(&first))), Ok(()));
+    beside.leaves[number as usize].exec = Some("other".into());
+    assert_eq!(order(&mut gate, &world, 5, &apply(&beside, &[]).signed(Some(&by))), altered);
 }
 
 /// A signed request costs a node less than a millisecond where it is compiled for that; here it is only told.

@@ -4,8 +4,8 @@
 //! it was connected. Processes are found by their paths, so their order in the plan is none of it.
 
 use language::plan::{
-    Argument, Backoff, Claim, Constant, Expression, Group, Leaf, LeafKind, LinkLoss, MemberKind, Plan, Policy, Restart,
-    Strategy, Supervision, Wire,
+    Argument, Backoff, Claim, Constant, Expression, Group, Leaf, LeafKind, LinkLoss, MemberKind, Plan, Policy,
+    Replacement, Restart, Strategy, Supervision, Wire,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -219,6 +219,10 @@ fn policy(one: &Policy, other: &Policy) -> Option<Differs> {
         LinkLoss::SafeStopAfter(time) => format!("`safe_stop_after {}`", seconds(*time)),
         LinkLoss::Hold => "`hold`".to_owned(),
     };
+    let replacement = |replacement: &Replacement| match replacement {
+        Replacement::BreakBeforeMake => "`break_before_make`".to_owned(),
+        Replacement::Overlap => "`overlap`".to_owned(),
+    };
     let time = |time: &Option<Duration>| time.map_or_else(|| "none".to_owned(), seconds);
     let pauses = |backoff: &Option<Backoff>| match backoff {
         Some(pauses) => format!("{} to {}", seconds(pauses.first), seconds(pauses.longest)),
@@ -226,6 +230,7 @@ fn policy(one: &Policy, other: &Policy) -> Option<Differs> {
     };
     said("restart", (&one.restart, &other.restart), restart)
         .or_else(|| said("backoff", (&one.backoff, &other.backoff), pauses))
+        .or_else(|| said("replace", (&one.replacement, &other.replacement), replacement))
         .or_else(|| said("on_link_loss", (&one.link_loss, &other.link_loss), link_loss))
         .or_else(|| said("on_agent_loss", (&one.agent_loss, &other.agent_loss), time))
         .or_else(|| said("limit to be ready", (&one.ready_within, &other.ready_within), time))

@@ -7,8 +7,8 @@
 //! after `stop` has finished. A node that is gone changes nothing of this: the listener looks for the next one, and the cycle
 //! goes on. It ends only if the process that has started this one is gone, too.
 //!
-//! What a program is told by its environment: `DCA_CONTROL`, the node's socket; `DCA_INSTANCE`, its path in the plan;
-//! `DCA_DATA_SOCKET`, where its data session listens; `DCA_REMOTE`, present when other hosts must reach it; `NOTIFY_SOCKET`
+//! What a program is told by its environment: `DCA_CONTROL`, the node's socket; `DCA_INSTANCE`, its path in the plan, and a number
+//! behind `#` where there may be two of it; `DCA_DATA_SOCKET`, where its data session listens; `DCA_REMOTE`, present when other hosts must reach it; `NOTIFY_SOCKET`
 //! and `WATCHDOG_USEC`, who watches its loop, and how closely.
 
 mod agreement;
@@ -113,8 +113,10 @@ fn take_part(registry: &Registry, name: &str, arguments: &[String]) -> Result<Ex
     let parent = parent_id();
     let module = registry.create(name, arguments)?;
     let variable = |variable| std::env::var_os(variable).ok_or(ProcessError::NoNode { variable });
-    let (socket, instance) = (PathBuf::from(variable("DCA_CONTROL")?), variable("DCA_INSTANCE")?);
-    let instance = instance.to_string_lossy().into_owned();
+    let (socket, word) = (PathBuf::from(variable("DCA_CONTROL")?), variable("DCA_INSTANCE")?);
+    let word = word.to_string_lossy().into_owned();
+    // A number behind the path tells it from another program of the same process.
+    let instance = word.split('#').next().unwrap_or_default().to_owned();
     let interface = module.interface().clone();
     let (inbox, mut keyring) = (Arc::new(Inbox::default()), None);
     let session = if needs_session(&interface) {
@@ -134,8 +136,8 @@ fn take_part(registry: &Registry, name: &str, arguments: &[String]) -> Result<Ex
     let keys = keyring.as_ref().map(Keyring::public).unwrap_or_default();
     let location = session.as_ref().map(|session| Location { keys, ..session.location() });
     let links = Arc::new(Links::new(keyring));
-    let (notices, orders) = node_line::connect(&socket, &instance, parent)?;
-    notices.send(&hello(&interface, &instance, location))?;
+    let (notices, orders) = node_line::connect(&socket, &word, parent)?;
+    notices.send(&hello(&interface, &word, location))?;
     let parameters = interface.about.parameters;
     // The registry has made a controller of them already, so they fit.
     let arguments = Arguments::parse(parameters, arguments).unwrap_or_default();

@@ -4,6 +4,7 @@ mod data;
 pub(crate) mod exclusivity;
 mod expression;
 mod on_boot;
+mod overlap;
 mod places;
 pub(crate) mod quote;
 mod ranges;
@@ -52,6 +53,7 @@ pub(super) fn lower(
     diagnostics.extend(actions.filter_map(not_understood));
     check_inputs(spec, &tree, &wires.all, diagnostics);
     exclusivity::check(spec, &tree, diagnostics);
+    overlap::check(spec, &tree, &wires.all, diagnostics);
     let claims = tree.claims(spec);
     let tree::Tree { hosts, groups, leaves, process_of, .. } = tree;
     let on_boot = spec.processes[root].on_boot.map(|(on_boot, _)| on_boot).unwrap_or_default();

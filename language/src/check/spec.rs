@@ -123,6 +123,8 @@ pub(crate) struct Policies {
     pub(crate) span: Option<Span>,
     /// The word behind `restart`.
     pub(crate) restart: Option<Span>,
+    /// The word `overlap` behind `replace`.
+    pub(crate) overlap: Option<Span>,
     /// The statement that says how long it stays away.
     pub(crate) backoff: Option<Span>,
 }

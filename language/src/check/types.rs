@@ -8,9 +8,9 @@ mod resolve;
 use super::diagnostics::{Diagnostics, Rounds, key};
 use super::names::listed;
 use super::range::Range;
-use super::spec::{Arg, Instance, Module, Param, Process, Spec, Target, ValueKind};
+use super::spec::{Arg, CallRole, Instance, Module, Param, Port, Process, Spec, Target, ValueKind};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::plan::{Constant, Restart};
+use crate::plan::{Constant, LeafKind, Restart};
 use crate::source::{Origin, Span};
 use crate::syntax::ast::Name;
 use kinds::TypeChecker;
@@ -86,6 +86,7 @@ fn check_policies(spec: &Spec, process: &Process, diagnostics: &mut Diagnostics)
                 let forgets = check_restart(module, instance);
                 let pauses = || check_backoff(Some(module), process, instance);
                 diagnostics.extend(forgets.or_else(pauses));
+                diagnostics.extend(check_overlap(module, instance));
             }
             Target::Unknown => diagnostics.extend(check_backoff(None, process, instance)),
         }
@@ -105,6 +106,33 @@ fn check_restart(module: &Module, instance: &Instance) -> Option<Diagnostic> {
         "leave `restart` away: when `{name}` dies, what runs it aborts, and `retry(2) (...)` around that begins anew as a whole"
     );
     Some(found.help(help).replace(span, "temporary"))
+}
+
+/// Two programs of one process cannot both end it, own its devices, or answer its calls.
+fn check_overlap(module: &Module, instance: &Instance) -> Option<Diagnostic> {
+    let span = instance.policies.overlap?;
+    let is_called = |port: &&Port| port.call.as_ref().is_some_and(|call| call.role != CallRole::Caller);
+    let why = if module.kind == LeafKind::Plain {
+        "it is a plain program, which has no connections to take over".to_owned()
+    } else if !module.is_service {
+        format!("`{}` is no service, and both could come to its end", module.name.text)
+    } else if let Some(claim) = module.claims.first() {
+        format!("`{}` claims `{}`, and both would use it", module.name.text, claim.name.text)
+    } else if let Some(port) = module.ports.iter().find(is_called) {
+        format!("others call its `{}`, and both would answer", port.name.text)
+    } else {
+        return None;
+    };
+    Some(no_overlap(span, &instance.name.text, &why))
+}
+
+/// Reports an instance whose program cannot run beside the next one.
+pub(super) fn no_overlap(span: Span, name: &str, why: &str) -> Diagnostic {
+    let message = format!("two programs of `{name}` cannot overlap: {why}");
+    let found = Diagnostic::new(Code::E0115, span, message);
+    found
+        .help("without `replace overlap` it is ended before the next one is started")
+        .replace(span, "break_before_make")
 }
 
 /// Nobody waits before the start of a program that is never started again.

@@ -146,6 +146,7 @@ words! {
     Rule "backoff" "backoff ${1:100 ms} to ${2:30 s};" "How long its programs stay away that have died again and again: the first pause, which doubles, and the longest."
     Policy "restart" "restart ${1:transient};" "When it is started again: `temporary` (never), `transient` (after a failure) or `permanent`."
     Policy "backoff" "backoff ${1:100 ms} to ${2:30 s};" "How long it stays away when it has died again and again: the first pause, which doubles, and the longest. The first time it is started again at once."
+    Policy "replace" "replace ${1:overlap};" "How another program takes its place while it runs: `overlap`, beside it and without a lost value, or `break_before_make`."
     Policy "watchdog" "watchdog ${1:500 ms};" "How long it may give no sign of life before it is ended as hung; `none` if for ever."
     Policy "ready" "ready within ${1:3 s};" "How long it may take until it can run, at its start and in each `Init`."
     Policy "on_agent_loss" "on_agent_loss stop within ${1:3 s};" "How long it may go on when the node of its host is gone."

@@ -1,6 +1,7 @@
 //! A part of a change of a plan that runs: one program more, one process less, or the programs of one host.
 
 use super::{Claim, ConnectionSet, Expression, Leaf, Member, MemberKind, Plan, Wire, difference};
+use std::collections::BTreeMap;
 
 /// Whether a group goes on when a program that was added to it has failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -106,16 +107,17 @@ impl Plan {
     /// Every obstacle, as [`difference`] has it; or that nothing differs there.
     pub fn changed_on(&self, wanted: &Self, host: &str) -> Result<Self, Vec<String>> {
         let next = difference(self, wanted)?.plan;
-        let (live, still) = (self.live_leaves(), next.live_leaves());
+        let still = next.live_leaves();
+        // One that overlaps with the one before has another number.
+        let still = still.iter().filter_map(|number| next.leaves.get(*number as usize));
+        let still: BTreeMap<&str, &Leaf> = still.map(|leaf| (leaf.path.as_str(), leaf)).collect();
         let is_there = |leaf: &Leaf| self.hosts.get(leaf.host as usize).is_some_and(|name| name == host);
-        let leaves = (0_u32..)
-            .zip(&self.leaves)
-            .filter(|(number, leaf)| is_there(leaf) && live.contains(number) && still.contains(number));
-        let theirs: Vec<u32> = leaves.map(|(number, _)| number).collect();
-        let mut plan = self.clone();
-        for number in &theirs {
-            if let Some(leaf) = next.leaves.get(*number as usize) {
-                plan.leaves[*number as usize] = leaf.clone();
+        let (mut plan, mut theirs) = (self.clone(), Vec::new());
+        for number in self.live_leaves() {
+            let Some(leaf) = plan.leaves.get_mut(number as usize).filter(|leaf| is_there(leaf)) else { continue };
+            if let Some(next) = still.get(leaf.path.as_str()) {
+                *leaf = (*next).clone();
+                theirs.push(number);
             }
         }
         plan.claims.retain(|claim| !theirs.contains(&claim.leaf));

@@ -9,13 +9,14 @@
 
 mod actions;
 mod leaf;
+mod overlap;
 mod pairing;
 #[cfg(test)]
 mod tests;
 
 use super::{
     Argument, Arm, Claim, ConnectionSet, Constant, DEADLINE, Expression, Group, Leaf, LeafPort, Member, MemberKind,
-    Plan, Policy, Retention, Strategy, Transfer, Wire,
+    Plan, Policy, Replacement, Retention, Strategy, Transfer, Wire,
 };
 use actions::{GroupNumbers, same};
 use pairing::Pairing;
@@ -34,14 +35,16 @@ pub struct Difference {
 /// One change of a running deployment.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum PlanChange {
-    /// A program is ended, and another one takes its place.
+    /// Another program takes the place of one.
     Replace {
-        /// Index into [`Plan::leaves`].
+        /// Index into [`Plan::leaves`] of the plan that runs.
         leaf: u32,
         /// Absolute path of the instance.
         path: String,
         /// The differences, as sentences for a person.
         why: Vec<String>,
+        /// Whether the one before is ended first.
+        replacement: Replacement,
     },
     /// The policies for the program's death or stop change; the program goes on meanwhile.
     Settle {
@@ -96,7 +99,10 @@ pub enum PlanChange {
 impl fmt::Display for PlanChange {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Replace { path, why, .. } => write!(f, "replace    {path}: {}", why.join(", ")),
+            Self::Replace { path, why, replacement, .. } => {
+                let beside = if *replacement == Replacement::Overlap { "; the two overlap" } else { "" };
+                write!(f, "replace    {path}: {}{beside}", why.join(", "))
+            }
             Self::Settle { path, why, .. } => write!(f, "settle     {path}: {}", why.join(", ")),
             Self::Add { path, what, .. } => write!(f, "add        {path}: {what}"),
             Self::Remove { path, .. } => write!(f, "remove     {path}"),
@@ -115,7 +121,16 @@ const TAKEN_AWAY: u32 = u32::MAX;
 /// # Errors
 /// Every obstacle, as a sentence: what cannot change while it runs.
 pub fn difference(running: &Plan, wanted: &Plan) -> Result<Difference, Vec<String>> {
-    let mut pairing = Pairing::new(running, wanted);
+    difference_with(running, wanted, &BTreeSet::new())
+}
+
+/// Does as [`difference`], where the programs of some leaves that run are started `again` although nothing of them differs. That
+/// changes the plan, and counts as a change, for those that overlap with the next one.
+///
+/// # Errors
+/// As [`difference`].
+pub fn difference_with(running: &Plan, wanted: &Plan, again: &BTreeSet<u32>) -> Result<Difference, Vec<String>> {
+    let mut pairing = Pairing::new(running, wanted, again);
     if running.name != wanted.name {
         pairing.obstacles.push(format!("its name is `{}`, not `{}`", wanted.name, running.name));
     }
@@ -161,6 +176,7 @@ pub fn difference(running: &Plan, wanted: &Plan) -> Result<Difference, Vec<Strin
         changes.push(PlanChange::Disconnect { wire: number, text: text(&plan, number) });
     }
     changes.extend(wires.changes);
+    overlap::forget_same_wires(&mut changes, running, &plan, &numbers);
     Ok(Difference { plan, changes })
 }
 
@@ -256,6 +272,8 @@ struct Numbers {
     leaves: BTreeMap<u32, u32>,
     /// Leaves that are added, by the number that runs.
     added: BTreeSet<u32>,
+    /// Leaves whose programs overlap with the one before, which has the number behind it.
+    overlapping: BTreeMap<u32, u32>,
     /// For each group that runs, its slots by the slots that are wanted.
     slots: BTreeMap<u32, Vec<u32>>,
 }

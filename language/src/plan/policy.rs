@@ -28,6 +28,18 @@ pub struct Policy {
     pub ready_within: Option<Duration>,
     /// How long it stays away each time before it is started again. The node's own pauses apply if this is absent.
     pub backoff: Option<Backoff>,
+    /// How another program takes its place while the deployment runs.
+    pub replacement: Replacement,
+}
+
+/// How a program gives way to another one while its deployment runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Replacement {
+    /// It is ended, and then the next one is started.
+    #[default]
+    BreakBeforeMake,
+    /// The next one is started beside it, takes its connections over between two values, and then it is ended.
+    Overlap,
 }
 
 /// The pauses before a program that has died again and again is started once more. The first time it is started at once.

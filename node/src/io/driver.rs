@@ -298,7 +298,7 @@ impl Driver {
             }
             Event::Program(Connection { deployment, instance, number }, sender) => {
                 let process = self.state.attachments.find(&deployment, &instance)?.clone();
-                self.tell_parameters(&sender, &deployment, &instance);
+                self.tell_parameters(&sender, &process);
                 self.programs.insert(process, (number, sender));
                 None
             }
@@ -307,7 +307,7 @@ impl Driver {
                 self.awaited.remove(&process);
                 let why = self.resume(&process, &sender, (version, orders)).err();
                 // After the first order that it waits for.
-                self.tell_parameters(&sender, &deployment, &instance);
+                self.tell_parameters(&sender, &process);
                 self.programs.insert(process.clone(), (number, sender));
                 why.map(|why| Input::Undelivered { process, why })
             }

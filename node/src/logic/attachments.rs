@@ -147,10 +147,15 @@ impl Attachments {
         });
     }
 
-    /// Returns the program of this instance path.
-    pub fn find(&self, deployment: &Deployment, path: &str) -> Option<&ProcessId> {
-        let mut of_deployment = self.of(deployment).filter(|(_, program)| !program.is_buried);
-        of_deployment.find(|(_, program)| program.order.path == path).map(|(process, _)| process)
+    /// Returns the program that says who it is by this word: [`SpawnOrder::word`].
+    pub fn find(&self, deployment: &Deployment, word: &str) -> Option<&ProcessId> {
+        let (path, number) = word.rsplit_once('#').map_or((word, None), |(path, number)| (path, Some(number)));
+        let leaf: Option<u32> = number.and_then(|number| number.parse().ok());
+        let is_it = |(process, program): &(&ProcessId, &Attachment)| {
+            let is_named = if program.order.is_next { leaf == Some(process.leaf) } else { number.is_none() };
+            is_named && program.order.path == path && !program.is_buried
+        };
+        self.of(deployment).find(is_it).map(|(process, _)| process)
     }
 
     /// Returns the programs of a deployment.

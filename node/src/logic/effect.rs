@@ -28,6 +28,8 @@ pub struct SpawnOrder {
     pub process: ProcessId,
     /// Absolute path of the instance.
     pub path: String,
+    /// Whether the plan has had another program of this path, which may be there, too.
+    pub is_next: bool,
     /// Executable and its arguments.
     pub command: Vec<String>,
     /// Which of its words are secrets.
@@ -40,6 +42,13 @@ pub struct SpawnOrder {
     pub policy: Policy,
     /// The keys of the database that it is connected with.
     pub keys: Vec<KeyBinding>,
+}
+
+impl SpawnOrder {
+    /// Returns the word by which the program says who it is: its path, with its number where another one may have that, too.
+    pub fn word(&self) -> String {
+        if self.is_next { format!("{}#{}", self.path, self.process.leaf) } else { self.path.clone() }
+    }
 }
 
 /// A word of a command that is a secret of the database. Nothing here holds its value: that is looked up when the program is started,

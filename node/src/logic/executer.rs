@@ -11,6 +11,7 @@ mod lost;
 mod places;
 #[cfg(test)]
 mod planted;
+mod succession;
 mod supervision;
 mod switching;
 mod wires;
@@ -27,10 +28,11 @@ use places::{member_host, member_target};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
+use succession::{Succession, acting};
 use supervision::Supervised;
 pub use supervision::wants_restarts;
 use switching::Switch;
-use wires::{Unconfirmed, consumers};
+use wires::{Unconfirmed, consumers, wires_of_sets};
 
 /// How long producers have to confirm that wires are open; then the consumer runs anyway and its own freshness checks
 /// decide.
@@ -81,6 +83,8 @@ pub struct Executer {
     consumers: BTreeMap<u32, u32>,
     /// How many open sets have each wire.
     open: BTreeMap<u32, u32>,
+    /// The wires of each set, as they are used now.
+    sets: Vec<Vec<u32>>,
     /// How often each set is open.
     open_sets: BTreeMap<u32, u32>,
     generation: u64,
@@ -97,6 +101,14 @@ pub struct Executer {
     switches: BTreeMap<u64, Switch>,
     /// The open sets of members that a person has switched, by slot.
     switched_to: BTreeMap<u32, Vec<u32>>,
+    /// The leaf that is the member of a slot: during a change it may be the one of the plan before.
+    acting: BTreeMap<u32, u32>,
+    /// The leaf that is so from its next activation on, of members that were being stopped.
+    acting_next: BTreeMap<u32, u32>,
+    /// The values of activations, by slot, but for empty ones.
+    values: BTreeMap<u32, Vec<u8>>,
+    /// Members whose place others are about to take.
+    succession: Option<Succession>,
     /// Steps that are not recorded yet, and how many came before them.
     steps: (u64, Vec<StepRecord>),
     /// What its tests make it do wrong.
@@ -130,6 +142,7 @@ impl Executer {
             running: false,
             consumers: consumers(plan, declared),
             open: BTreeMap::new(),
+            sets: wires_of_sets(declared),
             open_sets: BTreeMap::new(),
             generation: 0,
             unconfirmed: BTreeMap::new(),
@@ -142,6 +155,10 @@ impl Executer {
             supervised: Supervised::default(),
             switches: BTreeMap::new(),
             switched_to: BTreeMap::new(),
+            acting: acting(declared),
+            acting_next: BTreeMap::new(),
+            values: BTreeMap::new(),
+            succession: None,
             steps: (0, Vec::new()),
             #[cfg(test)]
             planted: None,
@@ -272,7 +289,7 @@ impl Executer {
         let Some(group) = context.plan.groups.get(self.group as usize) else { return };
         failure.origin = member_path(context.plan, group, slot).unwrap_or_default();
         failure.at = context.since_go;
-        let Some((target, _)) = member_target(context.plan, group, slot) else { return };
+        let Some((target, _)) = self.target(context.plan, group, slot) else { return };
         let change = Change::Ended(Ending::Aborted(failure.clone()));
         out.send(context.home, context.deployment.to_coordinator(ToCoordinator::Happened { target, change }));
     }
@@ -296,6 +313,7 @@ impl Executer {
     /// Says how the group has ended.
     fn conclude(&mut self, outcome: Outcome, context: ExecContext<'_>, out: &mut Out<'_>) -> Ending {
         self.running = false;
+        self.succeed_now(context, out);
         self.end_switches(context, out);
         self.pass_on_fences(context, out);
         let ending = match outcome {
@@ -334,8 +352,10 @@ impl Executer {
         out: &mut Out<'_>,
     ) {
         let Some(group) = context.plan.groups.get(self.group as usize) else { return };
-        let Some((target, host)) = member_target(context.plan, group, member) else { return };
+        self.renew_member(member, context, out);
+        let Some((target, host)) = self.target(context.plan, group, member) else { return };
         self.activated.insert(member, out.now);
+        self.note_value(member, &value);
         self.fences.began(member, host);
         let order = ToParticipant::Activate { target, activation, value };
         out.send(host, context.deployment.to_participant(order));
@@ -347,7 +367,7 @@ impl Executer {
             // They were one switch, before all else.
             Command::Connect { .. } | Command::Disconnect { .. } => {}
             Command::Activate { member, activation: Activation(activation), value } => {
-                let Some((target, _)) = member_target(context.plan, group, member) else { return };
+                let Some((target, _)) = self.target(context.plan, group, member) else { return };
                 self.active.insert(member, activation);
                 let value = value.bytes().to_vec();
                 if value.len() > VALUE_MAX {
@@ -367,7 +387,8 @@ impl Executer {
                 }
             }
             Command::Stop { member, activation: Activation(activation) } => {
-                let Some((target, host)) = member_target(context.plan, group, member) else { return };
+                self.succeed_member(member, context, out);
+                let Some((target, host)) = self.target(context.plan, group, member) else { return };
                 if self.waiting.get(&member).is_some_and(|waiting| waiting.activation == activation) {
                     // It has never begun.
                     self.waiting.remove(&member);

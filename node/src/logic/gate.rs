@@ -322,9 +322,10 @@ fn may_begin(again: &[u32], plan: &Plan, change: Option<&ChangeRequest>) -> bool
 /// Returns whether a plan is the one that was signed, but for its numbers: those of a plan that has changed while it ran are of the
 /// plan before. What was taken away from it is still there, and nothing of that is started.
 fn is_same(plan: &Plan, signed: &Plan) -> bool {
-    // One that has a path twice could hide something behind the other.
-    let paths: BTreeSet<&str> = plan.leaves.iter().map(|leaf| leaf.path.as_str()).collect();
-    let has_no_more = paths.len() == plan.leaves.len()
+    // One that has a path twice could hide something behind the other; of those with one path that have run, one is started.
+    let live = plan.live_leaves();
+    let paths = live.iter().filter_map(|number| plan.leaves.get(*number as usize)).map(|leaf| leaf.path.as_str());
+    let has_no_more = paths.collect::<BTreeSet<&str>>().len() == live.len()
         && plan.live_leaves().len() == signed.live_leaves().len()
         && plan.live_groups().len() == signed.live_groups().len();
     let found = has_no_more.then(|| difference(plan, signed));

@@ -102,6 +102,9 @@ pub struct Instance {
     /// Whether its links have stood once: from then on it is started again rather than refused.
     joined: bool,
     restarts: Restarts,
+    /// Those of the program before, and whether it is to have them back.
+    saved: Option<Restarts>,
+    gives_back: bool,
     /// Lost hosts for whose sake nothing new begins.
     cut_off: BTreeSet<String>,
     pid: Option<u32>,
@@ -156,6 +159,8 @@ impl Instance {
             current: None,
             joined: false,
             restarts,
+            saved: None,
+            gives_back: false,
             cut_off: BTreeSet::new(),
             pid: None,
             death: None,

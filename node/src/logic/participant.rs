@@ -11,6 +11,7 @@ mod links;
 mod loss;
 mod report;
 mod status;
+mod succession;
 mod switching;
 mod unended;
 
@@ -34,6 +35,7 @@ use shim::protocol::ShimReport;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
+use succession::Succeeding;
 use switching::Expecting;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -75,6 +77,8 @@ pub struct Participant {
     /// The wires that are linked: those of the connection sets, and during a change also those of before.
     live: BTreeSet<u32>,
     change: Option<Changing>,
+    /// Programs that are to take the place of others and are not running yet.
+    succeeding: BTreeMap<u32, Succeeding>,
     /// Whether its host was lost or has left, and its programs are not all up again.
     rejoining: bool,
 }
@@ -100,6 +104,7 @@ impl Participant {
             claims: Claims::of(&plan, host),
             live: plan.live_wires(),
             change: None,
+            succeeding: BTreeMap::new(),
             rejoining: false,
             deployment,
             plan,
@@ -166,10 +171,17 @@ impl Participant {
                 });
             }
             ToParticipant::Flip { group, generation, flip } => self.flip(flip, (group, generation, from), out),
-            ToParticipant::Expect { group, leaf, expect } => self.expect((group, leaf, from), expect, out),
-            ToParticipant::Expecting { .. } | ToParticipant::Taken { .. } | ToParticipant::SwitchSets { .. } => {
-                self.follow_switch(message, out);
+            ToParticipant::Expect { group, leaf, expect } => self.expect((group, leaf, from), (expect, None), out),
+            ToParticipant::ExpectAnd { group, leaf, expect, then } => {
+                self.expect((group, leaf, from), (expect, Some(then)), out);
             }
+            ToParticipant::Succeed { group, leaf, activation, value } => {
+                self.succeed((group, from), leaf, (activation, value), out);
+            }
+            ToParticipant::Expecting { .. }
+            | ToParticipant::Taken { .. }
+            | ToParticipant::Succeeding { .. }
+            | ToParticipant::SwitchSets { .. } => self.follow_switch(message, out),
             ToParticipant::Loose { target, hosts } => {
                 let Some(&(group, slot)) = self.supervisors.get(&target) else { return };
                 self.with_executer(group, out, |executer, at, out| {
@@ -216,7 +228,11 @@ impl Participant {
 
     /// Takes a word from a controller.
     pub fn hear(&mut self, leaf: u32, notice: Notice, out: &mut Out<'_>) {
+        let is_running = matches!(notice, Notice::Running { .. });
         self.with_instance(leaf, out, |instance, context| instance.hear(notice, context));
+        if is_running {
+            self.has_begun(leaf, out);
+        }
     }
 
     /// Takes a word from a shim.
@@ -227,15 +243,6 @@ impl Participant {
     /// Takes note that an order did not reach a program.
     pub fn undelivered(&mut self, leaf: u32, why: String, out: &mut Out<'_>) {
         self.with_instance(leaf, out, |instance, context| instance.undelivered(why, context));
-    }
-
-    /// Takes note of parameters that a program was told of while the deployment runs.
-    pub fn configured(&self, leaf: u32, parameters: Vec<(String, Option<String>)>, out: &mut Out<'_>) {
-        if self.phase == Phase::Running {
-            for (parameter, value) in parameters {
-                self.happened(Target::Leaf(leaf), Change::Configured { parameter, value }, out);
-            }
-        }
     }
 
     /// Returns what it is a part of.
@@ -329,12 +336,6 @@ impl Participant {
         }
     }
 
-    fn member_ended(&mut self, target: Target, activation: u32, ending: Ending, out: &mut Out<'_>) {
-        if let Some(&(group, slot)) = self.supervisors.get(&target) {
-            self.with_executer(group, out, |executer, at, out| executer.ended((slot, activation), ending, at, out));
-        }
-    }
-
     fn with_instance(
         &mut self,
         leaf: u32,
@@ -378,7 +379,12 @@ impl Participant {
             Note::Expecting(ticket) => self.confirm_expecting(ticket, out),
             Note::Taken { ticket, lost, late, missing } => self.confirm_taken(ticket, (lost, late, missing), out),
             Note::Ended(activation, ending) => {
-                self.happened(target, Change::Ended(ending.clone()), out);
+                if self.begins_again(leaf, &ending, out) {
+                    return;
+                }
+                if !self.is_succeeded(leaf) {
+                    self.happened(target, Change::Ended(ending.clone()), out);
+                }
                 self.tell_supervisor(target, activation, ending, out);
                 self.forget_switches(leaf, out);
             }
@@ -395,7 +401,7 @@ impl Participant {
                 if let Change::Restarting { cause, .. } = &change {
                     self.tell_restart(target, cause, out);
                 }
-                self.happened(target, change, out);
+                self.tell_change(leaf, change, out);
             }
             Note::Moved(facts) => {
                 self.hold_own(&facts);
@@ -422,6 +428,7 @@ impl Participant {
         let since_go = self.since_go(out.now);
         let context = ExecContext { deployment: &self.deployment, home: &self.home, plan: &self.plan, since_go };
         let acted = self.executers.with(group, |executer| (act(executer, context, out), executer.activation()));
+        self.report_handover(out);
         let Some((Some(ending), activation)) = acted else { return };
         let target = Target::Group(group);
         self.happened(target, Change::Ended(ending.clone()), out);

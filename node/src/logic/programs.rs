@@ -87,9 +87,12 @@ impl Programs {
 pub fn order(process: ProcessId, command: Vec<String>, (plan, leaf): (&Plan, &Leaf)) -> SpawnOrder {
     let claimed = plan.claims.iter().filter(|claim| claim.leaf == process.leaf).map(|claim| claim.device.clone());
     let (path, secrets, devices) = (leaf.path.clone(), secrets(leaf, &command), claimed.collect());
+    let before = plan.leaves.iter().take(process.leaf as usize);
+    let is_next = before.map(|leaf| &leaf.path).any(|other| *other == path);
     SpawnOrder {
         process,
         path,
+        is_next,
         command,
         secrets,
         devices,

@@ -261,3 +261,31 @@ fn a_change_is_made_everywhere_or_nowhere() {
     }
     assert!(made > 100 && undone > 100 && refused > 100, "{made} made, {undone} taken back, {refused} refused");
 }
+
+/// Four restarts in a minute, then a change that is taken back, by its own program or since another one was not healthy: one is left.
+#[test]
+fn a_program_that_is_put_back_has_the_restarts_that_it_had_left() {
+    for (filter, sink) in [("aborts", "good"), ("better", "aborts")] {
+        let mut world = World::new(&["c1", "c2"]);
+        let before =
+            FEED.replace("{ watchdog 200 ms; }", "{ restart transient; }").replace("# task", "# (task ;; skip)");
+        world.deploy("c1", &before);
+        world.run_for(Duration::from_secs(1));
+        let kill = |world: &mut World| {
+            world.kill("c2", 1);
+            world.run_for(Duration::from_secs(2));
+        };
+        (0..4).for_each(|_| kill(&mut world));
+        let text = before
+            .replace("Tuned(\"c2\")", &format!("Tuned(\"c2\", {filter})"))
+            .replace("Tuned(\"c1\")", &format!("Tuned(\"c1\", {sink})"));
+        let change = world.change("c1", &text, (1, 0), &[]);
+        world.run_for(Duration::from_secs(25));
+        assert!(outcome(&world, change).is_err());
+        let is_there = |world: &World| world.alive.iter().any(|(_, process)| process.leaf == 1);
+        kill(&mut world);
+        assert!(is_there(&world), "{filter}: the fifth restart");
+        kill(&mut world);
+        assert!(!is_there(&world), "{filter}: it is given up");
+    }
+}

@@ -41,6 +41,11 @@ fn golden_switches() {
     let (lost, late, missing) = (300, 1, vec![4]);
     check(&ToParticipant::Taken { group: 1, leaf: 2, generation: 300, lost, late, missing }, "150102ac02ac02010104");
     check(&ToParticipant::SwitchSets { group: 1, slot: 2, sets: vec![3], call: 300 }, "1601020103ac02");
+    let flip = Flip { generation: 300, close: vec![5], open: vec![] };
+    let expect = Expect { generation: 300, close: vec![3], open: vec![] };
+    check(&ToParticipant::ExpectAnd { group: 1, leaf: 2, expect, then: flip }, "170102ac02010300ac02010500");
+    check(&ToParticipant::Succeed { group: 1, leaf: 2, activation: 300, value: vec![7] }, "180102ac020107");
+    check(&ToParticipant::Succeeding { group: 1, leaf: 2, is_handed_over: true }, "19010201");
     let switched = || SetsSwitched {
         closed: vec!["a".into()],
         opened: vec!["b".into()],

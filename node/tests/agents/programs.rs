@@ -55,6 +55,7 @@ impl World {
             return;
         }
         self.running.remove(&(host.to_owned(), process.clone()));
+        self.traffic.forget(process.leaf);
         // The wires of a program die with it: a new one has them closed.
         self.wires_open.retain(|wire| self.openers.get(wire) != Some(process));
         self.report(host, process, how);
@@ -74,7 +75,8 @@ impl World {
         }
         let module = self.modules[process].clone();
         match order {
-            Order::Connect { incoming, .. } => {
+            Order::Connect { incoming, outgoing, .. } => {
+                self.linked(host, process, &incoming, &outgoing);
                 let sessions = incoming.into_iter().map(|incoming| incoming.producer.session).collect();
                 self.dialled.insert(process.clone(), sessions);
                 self.notice(3, host, process, Notice::Connected);
@@ -94,7 +96,7 @@ impl World {
                 self.notice(2, host, process, Notice::Switched { generation });
             }
             Order::Flip { ticket, flip } => self.flip(host, process, ticket, flip),
-            Order::Expect { ticket, expect, .. } => self.expect(host, process, ticket, expect),
+            Order::Expect { ticket, expect, then } => self.expect(host, process, ticket, (expect, then)),
             Order::Activate { activation, .. } => {
                 let hangs = self.commands[process].get(2).is_some_and(|way| way == "hangs");
                 if !hangs {
@@ -158,6 +160,7 @@ impl World {
         let module = self.modules[process].clone();
         self.log.push(format!("{module} with wires {:?}", self.wires_open));
         self.running.insert((host.into(), process.clone()), activation);
+        self.source_begins(host, process, &module);
         match self.commands[process].get(2).map(String::as_str) {
             Some("dies") => return self.die(host, process, ShimReport::Exited { code: 3 }),
             Some("aborts") => {

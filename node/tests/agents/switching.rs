@@ -2,7 +2,7 @@
 //! them that keep their order and take their own time.
 
 use super::world::{Coming, Draw, World};
-use comms::logic::control::{Notice, Shape};
+use comms::logic::control::{Incoming, Notice, Outgoing, Shape};
 use comms::logic::switch::{Arrival, Boundary, Expect, Flip, Flow, Intake, Opening, Passed};
 use comms::logic::time::Time;
 use node::logic::effect::ProcessId;
@@ -28,7 +28,12 @@ pub(super) struct Traffic {
     draw: Option<Draw>,
     flows: BTreeMap<u32, Flow>,
     intakes: BTreeMap<u32, Intake<(u32, u64)>>,
-    tickets: BTreeMap<(u32, u64), u64>,
+    tickets: BTreeMap<(u32, u64), (u64, Option<Flip>)>,
+    /// Where each wire leads, and where it comes from, as programs were told.
+    consumers: BTreeMap<u32, (u32, String)>,
+    producers: BTreeMap<u32, u32>,
+    /// Whether programs that run send what they get on, and sensors begin by themselves.
+    pub(super) flows_on: bool,
     numbers: BTreeMap<u32, u64>,
     clear_at: BTreeMap<u32, Time>,
     /// What each consumer has got: wire, producer and number.
@@ -37,11 +42,26 @@ pub(super) struct Traffic {
     suspended: BTreeSet<u32>,
 }
 
+impl Traffic {
+    /// Forgets what a program knows that has died.
+    pub(super) fn forget(&mut self, leaf: u32) {
+        self.intakes.remove(&leaf);
+        let own = self.producers.iter().filter(|(_, from)| **from == leaf).map(|(wire, _)| *wire);
+        own.collect::<Vec<_>>().into_iter().for_each(|wire| drop(self.flows.remove(&wire)));
+        self.consumers.retain(|_, (to, _)| *to != leaf);
+    }
+}
+
 impl World {
     pub(super) fn flip(&mut self, host: &str, process: &ProcessId, ticket: u64, flip: Flip) {
         if self.traffic.suspended.contains(&process.leaf) {
             return;
         }
+        self.flip_wires(process, flip);
+        self.notice(2, host, process, Notice::Switched { generation: ticket });
+    }
+
+    fn flip_wires(&mut self, process: &ProcessId, flip: Flip) {
         let Flip { generation, close, open } = flip;
         for wire in close {
             self.wires_open.remove(&wire);
@@ -55,19 +75,69 @@ impl World {
             self.flow(wire).open(now);
             self.send(process, wire, Arrival::Boundary(Boundary::Opened { generation, after }));
         }
-        self.notice(2, host, process, Notice::Switched { generation: ticket });
     }
 
-    pub(super) fn expect(&mut self, host: &str, process: &ProcessId, ticket: u64, expect: Expect) {
+    pub(super) fn expect(
+        &mut self,
+        host: &str,
+        process: &ProcessId,
+        ticket: u64,
+        (expect, then): (Expect, Option<Flip>),
+    ) {
         if self.traffic.suspended.contains(&process.leaf) {
             return;
         }
         self.notice(2, host, process, Notice::Expecting { ticket });
-        self.traffic.tickets.insert((process.leaf, expect.generation), ticket);
+        self.traffic.tickets.insert((process.leaf, expect.generation), (ticket, then));
         let mut out = Vec::new();
         let now = self.now;
         self.traffic.intakes.entry(process.leaf).or_default().expect(now, expect, &mut out);
         self.passed(host, process, out);
+    }
+
+    /// Makes the links that a program is told of, and drops the others.
+    pub(super) fn linked(&mut self, host: &str, process: &ProcessId, incoming: &[Incoming], outgoing: &[Outgoing]) {
+        let leaf = process.leaf;
+        let wires: BTreeSet<u32> = incoming.iter().map(|incoming| incoming.wire).collect();
+        let of = |traffic: &Traffic| -> BTreeSet<u32> {
+            let theirs = traffic.consumers.iter().filter(|(_, (to, _))| *to == leaf);
+            theirs.map(|(wire, _)| *wire).collect()
+        };
+        let (before, mut out) = (of(&self.traffic), Vec::new());
+        let intake = self.traffic.intakes.entry(leaf).or_default();
+        (&wires - &before).into_iter().for_each(|wire| intake.link(wire));
+        (&before - &wires).into_iter().for_each(|wire| intake.forget(wire, &mut out));
+        self.traffic.consumers.retain(|_, (to, _)| *to != leaf);
+        self.traffic.consumers.extend(wires.into_iter().map(|wire| (wire, (leaf, host.to_owned()))));
+        self.traffic.producers.retain(|_, from| *from != leaf);
+        self.traffic.producers.extend(outgoing.iter().map(|outgoing| (outgoing.wire, leaf)));
+        self.passed(host, process, out);
+    }
+
+    pub(super) fn source_begins(&mut self, host: &str, process: &ProcessId, module: &str) {
+        if self.traffic.flows_on && module == "Sensor" && !self.traffic.numbers.contains_key(&process.leaf) {
+            self.at(0, host, Coming::Data(Data::Next(process.clone())));
+        }
+    }
+
+    /// Has sensors send numbers from now on, over lines of this seed, and other programs send them on.
+    pub(super) fn flow_on(&mut self, seed: u64) {
+        (self.traffic.draw, self.traffic.flows_on) = (Some(Draw::new(seed)), true);
+    }
+
+    fn give_on(&mut self, process: &ProcessId, value: (u32, u64)) {
+        let now = self.now;
+        let own = self.traffic.producers.iter().filter(|(_, from)| **from == process.leaf);
+        for wire in own.map(|(wire, _)| *wire).collect::<Vec<_>>() {
+            if self.flow(wire).offer(&[], now) {
+                self.send(process, wire, Arrival::Value(value));
+            }
+        }
+    }
+
+    /// Returns what a program has got: of which leaf, and the number.
+    pub(super) fn all_got(&self, leaf: u32) -> &[(u32, u64)] {
+        self.traffic.got.get(&leaf).map_or(&[], Vec::as_slice)
     }
 
     fn flow(&mut self, wire: u32) -> &mut Flow {
@@ -80,16 +150,15 @@ impl World {
         let due = self.now + Duration::from_millis(draw.below(LATENCY_MAX));
         let due = due.max(self.traffic.clear_at.get(&wire).copied().unwrap_or_default());
         self.traffic.clear_at.insert(wire, due);
-        let (leaf, host) = self.consumer(wire);
+        let Some((leaf, host)) = self.consumer(wire) else { return };
         let to = ProcessId { leaf, ..from.clone() };
         let millis = u64::try_from((due - self.now).as_millis()).expect("it is soon");
         self.at(millis, &host, Coming::Data(Data::Arrival(to, wire, arrival)));
     }
 
-    fn consumer(&self, wire: u32) -> (u32, String) {
-        let plan = self.plan.as_ref().expect("it is deployed");
-        let leaf = plan.wires[wire as usize].to.leaf;
-        (leaf, plan.hosts[plan.leaves[leaf as usize].host as usize].clone())
+    /// Returns where a wire leads, if anybody is there.
+    fn consumer(&self, wire: u32) -> Option<(u32, String)> {
+        self.traffic.consumers.get(&wire).cloned()
     }
 
     pub(super) fn data(&mut self, host: &str, data: Data) {
@@ -100,17 +169,13 @@ impl World {
                 if is_there && !self.traffic.suspended.contains(&process.leaf) {
                     let number = self.traffic.numbers.entry(process.leaf).or_default();
                     *number += 1;
-                    let value = Arrival::Value((process.leaf, *number));
-                    let wires = self.plan.as_ref().expect("it is deployed").wires.iter();
-                    let own = (0_u32..).zip(wires).filter(|(_, wire)| wire.from.leaf == process.leaf);
-                    for wire in own.map(|(number, _)| number).collect::<Vec<_>>() {
-                        if self.flow(wire).offer(&[], now) {
-                            self.send(&process, wire, value.clone());
-                        }
-                    }
+                    let value = (process.leaf, *number);
+                    self.give_on(&process, value);
                 }
                 self.at(1, host, Coming::Data(Data::Next(process)));
             }
+            Data::Arrival(process, ..) | Data::Tick(process)
+                if !self.alive.contains(&(host.to_owned(), process.clone())) => {}
             Data::Arrival(process, wire, arrival) => {
                 self.traffic.intakes.entry(process.leaf).or_default().arrive(now, (wire, 1000), arrival, &mut out);
                 self.passed(host, &process, out);
@@ -129,9 +194,21 @@ impl World {
     fn passed(&mut self, host: &str, process: &ProcessId, out: Vec<Passed<(u32, u64)>>) {
         for passed in out {
             match passed {
-                Passed::Value(value) => self.traffic.got.entry(process.leaf).or_default().push(value),
+                Passed::Value(value) => {
+                    let runs = self.running.contains_key(&(host.to_owned(), process.clone()));
+                    if !self.traffic.flows_on || runs {
+                        self.traffic.got.entry(process.leaf).or_default().push(value);
+                    }
+                    if self.traffic.flows_on && runs {
+                        self.give_on(process, value);
+                    }
+                }
                 Passed::Taken(taken) => {
-                    let Some(ticket) = self.traffic.tickets.remove(&(process.leaf, taken.generation)) else { continue };
+                    let ticket = self.traffic.tickets.remove(&(process.leaf, taken.generation));
+                    let Some((ticket, then)) = ticket else { continue };
+                    if let Some(then) = then {
+                        self.flip_wires(process, then);
+                    }
                     let notice = Notice::Taken { ticket, lost: taken.lost, late: taken.late, missing: taken.missing };
                     self.notice(1, host, process, notice);
                 }

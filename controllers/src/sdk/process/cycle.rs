@@ -14,6 +14,7 @@ use crate::sdk::module::{Delivery, Module};
 use comms::io::clock::{make_punctual, now};
 use comms::logic::control::Notice;
 use comms::logic::signals::{Peaks, Signal, Signals};
+use comms::logic::switch::HOLD_WITHIN;
 use comms::logic::time::Time;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -285,23 +286,22 @@ impl Cycle {
 
     /// Does what a switch of inputs asks for: at once, or after the next calculation if outputs follow from what came before.
     fn take_switch(&mut self, switch: TakenSwitch) {
-        let waits = switch.then.is_some() && self.schedule.trigger.is_none() && matches!(self.phase, Phase::Running);
-        if waits {
-            return self.switches.push(switch);
-        }
+        // What is only opened is for what comes after the switch. Consumers hold back what follows only for so long.
+        let closes = switch.then.as_ref().is_some_and(|flip| !flip.close.is_empty());
+        let is_soon = self.schedule.trigger.is_none() && self.due.since(now()) < HOLD_WITHIN / 2;
+        let waits = closes && is_soon && matches!(self.phase, Phase::Running);
+        if waits { self.switches.push(switch) } else { self.flip(&switch) }
+    }
+
+    fn finish_switches(&mut self) {
+        std::mem::take(&mut self.switches).iter().for_each(|switch| self.flip(switch));
+    }
+
+    fn flip(&self, switch: &TakenSwitch) {
         if let Some(flip) = &switch.then {
             self.links.flip(flip);
         }
         self.tell(&switch.notice);
-    }
-
-    fn finish_switches(&mut self) {
-        for switch in std::mem::take(&mut self.switches) {
-            if let Some(flip) = &switch.then {
-                self.links.flip(flip);
-            }
-            self.tell(&switch.notice);
-        }
     }
 
     fn deliver(&mut self, sample: &Arrived) -> bool {

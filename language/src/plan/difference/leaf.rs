@@ -1,13 +1,13 @@
 //! What differs of one program.
 
-use super::{Argument, Constant, Leaf, PlanChange, Policy};
+use super::{Argument, Constant, Leaf, PlanChange, Policy, Replacement};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Returns the change from one program to another, if they differ.
 pub(super) fn change_of_leaf(leaf: u32, before: &Leaf, after: &Leaf, claims_differ: bool) -> Option<PlanChange> {
     // Every field by its name, so that one that is added is not forgotten here.
     let Leaf { path, module, host: _, arguments: given, exec, kind, stop_within, outcomes, policy, keys } = before;
-    let Policy { restart, agent_loss, link_loss, usage, watchdog, ready_within, backoff } = policy;
+    let Policy { restart, agent_loss, link_loss, usage, watchdog, ready_within, backoff, replacement } = policy;
     let mut why = Vec::new();
     let mut differs = |is_different: bool, words: &str| why.extend(is_different.then(|| words.to_owned()));
     differs(*module != after.module, &format!("its type is `{}`, was `{module}`", after.module));
@@ -25,12 +25,13 @@ pub(super) fn change_of_leaf(leaf: u32, before: &Leaf, after: &Leaf, claims_diff
     let mut differs = |is_different: bool, words: &str| why.extend(is_different.then(|| words.to_owned()));
     differs(*restart != after.policy.restart, "`restart`");
     differs(*backoff != after.policy.backoff, "`backoff`");
+    differs(*replacement != after.policy.replacement, "`replace`");
     differs(*link_loss != after.policy.link_loss, "`on_link_loss`");
     differs(*stop_within != after.stop_within, "`stop within`");
     let path = path.clone();
     match (is_replaced, why.is_empty()) {
         (_, true) => None,
-        (true, false) => Some(PlanChange::Replace { leaf, path, why }),
+        (true, false) => Some(PlanChange::Replace { leaf, path, why, replacement: Replacement::BreakBeforeMake }),
         (false, false) => Some(PlanChange::Settle { leaf, path, why }),
     }
 }

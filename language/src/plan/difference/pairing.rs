@@ -4,23 +4,26 @@ use super::{BTreeMap, BTreeSet, Group, Leaf, Member, MemberKind, Numbers, Plan, 
 
 /// The pairs of processes of two plans.
 pub(super) struct Pairing<'a> {
-    running: &'a Plan,
-    wanted: &'a Plan,
+    pub(super) running: &'a Plan,
+    pub(super) wanted: &'a Plan,
+    /// The leaves that run whose programs are started again.
+    pub(super) again: &'a BTreeSet<u32>,
     /// The plan that runs, with what is new, and without what is not wanted any more.
     pub(super) plan: Plan,
     pub(super) numbers: Numbers,
     pub(super) changes: Vec<PlanChange>,
     pub(super) obstacles: Vec<String>,
     /// The leaves that were taken away before, by their paths.
-    gone: BTreeMap<&'a str, Vec<u32>>,
+    pub(super) gone: BTreeMap<&'a str, Vec<u32>>,
 }
 
 impl<'a> Pairing<'a> {
-    pub(super) fn new(running: &'a Plan, wanted: &'a Plan) -> Self {
+    pub(super) fn new(running: &'a Plan, wanted: &'a Plan, again: &'a BTreeSet<u32>) -> Self {
         let numbers = Numbers {
             groups: BTreeMap::new(),
             leaves: BTreeMap::new(),
             added: BTreeSet::new(),
+            overlapping: BTreeMap::new(),
             slots: BTreeMap::new(),
         };
         let (changes, obstacles) = (Vec::new(), Vec::new());
@@ -28,7 +31,7 @@ impl<'a> Pairing<'a> {
         for (number, leaf) in (0_u32..).zip(&running.leaves).filter(|(number, _)| !live.contains(number)) {
             gone.entry(&leaf.path).or_default().push(number);
         }
-        Self { running, wanted, plan: running.clone(), numbers, changes, obstacles, gone }
+        Self { running, wanted, again, plan: running.clone(), numbers, changes, obstacles, gone }
     }
 
     /// Pairs the members of two groups, and what is below them. Plans are validated, so this goes at most `DEPTH_MAX` deep.
@@ -64,7 +67,10 @@ impl<'a> Pairing<'a> {
 
     fn pair(&mut self, member: &Member, (group, slot): (u32, u32), kind: MemberKind) -> u32 {
         match (member.kind, kind) {
-            (MemberKind::Leaf(wanted), MemberKind::Leaf(number)) => drop(self.numbers.leaves.insert(wanted, number)),
+            (MemberKind::Leaf(wanted), MemberKind::Leaf(number)) => {
+                let number = self.succeed(wanted, number, (group, slot)).unwrap_or(number);
+                self.numbers.leaves.insert(wanted, number);
+            }
             (MemberKind::Group(wanted), MemberKind::Group(number)) => self.pair_group(wanted, number),
             (MemberKind::Leaf(_), MemberKind::Group(_)) | (MemberKind::Group(_), MemberKind::Leaf(_)) => {
                 let what = if matches!(member.kind, MemberKind::Leaf(_)) { "a program" } else { "a group" };
@@ -102,19 +108,25 @@ impl<'a> Pairing<'a> {
         let after = self.wanted.leaves.get(wanted as usize)?;
         let host = self.host(after.host, path)?;
         let next = Leaf { host, path: path.to_owned(), ..after.clone() };
-        let is_it = |number: &u32| {
-            let leaf = self.plan.leaves.get(*number as usize);
-            leaf.is_some_and(|leaf| leaf.host == host && leaf::change_of_leaf(0, leaf, &next, false).is_none())
-        };
-        let known = self.gone.get(path).and_then(|gone| gone.iter().copied().find(is_it));
-        let number = known.unwrap_or(u32::try_from(self.plan.leaves.len()).ok()?);
         let what = format!("{} on `{}`", next.module, super::host(&self.plan, host));
-        if known.is_none() {
-            self.plan.leaves.push(next);
-        }
+        let number = self.number(next)?;
         self.numbers.leaves.insert(wanted, number);
         self.numbers.added.insert(number);
         self.changes.push(PlanChange::Add { leaf: number, path: path.to_owned(), what });
+        Some(number)
+    }
+
+    /// Returns the number of a leaf that no member has: the one that it had before, if it is the same again.
+    pub(super) fn number(&mut self, next: Leaf) -> Option<u32> {
+        let is_it = |number: &u32| {
+            let leaf = self.plan.leaves.get(*number as usize);
+            leaf.is_some_and(|leaf| leaf.host == next.host && leaf::change_of_leaf(0, leaf, &next, false).is_none())
+        };
+        let known = self.gone.get(next.path.as_str()).and_then(|gone| gone.iter().copied().find(is_it));
+        let number = known.unwrap_or(u32::try_from(self.plan.leaves.len()).ok()?);
+        if known.is_none() {
+            self.plan.leaves.push(next);
+        }
         Some(number)
     }
 
@@ -167,7 +179,7 @@ impl<'a> Pairing<'a> {
         }
     }
 
-    fn member(&mut self, group: u32, slot: u32) -> Option<&mut Member> {
+    pub(super) fn member(&mut self, group: u32, slot: u32) -> Option<&mut Member> {
         self.plan.groups.get_mut(group as usize)?.members.get_mut(slot as usize)
     }
 

@@ -152,3 +152,41 @@ fn processes_come_and_go_and_those_that_stay_keep_their_numbers() {
     assert_eq!(back.plan.groups[1].expression, running.groups[1].expression);
     assert_eq!(changes(&back.plan, SPEC), Ok(vec![]));
 }
+
+/// The next program of `a` is a leaf of its own, whose wires are its own; the person sees one line.
+#[test]
+fn a_program_that_overlaps_gets_a_leaf_and_wires_of_its_own() {
+    let overlaps = |rate: &str| {
+        SPEC.replace("Source(here);", &format!("Source(here, {rate}) {{ replace overlap; }};")).replace("};;", "}")
+    };
+    let running = plan(&overlaps("1"));
+    let next = difference(&running, &plan(&overlaps("2"))).unwrap();
+    next.plan.validate().unwrap();
+    let lines: Vec<String> = next.changes.iter().map(ToString::to_string).collect();
+    assert_eq!(lines, ["replace    main/pair/a: `argument 1` is 2, was 1; the two overlap"]);
+    let (old, new) = (running.live_leaves(), next.plan.live_leaves());
+    assert_eq!((old.difference(&new).count(), new.difference(&old).copied().collect::<Vec<_>>()), (1, vec![3]));
+    assert_eq!((next.plan.live_wires(), next.plan.wires[1].from.leaf), (BTreeSet::from([1]), 3));
+    assert_eq!(next.plan.groups[1].members[0].kind, MemberKind::Leaf(3));
+    assert_eq!(difference(&next.plan, &plan(&overlaps("2"))).unwrap().changes, []);
+
+    // Taken back, all is as before, and the numbers that were given out stay so.
+    let back = next.plan.back_to(&running);
+    back.validate().unwrap();
+    assert_eq!((back.live_leaves(), back.live_wires()), (old.clone(), BTreeSet::from([0])));
+    assert_eq!((back.leaves.len(), back.wires.len(), &back.groups), (4, 2, &running.groups));
+
+    // Started anew it is another one and then this one again; what does not overlap needs no other plan.
+    let all = BTreeSet::from([0, 1, 2]);
+    let anew = difference_with(&running, &running, &all).unwrap();
+    let lines: Vec<String> = anew.changes.iter().map(ToString::to_string).collect();
+    assert_eq!(lines, ["replace    main/pair/a: started anew; the two overlap"]);
+    let again = difference_with(&anew.plan, &anew.plan, &anew.plan.live_leaves()).unwrap();
+    assert_eq!((again.changes.len(), again.plan.leaves.len(), again.plan.live_leaves()), (1, 4, old));
+
+    // The one that is wanted says how; a policy alone replaces nothing.
+    let settled = changes(&plan(SPEC), &SPEC.replace("Source(here);", "Source(here) { replace overlap; }"));
+    assert_eq!(settled, Ok(vec!["settle     main/pair/a: `replace`".to_owned()]));
+    let ended = changes(&running, &SPEC.replace("Source(here);", "Source(here, 2);"));
+    assert_eq!(ended, Ok(vec!["replace    main/pair/a: `argument 1` is 2, was 1, `replace`".to_owned()]));
+}

@@ -6,8 +6,9 @@ use crate::similar;
 use crate::syntax::SyntaxKind::{self, Ident, Minus, Number};
 
 /// The words that open a policy.
-const POLICIES: [&str; 14] = [
+const POLICIES: [&str; 15] = [
     "restart",
+    "replace",
     "backoff",
     "watchdog",
     "ready",

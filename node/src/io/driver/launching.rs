@@ -71,7 +71,7 @@ impl Driver {
             sandbox: Sandbox::default(),
             groups: Vec::new(),
             descriptors: descriptors::before(),
-            environment: self.environment(order.path.clone(), &dir, control.as_deref()),
+            environment: self.environment(order.word(), &dir, control.as_deref()),
             secrets: order.secrets.iter().map(|secret| secret.word).collect(),
             command: order.command.clone(),
             dir,
@@ -104,8 +104,9 @@ impl Driver {
     }
 
     /// Tells a program that has connected what the database says of its parameters.
-    pub(super) fn tell_parameters(&self, sender: &ControlSender, deployment: &Deployment, instance: &str) {
-        let parameters = self.parameters(&self.settings, deployment, instance);
+    pub(super) fn tell_parameters(&self, sender: &ControlSender, process: &ProcessId) {
+        let Some(program) = self.state.attachments.program(process) else { return };
+        let parameters = self.parameters(&self.settings, &process.deployment, &program.order.path);
         if !parameters.is_empty() {
             settings::send(sender, &Order::Configure { parameters });
         }

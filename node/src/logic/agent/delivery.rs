@@ -5,7 +5,8 @@ use crate::logic::claims::{Claims, unended};
 use crate::logic::effect::Out;
 use crate::logic::participant::Participant;
 use crate::logic::protocol::{
-    Body, ChangeOrder, ChangeReply, Deployment, Ending, Failure, FailureCause, Message, ToCoordinator, ToParticipant,
+    Body, ChangeOrder, ChangeReply, Deployment, Ending, Failure, FailureCause, Message, Target, ToCoordinator,
+    ToParticipant,
 };
 use language::plan::Plan;
 use std::sync::Arc;
@@ -248,7 +249,12 @@ fn answer_of_absent(message: ToParticipant, cause: FailureCause) -> Option<ToPar
         ToParticipant::Switch { group, generation, .. } | ToParticipant::Flip { group, generation, .. } => {
             Some(ToParticipant::Switched { group, generation })
         }
-        ToParticipant::Expect { group, leaf, expect } => {
+        ToParticipant::Succeed { leaf, activation, .. } => {
+            let failure = Failure { origin: String::new(), cause, at: Duration::ZERO };
+            let (target, ending) = (Target::Leaf(leaf), Ending::Aborted(failure));
+            Some(ToParticipant::Ended { target, activation, ending })
+        }
+        ToParticipant::Expect { group, leaf, expect } | ToParticipant::ExpectAnd { group, leaf, expect, .. } => {
             let (generation, missing) = (expect.generation, Vec::new());
             Some(ToParticipant::Taken { group, leaf, generation, lost: 0, late: 0, missing })
         }
@@ -269,6 +275,7 @@ fn answer_of_absent(message: ToParticipant, cause: FailureCause) -> Option<ToPar
         | ToParticipant::Expecting { .. }
         | ToParticipant::Taken { .. }
         | ToParticipant::SwitchSets { .. }
+        | ToParticipant::Succeeding { .. }
         | ToParticipant::Change(_) => None,
     }
 }

@@ -15,11 +15,11 @@ use super::{Coordinator, Phase};
 use crate::logic::effect::{Effect, Out};
 use crate::logic::instance::watchdog::{probation, ready_within};
 use crate::logic::protocol::{
-    Answer, ChangeOrder, ChangeReply, ChangeRequest, LeafFacts, Report, Revision, Signed, ToParticipant,
+    Answer, ChangeOrder, ChangeReply, ChangeRequest, LeafFacts, Report, Revision, Signed, ToParticipant, unreached,
 };
 use crate::logic::wiring::observe;
 use comms::logic::time::Time;
-use language::plan::{Leaf, Plan, PlanChange, difference};
+use language::plan::{Leaf, Plan, PlanChange, difference_with};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -135,11 +135,11 @@ impl Coordinator {
         if let Err(why) = plan.validate() {
             return Err(vec![format!("the plan is not sound: {why}")]);
         }
-        let found = difference(&self.plan, &plan)?;
         let again = again.iter().map(|path| self.leaf(path)).collect::<Result<Vec<u32>, String>>();
         let mut again = again.map_err(|why| vec![why])?;
         again.sort_unstable();
         again.dedup();
+        let found = difference_with(&self.plan, &plan, &again.iter().copied().collect())?;
         let mut lines: Vec<String> = found.changes.iter().map(ToString::to_string).collect();
         let is_named = |leaf: &u32| {
             found
@@ -149,6 +149,9 @@ impl Coordinator {
         };
         let paths = again.iter().filter(|leaf| !is_named(leaf)).filter_map(|leaf| self.plan.leaves.get(*leaf as usize));
         lines.extend(paths.map(|leaf| format!("replace    {}: started anew", leaf.path)));
+        // Those that overlap are leaves of their own.
+        let next = found.plan.live_leaves();
+        again.retain(|leaf| next.contains(leaf));
         if lines.is_empty() {
             let (revision, changes) = (self.revision.0, Vec::new());
             answer(call, Report::Changed { revision, by, changes }, out);
@@ -312,10 +315,10 @@ impl Coordinator {
             // What can still be had of it is waited for.
             Step::Applying | Step::Linking | Step::Probing if was_undoing => {}
             Step::Applying | Step::Linking | Step::Probing => {
-                // The numbers of new wires stay taken.
-                let Ok(back) = difference(&change.plan, &change.before) else { return };
+                // The numbers of new wires and programs stay taken.
+                let back = change.plan.back_to(&change.before);
                 change.number += 1;
-                (change.plan, change.again) = (Arc::new(back.plan), Vec::new());
+                (change.plan, change.again) = (Arc::new(back), Vec::new());
                 change.signed.clone_from(&self.signed);
                 self.apply(out);
             }
@@ -331,7 +334,7 @@ impl Coordinator {
                 self.next_step(out);
             }
         } else {
-            self.take_back(format!("host `{host}` could not be reached any more"), out);
+            self.take_back(unreached(host), out);
         }
     }
 

@@ -38,6 +38,8 @@ impl Executer {
                 None
             }
             Some(Ok(carried)) => {
+                // The next event actions name the connections and the programs of the plan.
+                self.succeed_now(context, out);
                 self.fences.retake(group);
                 self.take_on(next, carried, context, out)
             }

@@ -1,7 +1,7 @@
 //! A supervisor whose members are on hosts that are lost.
 
 use super::fence::{self, Against};
-use super::{ExecContext, Executer, leaf_host, member_host, member_path, member_target};
+use super::{ExecContext, Executer, leaf_host, member_host, member_path};
 use crate::logic::effect::Out;
 use crate::logic::protocol::{Change, Ending, Failure, FailureCause, Target, ToParticipant};
 use language::algebra::{Activation, Activity, State};
@@ -65,7 +65,7 @@ impl Executer {
     /// Sees what an ending says of what a fence is about: that it has ended, or that it may go on.
     pub(super) fn look_at_end(&mut self, (slot, activation): (u32, u32), ending: &Ending, context: ExecContext<'_>) {
         let group = context.plan.groups.get(self.group as usize);
-        let Some((target, host)) = group.and_then(|group| member_target(context.plan, group, slot)) else { return };
+        let Some((target, host)) = group.and_then(|group| self.target(context.plan, group, slot)) else { return };
         if *ending == Ending::Unconfirmed {
             let is_current = self.active.get(&slot) == Some(&activation);
             return self.fences.unconfirmed(slot, activation, host, is_current);

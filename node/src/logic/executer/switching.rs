@@ -9,17 +9,23 @@
 //!                          ▼
 //!          taken back: the old sets stay
 //! ```
+//! So does one by which programs take the places of others, but for that it is never taken back: what is late is not waited for.
 
-use super::wires::{Difference, are_of_one_input};
+mod consumers;
+
+use super::succession::Succeeded;
+use super::wires::Difference;
 use super::{ExecContext, Executer, leaf_host, member_path};
 use crate::logic::effect::Out;
-use crate::logic::protocol::{Change, SetsSwitched, Target, ToCoordinator, ToParticipant};
+use crate::logic::protocol::{Change, SetsSwitched, Target, ToCoordinator};
 use comms::logic::human::span;
-use comms::logic::switch::Expect;
+use comms::logic::switch::Flip;
 use comms::logic::time::Time;
+pub(super) use consumers::pushes_to;
+use consumers::{consumers_of_any, consumers_of_both, second_writer, set_name};
 use language::plan::{Group, Plan};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 /// How long a step of a switch has to be confirmed. Consumers wait 1 s for the end of old wires.
@@ -48,6 +54,11 @@ pub(super) struct Switch {
     missing: BTreeSet<u32>,
     /// The slot whose sets a person wants, and the call that is answered.
     asked: Option<(u32, u64)>,
+    /// Programs whose places others take by it.
+    succeeded: Vec<Succeeded>,
+    /// Closed wires of which nobody waits for the end, and wires that programs flip by themselves.
+    unheard: BTreeSet<u32>,
+    by_themselves: BTreeSet<u32>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -85,12 +96,13 @@ impl Executer {
         if difference.is_empty() {
             return;
         }
+        self.hurry_handovers(context, out);
         self.generation += 1;
         let generation = self.generation;
         let consumers = consumers_of_both(context.plan, &difference);
         let is_followed = !consumers.is_empty() && self.switches.len() < SWITCHES_MAX;
         if is_followed {
-            self.expect((generation, &difference), &consumers, context, out);
+            self.expect((generation, &difference), (&consumers, &BTreeMap::new()), context, out);
         }
         let flipping =
             self.order_flips((&difference.close, &difference.open, &difference.close), generation, context, out);
@@ -101,6 +113,29 @@ impl Executer {
         }
     }
 
+    /// Hands the connections of programs over to those in their places, which flip wires of their own by `then`. Of the `unheard` wires
+    /// nobody can say that nothing more comes.
+    pub(super) fn begin_handover(
+        &mut self,
+        (difference, unheard): (Difference, BTreeSet<u32>),
+        (succeeded, then): (Vec<Succeeded>, &BTreeMap<u32, Flip>),
+        context: ExecContext<'_>,
+        out: &mut Out<'_>,
+    ) {
+        let generation = self.generation;
+        let by_themselves = then
+            .values()
+            .flat_map(|flip| flip.close.iter().copied().chain(flip.open.iter().map(|opening| opening.wire)));
+        let by_themselves = by_themselves.collect();
+        let close = difference.close.iter().copied().filter(|wire| !unheard.contains(wire)).collect();
+        let expected = Difference { close, ..difference.clone() };
+        let consumers = consumers_of_any(context.plan, &expected);
+        self.expect((generation, &expected), (&consumers, then), context, out);
+        let switch = Switch::new(difference, consumers, out.now);
+        self.switches.insert(generation, Switch { succeeded, unheard, by_themselves, ..switch });
+        self.go_on(generation, context, out);
+    }
+
     /// Switches a member that runs to other sets of its own. The home hears what has become of it.
     pub fn switch_sets(&mut self, (slot, sets): (u32, &[u32]), call: u64, context: ExecContext<'_>, out: &mut Out<'_>) {
         match self.sets_to_switch(slot, sets, context) {
@@ -108,10 +143,11 @@ impl Executer {
                 self.answer_switch(call, Ok(SetsSwitched::default()), context, out);
             }
             Ok(difference) => {
+                self.hurry_handovers(context, out);
                 self.generation += 1;
                 let generation = self.generation;
                 let consumers = consumers_of_any(context.plan, &difference);
-                self.expect((generation, &difference), &consumers, context, out);
+                self.expect((generation, &difference), (&consumers, &BTreeMap::new()), context, out);
                 let switch = Switch { asked: Some((slot, call)), ..Switch::new(difference, consumers, out.now) };
                 self.switches.insert(generation, switch);
                 self.go_on(generation, context, out);
@@ -142,14 +178,10 @@ impl Executer {
         let labelled: BTreeSet<u32> = open.filter(|set| owned(set).is_some_and(|set| set.label.is_some())).collect();
         let wanted: BTreeSet<u32> = sets.iter().copied().collect();
         let (sets_closed, sets_opened) = (&labelled - &wanted, &wanted - &labelled);
-        let wires = |sets: &BTreeSet<u32>| -> BTreeSet<u32> {
-            sets.iter()
-                .filter_map(|set| group.sets.get(*set as usize))
-                .flat_map(|set| set.wires.iter().copied())
-                .collect()
-        };
+        let of = |set: &u32| self.wires_of(*set);
+        let wires =
+            |sets: &BTreeSet<u32>| -> BTreeSet<u32> { sets.iter().flat_map(|set| of(set).iter().copied()).collect() };
         let count = |wire: &u32| self.open.get(wire).copied().unwrap_or_default();
-        let of = |set: &u32| group.sets.get(*set as usize).map_or(&[][..], |set| &set.wires);
         let closes = |wire: &u32| {
             let fewer = sets_closed.iter().filter(|set| of(set).contains(wire)).count();
             usize::try_from(count(wire)).is_ok_and(|count| count == fewer) && !wires(&sets_opened).contains(wire)
@@ -162,24 +194,6 @@ impl Executer {
         }
         let (sets_closed, sets_opened) = (sets_closed.into_iter().collect(), sets_opened.into_iter().collect());
         Ok(Difference { sets_closed, sets_opened, close, open })
-    }
-
-    /// Has consumers expect a switch.
-    fn expect(
-        &self,
-        (generation, difference): (u64, &Difference),
-        consumers: &BTreeSet<u32>,
-        context: ExecContext<'_>,
-        out: &mut Out<'_>,
-    ) {
-        for &leaf in consumers {
-            let Some(host) = leaf_host(context.plan, leaf) else { continue };
-            let theirs =
-                |wires: &[u32]| wires.iter().copied().filter(|wire| pushes_to(context.plan, *wire, leaf)).collect();
-            let expect = Expect { generation, close: theirs(&difference.close), open: theirs(&difference.open) };
-            let order = ToParticipant::Expect { group: self.group, leaf, expect };
-            out.send(host, context.deployment.to_participant(order));
-        }
     }
 
     /// Takes the word of a consumer that it expects a switch.
@@ -220,17 +234,17 @@ impl Executer {
     }
 
     /// Takes the next step of a switch once the present one is confirmed.
-    fn go_on(&mut self, generation: u64, context: ExecContext<'_>, out: &mut Out<'_>) {
+    pub(super) fn go_on(&mut self, generation: u64, context: ExecContext<'_>, out: &mut Out<'_>) {
         let Some(switch) = self.switches.get_mut(&generation) else { return };
         match switch.step {
             Step::Expecting if switch.expecting.is_empty() => {
                 (switch.step, switch.until) = (Step::Opening, out.now + OPEN_WITHIN);
                 // Who closes wires, too, does both between two values.
-                let Difference { close, open, .. } = switch.difference.clone();
+                let ((close, open), ends) = (switch.ordered(), switch.ends());
                 let producer = |wire: &u32| context.plan.wires.get(*wire as usize).map(|wire| wire.from.leaf);
                 let closing: BTreeSet<Option<u32>> = close.iter().map(producer).collect();
                 let open: Vec<u32> = open.into_iter().filter(|wire| !closing.contains(&producer(wire))).collect();
-                let flipping = self.order_flips((&[], &open, &close), generation, context, out);
+                let flipping = self.order_flips((&[], &open, &ends), generation, context, out);
                 if let Some(switch) = self.switches.get_mut(&generation) {
                     switch.flipping = flipping;
                 }
@@ -238,16 +252,18 @@ impl Executer {
             }
             Step::Opening if switch.flipping.is_empty() => {
                 (switch.step, switch.until) = (Step::Closing, out.now + STEP_WITHIN);
-                let Difference { sets_closed, sets_opened, .. } = switch.difference.clone();
-                let slot = switch.asked.map(|(slot, _)| slot);
-                let difference = self.difference(sets_closed, sets_opened, context.plan);
-                self.note_switched(slot, context.plan);
-                let flipping = self.order_flips(
-                    (&difference.close, &difference.open, &difference.close),
-                    generation,
-                    context,
-                    out,
-                );
+                if switch.succeeded.is_empty() {
+                    let Difference { sets_closed, sets_opened, .. } = switch.difference.clone();
+                    let slot = switch.asked.map(|(slot, _)| slot);
+                    let difference = self.difference(sets_closed, sets_opened);
+                    self.note_switched(slot, context.plan);
+                    if let Some(switch) = self.switches.get_mut(&generation) {
+                        switch.difference = difference;
+                    }
+                }
+                let Some(switch) = self.switches.get(&generation) else { return };
+                let ((close, open), ends) = (switch.ordered(), switch.ends());
+                let flipping = self.order_flips((&close, &open, &ends), generation, context, out);
                 if let Some(switch) = self.switches.get_mut(&generation) {
                     switch.flipping = flipping;
                 }
@@ -285,7 +301,7 @@ impl Executer {
 
     /// Follows no switch any more: the group has ended. Who has asked for one is answered.
     pub(super) fn end_switches(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
-        self.switches.retain(|_, switch| switch.asked.is_some());
+        self.switches.retain(|_, switch| switch.asked.is_some() || !switch.succeeded.is_empty());
         for generation in self.switches.keys().copied().collect::<Vec<_>>() {
             self.end_switch(generation, context, out);
         }
@@ -296,7 +312,9 @@ impl Executer {
     pub(super) fn tick_switches(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
         let late = self.switches.iter().filter(|(_, switch)| switch.until <= out.now).map(|(number, _)| *number);
         for generation in late.collect::<Vec<_>>() {
-            self.end_switch(generation, context, out);
+            if !self.hurry(generation, context, out) {
+                self.end_switch(generation, context, out);
+            }
         }
     }
 
@@ -313,10 +331,11 @@ impl Executer {
 
     fn end_switch(&mut self, generation: u64, context: ExecContext<'_>, out: &mut Out<'_>) {
         let Some(switch) = self.switches.remove(&generation) else { return };
+        self.stop_succeeded(&switch.succeeded, context, out);
         let Some(group) = context.plan.groups.get(self.group as usize) else { return };
         let path = |leaf: u32| context.plan.leaves.get(leaf as usize).map(|leaf| leaf.path.clone());
         let silent = |leaves: &BTreeSet<u32>| leaves.iter().filter_map(|leaf| path(*leaf)).collect::<Vec<_>>();
-        if switch.step != Step::Closing {
+        if switch.step != Step::Closing && switch.succeeded.is_empty() {
             let mut who = silent(&switch.expecting);
             if switch.step == Step::Opening {
                 let open = self.open_wires();
@@ -394,53 +413,34 @@ impl Switch {
             late: 0,
             missing: BTreeSet::new(),
             asked: None,
+            succeeded: Vec::new(),
+            unheard: BTreeSet::new(),
+            by_themselves: BTreeSet::new(),
         }
     }
-}
 
-/// Returns why wires cannot be opened beside those that stay: an input has one writer at a time.
-fn second_writer(plan: &Plan, open: &[u32], stay: impl Iterator<Item = u32>) -> Option<String> {
-    let ends = |wire: u32| plan.wires.get(wire as usize);
-    let stay: Vec<u32> = stay.collect();
-    open.iter().find_map(|wire| {
-        let new = ends(*wire)?;
-        let other =
-            stay.iter().filter_map(|wire| ends(*wire)).find(|other| other.to == new.to && other.from != new.from)?;
-        let path = |leaf: u32| plan.leaves.get(leaf as usize).map_or("?", |leaf| &leaf.path);
-        Some(format!(
-            "`{}` writes to `{}`, `{}` at this moment, and `{}` would, too: an input has one writer at a time",
-            path(other.from.leaf),
-            path(new.to.leaf),
-            new.to.port,
-            path(new.from.leaf)
-        ))
-    })
-}
+    /// Returns whether programs hand their connections over by it.
+    pub(super) fn is_handover(&self) -> bool {
+        !self.succeeded.is_empty()
+    }
 
-fn pushes_to(plan: &Plan, wire: u32, leaf: u32) -> bool {
-    plan.wires.get(wire as usize).is_some_and(|ends| ends.to.leaf == leaf) && are_of_one_input(plan, wire, wire)
-}
+    /// Returns whether not all of a handover is ordered.
+    pub(super) fn is_to_be_ordered(&self) -> bool {
+        self.is_handover() && self.step != Step::Closing
+    }
 
-/// Returns the consumers to which a switch closes wires and opens others.
-fn consumers_of_both(plan: &Plan, difference: &Difference) -> BTreeSet<u32> {
-    let closed = consumers_of(plan, &difference.close);
-    closed.intersection(&consumers_of(plan, &difference.open)).copied().collect()
-}
+    pub(super) fn wait_for_nobody(&mut self) {
+        (self.expecting, self.flipping) = (BTreeSet::new(), BTreeSet::new());
+    }
 
-fn consumers_of_any(plan: &Plan, difference: &Difference) -> BTreeSet<u32> {
-    &consumers_of(plan, &difference.close) | &consumers_of(plan, &difference.open)
-}
+    /// Returns the wires to close and to open, without those that programs flip by themselves.
+    fn ordered(&self) -> (Vec<u32>, Vec<u32>) {
+        let ours = |wires: &[u32]| wires.iter().copied().filter(|wire| !self.by_themselves.contains(wire)).collect();
+        (ours(&self.difference.close), ours(&self.difference.open))
+    }
 
-/// Returns the programs that these wires push to.
-fn consumers_of(plan: &Plan, wires: &[u32]) -> BTreeSet<u32> {
-    let pushed = wires.iter().filter(|wire| are_of_one_input(plan, **wire, **wire));
-    pushed.filter_map(|wire| plan.wires.get(*wire as usize)).map(|wire| wire.to.leaf).collect()
-}
-
-/// Returns the name of a set, with the path of its owner: `main/hit/force[lbl1]`; one without an owner has its group's.
-fn set_name(group: &Group, set: u32) -> String {
-    let Some(set) = group.sets.get(set as usize) else { return String::new() };
-    let owner = set.owner.and_then(|slot| group.members.get(slot as usize));
-    let owner = owner.map_or_else(|| group.path.clone(), |member| format!("{}/{}", group.path, member.name));
-    set.label.as_ref().map_or_else(|| owner.clone(), |label| format!("{owner}[{label}]"))
+    /// Returns the closed wires whose end consumers wait for.
+    fn ends(&self) -> Vec<u32> {
+        self.difference.close.iter().copied().filter(|wire| !self.unheard.contains(wire)).collect()
+    }
 }

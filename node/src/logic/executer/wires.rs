@@ -69,26 +69,25 @@ impl Executer {
         let owners = close.iter().filter_map(|set| group.sets.get(*set as usize)?.owner).collect::<BTreeSet<_>>();
         owners.into_iter().for_each(|slot| self.forget_switch(slot, context, out));
         let close = self.instead_of(close, group);
-        let difference = self.difference(close, open, context.plan);
+        let difference = self.difference(close, open);
         self.begin_switch(difference, context, out);
     }
 
     /// Counts sets as closed and open. Returns what of that flips: a wire flips if no other open set holds it.
-    pub(super) fn difference(&mut self, close: Vec<u32>, open: Vec<u32>, plan: &Plan) -> Difference {
+    pub(super) fn difference(&mut self, close: Vec<u32>, open: Vec<u32>) -> Difference {
         let before = self.open_wires();
-        let Some(group) = plan.groups.get(self.group as usize) else { return Difference::default() };
-        let wires = |set: &u32| group.sets.get(*set as usize).map_or(&[][..], |set| &set.wires);
         for set in &close {
             let count = self.open_sets.entry(*set).or_default();
             *count = count.saturating_sub(1);
-            for wire in wires(set) {
+            for wire in self.sets.get(*set as usize).map_or(&[][..], Vec::as_slice) {
                 let count = self.open.entry(*wire).or_default();
                 *count = count.saturating_sub(1);
             }
         }
         for set in &open {
             *self.open_sets.entry(*set).or_default() += 1;
-            wires(set).iter().for_each(|wire| *self.open.entry(*wire).or_default() += 1);
+            let wires = self.sets.get(*set as usize).map_or(&[][..], Vec::as_slice);
+            wires.iter().for_each(|wire| *self.open.entry(*wire).or_default() += 1);
         }
         let after = self.open_wires();
         let (sets_closed, sets_opened) = (close, open);
@@ -96,26 +95,31 @@ impl Executer {
         Difference { sets_closed, sets_opened, close: close.into_iter().collect(), open: open.into_iter().collect() }
     }
 
+    /// Returns the wires of a set, as they are used now: during a change the plan may have others already.
+    pub(super) fn wires_of(&self, set: u32) -> &[u32] {
+        self.sets.get(set as usize).map_or(&[], Vec::as_slice)
+    }
+
+    /// Returns which wires are open.
     pub(super) fn open_wires(&self) -> BTreeSet<u32> {
         self.open.iter().filter(|(_, count)| **count > 0).map(|(wire, _)| *wire).collect()
     }
 
-    /// Uses the connection sets as the plan has them now: opens and closes the wires by which open sets have changed.
-    pub fn rewire(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
-        let Some(group) = context.plan.groups.get(self.group as usize) else { return };
-        self.consumers = consumers(context.plan, group);
+    /// Counts the wires of the open sets as the plan has them now. Returns what of that flips.
+    pub(super) fn recount(&mut self, plan: &Plan) -> Difference {
+        let Some(group) = plan.groups.get(self.group as usize) else { return Difference::default() };
+        (self.consumers, self.sets) = (consumers(plan, group), wires_of_sets(group));
         let before = self.open_wires();
         let mut counts: BTreeMap<u32, u32> = BTreeMap::new();
         for (set, count) in &self.open_sets {
-            for wire in group.sets.get(*set as usize).map_or(&[][..], |set| &set.wires) {
+            for wire in self.wires_of(*set) {
                 *counts.entry(*wire).or_default() += count;
             }
         }
         self.open = counts;
         let after = self.open_wires();
         let (close, open) = (&before - &after, &after - &before);
-        let (close, open) = (close.into_iter().collect(), open.into_iter().collect());
-        self.begin_switch(Difference { close, open, ..Difference::default() }, context, out);
+        Difference { close: close.into_iter().collect(), open: open.into_iter().collect(), ..Difference::default() }
     }
 
     /// Orders the producers to flip wires of the switch `generation`. What comes over new wires waits for the end of those that the
@@ -136,8 +140,7 @@ impl Executer {
         }
         for &wire in open {
             let Some(host) = host(wire) else { continue };
-            let after = ends.iter().copied().filter(|closed| *closed != wire && are_of_one_input(plan, *closed, wire));
-            let opening = Opening { wire, after: after.collect() };
+            let opening = Opening { wire, after: ends_before(plan, ends, wire) };
             by_host.entry(host).or_default().open.push(opening);
         }
         let mut numbers = BTreeSet::new();
@@ -156,6 +159,16 @@ impl Executer {
         }
         numbers
     }
+}
+
+/// Returns the wires of each set of a group.
+pub(super) fn wires_of_sets(group: &Group) -> Vec<Vec<u32>> {
+    group.sets.iter().map(|set| set.wires.clone()).collect()
+}
+
+/// Returns those of the closed wires that push to the consumer of an opened one.
+pub(super) fn ends_before(plan: &Plan, closed: &[u32], opened: u32) -> Vec<u32> {
+    closed.iter().copied().filter(|wire| *wire != opened && are_of_one_input(plan, *wire, opened)).collect()
 }
 
 /// Returns whether two wires push values to one program.

@@ -50,6 +50,11 @@ impl Instance {
         }
     }
 
+    /// Returns whether it is being stopped.
+    pub fn is_stopping(&self) -> bool {
+        matches!(self.stage, Stage::Stopping { .. } | Stage::Replacing { is_stopping: true, .. })
+    }
+
     /// Returns whether a program that has died is started again with its next activation: it took part, nothing of it is left, its
     /// death was told, and it was not given up by its own policy.
     fn is_renewable(&self) -> bool {

@@ -72,6 +72,9 @@ impl Instance {
         let before = Some((self.order.clone(), self.stop_within));
         let length = watchdog::probation(next.0.kind, &next.0.policy, probation);
         self.probation = Some(Probation { before, length, was_activated: false, until: None, is_new: false });
+        if !self.gives_back {
+            self.saved = Some(self.restarts.clone());
+        }
         context.notes.push(Note::Changed(Change::Replacing));
         match self.stage {
             Stage::Dead | Stage::Waiting { .. } => self.take_place(next, context),
@@ -86,6 +89,12 @@ impl Instance {
             // Nothing takes the place of what is to leave.
             Stage::Leaving { .. } => {}
         }
+    }
+
+    /// Puts the program before in the place of this one, since a change is taken back: it has as many restarts left as it had.
+    pub fn take_back(&mut self, before: Start, probation: Duration, context: &mut InstanceContext<'_>) {
+        self.gives_back = self.saved.is_some();
+        self.replace(before, probation, context);
     }
 
     /// Ends the program and starts it again, since `with` of its group has died. One that is being started is new anyway, one
@@ -188,6 +197,7 @@ impl Instance {
             Some(Probation { before: None, length: Duration::ZERO, was_activated: true, until: None, is_new: false });
         context.notes.push(Note::Changed(Change::Reverting { cause: cause.clone() }));
         context.notes.push(Note::Unhealthy(cause.to_string()));
+        self.gives_back = self.saved.is_some();
         self.take_place(before, context);
         true
     }
@@ -217,8 +227,9 @@ impl Instance {
     }
 
     fn take_place(&mut self, (order, stop_within): Start, context: &mut InstanceContext<'_>) {
+        let saved = self.saved.take_if(|_| std::mem::take(&mut self.gives_back));
         if self.probation.is_some() {
-            self.restarts = Restarts::new(order.process.leaf, &order.policy);
+            self.restarts = saved.unwrap_or_else(|| Restarts::new(order.process.leaf, &order.policy));
         }
         self.failed = None;
         (self.order, self.stop_within) = (order, stop_within);

@@ -23,7 +23,7 @@ const PAUSE: Duration = Duration::from_millis(100);
 const SHARES: u64 = 1000;
 
 /// How often one program was started again, of late.
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Restarts {
     rule: Restart,
     backoff: Option<Backoff>,

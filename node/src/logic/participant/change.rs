@@ -1,9 +1,9 @@
 //! A change of the deployment while it runs, as this host carries it out.
 //!
 //! `Apply` brings the programs of the next plan, `Link` its links, beside the links that are still used; `Adopt` has the supervisors
-//! use the next connection sets, and drops what those do not have any more; `Settle` frees the devices that no program claims any
-//! more. In between both kinds of wires are linked, so no value
-//! is lost on a wire that stays, and a new one is open only when both its ends stand.
+//! use the next connection sets; `Settle` drops the links that those do not have any more, and frees the devices that no program
+//! claims any more. In between both kinds of wires are linked, so no value is lost on a wire that stays, a new one is open only when
+//! both its ends stand, and what is taken back is there.
 
 use super::{Participant, Phase};
 use crate::logic::claims::Claims;
@@ -68,9 +68,9 @@ impl Participant {
             ChangeOrder::LinkAlso { number, facts } => self.link_change(number, facts, out),
             ChangeOrder::Settle { .. } => self.settle_change(out),
             ChangeOrder::Adopt { number } => {
-                if let Some(change) = self.change.as_mut().filter(|change| change.number == number) {
-                    change.next = Next::Healthy;
+                if self.change.as_ref().is_some_and(|change| change.number == number) {
                     self.adopt_sets(out);
+                    self.change.iter_mut().for_each(|change| change.next = Next::Healthy);
                     self.report_change(out);
                 }
             }
@@ -152,7 +152,12 @@ impl Participant {
         self.add_groups(host);
         let mut live = self.plan.live_wires();
         let rewired: BTreeSet<u32> = self.live.symmetric_difference(&live).copied().collect();
-        live.extend(&self.live);
+        // What never came cannot be linked by those that are put back.
+        let has_come = |leaf: u32| self.registrations.facts.contains_key(&leaf);
+        let both = |wire: &&u32| {
+            self.plan.wires.get(**wire as usize).is_some_and(|wire| has_come(wire.from.leaf) && has_come(wire.to.leaf))
+        };
+        live.extend(self.live.iter().filter(both));
         self.live = live;
         self.claims.extend(Claims::of(&self.plan, host));
         let (starting, linking, probing) = (BTreeSet::new(), BTreeSet::new(), BTreeSet::new());
@@ -179,7 +184,10 @@ impl Participant {
                 self.instances.with(leaf, |instance| instance.settle(start));
                 continue;
             }
-            self.with_instance(leaf, out, |instance, context| instance.replace(start, probation, context));
+            self.with_instance(leaf, out, |instance, context| match is_undoing {
+                true => instance.take_back(start, probation, context),
+                false => instance.replace(start, probation, context),
+            });
         }
         self.report_change(out);
     }
@@ -279,6 +287,10 @@ impl Participant {
                 executer.adopt_actions(context, out)
             });
         }
+    }
+
+    /// Drops the links that the plan does not have any more. Until then what was under way over them has come.
+    pub(super) fn unlink(&mut self, out: &mut Out<'_>) {
         let live = self.plan.live_wires();
         let gone: BTreeSet<u32> = self.live.difference(&live).copied().collect();
         self.live = live;
@@ -287,6 +299,7 @@ impl Participant {
 
     /// Tells the home what it waits for, once that is so.
     pub(super) fn report_change(&mut self, out: &mut Out<'_>) {
+        let hands_over = self.change.is_some() && self.hands_over();
         let Some(change) = &mut self.change else { return };
         let number = change.number;
         let (is_so, reply) = match change.next {
@@ -296,7 +309,7 @@ impl Participant {
                 (change.starting.is_empty(), ChangeReply::Joined { number, facts })
             }
             Next::Linked => (change.linking.is_empty(), ChangeReply::Linked { number }),
-            Next::Healthy => (change.probing.is_empty(), ChangeReply::Healthy { number }),
+            Next::Healthy => (change.probing.is_empty() && !hands_over, ChangeReply::Healthy { number }),
             Next::Nothing => return,
         };
         if is_so {

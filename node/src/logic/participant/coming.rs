@@ -9,7 +9,6 @@ use crate::logic::effect::Out;
 use crate::logic::executer::{Executer, below_using, group_host};
 use crate::logic::instance::{Instance, InstanceContext, Start};
 use crate::logic::protocol::{LeafFacts, Target};
-use crate::logic::wiring::{links, shapes};
 use language::plan::{LeafKind, Plan};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -23,7 +22,8 @@ impl Participant {
     /// Gives the groups of the plan that are new on this host their supervisors.
     pub(super) fn add_groups(&mut self, host: &str) {
         let plan = Arc::clone(&self.plan);
-        self.supervisors = supervisors(&plan);
+        // A program whose place another one takes is supervised until it has left.
+        self.supervisors.extend(supervisors(&plan));
         let below = below_using(&plan);
         for number in plan.live_groups().into_iter().filter(|number| group_host(&plan, *number) == Some(host)) {
             if !self.executers.contains(number)
@@ -53,12 +53,24 @@ impl Participant {
 
     /// Takes note that a program that is added is up.
     pub(super) fn added(&mut self, facts: LeafFacts, out: &mut Out<'_>) {
+        if let Some(device) = facts.owns.iter().chain(&facts.needs).next()
+            && self.overlaps(facts.leaf)
+        {
+            let path = self.path(facts.leaf).unwrap_or_default();
+            let why = format!("two programs of `{path}` cannot overlap: it uses the device `{device}`, and both would");
+            return self.fail_change(&why, out);
+        }
         self.hold_own(&facts);
         if let Some(change) = &mut self.change {
             change.starting.remove(&facts.leaf);
             change.facts.push(facts);
         }
         self.report_change(out);
+    }
+
+    /// Returns whether another program has the path of this one.
+    fn overlaps(&self, leaf: u32) -> bool {
+        self.instances.iter().any(|(other, _)| other != leaf && self.path(other) == self.path(leaf))
     }
 
     /// Takes note that a program that is added cannot take part.
@@ -75,16 +87,15 @@ impl Participant {
         let Some(change) = &self.change else { return };
         for leaf in change.adding.clone() {
             let is_plain = self.plan.leaves.get(leaf as usize).is_none_or(|leaf| leaf.kind == LeafKind::Plain);
-            match links(&self.plan, &self.deployment, &self.registrations, (leaf, &self.live)) {
+            match self.orders(leaf) {
                 Ok(_) if is_plain => self.with_instance(leaf, out, |instance, context| {
                     instance.connect_plain();
                     instance.is_added(context);
                 }),
-                Ok(order) => {
+                Ok(orders) => {
                     if let Some(change) = &mut self.change {
                         change.linking.insert(leaf);
                     }
-                    let orders = shapes(&self.plan, leaf).into_iter().chain([order]);
                     self.with_instance(leaf, out, |instance, context| instance.connect(orders, context));
                 }
                 Err(reasons) => self.fail_change(&reasons.join("; "), out),
@@ -95,6 +106,9 @@ impl Participant {
     /// A change has held, or was taken back, everywhere: what is not in the plan any more leaves.
     pub(super) fn settle_change(&mut self, out: &mut Out<'_>) {
         self.change = None;
+        self.succeeding.clear();
+        self.unlink(out);
+        self.supervisors = supervisors(&self.plan);
         let live = self.plan.live_leaves();
         self.registrations.facts.retain(|leaf, _| live.contains(leaf));
         for leaf in self.instances.numbers().into_iter().filter(|leaf| !live.contains(leaf)) {

@@ -30,6 +30,15 @@ impl Participant {
         host.into_iter().for_each(|host| out.send(host, self.deployment.to_participant(message())));
     }
 
+    /// Takes note of parameters that a program was told of while the deployment runs.
+    pub fn configured(&self, leaf: u32, parameters: Vec<(String, Option<String>)>, out: &mut Out<'_>) {
+        if self.phase == Phase::Running {
+            for (parameter, value) in parameters {
+                self.happened(Target::Leaf(leaf), Change::Configured { parameter, value }, out);
+            }
+        }
+    }
+
     pub(super) fn happened(&self, target: Target, change: Change, out: &mut Out<'_>) {
         out.send(&self.home, self.deployment.to_coordinator(ToCoordinator::Happened { target, change }));
     }

@@ -29,7 +29,11 @@ impl Participant {
         let leaf = |(number, instance): (u32, &Instance)| {
             let leaf = self.plan.leaves.get(number as usize)?;
             let (path, kind) = (leaf.path.clone(), leaf.module.clone());
-            Some(ProcessStatus { path, kind, state: instance.state(), pid: instance.pid() })
+            let state = match self.is_succeeded(number) {
+                true => format!("{}; the program before", instance.state()),
+                false => instance.state(),
+            };
+            Some(ProcessStatus { path, kind, state, pid: instance.pid() })
         };
         let mut processes: Vec<ProcessStatus> =
             self.executers.iter().filter_map(group).chain(self.instances.iter().filter_map(leaf)).collect();
@@ -82,7 +86,7 @@ impl Participant {
     /// Returns the programs of this host that have a data session, and where to dial each now.
     pub fn locations(&self) -> Vec<(String, Dial)> {
         let location = |(number, _)| {
-            let leaf = self.plan.leaves.get(number as usize)?;
+            let leaf = self.plan.leaves.get(number as usize).filter(|_| !self.is_succeeded(number))?;
             Some((leaf.path.clone(), observe(&self.registrations, number)?))
         };
         self.instances.iter().filter_map(location).collect()
@@ -110,7 +114,9 @@ impl Participant {
 
     /// Returns parameters that the database gives to the instance of a path, as its program gets them.
     pub fn in_si(&self, programs: &Programs, path: &str, stored: Vec<(String, String)>) -> Vec<(String, String)> {
-        let leaf = self.plan.leaves.iter().find(|leaf| leaf.path == path);
+        let live = self.plan.live_leaves();
+        let leaves = live.iter().filter_map(|number| self.plan.leaves.get(*number as usize));
+        let leaf = leaves.into_iter().find(|leaf| leaf.path == path);
         match leaf.and_then(|leaf| programs.parameters(&leaf.module)) {
             Some(declared) => parameters::in_si(declared, stored),
             None => stored,
@@ -120,6 +126,6 @@ impl Participant {
     /// Returns the programs of this host: leaf and absolute path.
     pub fn programs(&self) -> Vec<(u32, String)> {
         let path = |(leaf, _): (u32, &Instance)| Some((leaf, self.plan.leaves.get(leaf as usize)?.path.clone()));
-        self.instances.iter().filter_map(path).collect()
+        self.instances.iter().filter(|(leaf, _)| !self.is_succeeded(*leaf)).filter_map(path).collect()
     }
 }

@@ -4,7 +4,7 @@ use super::Participant;
 use crate::logic::effect::Out;
 use crate::logic::protocol::ToParticipant;
 use comms::logic::control::Order;
-use comms::logic::switch::Expect;
+use comms::logic::switch::{Expect, Flip};
 use serde::{Deserialize, Serialize};
 
 /// A switch that a program of this host is to expect.
@@ -18,11 +18,20 @@ pub(super) struct Expecting {
 
 impl Participant {
     /// Has a program expect a switch. For one that is not there nobody waits: what is sent to it is lost anyway.
-    pub(super) fn expect(&mut self, (group, leaf, from): (u32, u32, &str), expect: Expect, out: &mut Out<'_>) {
+    pub(super) fn expect(
+        &mut self,
+        (group, leaf, from): (u32, u32, &str),
+        (expect, then): (Expect, Option<Flip>),
+        out: &mut Out<'_>,
+    ) {
         self.ticket += 1;
         let (ticket, generation) = (self.ticket, expect.generation);
         self.expecting.insert(ticket, Expecting { group, leaf, host: from.to_owned(), generation });
-        let order = Order::Expect { ticket, expect, then: None };
+        if let Some(then) = &then {
+            self.open.retain(|wire| !then.close.contains(wire));
+            self.open.extend(then.open.iter().map(|opening| opening.wire));
+        }
+        let order = Order::Expect { ticket, expect, then };
         let mut is_there = false;
         self.with_instance(leaf, out, |instance, context| is_there = instance.switch(order, context));
         if !is_there {
@@ -68,6 +77,11 @@ impl Participant {
         } else if let ToParticipant::Taken { group, leaf, generation, lost, late, missing } = message {
             self.with_executer(group, out, |executer, at, out| {
                 executer.taken((generation, leaf), (lost, late, missing), at, out);
+                None
+            });
+        } else if let ToParticipant::Succeeding { group, leaf, is_handed_over } = message {
+            self.with_executer(group, out, |executer, at, out| {
+                executer.succeeding(leaf, is_handed_over, at, out);
                 None
             });
         } else if let ToParticipant::SwitchSets { group, slot, sets, call } = message {

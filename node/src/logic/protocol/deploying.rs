@@ -226,4 +226,35 @@ pub enum ToParticipant {
         /// Echoed.
         call: u64,
     },
+    /// As `Expect`; and when all that came before the switch has had its calculation, the program flips outputs of its own.
+    ExpectAnd {
+        /// The group whose supervisor asks.
+        group: u32,
+        /// The program.
+        leaf: u32,
+        /// Its inputs.
+        expect: Expect,
+        /// Its outputs. What it only opens is open before the first calculation after the switch.
+        then: Flip,
+    },
+    /// A program of yours is to take the place of another one, which goes on meanwhile. Answered by `Succeeding`.
+    Succeed {
+        /// The group whose supervisor asks.
+        group: u32,
+        /// The program.
+        leaf: u32,
+        /// The activation of the other one.
+        activation: u32,
+        /// For its `Init`.
+        value: Vec<u8>,
+    },
+    /// A program is initialised, and runs beside the one whose place it is to take.
+    Succeeding {
+        /// The group.
+        group: u32,
+        /// The program.
+        leaf: u32,
+        /// Whether the other one is there, so that it can hand its connections over.
+        is_handed_over: bool,
+    },
 }

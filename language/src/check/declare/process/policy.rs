@@ -5,7 +5,7 @@ use crate::check::names::twice;
 use crate::check::spec::Policies;
 use crate::check::value::{Reader, quantity};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::plan::{LinkLoss, Policy, REALTIME_MAX, Realtime, Restart, Usage, Watchdog};
+use crate::plan::{LinkLoss, Policy, REALTIME_MAX, Realtime, Replacement, Restart, Usage, Watchdog};
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Constant};
 use crate::syntax::ast::{Name, Node};
@@ -45,6 +45,9 @@ pub(super) fn policies(instance: &Node, reader: &mut Reader<'_>) -> Policies {
         if name.text == "restart" {
             policies.restart = words.first().map(|word| word.span);
         }
+        if name.text == "replace" {
+            policies.overlap = words.first().filter(|word| word.text == "overlap").map(|word| word.span);
+        }
         let words = words.into_iter().map(|word| word.text).collect();
         let written = PolicyValue { node: &item, words, value: item.child(Constant) };
         read(&mut policies.policy, &name, &written, reader);
@@ -62,6 +65,11 @@ fn read(policy: &mut Policy, name: &Name, written: &PolicyValue<'_>, reader: &mu
             let restart = restart(&words).filter(|_| written.value.is_none());
             policy.restart = restart.unwrap_or_default();
             (restart.is_some(), "write `restart temporary` (never), `transient` (after a failure) or `permanent`")
+        }
+        "replace" => {
+            let replacement = replacement(&words).filter(|_| written.value.is_none());
+            policy.replacement = replacement.unwrap_or_default();
+            (replacement.is_some(), "write `replace overlap` or `replace break_before_make`")
         }
         "watchdog" => {
             let bound = if words.is_empty() { time(reader).filter(|bound| *bound >= WATCHDOG_MIN) } else { None };
@@ -148,6 +156,14 @@ fn restart(words: &[&str]) -> Option<Restart> {
         ["temporary"] => Some(Restart::Temporary),
         ["transient"] => Some(Restart::Transient),
         ["permanent"] => Some(Restart::Permanent),
+        [..] => None,
+    }
+}
+
+fn replacement(words: &[&str]) -> Option<Replacement> {
+    match words {
+        ["break_before_make"] => Some(Replacement::BreakBeforeMake),
+        ["overlap"] => Some(Replacement::Overlap),
         [..] => None,
     }
 }

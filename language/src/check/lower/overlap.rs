@@ -1,0 +1,49 @@
+//! What connects a process whose programs are to overlap: only its own supervisor can hand that over, and only what is pushed.
+
+use super::tree::Tree;
+use crate::check::diagnostics::Diagnostics;
+use crate::check::spec::Spec;
+use crate::check::types::no_overlap;
+use crate::plan::{Leaf, Replacement, Transfer, Wire};
+use std::collections::BTreeSet;
+
+/// Reports each instance with `replace overlap` whose connections another program cannot take over while it runs.
+pub(super) fn check(spec: &Spec, tree: &Tree, wires: &[Wire], diagnostics: &mut Diagnostics) {
+    let mut told = BTreeSet::new();
+    for (number, leaf) in (0_u32..).zip(&tree.leaves).filter(|(_, leaf)| is_meant(leaf)) {
+        let (group, slot) = tree.place_of[number as usize];
+        let instance = &spec.processes[tree.process_of[group]].instances[slot];
+        let Some(span) = instance.policies.overlap else { continue };
+        let Some(why) = obstacle(tree, wires, (number, leaf), group) else { continue };
+        // One text may stand for several leaves.
+        if told.insert(span) {
+            diagnostics.push(no_overlap(span, &instance.name.text, &why));
+        }
+    }
+}
+
+fn is_meant(leaf: &Leaf) -> bool {
+    leaf.policy.replacement == Replacement::Overlap
+}
+
+/// Returns why the connections of a leaf cannot be handed over, if so.
+fn obstacle(tree: &Tree, wires: &[Wire], (number, leaf): (u32, &Leaf), group: usize) -> Option<String> {
+    let written = leaf.keys.iter().find(|keys| keys.is_write);
+    if let Some(keys) = written {
+        return Some(format!("it writes `{}` of the database, and both would", keys.keys));
+    }
+    let is_its = |wire: &Wire| wire.from.leaf == number || wire.to.leaf == number;
+    let port = |wire: &Wire| if wire.from.leaf == number { wire.from.port.clone() } else { wire.to.port.clone() };
+    let other = |transfer: Transfer, words: &str| {
+        let wire = wires.iter().find(|wire| is_its(wire) && wire.transfer == transfer)?;
+        Some(format!("`{}` {words}", port(wire)))
+    };
+    let is_far = |wire: &Wire, at: u32| {
+        let others = tree.groups.iter().enumerate().filter(|(other, _)| *other != group);
+        is_its(wire) && others.flat_map(|(_, group)| &group.sets).any(|set| set.wires.contains(&at))
+    };
+    let far = || (0_u32..).zip(wires).find(|(at, wire)| is_far(wire, *at)).map(|(_, wire)| port(wire));
+    other(Transfer::Pull, "is pulled, and only values that are pushed can be handed over")
+        .or_else(|| other(Transfer::Call, "is a call, and only values that are pushed can be handed over"))
+        .or_else(|| Some(format!("`{}` is connected by another group, whose supervisor knows nothing of it", far()?)))
+}

@@ -1,0 +1,158 @@
+//! Programs that are replaced while a source counts at 1 kHz through them: with `replace overlap` no number is lost or doubled.
+//!
+//! `DCA_TEST_ROUNDS=1000 cargo test --test overlap` replaces a program 1,000 times.
+
+#![expect(clippy::print_stdout, reason = "a test says how many numbers were lost")]
+
+use dca_tests::cluster::{Cluster, Ended, Host, Network, Program, SOON, Stream, executable, rounds, wait_until};
+use std::collections::BTreeMap;
+
+/// A source, a program that passes its numbers on, and a sink.
+fn spec(cluster: &Cluster, pass: &str, arguments: &str, policy: &str) -> String {
+    let program = executable("dca-counting").display().to_string();
+    let file = cluster.folder().join("sink").display().to_string();
+    let text = format!(
+        "module Source(host: Host) {{ exec \"'{program}' Source\"; out Out: Numbers; service; }}
+        module Pass(host: Host, fails_at: Number = 0) {{
+            exec \"'{program}' Pass\"; in In: Numbers; out Out: Numbers; service;
+        }}
+        module Sink(host: Host, file: Text) {{ exec \"'{program}' Sink\"; in In: Numbers; in Other: Numbers optional; service; }}
+        process main() {{
+            host {{ c1 }}
+            instantiated_processes {{
+                source instof Source(c1);
+                through instof Pass({pass}{arguments}) {{ {policy} }}
+                sink instof Sink(c1, file = \"{file}\");
+            }}
+            internal_connections {{
+                source, Out -> through, In queue 8000;
+                through, Out -> sink, In queue 8000;
+            }}
+            internal_event_actions {{ source, through, sink }}
+        }}"
+    );
+    cluster.file("count.dca", &text)
+}
+
+/// Deploys it, and waits until numbers come.
+fn start(here: &Host, file: &str) -> Program {
+    let mission = here.dca(&["deploy", "--no-record", file]);
+    mission.wait_for(Stream::Err, "▸", SOON);
+    mission
+}
+
+/// Returns the program of each process: one, once a change is over.
+fn pids(here: &Host) -> BTreeMap<String, u32> {
+    assert!(wait_until(SOON, || here.pids().len() == 3).is_some());
+    here.pids()
+}
+
+/// Ends it. Returns the runs of numbers that the sink has got.
+fn end(cluster: &Cluster, here: &Host, mission: &Program) -> Vec<(u64, u64)> {
+    let stop = here.ask(&["stop", "count"]);
+    assert_eq!(stop.code, Some(0), "{stop}");
+    assert!(wait_until(SOON, || !mission.is_running()).is_some());
+    let text = std::fs::read_to_string(cluster.folder().join("sink")).expect("the sink has stopped");
+    let run = |run: &str| {
+        let (first, last) = run.split_once('-').expect("a run has two ends");
+        (first.parse().expect("it is a number"), last.parse().expect("it is a number"))
+    };
+    text.split_whitespace().map(run).collect()
+}
+
+fn replace(here: &Host) -> Ended {
+    here.ask(&["replace", "count", "through", "--probation", "0.3"])
+}
+
+/// Replaces a program again and again, and once by a changed spec. Every number comes.
+fn overlaps(cluster: &Cluster, here: &Host, (pass, what): (&str, &str)) {
+    let mission = start(here, &spec(cluster, pass, "", "replace overlap;"));
+    let mut before = pids(here);
+    for round in 0..rounds(5) {
+        let replaced = replace(here);
+        assert_eq!(replaced.code, Some(0), "round {round}: {replaced}");
+        let now = pids(here);
+        assert!(now["main/through"] != before["main/through"], "{now:?}");
+        assert!(now["main/source"] == before["main/source"] && now["main/sink"] == before["main/sink"], "{now:?}");
+        before = now;
+    }
+    let changed =
+        here.ask(&["deploy", "--probation", "0.3", &spec(cluster, pass, ", fails_at = 1000000", "replace overlap;")]);
+    let told = "replace    main/through: `fails_at` is 1000000, was 0; the two overlap";
+    assert!(changed.code == Some(0) && changed.err.contains(told), "{changed}");
+    assert!(pids(here)["main/through"] != before["main/through"]);
+    let runs = end(cluster, here, &mission);
+    assert_eq!(runs.len(), 1, "{what}: numbers were lost or doubled: {runs:?}");
+    println!("{what}: {} replacements, {} numbers, none lost", rounds(5) + 1, runs[0].1 - runs[0].0 + 1);
+}
+
+#[test]
+fn nothing_is_lost_on_one_host() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    overlaps(&cluster, &here, ("c1", "on one host"));
+}
+
+#[test]
+fn nothing_is_lost_between_two_hosts() {
+    let Some(network) = Network::new(2) else { return };
+    let cluster = Cluster::new();
+    let (here, there) = (cluster.host(&network, 1), cluster.host(&network, 2));
+    let _nodes = [here.node("c1", &["--insecure-lan"]), there.node("c2", &["--insecure-lan"])];
+    overlaps(&cluster, &here, ("c2", "between two hosts"));
+}
+
+/// A version that fails after a while gives back what it has taken, to the program that was there and is there still.
+#[test]
+fn a_bad_version_is_taken_back_and_the_mission_goes_on() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    let mission = start(&here, &spec(&cluster, "c1", "", "replace overlap;"));
+    let before = pids(&here);
+    let bad = here.ask(&["deploy", &spec(&cluster, "c1", ", fails_at = 300", "replace overlap;")]);
+    let why = "`count@1` is not changed: the new program of `main/through` was not healthy: it was to fail";
+    assert!(bad.code == Some(1) && bad.err.contains(why), "{bad}");
+    assert_eq!(pids(&here), before, "the program of before was never ended");
+    // One that cannot even begin takes nothing.
+    let worse = here.ask(&["deploy", &spec(&cluster, "c1", ", fails_at = -1", "replace overlap;")]);
+    assert_eq!(worse.code, Some(1), "{worse}");
+    assert_eq!(pids(&here), before);
+    let good = replace(&here);
+    assert_eq!(good.code, Some(0), "{good}");
+    assert!(mission.is_running());
+    let runs = end(&cluster, &here, &mission);
+    // What the bad one had and did not pass on is lost, and nothing else.
+    assert!(runs.len() <= 2 && runs.windows(2).all(|pair| pair[0].1 < pair[1].0), "{runs:?}");
+    let lost: u64 = runs.windows(2).map(|pair| pair[1].0 - pair[0].1 - 1).sum();
+    println!("a bad version: {lost} numbers lost until the one before was back");
+}
+
+/// Without overlap there is a gap, of the stop of the one and the start of the other.
+#[test]
+fn without_overlap_there_is_a_gap() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    let mission = start(&here, &spec(&cluster, "c1", "", "replace break_before_make;"));
+    let events = here.dca(&["events", "-f", "--json"]);
+    let before = pids(&here);
+    let replaced = replace(&here);
+    assert_eq!(replaced.code, Some(0), "{replaced}");
+    assert!(pids(&here)["main/through"] != before["main/through"]);
+    let runs = end(&cluster, &here, &mission);
+    let events = events.text(Stream::Out);
+    let at = |change: &str| {
+        let objects = events.lines().filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok());
+        let found = objects.filter_map(|object| object.pointer("/report/Process").cloned());
+        let mut found = found.filter(|one| one["path"] == "main/through" && one["change"] == change);
+        found.next().and_then(|one| one["at"].as_f64())
+    };
+    let away = at("Replacing").zip(at("Resumed")).map(|(from, to)| (to - from) * 1000.0);
+    assert!(runs.len() == 2 && runs[0].1 < runs[1].0, "{runs:?}");
+    let lost = runs[1].0 - runs[0].1 - 1;
+    println!(
+        "break before make: {lost} numbers lost at 1 kHz; from the stop of the one to the start of the other {away:.1?} ms"
+    );
+}
