@@ -40,13 +40,17 @@ impl Place {
         command
     }
 
-    /// Starts the node `c1` and waits until it says that it is ready.
+    /// Starts the node `c1` and waits until it says that it is ready. Its programs end with it.
     fn node(&mut self) -> Process {
+        self.node_with(&["--agent-loss-grace", "0.1"])
+    }
+
+    fn node_with(&mut self, options: &[&str]) -> Process {
         let node = Path::new(env!("CARGO_BIN_EXE_dca")).with_file_name("dca-node").display().to_string();
         // It becomes the node: the process id stays.
         let limited = ["-c", "ulimit -Sn 400; exec \"$@\"", "sh", &node, "--name", "c1"];
         let mut command = self.command("sh", &limited);
-        command.args(["--agent-loss-grace", "0.1", "--state"]).arg(self.folder.join("s"));
+        command.args(options).arg("--state").arg(self.folder.join("s"));
         command.stdout(Stdio::piped()).stderr(Stdio::null());
         let mut node = command.spawn().unwrap();
         let lines = BufReader::new(node.stdout.take().unwrap()).lines();
@@ -183,6 +187,42 @@ fn a_node_ends_what_a_killed_shim_leaves() {
     let shim = ProcessRecord::parse(&std::fs::read_to_string(record).unwrap()).shim.unwrap();
     processes::signal(shim, Signal::KILL);
     wait("nothing is left", || !left.iter().any(|process| processes::is_running(*process)));
+}
+
+/// So does a node that has taken the program over: what a shim of another node leaves does not come to it, and is found in its control
+/// group. One shim is killed; the other one is suspended, and the node kills it in the end.
+#[test]
+fn a_node_ends_what_the_shim_of_a_program_leaves_that_it_has_taken_over() {
+    for suspended in [false, true] {
+        let mut place = Place::new(if suspended { "cs" } else { "ct" });
+        let node = place.node_with(&[]);
+        if !place.folder.join("n/c1/cgroup").exists() {
+            println!("skipped: this user has no control group of its own here");
+            return;
+        }
+        let script = "trap '' TERM\n\
+                      (env -i setsid sh -c 'cd /; trap \"\" TERM; echo $$ >> PIDS; exec sleep 1000' < /dev/null > /dev/null 2>&1 &)\n\
+                      echo $$ >> PIDS; while :; do sleep 0.1; done";
+        let left = place.deploy(script, 2);
+        let record = find(&place.folder.join("n"), RECORD_FILE).unwrap();
+        let shim = ProcessRecord::parse(&std::fs::read_to_string(record).unwrap()).shim.unwrap();
+        if suspended {
+            processes::signal(shim, Signal::STOP);
+        }
+        processes::signal(node, Signal::KILL);
+        wait("the node is gone", || !processes::is_running(node));
+        place.node_with(&[]);
+        let running = || left.iter().filter(|process| processes::is_running(**process)).count();
+        assert_eq!(running(), 2, "the program is taken over");
+        if suspended {
+            let stop = place.ask(&["stop", "left"]);
+            assert_eq!(stop.status.code(), Some(0), "{}", String::from_utf8_lossy(&stop.stderr));
+            assert_eq!(running(), 0, "{}", String::from_utf8_lossy(&stop.stdout));
+        } else {
+            processes::signal(shim, Signal::KILL);
+            wait("nothing is left", || running() == 0);
+        }
+    }
 }
 
 /// A small file system, which ends with the test.

@@ -60,6 +60,11 @@ pub fn enter_recorded(folder: &Path) {
     }
 }
 
+/// Returns the group of this process, if it has one of its own.
+pub fn own() -> Option<PathBuf> {
+    OWN.lock().unwrap_or_else(PoisonError::into_inner).clone()
+}
+
 /// Returns what keeps hold of the programs of this process.
 pub fn containment() -> Containment {
     let is_in_group = OWN.lock().unwrap_or_else(PoisonError::into_inner).is_some();

@@ -38,7 +38,8 @@ struct Search {
     records: Vec<ProcessRecord>,
     /// The control group of the earlier run, if it had one.
     group: Option<PathBuf>,
-    /// Whether children of this process that are no shims count: what a killed shim leaves comes to its node.
+    /// Whether what belongs to no shim counts: what a killed shim leaves comes to the node that has started it, as its child, and stays in
+    /// the control group of one that has taken it over.
     adopts: bool,
 }
 
@@ -111,14 +112,7 @@ pub fn end_others(folder: &Path, known: &BTreeSet<PathBuf>) {
 fn end_strays(group: &Path, shims: &[i32]) {
     let (until, pause) = (now() + KILL_WITHIN, Wakeup::default());
     loop {
-        let all = processes::all();
-        let ours: BTreeSet<i32> = processes::descendants(&all, shims.to_vec()).into_iter().map(|one| one.pid).collect();
-        let members: BTreeSet<i32> = cgroup::members(group).into_iter().collect();
-        let is_stray = |stat: &&Stat| {
-            let pid = stat.process.pid;
-            !stat.is_zombie && members.contains(&pid) && !ours.contains(&pid) && !shims.contains(&pid)
-        };
-        let strays: Vec<Process> = all.iter().filter(is_stray).map(|stat| stat.process).collect();
+        let strays = strays(group, |_| shims.to_vec());
         if strays.is_empty() {
             return;
         }
@@ -131,6 +125,23 @@ fn end_strays(group: &Path, shims: &[i32]) {
         }
         pause.wait(Some(now() + LOOK_EVERY));
     }
+}
+
+/// Returns what is in a control group and neither is one of `roots` of its members nor descends from one. It is looked at twice: while
+/// processes are listed one may come to another parent, and belong to nobody for a moment.
+fn strays(group: &Path, roots: impl Fn(&BTreeSet<i32>) -> Vec<i32>) -> BTreeSet<Process> {
+    let look = || {
+        let members: BTreeSet<i32> = cgroup::members(group).into_iter().collect();
+        let (all, roots) = (processes::all(), roots(&members));
+        let mut ours: BTreeSet<i32> =
+            processes::descendants(&all, roots.clone()).into_iter().map(|one| one.pid).collect();
+        ours.extend(roots);
+        let is_stray =
+            |stat: &&Stat| !stat.is_zombie && members.contains(&stat.process.pid) && !ours.contains(&stat.process.pid);
+        all.iter().filter(is_stray).map(|stat| stat.process).collect::<BTreeSet<Process>>()
+    };
+    let first = look();
+    if first.is_empty() { first } else { first.intersection(&look()).copied().collect() }
 }
 
 /// Kills the shim of the program in `dir`, which does not do what it is told. What it leaves is then ended as that of any shim
@@ -222,8 +233,12 @@ impl Search {
         let this = getpid().as_raw_nonzero().get();
         let all: Vec<Stat> = processes::all().into_iter().filter(|stat| !stat.is_zombie).collect();
         let in_group: BTreeSet<i32> = self.group.iter().flat_map(|group| cgroup::members(group)).collect();
+        let roots =
+            |members: &BTreeSet<i32>| members.iter().copied().filter(|pid| *pid == this || is_shim(*pid)).collect();
+        let strays = cgroup::own().filter(|_| self.adopts).map(|own| strays(&own, roots)).unwrap_or_default();
         let is_found = |stat: &&Stat| {
             in_group.contains(&stat.process.pid)
+                || strays.contains(&stat.process)
                 || self.records.iter().any(|record| is_of(record, stat, &all))
                 || (self.adopts && stat.parent == this && !is_shim(stat.process.pid))
                 || self.is_marked(stat.process.pid)
