@@ -32,6 +32,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
+/// How long its node may be gone before what has not begun is refused: as long as until a host counts as lost.
+const AWAY_MAX: Duration = Duration::from_secs(5);
+
 /// How long all hosts have to start their programs, if none may take longer than usual to be ready.
 pub(super) const PREPARE_WITHIN: Duration = Duration::from_secs(40);
 /// How long all hosts have to make their links.
@@ -304,9 +307,16 @@ impl Coordinator {
         self.rejoins.hurry(host, out.now);
     }
 
-    /// Takes note that its node was gone: nobody could answer it meanwhile.
+    /// Takes note that its node was gone: nobody could answer it meanwhile. What has not begun, and whose user was told that it is lost, does
+    /// not begin any more.
     pub fn adopted(&mut self, away: Duration) {
-        self.deadline = self.deadline.map(|at| at + away);
+        let has_begun = !matches!(self.phase, Phase::Preparing | Phase::Connecting);
+        if !has_begun && away > AWAY_MAX {
+            self.reasons.push(format!("its home was gone for {} s before it had begun", away.as_secs()));
+            self.deadline = Some(Time::ZERO);
+        } else {
+            self.deadline = self.deadline.map(|at| at + away);
+        }
         self.change.iter_mut().for_each(|change| change.adopted(away));
         self.rejoins.adopted(away);
     }

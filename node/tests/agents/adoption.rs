@@ -144,6 +144,29 @@ fn a_mission_goes_on_where_its_nodes_were_killed() {
     }
 }
 
+/// Whoever has deployed it was told that it is lost: a node that is started again much later begins nothing by itself.
+#[test]
+fn what_had_not_begun_does_not_begin_much_later() {
+    for (away, again) in [(4, true), (6, false), (600, false)] {
+        let mut world = World::new(&["c1", "c2"]);
+        world.disk_ms = 200;
+        world.deploy("c1", TWO_HOSTS);
+        world.run_for(Duration::from_millis(100));
+        world.crash("c1");
+        world.run_for(Duration::from_secs(away));
+        world.adopt("c1");
+        world.run_for(Duration::from_secs(20));
+        let told = told(&mut world);
+        if again {
+            assert!(told.iter().any(|report| matches!(report, Report::Go { .. })), "{told:#?}");
+            continue;
+        }
+        let Some(Report::Refused { reasons }) = told.last() else { panic!("after {away} s: {told:#?}") };
+        assert!(reasons.iter().any(|why| why.contains("its home was gone for")), "{reasons:?}");
+        assert!(world.log.is_empty() && world.alive.is_empty(), "{:?} {:?}", world.log, world.alive);
+    }
+}
+
 /// Who waits for the end of a mission may not have heard it when the node is killed: the next one tells it.
 #[test]
 fn an_end_that_nobody_has_heard_is_told_by_the_next_node() {
