@@ -38,6 +38,11 @@ pub enum PlanError {
         /// The name.
         name: String,
     },
+    /// The name of the deployment would do something to a terminal, or is too long.
+    #[error(
+        "the name of the deployment has control characters, or more than {DEPLOYMENT_MAX} bytes: rename the file of the spec"
+    )]
+    Deployment,
     /// A group or a leaf is a member of several groups, or twice of one.
     #[error("`{path}` is not a member of exactly one group below `main`")]
     Membership {
@@ -76,6 +81,8 @@ pub enum PlanError {
     },
 }
 
+/// The longest name of a deployment, in bytes: that of a file.
+const DEPLOYMENT_MAX: usize = 255;
 /// The largest number of wires, ten for each leaf that there may be.
 const WIRES_MAX: usize = 10 * LEAVES_MAX;
 
@@ -127,6 +134,9 @@ impl Plan {
     }
 
     fn check_names(&self) -> Result<(), PlanError> {
+        if self.name.len() > DEPLOYMENT_MAX || self.name.chars().any(char::is_control) {
+            return Err(PlanError::Deployment);
+        }
         let (live, live_groups) = (self.live_leaves(), self.live_groups());
         let groups = (0_u32..).zip(&self.groups).filter(|(number, _)| live_groups.contains(number));
         let leaves = (0_u32..).zip(&self.leaves).filter(|(number, _)| live.contains(number));
@@ -342,6 +352,10 @@ mod tests {
     #[test]
     fn each_broken_invariant_is_named() {
         check(|plan| plan.groups.clear(), "the plan has no groups");
+        let name =
+            "the name of the deployment has control characters, or more than 255 bytes: rename the file of the spec";
+        check(|plan| plan.name.push_str("\x1b[31m"), name);
+        check(|plan| plan.name = "n".repeat(256), name);
         check(|plan| plan.hosts.push("c1".to_owned()), "host `c1` is empty or not unique");
         check(|plan| plan.leaves[1].path.clear(), "path `` is empty or not unique");
         let first = std::time::Duration::ZERO;
