@@ -3,7 +3,9 @@
 mod import;
 mod init;
 mod invite;
+mod renew;
 mod revoke;
+mod rotate;
 mod user;
 
 use crate::io::keyring::{Asked, Keyring, passphrase};
@@ -46,6 +48,10 @@ enum Verb {
     Join(invite::JoinArgs),
     /// Revoke the keys of a robot or a user, for ever
     Revoke(revoke::RevokeArgs),
+    /// Give a robot or a user new keys under the same name, and revoke the old ones
+    Rotate(rotate::RotateArgs),
+    /// Have a node that may renew prolong your own certificate, without the operator
+    Renew(renew::RenewArgs),
     /// Print what everybody may know of the team: its certificates and revocations
     Export,
     /// Take in what `dca team export` has printed elsewhere: so your own certificate comes to this machine
@@ -97,6 +103,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(Verb::Join(join)) => join.run(),
         Some(Verb::Revoke(revoke)) => revoke.run(keys),
         Some(Verb::Import(import)) => import.run(keys),
+        Some(Verb::Renew(renew)) => renew.run(keys),
+        Some(Verb::Rotate(rotate)) => rotate.run(keys),
         Some(Verb::Export) => {
             console::say(&keys.bundle()?.1.to_text());
             Ok(())
@@ -105,8 +113,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 fn list(keys: &KeysArgs) -> Result<(), Failure> {
-    let (_, bundle) = keys.bundle()?;
-    console::say(&listed(&bundle, &renewed(keys), now()));
+    let (keyring, bundle) = keys.bundle()?;
+    let own = keyring.own()?.and_then(|own| keyring.credential(&bundle, &own.public().id()));
+    let renewed: Vec<Credential> = own.into_iter().chain(renewed(keys)).collect();
+    console::say(&listed(&bundle, &renewed, now()));
     Ok(())
 }
 

@@ -282,6 +282,32 @@ fn a_mission_is_resumed_by_the_request_that_began_it_if_that_says_so() {
     }
 }
 
+/// The home itself has no order of another node: it is asked whether what it has accepted may begin again.
+#[test]
+fn a_home_resumes_what_its_signer_may_still_have() {
+    let mut world = World::new();
+    let (dan, gate) = (world.user("dan", Role::Deployer), world.gate("c1"));
+    let plan = Plan { on_boot: OnBoot::Resume, ..plan() };
+    let by = dan.sign(&deploy(plan.clone()), "c1");
+    let resumed = |gate: &Gate, world: &World, deployment: Deployment, signed: Option<&Signed>| {
+        let judge = world.judge(NOW.plus(20 * 24 * 3600));
+        gate.resumed(&deployment, signed, &judge).map(drop).map_err(|refused| refused.why)
+    };
+    assert_eq!(resumed(&gate, &world, at(5), Some(&by)), Ok(()), "its time is over, and it was accepted in its time");
+    assert_eq!(resumed(&gate, &world, at(5), None), Err(Refusal::Unsigned(Action::Deploy)));
+    let other = Deployment { name: "other".into(), epoch: 5 };
+    assert_eq!(resumed(&gate, &world, other, Some(&by)), Err(Refusal::Altered("c1".into())));
+    let silent = dan.sign(&deploy(self::plan()), "c1");
+    assert_eq!(resumed(&gate, &world, at(5), Some(&silent)), Err(Refusal::Altered("c1".into())));
+    assert_eq!(resumed(&world.gate("c2"), &world, at(5), Some(&by)), Err(Refusal::Altered("c2".into())));
+    let forged = Signed { body: silent.body, ..by.clone() };
+    assert!(resumed(&gate, &world, at(5), Some(&forged)).is_err());
+    let viewer = world.user("eve", Role::Viewer).sign(&deploy(plan), "c1");
+    assert!(matches!(resumed(&gate, &world, at(5), Some(&viewer)), Err(Refusal::Request(Unsound::Trust(_)))));
+    world.revoke(&dan);
+    assert!(matches!(resumed(&gate, &world, at(5), Some(&by)), Err(Refusal::Request(Unsound::Trust(_)))));
+}
+
 #[test]
 fn a_change_is_applied_as_it_was_signed_and_can_be_taken_back() {
     let world = World::new();

@@ -7,10 +7,12 @@
 //!   credential            what shows that the node belongs to it; written last: without it the node is in no team
 //!   revoked               whom the team has revoked, as far as this node has heard
 //!   audit                 who was refused, and what was revoked
+//!   founds                the node is the first of its team and has not begun the team's database yet
 //!   heads                 where audit logs of others have come to, signed by this node, and its own, signed by others
 //! ```
 
 mod heads;
+mod refusals;
 mod renewal;
 
 use crate::audit::{Audit, AuditEntry};
@@ -42,10 +44,9 @@ const KEYS: &str = "keys";
 const TEAM: &str = "team";
 const CREDENTIAL: &str = "credential";
 const REVOKED: &str = "revoked";
+const FOUNDS: &str = "founds";
 /// The name of the file with signed heads of audit logs.
 pub const HEADS: &str = "heads";
-/// For so many reasons messages are refused aloud in a minute.
-const REASONS_MAX: usize = 32;
 /// The most bytes that [`Member::begin`] writes, with some to spare for the file system.
 pub const BEGIN_SIZE_MAX: usize = SECRET_LEN + TEAM_MAX + CREDENTIAL_MAX + (32 << 10);
 /// The most bytes of revocations that are kept or heard at once.
@@ -70,8 +71,8 @@ pub struct Member {
     /// None where the disk takes none.
     audit: Option<Audit>,
     heads: Mutex<Heads>,
-    /// The last refusal that was logged, with its minute.
-    told: Mutex<Option<(IpAddr, String, u64)>>,
+    /// A minute, and who was refused in it and why.
+    told: Mutex<(u64, BTreeSet<(IpAddr, String)>)>,
     /// A minute, and why messages were refused in it.
     forged: Mutex<(u64, BTreeSet<String>)>,
 }
@@ -84,10 +85,10 @@ impl Member {
     pub fn open(state: &Path) -> anyhow::Result<Option<Self>> {
         let folder = state.join(FOLDER);
         let Some(credential) = folder::read(&folder.join(CREDENTIAL), CREDENTIAL_MAX)? else {
-            let is_half = [KEYS, TEAM].into_iter().any(|name| folder.join(name).symlink_metadata().is_ok());
+            // Whatever is there is something of a team: also a link that leads nowhere, as of a disk that is not mounted.
             ensure!(
-                !is_half,
-                "`{}` is that of a node whose joining was cut short: join again with `dca team join`, or remove the folder \
+                folder.symlink_metadata().is_err(),
+                "`{}` is that of a node whose joining was cut short, or leads nowhere: join again with `dca team join`, or remove it \
                  to run without a team",
                 folder.display()
             );
@@ -102,7 +103,7 @@ impl Member {
         let broken =
             |name: &str| format!("`{}` is broken: take this node into its team again", folder.join(name).display());
         let keys = file(KEYS, SECRET_LEN)?;
-        let keys = <&[u8; SECRET_LEN]>::try_from(&keys[..]).with_context(|| broken(KEYS))?;
+        let keys = <&[u8; SECRET_LEN]>::try_from(&keys[..]).ok().with_context(|| broken(KEYS))?;
         let keys = SecretKeys::from_bytes(keys);
         let team = Team::from_bytes(&file(TEAM, TEAM_MAX)?).with_context(|| broken(TEAM))?;
         let credential = Credential::from_bytes(&credential).with_context(|| broken(CREDENTIAL))?;
@@ -145,16 +146,42 @@ impl Member {
         state.join(FOLDER).join(CREDENTIAL).exists()
     }
 
-    /// Writes down what a node is from now on.
+    /// Writes down what a node is from now on, and whether it `founds`: it is the first of its team, whose database it begins when it
+    /// starts.
     ///
     /// # Errors
     /// The disk refuses; then the node is what it was before.
-    pub fn begin(state: &Path, keys: &SecretKeys, team: &Team, credential: &Credential) -> anyhow::Result<()> {
+    pub fn begin(
+        state: &Path,
+        keys: &SecretKeys,
+        (team, founds): (&Team, bool),
+        credential: &Credential,
+    ) -> anyhow::Result<()> {
         let folder = state.join(FOLDER);
         folder::make(&folder)?;
+        if founds {
+            folder::write(&folder.join(FOUNDS), &[])?;
+        } else {
+            // Of a team before.
+            drop(std::fs::remove_file(folder.join(FOUNDS)));
+        }
         folder::write(&folder.join(KEYS), &*keys.to_bytes())?;
         folder::write(&folder.join(TEAM), &team.to_bytes())?;
         folder::write(&folder.join(CREDENTIAL), &credential.to_bytes())
+    }
+
+    /// Returns whether it is to begin the team's database.
+    #[must_use]
+    pub fn founds(&self) -> bool {
+        self.folder.join(FOUNDS).is_file()
+    }
+
+    /// Writes down that the database has begun.
+    ///
+    /// # Errors
+    /// The disk refuses.
+    pub fn has_founded(&self) -> std::io::Result<()> {
+        std::fs::remove_file(self.folder.join(FOUNDS))
     }
 
     /// Returns the team.
@@ -193,13 +220,6 @@ impl Member {
     pub fn check(&self) -> anyhow::Result<()> {
         let revoked = self.revoked();
         self.newest().check(&self.by(&revoked)).map(drop).context("this node is not trusted")
-    }
-
-    /// Returns whether a refusal is another one than the last, or a minute later.
-    fn is_news(&self, from: IpAddr, why: &str) -> bool {
-        let told = (from, why.to_owned(), crate::now().0 / 60);
-        let mut last = self.told.lock().unwrap_or_else(PoisonError::into_inner);
-        last.replace(told.clone()) != Some(told)
     }
 
     /// Signs a digest of something that this node writes.
@@ -368,11 +388,7 @@ impl Identity for Member {
     }
 
     fn refused(&self, from: SocketAddr, why: &str) {
-        if self.is_news(from.ip(), why) {
-            tracing::warn!(%from, why, "somebody was refused");
-        }
-        let (who, what) = (from.to_string(), "link".to_owned());
-        self.record(AuditEntry { decision: Decision::Refused, who, what, reason: why.to_owned() });
+        self.refuse_link(from, why);
     }
 }
 
@@ -392,26 +408,6 @@ impl Authenticator for Member {
 
     fn forged(&self, claimed: &str, why: &str) {
         self.refuse_message(&format!("speak as `{claimed}`"), why);
-    }
-}
-
-impl Member {
-    /// Takes note that a message was refused: what it was to do, and why it may not. Says whether that is worth a word: who goes on
-    /// and on fills no disk, with a line a minute for each reason, and no more than a few.
-    pub fn refuse_message(&self, what: &str, why: &str) -> bool {
-        let mut told = self.forged.lock().unwrap_or_else(PoisonError::into_inner);
-        let minute = crate::now().0 / 60;
-        if told.0 != minute {
-            *told = (minute, BTreeSet::new());
-        }
-        let is_news = told.1.len() < REASONS_MAX && told.1.insert(format!("{what}: {why}"));
-        drop(told);
-        if is_news {
-            tracing::warn!(what, why, "a message was refused");
-            let (who, what) = ("a member".to_owned(), what.to_owned());
-            self.record(AuditEntry { decision: Decision::Refused, who, what, reason: why.to_owned() });
-        }
-        is_news
     }
 }
 

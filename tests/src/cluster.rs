@@ -4,6 +4,7 @@
 //! end of a [`Network`]. A [`Program`] is a started command with its output. Everything that descends from a test works
 //! in its folder or names it, so [`Cluster::left`] finds all of it, wherever its parents went.
 
+mod capture;
 mod fakes;
 mod freezer;
 mod hosts;
@@ -14,6 +15,7 @@ mod pushed_hand;
 mod terminal;
 mod trace;
 
+pub use capture::Capture;
 pub use fakes::{Fakes, Said};
 pub use freezer::Freezer;
 pub use hosts::{Hosts, NAMES};

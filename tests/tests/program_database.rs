@@ -220,7 +220,12 @@ fn in_a_team_a_program_writes_what_its_spec_connects() {
     let joined = here.ask(&["team", "join", &line, "--state", &here.state().display().to_string()]);
     assert_eq!((joined.code, invitation.ended(SOON).code), (Some(0), Some(0)), "{joined}");
     let _node = here.node("c1", &[]);
-    done(&["db", "found"]);
+    let has_begun = || here.ask(&["db", "status"]).out.contains("`c1` is its only member so far");
+    assert!(
+        wait_until(SOON, has_begun).is_some(),
+        "the first robot begins the database: {}",
+        here.ask(&["db", "status"])
+    );
     let program = executable("dca-keys").display().to_string();
     let [bound, free] = ["bound", "free"].map(|name| cluster.folder().join(name).display().to_string());
     let text = format!(

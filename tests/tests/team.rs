@@ -221,3 +221,26 @@ fn changes_at_the_same_time_are_all_kept() {
     let listed = desk.done(&["team"]);
     assert!(listed.contains("revocations: number 4, keys 4"), "{listed}");
 }
+
+/// What an interrupted command or a missing disk has left is told, and nothing is made in its place.
+#[test]
+fn what_is_half_there_is_told() {
+    let desk = Desk::new();
+    fs::create_dir_all(&desk.keys).expect("a folder of ours");
+    std::os::unix::fs::symlink("/nowhere/own.key", desk.keys.join("own.key")).expect("a folder of ours");
+    desk.refused(&["team", "key"], "own.key");
+    assert!(desk.keys.join("own.key").is_symlink(), "the link stays");
+    fs::remove_file(desk.keys.join("own.key")).expect("it is there");
+    desk.done(&["team", "key"]);
+    let folder = desk.keys.join("acme");
+    fs::create_dir(&folder).expect("a folder of ours");
+    fs::write(folder.join("root.key"), "half").expect("a folder of ours");
+    desk.refused(&["team", "init", "acme"], "is what an interrupted `dca team init` has left: remove that folder");
+    fs::remove_dir_all(&folder).expect("it is there");
+    desk.done(&["team", "init", "acme"]);
+    desk.refused(&["team", "init", "acme"], "there is a team `acme`");
+    desk.refused(&["team", "rotate", "r1"], "there is no `r1` in the team whose keys are not revoked");
+    let admin = desk.done(&["team"]);
+    let name = admin.lines().last().and_then(|line| line.split_whitespace().next()).expect("the admin").to_owned();
+    desk.refused(&["team", "rotate", &name], "is a user: `dca team key`");
+}

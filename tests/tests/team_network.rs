@@ -311,6 +311,41 @@ fn a_revoked_robot_is_cut_off() {
     drop(back);
 }
 
+/// The operator's machine tells one robot and is switched off; that robot tells another one and is switched off. The last one, which
+/// has never met the operator since, refuses who was revoked.
+#[test]
+fn a_revocation_travels_over_two_meetings_without_the_operator() {
+    let Some(mut team) = Team::of_three(4) else { return };
+    join(&team.host(1), &team.keys, &team.host(4), "c4");
+    team.nodes.push(team.host(4).node("c4", &[]));
+    let log = |number: usize| {
+        let folder = team.host(number).state().join(format!("c{number}")).join("team/audit");
+        fs::read_to_string(folder).expect("there is an audit log")
+    };
+    let knows = |number: usize| wait_until(SOON, || log(number).contains("\trevoke: number 1")).is_some();
+    let sees_c4 = || {
+        let nodes = team.host(3).ask(&["nodes"]);
+        nodes.out.lines().any(|line| line.starts_with("c4") && !line.contains("lost"))
+    };
+    assert!(wait_until(SOON, sees_c4).is_some(), "{}", team.host(3).ask(&["nodes"]));
+    [3, 4].into_iter().for_each(|number| team.network.cut(number));
+    let run_dir = team.host(1).run_dir().display().to_string();
+    let revoked = team.host(1).ask(&with(&["team", "revoke", "c4", "--run-dir", &run_dir], &team.keys));
+    assert_eq!(revoked.code, Some(0), "{revoked}");
+    assert!(knows(2), "the first meeting: {}", log(2));
+    team.nodes[0].kill();
+    team.network.cut(1);
+    assert!(!log(3).contains("revoke"), "nobody has told it yet");
+    team.network.heal(3);
+    assert!(knows(3), "the second meeting: {}", log(3));
+    team.nodes[1].kill();
+    team.network.cut(2);
+    team.network.heal(4);
+    let is_refused = || log(3).contains("the key of `c4` is revoked");
+    assert!(wait_until(2 * SOON, is_refused).is_some(), "{}", log(3));
+    assert!(wait_until(SOON, || !sees_c4()).is_some(), "{}", team.host(3).ask(&["nodes"]));
+}
+
 const IDLE: &str = "
 module Idle(host) { exec \"sleep 3600\"; plain; }
 process main() { host { c1 } instantiated_processes { a instof Idle(c2); } internal_event_actions { a } }

@@ -1,9 +1,10 @@
 //! A secret of a team's database: its program has it, and nobody else does. Looked for in all files, command lines, environments and
 //! outputs of three robots, and in the memory of those that may not read it.
 
-use dca_tests::cluster::{Cluster, Ended, Host, Network, Program, SOON, Stream, wait_until};
+use dca_tests::cluster::{Capture, Cluster, Ended, Host, Network, Program, SOON, Stream, executable, wait_until};
 use node::logic::database::question::Status;
 use std::fs::{self, File, Permissions};
+use std::net::UdpSocket;
 use std::os::unix::fs::{FileExt as _, PermissionsExt as _};
 use std::path::Path;
 use std::process::Command;
@@ -56,7 +57,6 @@ impl Robots {
             NAMES.iter().all(|name| nodes.out.lines().any(|line| line.starts_with(name)))
         };
         assert!(wait_until(SOON, is_everybody_there).is_some(), "{}", robots.host(1).ask(&["nodes"]));
-        robots.done(&["db", "found"]);
         let has_joined = |number| {
             let status = robots.host(number).ask(&["db", "status", "--json"]);
             serde_json::from_str::<Status>(&status.out).is_ok_and(|status| status.member && status.members.len() == 3)
@@ -148,10 +148,10 @@ fn processes_with() -> Vec<String> {
 }
 
 /// A search that finds nothing anywhere would please everybody.
-fn the_search_finds_what_is_there(cluster: &Cluster) {
-    let bait = cluster.file("bait", &format!("a {SECRET} b"));
+fn the_search_finds_what_is_there(robots: &Robots) {
+    let bait = robots.cluster.file("bait", &format!("a {SECRET} b"));
     let mut found = Vec::new();
-    files_with(cluster.folder(), &mut found);
+    files_with(robots.cluster.folder(), &mut found);
     assert_eq!(found, [bait]);
     let held = format!("in memory: {SECRET}");
     assert!(memory_has_secret(std::process::id()), "{held}");
@@ -159,6 +159,10 @@ fn the_search_finds_what_is_there(cluster: &Cluster) {
     let found = processes_with();
     child.kill().and_then(|()| child.wait()).expect("it is ours");
     assert_eq!(found, [format!("/proc/{}/environ", child.id())]);
+    let capture = Capture::begin(&robots.network);
+    let send = || UdpSocket::bind("10.77.0.1:0")?.send_to(format!("a {SECRET} b").as_bytes(), "10.77.0.2:9");
+    robots.network.inside(1, send).join().expect("it ends").expect("it is sent");
+    assert!(capture.end().iter().any(|packet| has_secret(packet)), "a packet that has it is seen");
 }
 
 /// Instead of bytes that say nothing; only a file keeps them, and can be imported.
@@ -191,6 +195,7 @@ fn every_verb_says_who_may_read(robots: &Robots) {
 #[test]
 fn a_secret_is_for_its_robot_alone() {
     let Some(robots) = Robots::new() else { return };
+    let capture = Capture::begin(&robots.network);
     let mut said = vec![robots.seal(&format!("{SECRET}\n"), "r2")];
     assert_eq!(said[0].code, Some(0), "{}", said[0]);
     assert!(said[0].err.contains("sealed for 1 robot as generation 1"), "{}", said[0]);
@@ -231,7 +236,10 @@ fn a_secret_is_for_its_robot_alone() {
     for (name, node) in NAMES.iter().zip(&robots.nodes) {
         assert!(!memory_has_secret(node.pid()), "{name}");
     }
-    the_search_finds_what_is_there(&robots.cluster);
+    let packets = capture.end();
+    assert!(packets.len() > 100, "{} packets were seen", packets.len());
+    assert!(!packets.iter().any(|packet| has_secret(packet)), "a packet has it");
+    the_search_finds_what_is_there(&robots);
 
     let refused = robots.deploy("r3", "thief").ended(SOON);
     assert_eq!(refused.code, Some(1), "{refused}");
@@ -247,6 +255,48 @@ fn a_secret_is_for_its_robot_alone() {
     let revoked = robots.done(&["team", "revoke", "r3", "--run-dir", &run_dir]);
     assert!(revoked.out.ends_with(&format!("{KEY}\n")), "{revoked}");
     assert!(revoked.err.contains("`r3` could read these secrets"), "{revoked}");
+}
+
+/// A controller that runs is told a secret that has changed, also where its node was killed meanwhile; and what is no longer for its
+/// robot changes nothing.
+#[test]
+fn a_secret_that_changes_reaches_the_controller_that_runs() {
+    let Some(mut robots) = Robots::new() else { return };
+    assert_eq!(robots.seal("Swordfish-1", "r2").code, Some(0));
+    let (program, log) = (executable("dca-keys").display().to_string(), robots.cluster.folder().join("keeper"));
+    let text = format!(
+        "module Keeper(host: Host, password: Secret, file: Text) {{ exec \"'{program}' Keeper\"; service; }}
+        process main() {{
+            host {{ r2 }}
+            instantiated_processes {{ keeper instof Keeper(r2, password = secret(\"{KEY}\"), file = \"{}\"); }}
+            internal_event_actions {{ keeper }}
+        }}",
+        log.display()
+    );
+    let spec = robots.cluster.file("keeper.dca", &text);
+    let mission = robots.host(1).dca(&robots.with(&["deploy", "--no-record", &spec]));
+    mission.wait_for(Stream::Err, "▸", SOON);
+    let lines = || fs::read_to_string(&log).unwrap_or_default();
+    let says =
+        |line: &str| assert!(wait_until(SOON, || lines().contains(line)).is_some(), "no {line:?} in {}", lines());
+    says("made Fjbeqsvfu-1\n");
+    assert_eq!(robots.seal(SECRET, "r2").code, Some(0));
+    says(&format!("changed {SHOWN}\n"));
+    let keeps_it = |node: &Program| memory_has_secret(node.pid());
+    assert!(!robots.nodes.iter().any(keeps_it), "it went through the node of r2, and is not kept there");
+    assert_eq!(robots.seal("Swordfish-3", "r3").code, Some(0), "not for r2");
+    assert_eq!(robots.seal("Swordfish-4", "r2,r3").code, Some(0));
+    says("changed Fjbeqsvfu-4\n");
+    // What changes while its node is away comes with the next one.
+    robots.nodes[1].kill();
+    let put = ["db", "put", "--secret", KEY, "--for", "r2", "--level", "local"];
+    let sealed = robots.host(1).ask_given(&robots.with(&put), b"Swordfish-5");
+    assert_eq!(sealed.code, Some(0), "{sealed}");
+    robots.nodes[1] = robots.host(2).node("r2", &[]);
+    says("changed Fjbeqsvfu-5\n");
+    let all = ["made Fjbeqsvfu-1", &format!("changed {SHOWN}"), "changed Fjbeqsvfu-4", "changed Fjbeqsvfu-5"];
+    assert_eq!(lines().lines().collect::<Vec<_>>(), all, "each once");
+    drop(mission);
 }
 
 #[test]
@@ -268,4 +318,50 @@ fn what_is_no_robot_of_the_team_is_refused_before_anything_is_written() {
     drop(robots.done(&["db", "put", KEY, "--text", "plain", "--level", "everywhere", "--within", "25s"]));
     let refused = robots.deploy("r2", "camera").ended(SOON);
     assert!(refused.out.contains("`team/camera/password` is no secret"), "{refused}");
+}
+
+/// A robot gets new keys under its name: with these it is a member, with the old ones nobody is, and what was sealed for them is listed.
+#[test]
+fn a_robot_with_new_keys_is_a_member_and_the_old_ones_are_revoked() {
+    let Some(robots) = Robots::new() else { return };
+    assert_eq!(robots.seal(SECRET, "r2").code, Some(0));
+    let (state, old) = (robots.host(2).state(), robots.cluster.folder().join("old"));
+    let copied = Command::new("cp").arg("-a").arg(&state).arg(&old).status().expect("there is a `cp`");
+    assert!(copied.success());
+    let desk = robots.host(1);
+    let unknown = desk.ask(&robots.with(&["team", "rotate", "r9"]));
+    assert!(unknown.code == Some(1) && unknown.err.contains("there is no `r9` in the team"), "{unknown}");
+    let run_dir = desk.run_dir().display().to_string();
+    let rotation = desk.dca(&robots.with(&["team", "rotate", "r2", "--run-dir", &run_dir]));
+    rotation.wait_for(Stream::Out, "\n", SOON);
+    let line = rotation.text(Stream::Out).trim().trim_start_matches("dca team join ").to_owned();
+    let joined = robots.host(2).ask(&["team", "join", &line, "--state", &state.display().to_string()]);
+    assert!(joined.code == Some(0) && joined.err.contains("`r2` was in a team before"), "{joined}");
+    let rotated = rotation.ended(SOON);
+    assert!(rotated.code == Some(0) && rotated.err.contains("the old keys of `r2` are revoked"), "{rotated}");
+    assert!(rotated.out.ends_with(&format!("{KEY}\n")), "what the old keys could read: {rotated}");
+    let log = || fs::read_to_string(robots.host(3).state().join("r3/team/audit")).expect("there is an audit log");
+    assert!(wait_until(SOON, || log().contains("\trevoke: number 1")).is_some(), "{}", log());
+    let sees_r2 = || {
+        let nodes = robots.host(3).ask(&["nodes"]);
+        nodes.out.lines().any(|line| line.starts_with("r2") && !line.contains("lost"))
+    };
+    robots.nodes[1].kill();
+    assert!(wait_until(SOON, || !sees_r2()).is_some(), "{}", robots.host(3).ask(&["nodes"]));
+    let renewed = robots.host(2).node("r2", &[]);
+    assert!(wait_until(SOON, sees_r2).is_some(), "{}{}", robots.host(3).ask(&["nodes"]), log());
+    assert_eq!(robots.seal("Swordfish-2", "r2").code, Some(0), "it is sealed for the new keys, and everybody has it");
+    renewed.kill();
+    assert!(wait_until(SOON, || !sees_r2()).is_some(), "{}", robots.host(3).ask(&["nodes"]));
+    // Whoever has a copy of the old keys is refused.
+    fs::rename(&state, robots.cluster.folder().join("new"))
+        .and_then(|()| fs::rename(&old, &state))
+        .expect("folders of ours");
+    let refusals = || log().matches("the key of `r2` is revoked").count();
+    let before = refusals();
+    let thief = robots.host(2).start_node("r2", &[]);
+    // One line a minute.
+    assert!(wait_until(3 * SOON, || refusals() > before).is_some(), "{}", log());
+    assert!(!sees_r2(), "{}", robots.host(3).ask(&["nodes"]));
+    drop(thief);
 }

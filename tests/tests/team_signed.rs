@@ -127,6 +127,15 @@ impl Attacked {
         self.node = Some(self.host.node("c2", &[]));
     }
 
+    /// Kills the node, and starts it as after a boot of this name.
+    fn reboot(&mut self, boot: &str) {
+        if let Some(node) = self.node.take() {
+            node.kill();
+            drop(node);
+        }
+        self.node = Some(self.host.node("c2", &["--boot-id", boot]));
+    }
+
     fn session(&self) -> Session {
         let socket = self.host.run_dir().join("c2/node.sock");
         self.runtime.block_on(Session::open_client(&socket)).expect("the node is there")
@@ -244,6 +253,44 @@ fn what_is_not_signed_as_it_has_to_be_is_refused() {
     assert!(entries.iter().all(|(_, versions)| versions.is_empty()), "nothing was written: {entries:?}");
     let Answer::Database(reply) = at.ask_signed(&ann.sign(&write(), "c2")) else { panic!("an admin may write") };
     assert!(matches!(reply, Reply::Committed(_)), "{reply:?}");
+}
+
+const RESUMED: &str = r#"
+module Idle(host) { exec "sleep 3600"; plain; done; }
+process main() {
+    host { "c2" }
+    on_boot { resume }
+    instantiated_processes { there instof Idle("c2"); }
+    internal_event_actions { there }
+}
+"#;
+
+/// A mission begins again after a reboot, but not where the user who has signed it was revoked meanwhile, although its home itself had
+/// accepted it.
+#[test]
+fn a_mission_of_a_revoked_user_does_not_come_back_after_a_reboot() {
+    let Some(mut at) = Attacked::new() else { return };
+    at.reboot("first");
+    let dan = at.user("dan", Role::Deployer);
+    let compiled = compile(&Source::new("test.dca", RESUMED), &[], &Options::named("test"));
+    let plan = compiled.plan.unwrap_or_else(|| panic!("{:#?}", compiled.diagnostics));
+    let answer = at.ask_signed(&dan.sign(&Request::Deploy { request: 7, plan, by: "dan".into() }, "c2"));
+    assert!(matches!(answer, Answer::Report(_)), "{answer:?}");
+    let runs = |at: &Attacked| at.cluster.leaf("main/there").map(|process| process.pid);
+    let begins = wait_until(SOON, || runs(&at).is_some());
+    assert!(begins.is_some(), "{:?}", at.records());
+    let first = runs(&at);
+    at.reboot("second");
+    assert!(wait_until(SOON, || runs(&at).is_some_and(|pid| Some(pid) != first)).is_some(), "{:?}", at.records());
+    assert!(at.records().contains(&"done|dan|begin `test@1` again after a reboot|".to_owned()), "{:?}", at.records());
+    let gone = BTreeMap::from([(dan.keys.public().id(), team::now())]);
+    let set = RevokedSet::sign(&at.team.team, 1, gone, &at.team.root, None).expect("a good set");
+    assert_eq!(at.ask(&Request::Revoke { set: set.to_bytes() }), Answer::Revoked { is_new: true });
+    at.reboot("third");
+    let refused = "refused|dan|begin `test@2` again after a reboot|the key of `dan` is revoked; ";
+    let is_refused = || at.records().iter().any(|line| line.starts_with(refused));
+    assert!(wait_until(SOON, is_refused).is_some(), "{:?}", at.records());
+    assert_eq!(runs(&at), None);
 }
 
 /// Somebody who says to be the node `c1`.

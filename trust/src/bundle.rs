@@ -16,6 +16,7 @@ use crate::certificate::Certificate;
 use crate::identity::KeyId;
 use crate::name::{Name, UnixTime};
 use crate::revocation::{Revocations, RevokedSet};
+use crate::role::Kind;
 use crate::team::{Credential, Judge, Standing, Team, TrustError};
 use crate::text::{decode, encode};
 use thiserror::Error;
@@ -125,6 +126,12 @@ impl Bundle {
     /// Returns whether the team has revoked a key.
     pub fn has_revoked(&self, key: &KeyId) -> bool {
         self.revoked.as_ref().is_some_and(|set| set.keys().contains_key(key))
+    }
+
+    /// Returns whether the team has a node that is not revoked.
+    pub fn has_nodes(&self) -> bool {
+        let is_node = |known: &Certificate| known.kind() == Kind::Node && !self.has_revoked(&known.subject());
+        self.certificates.iter().any(is_node)
     }
 
     /// Returns what shows who the holder of a key is; nothing if the key has no certificate.

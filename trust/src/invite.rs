@@ -35,12 +35,20 @@ pub struct Invite {
     pub expires: UnixTime,
     /// Where the inviter may answer, at most [`ADDRESSES_MAX`].
     pub addresses: Vec<SocketAddr>,
+    /// Whether the robot is the first of its team: then the team's database begins with it.
+    pub founds: bool,
 }
+
+/// Before the addresses, whose first bytes are others: it is the first robot of its team.
+const FOUNDS: u8 = 0;
 
 impl Invite {
     /// Returns the line: `dca1-TEAM-SECRET-REST-CHECKSUM`. It is a secret.
     pub fn to_line(&self) -> Zeroizing<String> {
         let mut rest = self.expires.0.to_be_bytes().to_vec();
+        if self.founds {
+            rest.push(FOUNDS);
+        }
         for address in self.addresses.iter().take(ADDRESSES_MAX) {
             match address.ip() {
                 IpAddr::V4(ip) => rest.extend([&[4][..], &ip.octets()].concat()),
@@ -71,7 +79,8 @@ impl Invite {
         }
         let team = <[u8; 32]>::try_from(team).map_err(|_length| TextError::Length)?;
         let secret = <[u8; INVITE_SECRET]>::try_from(&secret[..]).map_err(|_length| TextError::Length)?;
-        let (expires, mut rest) = rest.split_first_chunk::<8>().ok_or(TextError::Length)?;
+        let (expires, rest) = rest.split_first_chunk::<8>().ok_or(TextError::Length)?;
+        let (mut rest, founds) = rest.strip_prefix(&[FOUNDS]).map_or((rest, false), |rest| (rest, true));
         let mut addresses = Vec::new();
         while !rest.is_empty() && addresses.len() < ADDRESSES_MAX {
             let (address, after) = address(rest).ok_or(TextError::Length)?;
@@ -82,7 +91,7 @@ impl Invite {
             return Err(TextError::Length);
         }
         let expires = UnixTime(u64::from_be_bytes(*expires));
-        Ok(Self { team: KeyId(team), secret: Zeroizing::new(secret), expires, addresses })
+        Ok(Self { team: KeyId(team), secret: Zeroizing::new(secret), expires, addresses, founds })
     }
 
     /// Returns the hash under which the inviter keeps it, so that its disk does not have the secret.

@@ -1,13 +1,17 @@
-//! When a node asks for its certificate to be renewed, and who renews it: members that may, without the operator.
+//! When somebody asks for a certificate to be renewed, and who renews it: members that may, without the operator.
+//!
+//! A node asks by itself, and says who it is with each message. A user asks with a command, and signs that it asks, so that nobody
+//! prolongs the certificate of another.
 //!
 //! A node asks when a third of a life is left, and goes on asking until somebody has renewed it, in its grace, too. Nobody renews
 //! earlier than at half of a life, so that nobody is kept busy. The life is that of the certificate.
 
 use crate::certificate::{Claims, RENEWABLE_MAX, Renewal};
-use crate::identity::SecretKeys;
+use crate::identity::{KeyId, SIGNATURE_LEN, SecretKeys};
 use crate::name::UnixTime;
 use crate::role::{Action, Kind};
-use crate::team::{Credential, Judge, SKEW, Standing, TrustError};
+use crate::team::{CREDENTIAL_MAX, Credential, Judge, SKEW, Standing, TrustError};
+use crate::wire::{FormError, Reader, Writer};
 use thiserror::Error;
 
 /// Why a certificate is not renewed.
@@ -16,9 +20,18 @@ pub enum RenewalError {
     /// Who asks is not trusted, or who is asked may not renew.
     #[error("{0}")]
     Trust(TrustError),
-    /// Users are renewed by an admin.
-    #[error("only certificates of nodes are renewed in this way")]
+    /// A node asks in one way, and a user in another.
+    #[error("certificates of its kind are not renewed in this way")]
     Kind,
+    /// What a user asks with is none of that.
+    #[error("it cannot be read: {0}")]
+    Form(FormError),
+    /// The user has not signed that it asks.
+    #[error("it is not signed by the key of the certificate")]
+    Signature,
+    /// It is of another time.
+    #[error("it is of another time: is a clock wrong?")]
+    Time,
     /// Nobody renews itself.
     #[error("nobody renews its own certificate")]
     Own,
@@ -26,11 +39,53 @@ pub enum RenewalError {
     #[error("it is valid for long enough")]
     Early,
     /// It ends for good, or the right to renew it does.
-    #[error("it can be renewed no longer than it is valid; take the node into its team again")]
+    #[error("it can be renewed no longer than it is valid; only the operator makes another one")]
     Last,
     /// What was offered is no better, or is for another certificate.
     #[error("the renewal is not for this certificate, or ends no later than that")]
     Useless,
+}
+
+const ASK: &str = "dca renewal 1";
+/// The most bytes with which a user asks.
+pub const ASK_MAX: usize = 256 + CREDENTIAL_MAX;
+
+/// Returns with what a user asks for the certificate to be renewed.
+#[must_use]
+pub fn ask(credential: &Credential, keys: &SecretKeys, now: UnixTime) -> Vec<u8> {
+    let mut bytes = form(&keys.public().id(), now);
+    bytes.extend_from_slice(&keys.sign(&bytes));
+    bytes.extend(credential.to_bytes());
+    bytes
+}
+
+fn form(subject: &KeyId, at: UnixTime) -> Vec<u8> {
+    let mut writer = Writer::new(ASK);
+    writer.fixed(&subject.0);
+    writer.u64(at.0);
+    writer.finish()
+}
+
+/// Reads with what a user asks; returns the credential, of which nothing is checked but that its holder asks now.
+///
+/// # Errors
+/// It is not signed by the holder, or of another time.
+pub fn asked(bytes: &[u8], now: UnixTime) -> Result<Credential, RenewalError> {
+    let mut reader = Reader::new(bytes, ASK, ASK_MAX).map_err(RenewalError::Form)?;
+    let read = || -> Result<_, FormError> {
+        let (subject, at) = (KeyId(reader.fixed()?), UnixTime(reader.u64()?));
+        let signature: [u8; SIGNATURE_LEN] = reader.fixed()?;
+        Ok((subject, at, signature, Credential::from_bytes(reader.rest())?))
+    };
+    let (subject, at, signature, credential) = read().map_err(RenewalError::Form)?;
+    let holder = &credential.certificate().claims().keys;
+    if holder.id() != subject || !holder.has_signed(&form(&subject, at), &signature) {
+        return Err(RenewalError::Signature);
+    }
+    if at.since(now).max(now.since(at)) > SKEW {
+        return Err(RenewalError::Time);
+    }
+    Ok(credential)
 }
 
 /// Returns how long a certificate was made for, in seconds.
@@ -56,19 +111,19 @@ pub fn due(credential: &Credential, judge: &Judge<'_>) -> Option<UnixTime> {
     (end < claims.renewable_until).then(|| UnixTime(end.0.saturating_sub(life(claims) / 3)))
 }
 
-/// Renews the certificate of a node, as the member with these keys.
+/// Renews the certificate of a node or a user, whichever asks, as the member with these keys.
 ///
 /// # Errors
 /// It is not renewed, with the reason.
 pub fn renew(
-    asker: &Credential,
+    (kind, asker): (Kind, &Credential),
     (keys, own): (&SecretKeys, &Credential),
     judge: &Judge<'_>,
 ) -> Result<Credential, RenewalError> {
     own.require(Action::Renew, judge).map_err(RenewalError::Trust)?;
     asker.check(judge).map_err(RenewalError::Trust)?;
     let claims = asker.certificate().claims();
-    if asker.certificate().kind() != Kind::Node {
+    if asker.certificate().kind() != kind || kind == Kind::Program {
         return Err(RenewalError::Kind);
     }
     if asker.certificate().subject() == own.certificate().subject() {

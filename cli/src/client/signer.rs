@@ -88,7 +88,7 @@ impl Signer {
                  prints to `dca team import`"
             )
         })?;
-        let credential = bundle.credential_of(&own).with_context(|| {
+        let credential = keyring.credential(&bundle, &own).with_context(|| {
             format!(
                 "your key has no certificate in the team `{name}`: on the operator's machine `dca team user add NAME --role \
                  deployer --key {}`, then `dca team export` for `dca team import` here",

@@ -7,6 +7,7 @@
 //!   acme/               one team
 //!     root.key          its key, behind a passphrase; only on this machine
 //!     team              its certificates and revocations
+//!     renewed           the user's own credential, renewed by a node
 //! ```
 //!
 //! Folders have mode 0700 and files 0600. A file that others may read or write is refused, not mended: who knows who has.
@@ -22,16 +23,19 @@ use std::io::{self, BufRead, IsTerminal as _, Read as _};
 use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _};
 use std::path::{Path, PathBuf};
 use trust::bundle::{BUNDLE_MAX, Bundle};
+use trust::identity::KeyId;
 use trust::locked::{LOCKED_MAX, LockedKeys, PASSPHRASE_MAX};
 use trust::name::{Name, UnixTime};
 use trust::request::AHEAD_MAX;
 use trust::revocation::RevokedSet;
+use trust::team::{CREDENTIAL_MAX, Credential};
 use zeroize::Zeroizing;
 
 const TEAM: &str = "team";
 const ROOT: &str = "root.key";
 const OWN: &str = "own.key";
 const NUMBER: &str = "number";
+const RENEWED: &str = "renewed";
 /// The longest file with a number, in bytes.
 const NUMBER_MAX: u64 = 32;
 
@@ -87,10 +91,19 @@ impl Keyring {
         let is_empty = |folder: &Path| fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
         // Who makes the folder has the name; an empty one is what an interrupted command has left.
         if private_folder(&folder, false).is_err() {
-            ensure!(is_empty(&folder), "there is a team `{name}` in `{}` already", self.0.display());
+            ensure!(!folder.join(TEAM).exists(), "there is a team `{name}` in `{}` already", self.0.display());
+            ensure!(
+                is_empty(&folder),
+                "`{}` is what an interrupted `dca team init` has left: remove that folder, then begin the team",
+                folder.display()
+            );
         }
-        write_private(&folder.join(ROOT), &root.to_bytes())?;
-        self.keep(bundle)
+        let written = write_private(&folder.join(ROOT), &root.to_bytes()).and_then(|()| self.keep(bundle));
+        if written.is_err() {
+            // Nobody has been given anything of it yet.
+            drop(fs::remove_file(folder.join(ROOT)));
+        }
+        written
     }
 
     /// Changes a team as it is now, whatever it was when a command began, and keeps it; returns what `change` does, and the team.
@@ -139,7 +152,7 @@ impl Keyring {
     pub(crate) fn keep_own(&self, own: &LockedKeys) -> anyhow::Result<PathBuf> {
         private_folder(&self.0, true)?;
         let path = self.0.join(OWN);
-        ensure!(!path.exists(), "`{}` is there already; `dca team key` shows it", path.display());
+        ensure!(!is_there(&path), "`{}` is there already; `dca team key` shows it", path.display());
         write_private(&path, &own.to_bytes())?;
         Ok(path)
     }
@@ -166,6 +179,21 @@ impl Keyring {
         let next = next.unwrap_or(now.0);
         write_private(&path, format!("{next}\n").as_bytes())?;
         Ok(next)
+    }
+
+    /// Returns what shows who the holder of a key is in a team, with the renewal that this machine has of it; nothing if the key has no
+    /// certificate.
+    pub(crate) fn credential(&self, bundle: &Bundle, key: &KeyId) -> Option<Credential> {
+        let own = bundle.credential_of(key)?;
+        let path = self.0.join(bundle.team().name().as_str()).join(RENEWED);
+        let renewed = read_private(&path, CREDENTIAL_MAX).ok().and_then(|bytes| Credential::from_bytes(&bytes).ok());
+        // One that is of a certificate before is worth nothing any more.
+        Some(renewed.filter(|renewed| renewed.chain == own.chain).unwrap_or(own))
+    }
+
+    /// Keeps the user's own credential, renewed.
+    pub(crate) fn keep_renewed(&self, team: &Name, renewed: &Credential) -> anyhow::Result<()> {
+        write_private(&self.0.join(team.as_str()).join(RENEWED), &renewed.to_bytes())
     }
 
     /// Takes in what everybody may know of a team, in place of what was known. Returns whether the team was not known.
@@ -198,8 +226,13 @@ impl Keyring {
     /// Returns a user's own keys, behind their passphrase; nothing if there are none.
     pub(crate) fn own(&self) -> anyhow::Result<Option<LockedKeys>> {
         let path = self.0.join(OWN);
-        if path.exists() { locked(&path).map(Some) } else { Ok(None) }
+        if is_there(&path) { locked(&path).map(Some) } else { Ok(None) }
     }
+}
+
+/// Returns whether something is there: also a link that leads nowhere, as to a stick that is not plugged in.
+fn is_there(path: &Path) -> bool {
+    path.symlink_metadata().is_ok()
 }
 
 fn default_folder() -> Option<PathBuf> {

@@ -3,13 +3,16 @@
 //! While `invite` waits, it listens on the network; nothing else of a team does before its node is in one.
 
 use super::{KeysArgs, now, random};
-use crate::io::keyring::{Asked, Keyring};
+use crate::io::keyring::Asked;
 use anyhow::{Context as _, anyhow, ensure};
 use comms::io::{clock, entropy, session};
 use comms::logic::key::HostName;
 use dbmanager::logic::view::date;
 use node::console::{self, Failure, block_on};
 use node::io::state_dir;
+use qrcode::render::unicode::Dense1x2;
+use qrcode::{EcLevel, QrCode};
+use std::io::IsTerminal as _;
 use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -40,6 +43,13 @@ pub(super) struct InviteArgs {
     /// It may renew the certificates of other nodes, so that the team goes on while this machine is off
     #[arg(long)]
     renewer: bool,
+    #[command(flatten)]
+    door: DoorArgs,
+}
+
+/// Where a robot comes, and how long somebody waits for it.
+#[derive(Debug, clap::Args)]
+pub(super) struct DoorArgs {
     /// For how many minutes the invitation is good, and this command waits
     #[arg(long, value_name = "MINUTES", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..=24 * 60))]
     minutes: u64,
@@ -68,32 +78,42 @@ impl InviteArgs {
         let name: Name = self.name.as_str().parse()?;
         ensure_free(&bundle, &name)?;
         let root = keyring.root(&bundle)?.unlock(&keys.passphrase(Asked::Known)?)?;
-        block_on(self.wait(&name, keyring, bundle, root))
-    }
-
-    const fn role(&self) -> Role {
-        if self.renewer { Role::Renewer } else { Role::Member }
-    }
-
-    async fn wait(&self, name: &Name, keyring: Keyring, bundle: Bundle, root: SecretKeys) -> Result<(), Failure> {
-        let listeners = self.listen().await?;
-        let addresses = listeners.iter().map(TcpListener::local_addr).collect::<Result<Vec<_>, _>>()?;
-        let expires = now().plus(self.minutes * 60);
-        let secret = Zeroizing::new(entropy::bytes().context("asking the system for random bytes")?);
-        let team = bundle.team().clone();
-        let invite = Invite { team: team.id(), secret, expires, addresses: addresses.clone() };
-        let mut inviter = Inviter::new(team.clone(), root, None);
-        inviter.open(invite.hash(), OpenInvite { expires, role: self.role(), name: Some(name.clone()) }, now())?;
-        console::say(&format!("dca team join {}", *invite.to_line()));
-        console::note(&waits(&addresses, expires));
-        let (of_team, robot) = (team.name().clone(), name.clone());
-        let keep = move |certificate: &Certificate| {
+        let (of_team, robot) = (bundle.team().name().clone(), name.clone());
+        let add = move |certificate: &Certificate| {
             let add = |bundle: &mut Bundle| {
                 ensure_free(bundle, &robot)?;
                 Ok(bundle.add(certificate.clone())?)
             };
             keyring.change(&of_team, add).map(drop)
         };
+        let role = if self.renewer { Role::Renewer } else { Role::Member };
+        block_on(self.door.wait((&name, role), &bundle, root, add))
+    }
+}
+
+impl DoorArgs {
+    /// Waits for one robot, which gets a certificate with this name and role; `keep` puts that on the disk before the robot is welcome.
+    pub(super) async fn wait(
+        &self,
+        (name, role): (&Name, Role),
+        bundle: &Bundle,
+        root: SecretKeys,
+        keep: impl Fn(&Certificate) -> anyhow::Result<()> + Send + Sync + 'static,
+    ) -> Result<(), Failure> {
+        let listeners = self.listen().await?;
+        let addresses = listeners.iter().map(TcpListener::local_addr).collect::<Result<Vec<_>, _>>()?;
+        let expires = now().plus(self.minutes * 60);
+        let secret = Zeroizing::new(entropy::bytes().context("asking the system for random bytes")?);
+        let team = bundle.team().clone();
+        let founds = !bundle.has_nodes();
+        let invite = Invite { team: team.id(), secret, expires, addresses: addresses.clone(), founds };
+        let mut inviter = Inviter::new(team.clone(), root, None);
+        inviter.open(invite.hash(), OpenInvite { expires, role, name: Some(name.clone()) }, now())?;
+        console::say(&format!("dca team join {}", *invite.to_line()));
+        if let Some(code) = code(&invite) {
+            console::note(&code);
+        }
+        console::note(&waits(&addresses, expires));
         let (events_tx, mut events) = mpsc::channel(64);
         let mut tasks = JoinSet::new();
         tasks.spawn(join::invite(listeners, inviter, keep, events_tx));
@@ -149,6 +169,7 @@ impl JoinArgs {
         let line = Zeroizing::new(line.trim().trim_start_matches("dca team join ").to_owned());
         let base = self.state.clone().or_else(state_dir::default_base);
         let base = base.context("there is no folder to keep the keys in; choose one with `--state`")?;
+        let founds = Invite::from_line(&line).is_ok_and(|invite| invite.founds);
         // An invitation is spent once: what the disk has to take then, it can take.
         let reserve = Reserve::take(&std::path::absolute(&base)?, BEGIN_SIZE_MAX)?;
         let made = SecretKeys::generate(&mut random()?);
@@ -166,11 +187,14 @@ impl JoinArgs {
             console::note(&format!("`{name}` was in a team before, and leaves that"));
         }
         drop(reserve);
-        Member::begin(&state, &keys, &team, &credential).with_context(spent)?;
+        Member::begin(&state, &keys, (&team, founds), &credential).with_context(spent)?;
         console::say(&joined(&team, certificate));
         console::note(&format!(
             "Now start `dca-node --name {name}`, or start it again: it opens to its team, and to nobody else."
         ));
+        if founds {
+            console::note(&format!("`{name}` is the first of the team: its node begins the team's database."));
+        }
         Ok(())
     }
 }
@@ -185,6 +209,13 @@ fn ensure_free(bundle: &Bundle, name: &Name) -> anyhow::Result<()> {
 fn joined(team: &Team, certificate: &Certificate) -> String {
     let (name, words) = (&certificate.claims().name, certificate.subject().fingerprint());
     format!("{name} is in team {} ({}); key: {words}", team.name(), team.id().fingerprint())
+}
+
+/// Returns the line as a QR code, for a person at a terminal; nothing for anybody else.
+fn code(invite: &Invite) -> Option<String> {
+    let code = QrCode::with_error_correction_level(invite.to_line().as_bytes(), EcLevel::L).ok()?;
+    let drawn = || code.render::<Dense1x2>().dark_color(Dense1x2::Dark).light_color(Dense1x2::Light).build();
+    std::io::stderr().is_terminal().then(drawn)
 }
 
 fn waits(addresses: &[SocketAddr], expires: UnixTime) -> String {

@@ -11,7 +11,7 @@ use node::logic::protocol::{Answer, Request};
 use std::collections::BTreeMap;
 use trust::bundle::{Bundle, Holder};
 use trust::certificate::Certificate;
-use trust::identity::SecretKeys;
+use trust::identity::{KeyId, SecretKeys};
 use trust::name::{Name, UnixTime};
 use trust::revocation::{REVOKED_MAX, RevokedSet};
 use trust::role::Role;
@@ -47,7 +47,7 @@ impl RevokeArgs {
         }
         tell(keys, &bundle)?;
         match &self.name {
-            Some(name) => could_read(keys, &bundle, name),
+            Some(name) => could_read(keys, name, &bundle.named(name).map(Certificate::subject).collect::<Vec<_>>()),
             None => Ok(()),
         }
     }
@@ -77,18 +77,29 @@ pub(super) fn ensure_other_admin(bundle: &Bundle, name: &Name, is_wanted: bool) 
 
 /// Signs a set of revocations with the keys of somebody besides those of before.
 pub(super) fn revoke(bundle: &mut Bundle, name: &Name, root: &SecretKeys, now: UnixTime) -> anyhow::Result<String> {
+    let gone: Vec<_> = bundle.named(name).map(Certificate::subject).collect();
+    let number = revoke_keys(bundle, gone, root, now)?;
+    Ok(format!("{name} is revoked: number {number}"))
+}
+
+/// The same of some keys; returns the number of the set.
+pub(super) fn revoke_keys(
+    bundle: &mut Bundle,
+    gone: Vec<KeyId>,
+    root: &SecretKeys,
+    now: UnixTime,
+) -> anyhow::Result<u64> {
     let (number, mut keys) = match bundle.revoked() {
         None => (0, BTreeMap::new()),
         Some(set) => (set.number(), set.keys().clone()),
     };
-    let gone: Vec<_> = bundle.named(name).map(Certificate::subject).collect();
     for key in gone {
         keys.entry(key).or_insert(now);
     }
     ensure!(keys.len() <= REVOKED_MAX, "no more than {REVOKED_MAX} keys can be revoked");
     let number = number.checked_add(1).ok_or_else(|| anyhow!("there is no number after the last one"))?;
     bundle.revoke(RevokedSet::sign(bundle.team(), number, keys, root, None)?);
-    Ok(format!("{name} is revoked: number {number}"))
+    Ok(number)
 }
 
 /// Does something with the node of this machine, of which it gets the name; nothing if none runs.
@@ -109,10 +120,8 @@ pub(super) fn with_node<T>(
 }
 
 /// Lists the secrets that somebody could read: they are known to whoever has its keys now.
-fn could_read(keys: &KeysArgs, bundle: &Bundle, name: &Name) -> Result<(), Failure> {
-    let own: Vec<_> = bundle.named(name).map(Certificate::subject).collect();
-    let found =
-        with_node(keys, async |client, host| readable(&Databases::through(client, host.to_owned()), &own).await);
+pub(super) fn could_read(keys: &KeysArgs, name: &Name, own: &[KeyId]) -> Result<(), Failure> {
+    let found = with_node(keys, async |client, host| readable(&Databases::through(client, host.to_owned()), own).await);
     match found {
         Ok(Some(found)) if found.is_empty() => console::note(&format!("the database here has no secret for `{name}`")),
         Ok(Some(found)) => {

@@ -160,6 +160,8 @@ impl Remove {
     fn check(&self, bundle: &Bundle) -> anyhow::Result<()> {
         let mut named = bundle.named(&self.name).peekable();
         ensure!(named.peek().is_some(), "there is no user `{}` in the team", self.name);
+        let is_robot = bundle.named(&self.name).any(|known| known.kind() == Kind::Node);
+        ensure!(!is_robot, "`{0}` is a robot: `dca team revoke {0}`", self.name);
         let is_left = named.any(|known| known.kind() == Kind::User && !bundle.has_revoked(&known.subject()));
         ensure!(is_left, "`{}` is revoked already", self.name);
         revoke::ensure_other_admin(bundle, &self.name, self.last_admin)
@@ -174,6 +176,6 @@ fn user_role(text: &str) -> Result<Role, String> {
     Role::named(Kind::User, text)
 }
 
-fn key(text: &str) -> Result<Box<PublicKeys>, TextError> {
+pub(super) fn key(text: &str) -> Result<Box<PublicKeys>, TextError> {
     PublicKeys::from_text(text).map(Box::new)
 }

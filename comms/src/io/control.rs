@@ -21,6 +21,7 @@ use tokio::io::Interest;
 use tokio::io::unix::{AsyncFd, AsyncFdReadyGuard};
 use tokio::net::UnixListener;
 use tokio::sync::Notify;
+use zeroize::Zeroizing;
 
 /// Orders that the program has not taken yet, or notices that the node has not.
 const FRAMES_MAX: usize = 256;
@@ -114,9 +115,9 @@ struct Channel {
 /// The bytes that the socket has not taken yet.
 #[derive(Debug)]
 struct Outbox {
-    frames: Queue<Vec<u8>>,
+    frames: Queue<Zeroizing<Vec<u8>>>,
     /// A frame on its way out, and how much of it is written.
-    writing: (Vec<u8>, usize),
+    writing: (Zeroizing<Vec<u8>>, usize),
 }
 
 impl Listener {
@@ -161,7 +162,9 @@ impl ControlSender {
     /// If the order is too long, or 256 wait already. An order to a program that is gone is not an error: its receiver
     /// says so.
     pub fn send(&self, order: &Order) -> Result<(), ControlError> {
-        let frame = frame::encode(&codec::encode(order)?, Order::SIZE_MAX)?;
+        // One may hold a secret, of which nothing is to be left in memory.
+        let body = Zeroizing::new(codec::encode_in(order, Vec::with_capacity(room_for(order)))?);
+        let frame = Zeroizing::new(frame::encode(&body, Order::SIZE_MAX)?);
         let is_written = Outbox::send(&self.channel.outbox, frame, self.channel.stream.get_ref())?;
         // The receiver goes on where this has stopped, and says why if the channel is broken.
         if !is_written {
@@ -232,7 +235,7 @@ impl Channel {
 
 impl Outbox {
     fn new() -> Mutex<Self> {
-        Mutex::new(Self { frames: Queue::new(Policy::reject(FRAMES_MAX)), writing: (Vec::new(), 0) })
+        Mutex::new(Self { frames: Queue::new(Policy::reject(FRAMES_MAX)), writing: (Zeroizing::default(), 0) })
     }
 
     fn lock(outbox: &Mutex<Self>) -> MutexGuard<'_, Self> {
@@ -241,7 +244,7 @@ impl Outbox {
     }
 
     /// Takes a frame, and writes what the socket takes at once; says whether nothing is left for the receiver to write.
-    fn send(outbox: &Mutex<Self>, frame: Vec<u8>, stream: &UnixStream) -> Result<bool, ControlError> {
+    fn send(outbox: &Mutex<Self>, frame: Zeroizing<Vec<u8>>, stream: &UnixStream) -> Result<bool, ControlError> {
         let mut outbox = Self::lock(outbox);
         let pushed = outbox.frames.push(frame);
         let written = outbox.write(stream);
@@ -259,6 +262,8 @@ impl Outbox {
     fn write(&mut self, mut stream: &UnixStream) -> io::Result<bool> {
         loop {
             if self.writing.1 == self.writing.0.len() {
+                // The frame before is wiped.
+                self.writing = (Zeroizing::default(), 0);
                 let Some(next) = self.frames.pop() else { return Ok(true) };
                 self.writing = (next, 0);
             }
@@ -301,6 +306,16 @@ fn read_some(mut ready: AsyncFdReadyGuard<'_, UnixStream>, decoder: &mut Decoder
     }
     decoder.push(&bytes[..read.unwrap_or(0)]);
     Ok(read)
+}
+
+/// Returns how many bytes are enough for a secret, so that its encoding never grows: that would leave copies behind.
+fn room_for(order: &Order) -> usize {
+    const ROOM: usize = 64;
+    if let Order::Secret { parameter, value } = order {
+        2 * ROOM + parameter.len() + value.expose().len()
+    } else {
+        ROOM
+    }
 }
 
 fn check_user(uid: u32) -> Result<(), ControlError> {

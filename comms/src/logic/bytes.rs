@@ -4,6 +4,7 @@
 use serde::de::{Deserialize, Deserializer, Error, SeqAccess, Visitor};
 use serde::ser::{Serialize, Serializer};
 use std::fmt;
+use zeroize::Zeroizing;
 
 /// The most bytes that are made room for before any of them has come.
 const ROOM_MAX: usize = 4 << 10;
@@ -33,6 +34,40 @@ impl Serialize for Bytes {
 impl<'de> Deserialize<'de> for Bytes {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         deserializer.deserialize_byte_buf(BytesVisitor).map(Self)
+    }
+}
+
+/// Bytes that are a secret: nothing shows them, and they are wiped when they are dropped.
+#[derive(Clone, Default, PartialEq, Eq)]
+pub struct SecretBytes(Zeroizing<Vec<u8>>);
+
+impl SecretBytes {
+    /// Takes over bytes.
+    pub fn new(bytes: Vec<u8>) -> Self {
+        Self(Zeroizing::new(bytes))
+    }
+
+    /// Returns the bytes. A copy of them is not wiped.
+    pub fn expose(&self) -> &[u8] {
+        &self.0
+    }
+}
+
+impl fmt::Debug for SecretBytes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("SecretBytes(..)")
+    }
+}
+
+impl Serialize for SecretBytes {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_bytes(&self.0)
+    }
+}
+
+impl<'de> Deserialize<'de> for SecretBytes {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_byte_buf(BytesVisitor).map(Self::new)
     }
 }
 
@@ -75,6 +110,14 @@ mod tests {
             prop_assert_eq!(&encoded, &postcard::to_stdvec(&bytes).unwrap());
             prop_assert_eq!(postcard::from_bytes::<Bytes>(&encoded).unwrap().0, bytes);
         }
+    }
+
+    #[test]
+    fn a_secret_travels_and_is_not_shown() {
+        let secret = SecretBytes::new(b"hunter2".to_vec());
+        let encoded = postcard::to_stdvec(&secret).unwrap();
+        assert_eq!(postcard::from_bytes::<SecretBytes>(&encoded).unwrap(), secret);
+        assert_eq!((format!("{secret:?}").as_str(), secret.expose()), ("SecretBytes(..)", &b"hunter2"[..]));
     }
 
     #[test]

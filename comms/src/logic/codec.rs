@@ -200,7 +200,14 @@ pub enum CodecError {
 /// # Errors
 /// If it is longer than its kind allows.
 pub fn encode<T: Enveloped>(message: &T) -> Result<Vec<u8>, CodecError> {
-    let mut bytes = Vec::with_capacity(64);
+    encode_in(message, Vec::with_capacity(64))
+}
+
+/// Puts a message into its envelope, in an empty buffer.
+///
+/// # Errors
+/// As of [`encode`].
+pub fn encode_in<T: Enveloped>(message: &T, mut bytes: Vec<u8>) -> Result<Vec<u8>, CodecError> {
     bytes.extend(MAGIC);
     bytes.extend(T::VERSION.to_le_bytes());
     bytes.extend(T::KIND.number().to_le_bytes());
@@ -272,6 +279,7 @@ fn check_size<T: Enveloped>(size: usize) -> Result<(), CodecError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::logic::bytes::SecretBytes;
     use crate::logic::control::{
         CallRoute, Device, Dial, Incoming, KeyPort, Location, Outgoing, Partner, Shape, VERSION,
     };
@@ -330,6 +338,8 @@ mod tests {
             devices: vec!["arm".into()],
         };
         check(&Order::Partners { partners: vec![partner] }, "44430a000100100102613101070101ac02010361726d");
+        let secret = Order::Secret { parameter: "p".into(), value: SecretBytes::new(vec![1, 2]) };
+        check(&secret, "44430a000100110170020102");
         check(&Order::Expect { ticket: 2, expect, then: Some(flip) }, "44430a0001000d02ac020103010401ac02010301040103");
     }
 

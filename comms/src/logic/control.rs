@@ -12,6 +12,7 @@
 //! both count orders and notices from the program's start, over all its channels: all but those that only concern a channel
 //! ([`Order::is_counted`], [`Notice::is_counted`]).
 
+use crate::logic::bytes::SecretBytes;
 use crate::logic::database::{DatabaseAnswer, DatabaseRequest};
 use crate::logic::seal::Refused;
 use crate::logic::switch::{Expect, Flip};
@@ -249,13 +250,27 @@ pub enum Order {
         /// Each with the wires to it.
         partners: Vec<Partner>,
     },
+    /// The present value of a secret parameter: what the program was started with counts no more.
+    Secret {
+        /// The parameter.
+        parameter: String,
+        /// The value.
+        value: SecretBytes,
+    },
 }
 
 impl Order {
     /// Returns whether the order has a number: 1 is the first of the program's life. The others concern one
     /// channel.
     pub const fn is_counted(&self) -> bool {
-        !matches!(self, Self::Configure { .. } | Self::Resumed { .. } | Self::Database { .. } | Self::Keys { .. })
+        !matches!(
+            self,
+            Self::Configure { .. }
+                | Self::Resumed { .. }
+                | Self::Database { .. }
+                | Self::Keys { .. }
+                | Self::Secret { .. }
+        )
     }
 }
 

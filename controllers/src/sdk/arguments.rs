@@ -1,7 +1,9 @@
 //! Arguments that a spec gives to a controller: `GripperControl(host3, "open")`, `DoorWorld("c3", seed = 7)`.
 
 use super::quantity::Quantity;
+use comms::logic::bytes::SecretBytes;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use thiserror::Error;
 
 /// The longest secret, in bytes.
@@ -45,8 +47,16 @@ enum Value {
     Text(String),
     Number(f64),
     Truth(bool),
-    /// The path of its file; none of the value itself.
-    Secret(String),
+    Secret(Secret),
+}
+
+/// Where the value of a secret is.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Secret {
+    /// In the file of this path, as the program was started with it.
+    File(String),
+    /// Here: it has changed since.
+    Renewed(Arc<SecretBytes>),
 }
 
 /// An argument that a parameter does not take.
@@ -181,7 +191,7 @@ impl Parameter {
                 Ok(_) | Err(_) => Err(wrong()),
             },
             Kind::Truth if bare == "true" || bare == "false" => Ok(Value::Truth(bare == "true")),
-            Kind::Secret => Ok(Value::Secret(bare.to_owned())),
+            Kind::Secret => Ok(Value::Secret(Secret::File(bare.to_owned()))),
             Kind::Text(_) | Kind::Truth => Err(wrong()),
         }
     }
@@ -302,10 +312,17 @@ impl Arguments {
         matches!(self.values.get(name), Some(Value::Truth(true)))
     }
 
-    /// Returns the path of the file of a secret parameter; none if the type declares no such one.
-    pub(crate) fn secret_path(&self, name: &str) -> Option<&str> {
-        let Some(Value::Secret(path)) = self.values.get(name) else { return None };
-        Some(path)
+    /// Returns where the value of a secret parameter is; none if the type declares no such one.
+    pub(crate) fn place_of_secret(&self, name: &str) -> Option<&Secret> {
+        let Some(Value::Secret(place)) = self.values.get(name) else { return None };
+        Some(place)
+    }
+
+    /// Takes the present value of a secret parameter.
+    pub(crate) fn renew_secret(&mut self, name: &str, value: SecretBytes) {
+        if let Some(Value::Secret(place)) = self.values.get_mut(name) {
+            *place = Secret::Renewed(Arc::new(value));
+        }
     }
 }
 
@@ -346,6 +363,11 @@ mod tests {
         assert_eq!(wrong.len(), 1);
         assert_eq!(**arguments.secret("password").unwrap(), *b"hunter2\xff");
         assert!(!format!("{arguments:?}").contains("hunter2") && arguments.text("password").is_empty());
+        let mut renewed = arguments.clone();
+        renewed.renew_secret("password", SecretBytes::new(b"correct".to_vec()));
+        renewed.renew_secret("other", SecretBytes::new(b"nothing".to_vec()));
+        assert_eq!(**renewed.secret("password").unwrap(), *b"correct");
+        assert!(!format!("{renewed:?}").contains("correct") && renewed.secret("other").is_err());
         std::fs::write(&path, vec![0; SECRET_MAX + 1]).unwrap();
         assert_eq!(arguments.secret("password").unwrap_err().kind(), io::ErrorKind::FileTooLarge);
         std::fs::remove_file(&path).unwrap();

@@ -141,7 +141,7 @@ fn take_part(registry: &Registry, name: &str, arguments: &[String]) -> Result<Ex
     let parameters = interface.about.parameters;
     // The registry has made a controller of them already, so they fit.
     let arguments = Arguments::parse(parameters, arguments).unwrap_or_default();
-    let program = Program { interface, instance, arguments, session, notices };
+    let program = Program { interface, instance, arguments, overlay: Vec::new(), session, notices };
     program.serve(module, (inbox, links), orders)
 }
 
@@ -173,8 +173,10 @@ fn hello(interface: &Interface, instance: &str, location: Option<Location>) -> N
 struct Program {
     interface: Interface,
     instance: String,
-    /// As the spec gives them.
+    /// As the spec gives them, with the secrets as they are now.
     arguments: Arguments,
+    /// The values from the database that go over them.
+    overlay: Vec<(String, String)>,
     session: Option<Arc<DataSession>>,
     notices: NoticeLog,
 }
@@ -182,7 +184,7 @@ struct Program {
 impl Program {
     /// Obeys the node until it says `Exit`, or nobody will ever: then stops what runs, and leaves.
     fn serve(
-        self,
+        mut self,
         module: Box<dyn Module>,
         (inbox, links): (Arc<Inbox>, Arc<Links>),
         mut orders: NodeLine,
@@ -244,7 +246,7 @@ impl Program {
         Ok(())
     }
 
-    fn obey(&self, order: Order, inbox: &Arc<Inbox>, links: &Arc<Links>) -> Result<(), ProcessError> {
+    fn obey(&mut self, order: Order, inbox: &Arc<Inbox>, links: &Arc<Links>) -> Result<(), ProcessError> {
         match order {
             Order::Connect { robot, incoming, outgoing, devices } => {
                 let instance = self.instance.clone();
@@ -271,12 +273,22 @@ impl Program {
             }
             Order::Stop { activation } => hand_over(inbox, Command::Stop { activation })?,
             Order::Configure { parameters } => {
+                self.overlay = parameters;
                 let mut arguments = self.arguments.clone();
-                for why in arguments.overlay(self.interface.about.parameters, &parameters) {
+                for why in arguments.overlay(self.interface.about.parameters, &self.overlay) {
                     // Only a word to people: a robot goes on with what it had rather than with a guess.
                     tell(&format!("a parameter of the database is ignored: {why}"), ExitCode::SUCCESS);
                 }
                 hand_over(inbox, Command::Configure(arguments))?;
+            }
+            Order::Secret { parameter, value } => {
+                // A node that was killed and is back says again what it has said.
+                if self.arguments.secret(&parameter).is_ok_and(|before| before.as_slice() != value.expose()) {
+                    self.arguments.renew_secret(&parameter, value);
+                    let mut arguments = self.arguments.clone();
+                    drop(arguments.overlay(self.interface.about.parameters, &self.overlay));
+                    hand_over(inbox, Command::Configure(arguments))?;
+                }
             }
             Order::Shape { wires } => links.shape(wires),
             Order::Calls { calls } => links.call(calls),

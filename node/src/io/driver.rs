@@ -233,6 +233,7 @@ impl Driver {
         let (jobs, waiting) = mpsc::channel(starter::JOBS_MAX);
         tasks.spawn(start::starter(&config, &database, (policy.clone(), events.clone())).run(waiting));
         tasks.spawn(start::forward(arrivals, events.clone()));
+        tasks.spawn(crate::io::founding::begin(config.member.clone(), database.handle().clone()));
         let mut driver = Self {
             state,
             config,
@@ -348,6 +349,7 @@ impl Driver {
             Effect::CloseDeployment { deployment } => self.bury(&deployment),
             Effect::PersistEpoch { deployment, hosts } => self.commit(deployment, hosts),
             Effect::Judge { number, deployment, from, order } => self.judge(number, &deployment, &from, &order),
+            Effect::JudgeResumed { deployment, signed } => self.judge_resumed(deployment, signed.as_deref()),
             Effect::OrderEnded { number, outcome } => self.order_ended(number, &outcome),
             Effect::FindPrograms { deployment, number, programs } => {
                 self.find_programs((deployment, number), programs);

@@ -119,6 +119,7 @@ async fn hear(
     if hello.is_some() {
         requests.tell_ports();
     }
+    requests.follow_secrets();
     // Who cannot tell the driver need not hear any more: it is gone.
     if events.send(event).await.is_err() {
         return Ok(());

@@ -5,7 +5,7 @@
 mod ledger_file;
 
 use crate::logic::gate::{Attempt, Gate, Outcome, Passed, Refused};
-use crate::logic::protocol::{Deployment, Request, ToParticipant};
+use crate::logic::protocol::{Deployment, Request, Signed, ToParticipant};
 use ledger_file::LedgerFile;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use team::audit::AuditEntry;
@@ -59,6 +59,15 @@ impl Guard {
     ) -> Result<Attempt, String> {
         let passed = self.0.member.with_judge(|judge| self.gate().order(deployment, (from, order), judge));
         passed.map_err(|refused| self.refused(refused))
+    }
+
+    /// Decides whether a deployment of this home may begin again after a reboot; the audit log says so.
+    ///
+    /// # Errors
+    /// As of [`Guard::call`].
+    pub(crate) fn resumed(&self, deployment: &Deployment, signed: Option<&Signed>) -> Result<(), String> {
+        let passed = self.0.member.with_judge(|judge| self.gate().resumed(deployment, signed, judge));
+        passed.map(|attempt| self.note(&attempt)).map_err(|refused| self.refused(refused))
     }
 
     /// Writes down what was accepted. Blocks.

@@ -3,10 +3,10 @@
 use crate::io::authors::Authors;
 use crate::io::calendar;
 use crate::io::caller::{Answers, Caller, answers};
-use crate::io::{heads, renewal};
+use crate::io::{heads, renewal, team_calls};
 use crate::logic::agent::Input;
 use crate::logic::link::Frame;
-use crate::logic::protocol::{Answer, Body, Namesake, Ping, Pong, Request, SILENCE_MAX, TeamOfNode};
+use crate::logic::protocol::{Answer, Body, Namesake, Ping, Pong, Request, SILENCE_MAX};
 use anyhow::Context;
 use comms::io::clock;
 use comms::io::session::{self, Identity as _, NodeOptions, Presence, Server, Session, Subscription, Token, Watch};
@@ -22,7 +22,6 @@ use team::member::Member;
 use tokio::sync::broadcast;
 use tokio::sync::mpsc::Sender;
 use tokio::task::JoinSet;
-use trust::revocation::RevokedSet;
 
 /// How many frames wait for the agent; more are dropped, and their senders send them again.
 const FRAMES_MAX: usize = 4096;
@@ -369,21 +368,6 @@ async fn spread_revocations(member: Arc<Member>, mut revoked: Subscription, sess
     }
 }
 
-/// Takes in what somebody of this machine, or another node, says that the team has revoked.
-fn revoke(member: Option<&Member>, set: &[u8]) -> Answer {
-    let Some(member) = member else { return Answer::Refused("this node is in no team".to_owned()) };
-    let read = RevokedSet::from_bytes(set).map_err(anyhow::Error::from);
-    match read.and_then(|set| member.revoke(set)) {
-        Ok(is_new) => Answer::Revoked { is_new },
-        Err(error) => Answer::Refused(format!("{error:#}")),
-    }
-}
-
-fn team(member: &Member) -> TeamOfNode {
-    let (id, name) = (member.team().id().0, member.team().name().to_string());
-    TeamOfNode { id, name, node: member.name().to_string() }
-}
-
 async fn hear_calls(mut calls: Server, session: Arc<Session>, member: Option<Arc<Member>>, sink: Sender<Arrival>) {
     // No number of before: a node that was killed may have left calls that wait.
     let (mut number, mut answering) = (clock::now().nanos(), JoinSet::new());
@@ -392,13 +376,14 @@ async fn hear_calls(mut calls: Server, session: Arc<Session>, member: Option<Arc
         number += 1;
         match codec::decode::<Request>(request.payload()) {
             Ok(Request::Clock) => at_once(request, &Answer::Clock(calendar::read())).await,
-            Ok(Request::Team) => at_once(request, &Answer::Team(member.as_deref().map(team))).await,
+            Ok(Request::Team) => at_once(request, &Answer::Team(member.as_deref().map(team_calls::team))).await,
             Ok(Request::Credentials) => {
                 let known = member.as_ref().map_or_else(Vec::new, |member| member.known_credentials());
                 at_once(request, &Answer::Credentials(known)).await;
             }
             Ok(Request::Unlinked) => at_once(request, &Answer::Unlinked(session.unlinked())).await,
-            Ok(Request::Revoke { set }) => at_once(request, &revoke(member.as_deref(), &set)).await,
+            Ok(Request::Revoke { set }) => at_once(request, &team_calls::revoke(member.as_deref(), &set)).await,
+            Ok(Request::RenewUser { ask }) => at_once(request, &team_calls::renew_user(member.as_deref(), &ask)).await,
             Ok(asked) => {
                 let (caller, to_send) = answers();
                 answering.spawn(reply(request, to_send));

@@ -4,12 +4,14 @@
 
 use crate::io::caller;
 use crate::io::database::Handle;
+use crate::io::secrets::Secrets;
 use crate::logic::database::program::{self, Access};
 use crate::logic::database::question::{Question, Reply};
-use crate::logic::effect::SpawnOrder;
+use crate::logic::effect::{SecretArgument, SpawnOrder};
 use crate::logic::protocol::{Answer, Deployment};
 use comms::io::clock;
 use comms::io::control::ControlSender;
+use comms::logic::bytes::SecretBytes;
 use comms::logic::control::{KeyPort, Order};
 use comms::logic::database::{DatabaseAnswer, DatabaseRefusal, DatabaseRequest, REQUESTS_MAX, WATCHES_MAX, WINDOW};
 use language::plan::KeyBinding;
@@ -31,17 +33,43 @@ pub(crate) struct ProgramDatabase {
     database: Handle,
     access: Arc<Access>,
     next: Arc<AtomicU64>,
-    ports: Arc<Mutex<ConnectedPorts>>,
+    secrets: Arc<Secrets>,
+    connected: Arc<Mutex<BTreeMap<Deployment, BTreeMap<String, Connected>>>>,
 }
 
-/// The ports of each program that are connected with keys, by deployment and instance path.
-type ConnectedPorts = BTreeMap<Deployment, BTreeMap<String, Arc<[KeyPort]>>>;
+/// What one program is connected with in the database.
+#[derive(Clone, Debug, Default)]
+struct Connected {
+    ports: Arc<[KeyPort]>,
+    secrets: Arc<[SecretParameter]>,
+}
+
+/// A parameter of a program that is a secret.
+#[derive(Clone, Debug)]
+struct SecretParameter {
+    name: String,
+    key: String,
+}
+
+impl Connected {
+    fn of(order: &SpawnOrder) -> Self {
+        let port =
+            |keys: &KeyBinding| KeyPort { port: keys.port.clone(), keys: keys.keys.clone(), is_write: keys.is_write };
+        let parameter = |secret: &SecretArgument| {
+            // `password=`, and the path of the file behind it.
+            let name = order.command.get(secret.word as usize)?.strip_suffix('=')?.to_owned();
+            Some(SecretParameter { name, key: secret.key.clone() })
+        };
+        let secrets = order.secrets.iter().filter_map(parameter).collect();
+        Self { ports: order.keys.iter().map(port).collect(), secrets }
+    }
+}
 
 /// What one program has asked and not heard yet.
 #[derive(Debug)]
 pub(crate) struct ProgramRequests {
     way: ProgramDatabase,
-    ports: Arc<[KeyPort]>,
+    connected: Connected,
     sender: ControlSender,
     /// One for each request.
     requests: JoinSet<()>,
@@ -64,33 +92,30 @@ impl Drop for Watching {
 }
 
 impl ProgramDatabase {
-    pub(crate) fn new(database: Handle, access: Access) -> Self {
+    pub(crate) fn new(database: Handle, access: Access, secrets: Arc<Secrets>) -> Self {
         let next = Arc::new(AtomicU64::new(FIRST_CALL));
-        Self { database, access: Arc::new(access), next, ports: Arc::default() }
+        Self { database, access: Arc::new(access), next, secrets, connected: Arc::default() }
     }
 
     /// Takes note of what a program is connected with, before it is started or comes back.
     pub(crate) fn connect(&self, order: &SpawnOrder) {
-        let port =
-            |keys: &KeyBinding| KeyPort { port: keys.port.clone(), keys: keys.keys.clone(), is_write: keys.is_write };
-        let ports: Arc<[KeyPort]> = order.keys.iter().map(port).collect();
-        let mut all = self.ports.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut all = self.connected.lock().unwrap_or_else(PoisonError::into_inner);
         let of_deployment = all.entry(order.process.deployment.clone()).or_default();
-        of_deployment.insert(order.path.clone(), ports);
+        of_deployment.insert(order.path.clone(), Connected::of(order));
     }
 
     /// Forgets the programs of a deployment.
     pub(crate) fn forget(&self, deployment: &Deployment) {
-        self.ports.lock().unwrap_or_else(PoisonError::into_inner).remove(deployment);
+        self.connected.lock().unwrap_or_else(PoisonError::into_inner).remove(deployment);
     }
 
     /// Opens the way of one program.
     pub(crate) fn open(&self, deployment: &Deployment, instance: &str, sender: ControlSender) -> ProgramRequests {
-        let all = self.ports.lock().unwrap_or_else(PoisonError::into_inner);
-        let ports = all.get(deployment).and_then(|programs| programs.get(instance)).cloned().unwrap_or_default();
+        let all = self.connected.lock().unwrap_or_else(PoisonError::into_inner);
+        let connected = all.get(deployment).and_then(|programs| programs.get(instance)).cloned().unwrap_or_default();
         drop(all);
         let (requests, watches, followers) = (JoinSet::new(), BTreeMap::new(), JoinSet::new());
-        ProgramRequests { way: self.clone(), ports, sender, requests, watches, followers }
+        ProgramRequests { way: self.clone(), connected, sender, requests, watches, followers }
     }
 
     fn ask(&self, question: Question) -> caller::Answers {
@@ -126,6 +151,38 @@ impl ProgramDatabase {
             clock::sleep_until(clock::now() + AGAIN_AFTER).await;
         }
     }
+
+    /// Tells a program the present value of a secret, and each value that it has later.
+    async fn follow_secret(self, secret: SecretParameter, sender: ControlSender) {
+        let Ok(question) = self.access.follow(&secret.key) else { return };
+        loop {
+            let mut answers = self.ask(question.clone());
+            while let Some(reply) = answers.next().await.and_then(reply) {
+                let is_change = match reply {
+                    Reply::Entries(entries) => !entries.is_empty(),
+                    Reply::Notification(_) => true,
+                    _ => false,
+                };
+                if is_change && !self.tell_secret(&secret, &sender).await {
+                    return;
+                }
+            }
+            drop(answers);
+            clock::sleep_until(clock::now() + AGAIN_AFTER).await;
+        }
+    }
+
+    /// Tells a program a secret as it is now. Returns whether the program still can be reached.
+    async fn tell_secret(&self, SecretParameter { name, key }: &SecretParameter, sender: &ControlSender) -> bool {
+        let value = match self.secrets.secret(key).await {
+            Ok(secret) => SecretBytes::new(secret.expose().to_vec()),
+            Err(error) => {
+                tracing::warn!(error = format!("{error:#}"), "a program goes on with a secret as it was");
+                return true;
+            }
+        };
+        sender.send(&Order::Secret { parameter: name.clone(), value }).is_ok()
+    }
 }
 
 fn reply(answer: Answer) -> Option<Reply> {
@@ -150,10 +207,18 @@ fn send(sender: &ControlSender, number: u64, answer: DatabaseAnswer) -> bool {
 impl ProgramRequests {
     /// Tells a new program which of its ports are connected with keys; one that comes back knows.
     pub(crate) fn tell_ports(&self) {
-        if !self.ports.is_empty()
-            && let Err(error) = self.sender.send(&Order::Keys { ports: self.ports.to_vec() })
+        let ports = &self.connected.ports;
+        if !ports.is_empty()
+            && let Err(error) = self.sender.send(&Order::Keys { ports: ports.to_vec() })
         {
             tracing::debug!(%error, "a program was not told of its keys");
+        }
+    }
+
+    /// Tells the program its secrets from now on, whenever they change.
+    pub(crate) fn follow_secrets(&mut self) {
+        for secret in self.connected.secrets.iter().cloned() {
+            self.followers.spawn(self.way.clone().follow_secret(secret, self.sender.clone()));
         }
     }
 
@@ -170,7 +235,7 @@ impl ProgramRequests {
                 return self.watch(number, question);
             }
             DatabaseRequest::Get { key } => access.get(key),
-            DatabaseRequest::Transact(transaction) => access.transact(transaction, &self.ports),
+            DatabaseRequest::Transact(transaction) => access.transact(transaction, &self.connected.ports),
         };
         let question = if self.requests.len() < REQUESTS_MAX { question } else { Err(program::busy()) };
         match question {

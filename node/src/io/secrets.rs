@@ -71,7 +71,14 @@ impl Secrets {
         Ok(SecretBytes(bytes))
     }
 
-    async fn secret(&self, key: &str) -> anyhow::Result<Secret> {
+    /// Returns the secret at a key.
+    ///
+    /// # Errors
+    /// As of [`Secrets::open`].
+    ///
+    /// # Cancellation
+    /// Safe.
+    pub(crate) async fn secret(&self, key: &str) -> anyhow::Result<Secret> {
         let host = &self.host;
         let Some(member) = &self.member else {
             bail!(

@@ -68,7 +68,7 @@ pub(crate) struct Adopted {
 pub(crate) struct Starter {
     shim: PathBuf,
     policy: ExecutionPolicy,
-    secrets: Secrets,
+    secrets: Arc<Secrets>,
     database: ProgramDatabase,
     events: Sender<Event>,
     /// How many programs have connected.
@@ -83,7 +83,7 @@ impl Starter {
     pub(crate) fn new(
         shim: PathBuf,
         policy: ExecutionPolicy,
-        (secrets, database): (Secrets, ProgramDatabase),
+        (secrets, database): (Arc<Secrets>, ProgramDatabase),
         events: Sender<Event>,
     ) -> Self {
         Self {

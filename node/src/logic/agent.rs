@@ -241,8 +241,7 @@ impl Agent {
         let coordinators = self.coordinators.values().map(Coordinator::deadline);
         let participants = self.participants.values().map(Participant::deadline);
         let links = self.links.values().flatten().map(Link::deadline);
-        let begins = |one: &AwaitingHosts| one.resumed.as_ref().and_then(|resumed| resumed.earliest);
-        let gathering = self.awaiting_hosts.iter().map(|one| begins(one).or(Some(one.until)));
+        let gathering = self.awaiting_hosts.iter().map(AwaitingHosts::deadline);
         let looking_back = (!self.earlier.is_empty()).then_some(self.started);
         coordinators
             .chain(participants)
@@ -262,6 +261,7 @@ impl Agent {
             Input::Frame(frame) => self.frame(*frame, out),
             Input::Call { call, request } => self.take_call(call, *request, out),
             Input::Judged { number, verdict } => self.judged(number, verdict, out),
+            Input::Resumable { deployment, verdict } => self.resumable(&deployment, verdict, out),
             Input::CallGone { call } => {
                 self.listeners.retain(|listener| *listener != call);
                 self.forget_stopped(call);
@@ -300,6 +300,7 @@ impl Agent {
                 self.keep_estop(out);
                 self.keep_all(out);
                 self.judge_again(out);
+                self.ask_again(out);
             }
             Input::Leave => {
                 self.leaving = true;

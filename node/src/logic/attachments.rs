@@ -85,6 +85,7 @@ impl Attachments {
             | Input::Adopted { .. }
             | Input::Leave
             | Input::Judged { .. }
+            | Input::Resumable { .. }
             | Input::Tick => {}
         }
     }
@@ -133,6 +134,7 @@ impl Attachments {
             | Effect::FindPrograms { .. }
             | Effect::Answer { .. }
             | Effect::Judge { .. }
+            | Effect::JudgeResumed { .. }
             | Effect::OrderEnded { .. }
             | Effect::WriteDatabase(_) => {}
         }

@@ -4,13 +4,14 @@ use crate::logic::database::question::Commit;
 use crate::logic::gate::Outcome;
 use crate::logic::link::Frame;
 use crate::logic::nameserver::Change;
-use crate::logic::protocol::{Answer, Deployment, Estop, Kept, Message, Namesake, ToParticipant, Tombstone};
+use crate::logic::protocol::{Answer, Deployment, Estop, Kept, Message, Namesake, Signed, ToParticipant, Tombstone};
 use comms::logic::control::Order;
 use comms::logic::time::Time;
 use language::plan::{KeyBinding, LeafKind, Policy};
 use serde::{Deserialize, Serialize};
 use shim::protocol::ShimOrder;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// One program of one deployment on this host.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -137,6 +138,16 @@ pub enum Effect {
         from: String,
         /// The order.
         order: Box<ToParticipant>,
+    },
+    /// See whether the user who has signed a deployment of this home may still have it, and give [`Input::Resumable`]: it is to begin
+    /// again after a reboot.
+    ///
+    /// [`Input::Resumable`]: crate::logic::agent::Input::Resumable
+    JudgeResumed {
+        /// The one that ran before the reboot.
+        deployment: Deployment,
+        /// What the user has signed.
+        signed: Option<Arc<Signed>>,
     },
     /// Take note of what became of an order that was judged and accepted.
     OrderEnded {

@@ -272,6 +272,48 @@ impl Gate {
         Ok(())
     }
 
+    /// Decides whether a deployment of this home may begin again after a reboot: its home has accepted it when it was begun, and its
+    /// signer may have been revoked since.
+    ///
+    /// # Errors
+    /// It is refused.
+    pub fn resumed(
+        &self,
+        deployment: &Deployment,
+        signed: Option<&Signed>,
+        judge: &Judge<'_>,
+    ) -> Result<Attempt, Refused> {
+        let who = signed.map_or_else(|| "somebody".to_owned(), signer);
+        let attempt = Attempt { who, what: format!("begin `{deployment}` again after a reboot") };
+        match self.check_resumed(deployment, signed, judge) {
+            Ok(()) => Ok(attempt),
+            Err(why) => Err(Refused { attempt, why }),
+        }
+    }
+
+    fn check_resumed(
+        &self,
+        deployment: &Deployment,
+        signed: Option<&Signed>,
+        judge: &Judge<'_>,
+    ) -> Result<(), Refusal> {
+        let signed = signed.ok_or(Refusal::Unsigned(Action::Deploy))?;
+        let request = signed.request().map_err(|_unreadable| Refusal::Unreadable)?;
+        check_action(signed, Action::Deploy)?;
+        let plan = plan_of(&request).ok_or(Refusal::Unreadable)?;
+        let is_meant = plan.name == deployment.name && plan.home() == Some(self.name.as_str());
+        if !is_meant || plan.on_boot != OnBoot::Resume {
+            return Err(Refusal::Altered(self.name.to_string()));
+        }
+        let (head, _) = request::Request::peek(&signed.head).map_err(request::Refusal::Form)?;
+        let deployed = plan.name.parse().ok();
+        // It was accepted in its time, and that may be over.
+        let judge = Judge { now: head.not_before, ..*judge };
+        let context = Context { judge, node: self.node, name: &self.name, deployment: deployed.as_ref(), epoch_min: 0 };
+        request::check_again(&signed.head, &signed.body, &context)?;
+        Ok(())
+    }
+
     fn takes_part(&self, plan: &Plan) -> bool {
         plan.hosts.iter().any(|host| host == self.name.as_str())
     }

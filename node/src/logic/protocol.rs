@@ -226,6 +226,11 @@ pub enum Request {
     StopAway(Box<Tombstone>),
     /// Answered by [`Answer::Credentials`], at once.
     Credentials,
+    /// A user asks for a certificate to be renewed. Answered by [`Answer::Credentials`] with the renewed credential alone, at once.
+    RenewUser {
+        /// Signed by the user: `trust::renewal::ask`.
+        ask: Vec<u8>,
+    },
 }
 
 /// A request to switch connection sets.

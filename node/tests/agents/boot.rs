@@ -52,7 +52,7 @@ fn power_on(world: &mut World, host: &str, was_rebooted: bool) {
         machine: host.to_owned(),
         epoch,
         open,
-        is_guarded: false,
+        is_guarded: world.is_guarded,
         estop: world.estops.get(host).cloned().flatten(),
         earlier: Earlier { running, tombstones },
     };
@@ -185,6 +185,34 @@ fn nothing_is_begun_again_while_everything_is_stopped() {
         reasons[0].starts_with("it is not resumed: ") && reasons[0].contains("a person in the cell"),
         "{reasons:?}"
     );
+}
+
+/// In a team the home asks whether the user who has signed it still may have it, once all others are there who know of a revocation.
+#[test]
+fn what_its_signer_may_not_have_any_more_is_not_begun_again() {
+    for verdict in [None, Some("the key of `dan` is revoked")] {
+        let mut world = World::guarded(&["c1", "c2"]);
+        world.deploy("c1", LONG);
+        world.run_for(Duration::from_secs(1));
+        assert_eq!(runs(&world), on_both(1));
+        power_off(&mut world, "c1");
+        world.run_for(Duration::from_secs(3));
+        world.judged.clear();
+        power_on(&mut world, "c1", true);
+        world.run_for(Duration::from_secs(5));
+        assert_eq!(world.judged, [], "not before others had time to say what they know");
+        world.verdict = verdict.map(str::to_owned);
+        world.run_for(Duration::from_secs(25));
+        assert_eq!(world.judged.iter().filter(|one| **one == ("c1".to_owned(), deployment(1))).count(), 1, "once");
+        assert_eq!(runs(&world), if verdict.is_none() { on_both(2) } else { BTreeSet::new() });
+        if let Some(why) = verdict {
+            let Answer::Report(Report::Refused { reasons }) = told(&mut world, 1) else {
+                panic!("{:?}", told(&mut world, 1))
+            };
+            assert_eq!(reasons, [format!("it is not resumed: {why}")]);
+            assert!(world.kept["c1"].is_empty(), "it is forgotten");
+        }
+    }
 }
 
 fn stop_away(world: &mut World, host: &str, epoch: u64) -> Answer {

@@ -117,7 +117,8 @@ impl World {
             | Order::Resumed { .. }
             | Order::Database { .. }
             | Order::Keys { .. }
-            | Order::Partners { .. } => {}
+            | Order::Partners { .. }
+            | Order::Secret { .. } => {}
             Order::Exit if self.lingers => {}
             Order::Exit => self.die(host, process, ShimReport::Exited { code: 0 }),
         }

@@ -119,6 +119,8 @@ pub(super) struct World {
     pub(super) disk_ms: u64,
     /// Why the disk takes nothing.
     pub(super) disk_refuses: Option<String>,
+    /// Whether the hosts are in a team.
+    pub(super) is_guarded: bool,
     /// What was judged, and where.
     pub(super) judged: Vec<(String, Deployment)>,
     /// What became of orders that were accepted, and where.
@@ -142,7 +144,7 @@ impl World {
     }
 
     fn with(hosts: &[&str], is_guarded: bool) -> Self {
-        let mut world = Self::default();
+        let mut world = Self { is_guarded, ..Self::default() };
         for (boot, host) in (1..).zip(hosts) {
             let (own, machine, open) = ((*host).to_owned(), (*host).to_owned(), Vec::new());
             let identity = Identity {
@@ -344,6 +346,11 @@ impl World {
                 self.judged.push((host.into(), deployment));
                 let verdict = self.verdict.clone().map_or(Ok(()), Err);
                 self.at(self.disk_ms, host, Coming::Input(Input::Judged { number, verdict }));
+            }
+            Effect::JudgeResumed { deployment, .. } => {
+                self.judged.push((host.into(), deployment.clone()));
+                let verdict = self.verdict.clone().map_or(Ok(()), Err);
+                self.at(1, host, Coming::Input(Input::Resumable { deployment, verdict }));
             }
             Effect::Leave => self.leave(host),
         }

@@ -27,7 +27,7 @@ async fn waiting_with(seconds: u64, takes: bool) -> Waiting {
     let at = listener.local_addr().unwrap();
     let expires = UnixTime(crate::now().0 + seconds);
     let secret = Zeroizing::new(entropy::bytes().unwrap());
-    let invite = Invite { team: team.id(), secret, expires, addresses: vec![at] };
+    let invite = Invite { team: team.id(), secret, expires, addresses: vec![at], founds: false };
     let mut inviter = Inviter::new(team, root, None);
     let open = OpenInvite { expires, role: Role::Member, name: Some("r1".parse().unwrap()) };
     inviter.open(invite.hash(), open, crate::now()).unwrap();

@@ -4,14 +4,14 @@ use super::{CREDENTIAL, Member};
 use crate::audit::AuditEntry;
 use crate::folder;
 use crate::program::ProgramIdentity;
-use anyhow::Context as _;
+use anyhow::{Context as _, ensure};
 use std::path::{Path, PathBuf};
 use std::sync::{MutexGuard, PoisonError};
 use trust::audit::Decision;
 use trust::identity::SecretKeys;
 use trust::name::UnixTime;
 use trust::renewal;
-use trust::role::Action;
+use trust::role::{Action, Kind};
 use trust::team::Credential;
 
 /// The identity of the programs of this node: their keys, and the file that they read.
@@ -65,8 +65,21 @@ impl Member {
     pub fn renew(&self, credential: &[u8]) -> anyhow::Result<Vec<u8>> {
         let asker = Credential::from_bytes(credential).context("it shows no credential")?;
         let own = self.newest().clone();
-        let renewed = self.with_judge(|judge| renewal::renew(&asker, (&self.keys, &own), judge))?;
+        let renewed = self.with_judge(|judge| renewal::renew((Kind::Node, &asker), (&self.keys, &own), judge))?;
         self.note_renewal("a node", &renewed);
+        Ok(renewed.to_bytes())
+    }
+
+    /// Renews the certificate of a user, who has signed that it asks; returns the form of its credential.
+    ///
+    /// # Errors
+    /// This node may not, or it is not the user who asks, or one that is not trusted or is valid for long enough.
+    pub fn renew_user(&self, ask: &[u8]) -> anyhow::Result<Vec<u8>> {
+        ensure!(self.may_renew(), "`{}` may not renew", self.name());
+        let asker = renewal::asked(ask, crate::now())?;
+        let own = self.newest().clone();
+        let renewed = self.with_judge(|judge| renewal::renew((Kind::User, &asker), (&self.keys, &own), judge))?;
+        self.note_renewal(asker.certificate().claims().name.as_str(), &renewed);
         Ok(renewed.to_bytes())
     }
 

@@ -44,8 +44,13 @@ impl Desk {
     fn node(&self, name: &str, begins: i64, ends: i64) -> Member {
         let (keys, state) = (keys(), self.folder.join(name));
         let at = |days: i64| crate::now().0.saturating_add_signed(days * i64::try_from(DAY).unwrap());
-        Member::begin(&state, &keys, &self.team, &self.credential(&keys, Role::Member, (at(begins), at(ends))))
-            .unwrap();
+        Member::begin(
+            &state,
+            &keys,
+            (&self.team, false),
+            &self.credential(&keys, Role::Member, (at(begins), at(ends))),
+        )
+        .unwrap();
         Member::open(&state).unwrap().unwrap()
     }
 }
@@ -149,6 +154,13 @@ fn a_broken_folder_is_no_node_without_a_team() {
     assert!(Member::open(&state).unwrap_err().to_string().contains("is not there"));
     std::fs::remove_file(state.join(FOLDER).join(CREDENTIAL)).unwrap();
     assert!(Member::open(&state).unwrap_err().to_string().contains("was cut short"));
-    std::fs::remove_file(state.join(FOLDER).join(TEAM)).unwrap();
+    // So is an empty folder, and a link to a disk that is not mounted.
+    std::fs::remove_dir_all(state.join(FOLDER)).unwrap();
+    std::fs::create_dir(state.join(FOLDER)).unwrap();
+    assert!(Member::open(&state).unwrap_err().to_string().contains("was cut short, or leads nowhere"));
+    std::fs::remove_dir(state.join(FOLDER)).unwrap();
+    std::os::unix::fs::symlink("/nowhere/team", state.join(FOLDER)).unwrap();
+    assert!(Member::open(&state).unwrap_err().to_string().contains("was cut short, or leads nowhere"));
+    std::fs::remove_file(state.join(FOLDER)).unwrap();
     assert!(Member::open(&state).unwrap().is_none());
 }

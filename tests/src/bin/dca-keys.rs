@@ -1,10 +1,10 @@
-//! Controllers for tests that use the database: one writes keys at 100 Hz, one watches them, and one counts at a key that others
-//! count at, too. Each writes down what it was answered.
+//! Controllers for tests that use the database: one writes keys at 100 Hz, one watches them, one counts at a key that others
+//! count at, too, and one has a secret. Each writes down what it was answered.
 
 use controllers::sdk::{
-    About, Arguments, Controller, Database, DatabaseError, DatabaseRefusal, Entry, Every, Expected, Inputs, KeyAnswer,
-    KeyNews, KeyPut, KeyResult, Kind, Out, Outputs, Parameter, Progress, Registry, Tick, Transaction, TxnId, Value,
-    WatchEvent, process,
+    About, Arguments, Configured, Controller, Database, DatabaseError, DatabaseRefusal, Entry, Every, Expected, Inputs,
+    KeyAnswer, KeyNews, KeyPut, KeyResult, Kind, Out, Outputs, Parameter, Progress, Registry, Tick, Transaction, TxnId,
+    Value, WatchEvent, process,
 };
 use std::fs::{File, OpenOptions};
 use std::io::Write;
@@ -279,11 +279,58 @@ impl Controller for Claimer {
     }
 }
 
+/// Has a secret, and shows each value of it with its letters moved by 13 places: `made Fjbeqsvfu`, `changed Fjbeqsvfu`.
+struct Keeper(Log);
+
+impl Keeper {
+    fn show(&mut self, word: &str, arguments: &Arguments) -> Result<(), String> {
+        let secret = arguments.secret("password").map_err(|error| error.to_string())?;
+        let shown: String = secret.iter().map(|byte| char::from(moved(*byte))).collect();
+        self.0.add(&format!("{word} {shown}"));
+        Ok(())
+    }
+}
+
+const fn moved(byte: u8) -> u8 {
+    match byte {
+        b'A'..=b'Z' => b'A' + (byte - b'A' + 13) % 26,
+        b'a'..=b'z' => b'a' + (byte - b'a' + 13) % 26,
+        other => other,
+    }
+}
+
+impl Controller for Keeper {
+    type Inputs = ();
+    type Outputs = ();
+    const TYPE: &'static str = "Keeper";
+
+    fn about() -> About {
+        const PARAMETERS: &[Parameter] = &[Parameter::new("password", Kind::Secret), text("file")];
+        About::service("Has a secret.").every(10 * PERIOD).with(PARAMETERS)
+    }
+
+    fn new(arguments: &Arguments) -> Result<Self, String> {
+        let mut keeper = Self(Log::open(arguments)?);
+        keeper.show("made", arguments)?;
+        Ok(keeper)
+    }
+
+    fn configure(&mut self, arguments: &Arguments) -> Result<Configured, String> {
+        self.show("changed", arguments)?;
+        Ok(Configured::Now)
+    }
+
+    fn main_calc(&mut self, _: Tick, (): &(), (): &mut ()) -> Progress {
+        Progress::Continue
+    }
+}
+
 fn main() -> ExitCode {
     let mut registry = Registry::default();
     registry.add::<Writer>();
     registry.add::<Watcher>();
     registry.add::<Counter>();
     registry.add::<Claimer>();
+    registry.add::<Keeper>();
     process::run(&registry)
 }

@@ -82,7 +82,7 @@ fn joining(world: &World) -> [(&'static str, Message); 5] {
 
 fn invite(world: &World) -> Invite {
     let addresses = vec!["10.0.0.1:7450".parse().expect("the input is good")];
-    Invite { team: world.team.id(), secret: Zeroizing::new([5; 16]), expires: NOW.plus(900), addresses }
+    Invite { team: world.team.id(), secret: Zeroizing::new([5; 16]), expires: NOW.plus(900), addresses, founds: false }
 }
 
 fn request(world: &World) -> (Request, Vec<u8>) {

@@ -147,7 +147,13 @@ fn hostile_lines_of_invitations() {
     let world = World::new();
     let invite = |secret| {
         let addresses = vec!["10.0.0.1:7450".parse().unwrap()];
-        Invite { team: world.team.id(), secret: Zeroizing::new([secret; 16]), expires: NOW.plus(900), addresses }
+        Invite {
+            team: world.team.id(),
+            secret: Zeroizing::new([secret; 16]),
+            expires: NOW.plus(900),
+            addresses,
+            founds: false,
+        }
     };
     let (good, other) = (invite(5).to_line(), invite(6).to_line());
     Seeded::each_text(&good, &other, |line| {

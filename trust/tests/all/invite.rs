@@ -16,7 +16,7 @@ use zeroize::Zeroizing;
 fn invite(team: &Team) -> Invite {
     let addresses =
         ["192.168.7.1:7450", "[fe80::1]:7450"].map(|text| text.parse().expect("the input is good")).to_vec();
-    Invite { team: team.id(), secret: Zeroizing::new([5; 16]), expires: NOW.plus(900), addresses }
+    Invite { team: team.id(), secret: Zeroizing::new([5; 16]), expires: NOW.plus(900), addresses, founds: false }
 }
 
 fn inviter(world: &World) -> Inviter {
@@ -169,11 +169,12 @@ fn a_typing_mistake_is_told() {
 
 proptest! {
     #[test]
-    fn lines_come_back(team: [u8; 32], secret: [u8; 16], expires: u64, addresses in prop::collection::vec(any::<SocketAddr>(), 0..=4)) {
+    fn lines_come_back(team: [u8; 32], secret: [u8; 16], expires: u64, founds: bool, addresses in prop::collection::vec(any::<SocketAddr>(), 0..=4)) {
         let plain = |address: &SocketAddr| SocketAddr::new(address.ip(), address.port());
         let addresses: Vec<SocketAddr> = addresses.iter().map(plain).collect();
-        let invite = Invite { team: KeyId(team), secret: Zeroizing::new(secret), expires: UnixTime(expires), addresses };
+        let invite = Invite { team: KeyId(team), secret: Zeroizing::new(secret), expires: UnixTime(expires), addresses, founds };
         let read = Invite::from_line(&invite.to_line()).unwrap();
         prop_assert_eq!((read.team, read.secret, read.expires, read.addresses), (invite.team, invite.secret, invite.expires, invite.addresses));
+        prop_assert_eq!(read.founds, founds);
     }
 }

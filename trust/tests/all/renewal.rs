@@ -5,14 +5,15 @@ use std::collections::BTreeMap;
 use trust::certificate::DAY;
 use trust::identity::SecretKeys;
 use trust::name::UnixTime;
-use trust::renewal::{RenewalError, accept, due, end, renew};
+use trust::renewal::{RenewalError, accept, ask, asked, due, end, renew};
 use trust::revocation::{Revocations, RevokedSet};
+use trust::role::Kind;
 use trust::team::{Credential, Judge, Standing, TrustError};
 
 type Node = (SecretKeys, Credential);
 
 fn renewed(asker: &Node, by: &Node, judge: &Judge<'_>) -> Result<Credential, RenewalError> {
-    renew(&asker.1, (&by.0, &by.1), judge)
+    renew((Kind::Node, &asker.1), (&by.0, &by.1), judge)
 }
 
 /// `r1` may not renew, `r2` may, and nobody renews `r2`: it is in its grace at the end, and `r1` still is renewed by it.
@@ -53,7 +54,7 @@ fn nobody_is_renewed_early_late_or_by_the_wrong_one() {
     assert_eq!(own, Err(RenewalError::Own));
     let by_member = renewed(&r2, &r1, &world.judge(now));
     assert!(matches!(by_member, Err(RenewalError::Trust(TrustError::Role { .. }))));
-    let user = renew(&world.viewer.1, (&r2.0, &r2.1), &world.judge(now));
+    let user = renewed(&world.viewer, &r2, &world.judge(now));
     assert_eq!(user, Err(RenewalError::Kind));
     // Who was offline for longer than the grace is not trusted any more.
     let late = renewed(&r1, &r2, &world.judge(NOW.plus(38 * DAY)));
@@ -75,4 +76,29 @@ fn nobody_is_renewed_early_late_or_by_the_wrong_one() {
     assert_eq!(due(&good, &world.judge(now)), Some(UnixTime(NOW.0 + 20 * DAY)));
     assert!(matches!(good.check(&world.judge(NOW.plus(40 * DAY))), Err(TrustError::Revoked(_))));
     assert!(matches!(renewed(&r1, &r2, &world.judge(now)), Err(RenewalError::Trust(TrustError::Revoked(_)))));
+}
+
+#[test]
+fn a_user_asks_for_itself_and_now() {
+    let world = World::new();
+    let ((viewer_keys, viewer), (r2_keys, r2)) = (&world.viewer, &world.r2);
+    let now = NOW.plus(20 * DAY);
+    let bytes = ask(viewer, viewer_keys, now);
+    assert_eq!(asked(&bytes, now.plus(200)).as_ref(), Ok(viewer));
+    for other in [UnixTime(now.0 - 600), now.plus(600)] {
+        assert_eq!(asked(&bytes, other), Err(RenewalError::Time));
+    }
+    // With the certificate of another, or changed anywhere, it is nothing.
+    assert_eq!(asked(&ask(viewer, r2_keys, now), now), Err(RenewalError::Signature));
+    for at in 0..bytes.len() {
+        let mut wrong = bytes.clone();
+        wrong[at] ^= 1;
+        assert!(asked(&wrong, now).is_err() || asked(&wrong, now).is_ok_and(|other| other != *viewer), "byte {at}");
+        assert!(asked(&bytes[..at], now).is_err(), "up to {at}");
+    }
+    let judge = world.judge(now);
+    let good = renew((Kind::User, viewer), (r2_keys, r2), &judge).unwrap();
+    assert_eq!(accept(viewer, &good, &judge), Ok(()));
+    assert!(matches!(good.check(&world.judge(NOW.plus(40 * DAY))), Ok(Standing::Valid(_))), "its own would be over");
+    assert_eq!(renew((Kind::User, r2), (r2_keys, r2), &judge), Err(RenewalError::Kind));
 }

@@ -16,6 +16,7 @@ use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
+use zeroize::Zeroizing;
 
 /// How long a node may take nothing of what it is sent.
 const WRITE_WITHIN: Duration = Duration::from_secs(2);
@@ -99,7 +100,7 @@ impl NoticeSender {
     /// # Errors
     /// If 256 wait already.
     pub fn send_frame(&self, frame: Vec<u8>) -> Result<(), ControlError> {
-        if !Outbox::send(&self.channel.outbox, frame, &self.channel.stream)? {
+        if !Outbox::send(&self.channel.outbox, Zeroizing::new(frame), &self.channel.stream)? {
             // It fails only where it has been readable for ever.
             rustix::io::write(&self.channel.filled, &1_u64.to_ne_bytes()).unwrap_or_default();
         }

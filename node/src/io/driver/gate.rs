@@ -7,7 +7,7 @@ use crate::io::guard::Guard;
 use crate::io::policy::ExecutionPolicy;
 use crate::logic::agent::Input;
 use crate::logic::gate::{Attempt, Outcome, Passed};
-use crate::logic::protocol::{Answer, Deployment, Request, ToParticipant};
+use crate::logic::protocol::{Answer, Deployment, Request, Signed, ToParticipant};
 
 /// How many orders were accepted and are not answered yet; of more, the latest.
 const ACCEPTED_MAX: usize = 256;
@@ -87,6 +87,13 @@ impl Driver {
             }
             (verdict, _) => self.pending.push_back(Input::Judged { number, verdict: verdict.map(drop) }),
         }
+    }
+
+    /// Judges whether a deployment of this home may begin again after a reboot.
+    pub(super) fn judge_resumed(&mut self, deployment: Deployment, signed: Option<&Signed>) {
+        let none = || Err("this node is in no team".to_owned());
+        let verdict = self.guard.as_ref().map_or_else(none, |guard| guard.resumed(&deployment, signed));
+        self.pending.push_back(Input::Resumable { deployment, verdict });
     }
 
     /// Puts into the audit log what became of an order that was accepted.

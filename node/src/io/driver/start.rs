@@ -27,6 +27,7 @@ use anyhow::Context;
 use comms::io::session::Reach;
 use comms::io::{clock, file};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use tokio::sync::mpsc::{Receiver, Sender};
 
 pub(super) fn database_options(config: &Config, dir: &RunDir) -> database::Options {
@@ -48,9 +49,9 @@ pub(super) fn starter(
     database: &DatabaseThread,
     (policy, events): (ExecutionPolicy, Sender<Event>),
 ) -> Starter {
-    let secrets = Secrets::new(config.member.clone(), database.handle().clone(), &config.name);
+    let secrets = Arc::new(Secrets::new(config.member.clone(), database.handle().clone(), &config.name));
     let access = Access { robot: config.name.clone(), is_team: config.member.is_some() };
-    let database = ProgramDatabase::new(database.handle().clone(), access);
+    let database = ProgramDatabase::new(database.handle().clone(), access, Arc::clone(&secrets));
     Starter::new(programs::beside("dca-shim"), policy, (secrets, database), events)
 }
 

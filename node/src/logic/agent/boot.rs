@@ -34,6 +34,18 @@ pub(super) struct Resumed {
     origin: u64,
     /// When it may begin; nothing once that is past.
     pub(super) earliest: Option<Time>,
+    permission: Permission,
+}
+
+/// Whether the user who has signed it may still have it: somebody may have revoked the key since.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+enum Permission {
+    /// Not known. It is asked when everything else is there, so that all have been heard who know of a revocation.
+    Unknown,
+    /// Asked.
+    Asked,
+    /// Given.
+    Given,
 }
 
 impl Resumed {
@@ -49,6 +61,13 @@ impl Resumed {
 }
 
 impl AwaitingHosts {
+    /// Returns when it is to be looked at again.
+    pub(super) fn deadline(&self) -> Option<Time> {
+        let Some(resumed) = &self.resumed else { return Some(self.until) };
+        let is_asked = resumed.permission == Permission::Asked;
+        resumed.earliest.or(Some(self.until)).filter(|_| !is_asked)
+    }
+
     /// What is kept on the disk of one that is resumed, until it has begun.
     pub(super) fn kept(&self) -> Option<Kept> {
         let Resumed { from, origin, .. } = self.resumed.clone()?;
@@ -77,7 +96,8 @@ impl Agent {
                 continue;
             };
             let (earliest, until) = (out.now + BOOT_WAIT, out.now + BOOT_WITHIN);
-            let resumed = Some(Resumed { from: deployment, origin, earliest: Some(earliest) });
+            let permission = Permission::Unknown;
+            let resumed = Some(Resumed { from: deployment, origin, earliest: Some(earliest), permission });
             let signed = signed.map(Arc::new);
             self.awaiting_hosts.push(AwaitingHosts { until, call: None, plan, by, signed, resumed });
         }
@@ -105,6 +125,52 @@ impl Agent {
             .as_ref()
             .is_none_or(|resumed| resumed.earliest.is_none() && !self.absence.is_open(&resumed.from));
         one.until <= now || are_there && is_free
+    }
+
+    /// Begins one again, if nothing is against it and, in a team, its signer still may have it.
+    pub(super) fn resume(&mut self, mut one: AwaitingHosts, out: &mut Out<'_>) {
+        let obstacle = self.obstacle(out.now);
+        let Some(resumed) = &mut one.resumed else { return };
+        if let Some(why) = obstacle {
+            let resumed = resumed.clone();
+            return self.not_resumed(&resumed, &why, out);
+        }
+        if !self.identity.is_guarded || resumed.permission == Permission::Given {
+            return self.begin(one, out);
+        }
+        if resumed.permission == Permission::Unknown {
+            resumed.permission = Permission::Asked;
+            out.effects.push(Effect::JudgeResumed { deployment: resumed.from.clone(), signed: one.signed.clone() });
+        }
+        self.awaiting_hosts.push(one);
+    }
+
+    /// Takes the verdict about one that is to be resumed.
+    pub(super) fn resumable(&mut self, deployment: &Deployment, verdict: Result<(), String>, out: &mut Out<'_>) {
+        let is_meant = |one: &AwaitingHosts| one.resumed.as_ref().is_some_and(|resumed| resumed.from == *deployment);
+        let Some(place) = self.awaiting_hosts.iter().position(is_meant) else { return };
+        let mut one = self.awaiting_hosts.remove(place);
+        let Some(resumed) = &mut one.resumed else { return };
+        match verdict {
+            Ok(()) => {
+                resumed.permission = Permission::Given;
+                self.resume(one, out);
+            }
+            Err(why) => {
+                let resumed = resumed.clone();
+                self.not_resumed(&resumed, &why, out);
+            }
+        }
+    }
+
+    /// Asks again for the verdicts that a node which was killed has not given.
+    pub(super) fn ask_again(&self, out: &mut Out<'_>) {
+        for AwaitingHosts { signed, resumed, .. } in &self.awaiting_hosts {
+            if let Some(resumed) = resumed.as_ref().filter(|resumed| resumed.permission == Permission::Asked) {
+                let (deployment, signed) = (resumed.from.clone(), signed.clone());
+                out.effects.push(Effect::JudgeResumed { deployment, signed });
+            }
+        }
     }
 
     /// Says why a deployment is not resumed after all.

@@ -88,7 +88,7 @@ impl Agent {
             Request::Unlinked => answer(call, Answer::Unlinked(Vec::new()), out),
             Request::Credentials => answer(call, Answer::Credentials(Vec::new()), out),
             Request::Clock | Request::Team | Request::Revoke { .. } | Request::Signed(_) => elsewhere(call, out),
-            Request::Database(_) | Request::Here { .. } => elsewhere(call, out),
+            Request::Database(_) | Request::Here { .. } | Request::RenewUser { .. } => elsewhere(call, out),
         }
         out.effects.push(Effect::EndAnswers { call });
     }
@@ -216,14 +216,18 @@ impl Agent {
             .partition::<Vec<_>, _>(|one| self.may_begin(one, out.now));
         self.awaiting_hosts = waiting;
         for one in ready {
-            match one.resumed.as_ref().and_then(|resumed| Some((resumed.clone(), self.obstacle(out.now)?))) {
-                Some((resumed, why)) => self.not_resumed(&resumed, &why, out),
+            match &one.resumed {
+                Some(_) => self.resume(one, out),
                 None => self.begin(one, out),
             }
         }
     }
 
-    fn begin(&mut self, AwaitingHosts { call, plan, by, signed, resumed, .. }: AwaitingHosts, out: &mut Out<'_>) {
+    pub(super) fn begin(
+        &mut self,
+        AwaitingHosts { call, plan, by, signed, resumed, .. }: AwaitingHosts,
+        out: &mut Out<'_>,
+    ) {
         self.identity.epoch += 1;
         let deployment = Deployment { name: plan.name.clone(), epoch: self.identity.epoch };
         let record = chronicle::begun(&self.identity.host, &deployment, &plan, &by);

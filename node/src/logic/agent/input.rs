@@ -85,6 +85,15 @@ pub enum Input {
         /// Why not, for a person.
         verdict: Result<(), String>,
     },
+    /// What [`Effect::JudgeResumed`] has asked: begun again only if its signer still may.
+    ///
+    /// [`Effect::JudgeResumed`]: crate::logic::effect::Effect::JudgeResumed
+    Resumable {
+        /// The one that ran before the reboot.
+        deployment: Deployment,
+        /// Why not, for a person.
+        verdict: Result<(), String>,
+    },
     /// A controller was told of parameters that have changed.
     Configured {
         /// The program.

@@ -17,9 +17,10 @@ pub fn action(request: &Request) -> Option<Action> {
         Request::Stop { .. } | Request::Forget { .. } | Request::StopAway(_) => Some(Action::Stop),
         Request::ReleaseEstop => Some(Action::Start),
         Request::Database(question) | Request::Here { question, .. } => of_question(question),
-        // To stop everything is everybody's; the set of the revoked is signed itself.
+        // To stop everything is everybody's; the set of the revoked, and what a user asks with to be renewed, are signed themselves.
         Request::Estop(_)
         | Request::Revoke { .. }
+        | Request::RenewUser { .. }
         | Request::Status
         | Request::Logs { .. }
         | Request::Watch { .. }

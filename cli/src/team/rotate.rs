@@ -1,0 +1,106 @@
+//! `dca team rotate`: new keys for a robot or a user under the same name and with the same role. The old keys count until the new ones
+//! are there, and never again.
+
+use super::invite::DoorArgs;
+use super::{KeysArgs, now, revoke, user};
+use crate::io::keyring::Asked;
+use anyhow::{Context as _, bail, ensure};
+use dbmanager::logic::view::date;
+use node::console::{self, Failure, block_on};
+use trust::bundle::Bundle;
+use trust::certificate::Certificate;
+use trust::identity::{KeyId, PublicKeys, SecretKeys};
+use trust::name::Name;
+use trust::role::{Kind, Role};
+
+/// The arguments of `dca team rotate`.
+#[derive(Debug, clap::Args)]
+pub(super) struct RotateArgs {
+    /// The name of the robot or user
+    name: Name,
+    /// Of a user: the line that `dca team key` prints with the new keys
+    #[arg(long, value_name = "KEY", value_parser = user::key)]
+    key: Option<Box<PublicKeys>>,
+    #[command(flatten)]
+    door: DoorArgs,
+}
+
+impl RotateArgs {
+    /// Runs the verb.
+    pub(super) fn run(&self, keys: &KeysArgs) -> Result<(), Failure> {
+        let (keyring, bundle) = keys.bundle()?;
+        let (role, old) = holder(&bundle, &self.name)?;
+        let team = bundle.team().name().clone();
+        match (role.kind(), &self.key) {
+            (Kind::Node, None) => {
+                let (locked, passphrase) = (keyring.root(&bundle)?, keys.passphrase(Asked::Known)?);
+                let [root, signer] = [locked.unlock(&passphrase)?, locked.unlock(&passphrase)?];
+                let (name, of_team) = (self.name.clone(), team.clone());
+                let exchange = move |certificate: &Certificate| {
+                    keyring.change(&of_team, |bundle| exchange(bundle, &name, certificate.clone(), &signer)).map(drop)
+                };
+                block_on(self.door.wait((&self.name, role), &bundle, root, exchange))?;
+            }
+            (Kind::User, Some(key)) => {
+                ensure_new(&bundle, &key.id())?;
+                let root = keyring.root(&bundle)?.unlock(&keys.passphrase(Asked::Known)?)?;
+                let (until, _) = keyring.change(&team, |bundle| {
+                    ensure_new(bundle, &key.id())?;
+                    let who = (self.name.clone(), role);
+                    let certificate = user::certificate(bundle, who, **key, &root, now())?;
+                    let until = certificate.claims().not_after;
+                    exchange(bundle, &self.name, certificate, &root)?;
+                    Ok(until)
+                })?;
+                let until = date::text(until.0.saturating_mul(1000));
+                console::say(&format!("{} is {role} until {until}; key: {}", self.name, key.id().fingerprint()));
+                console::note("Give the user what `dca team export` prints: `dca team import` takes it there.");
+            }
+            (Kind::Node, Some(_)) => {
+                return Err(anyhow::anyhow!(
+                    "`{}` is a robot, which makes its keys itself: leave out `--key`",
+                    self.name
+                )
+                .into());
+            }
+            (Kind::User | Kind::Program, _) => {
+                return Err(anyhow::anyhow!(
+                    "`{}` is a user: `dca team key` on the user's machine, with another `--keys` folder, makes new keys and prints the line \
+                     for `--key`",
+                    self.name
+                )
+                .into());
+            }
+        }
+        let (_, bundle) = keys.bundle()?;
+        revoke::tell(keys, &bundle)?;
+        console::note(&format!("the old keys of `{}` are revoked", self.name));
+        revoke::could_read(keys, &self.name, &old)
+    }
+}
+
+/// Returns the role of somebody, and the keys that are not revoked.
+fn holder(bundle: &Bundle, name: &Name) -> anyhow::Result<(Role, Vec<KeyId>)> {
+    let is_valid = |known: &&Certificate| !bundle.has_revoked(&known.subject());
+    let valid: Vec<&Certificate> = bundle.named(name).filter(is_valid).collect();
+    let role = valid.first().map(|known| known.claims().role);
+    let role = role.with_context(|| format!("there is no `{name}` in the team whose keys are not revoked"))?;
+    if role == Role::Admin && valid.iter().any(|known| known.subject() == bundle.team().id()) {
+        bail!("the key of the team cannot be exchanged: begin another team");
+    }
+    Ok((role, valid.into_iter().map(Certificate::subject).collect()))
+}
+
+fn ensure_new(bundle: &Bundle, key: &KeyId) -> anyhow::Result<()> {
+    ensure!(*key != bundle.team().id(), "this is the key of the team itself");
+    ensure!(!bundle.has_revoked(key), "this key is revoked, for ever: the user makes another one");
+    ensure!(bundle.credential_of(key).is_none(), "this key is in the team already: rotation needs a new one");
+    Ok(())
+}
+
+/// Puts a certificate in the place of all others of a name, whose keys are revoked.
+fn exchange(bundle: &mut Bundle, name: &Name, new: Certificate, root: &SecretKeys) -> anyhow::Result<()> {
+    let (_, old) = holder(bundle, name)?;
+    bundle.add(new)?;
+    revoke::revoke_keys(bundle, old, root, now()).map(drop)
+}

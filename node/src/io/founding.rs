@@ -1,0 +1,64 @@
+//! The first node of a team begins the team's database: the ceremony of joining has said that it is the first.
+
+use crate::io::caller;
+use crate::io::database::Handle;
+use crate::logic::database::question::{Question, Reply};
+use crate::logic::protocol::Answer;
+use comms::io::clock;
+use std::sync::Arc;
+use std::time::Duration;
+use team::member::Member;
+
+/// The number of its calls, which no command line and no program has.
+const CALL: u64 = (1 << 63) - 1;
+/// Until it tries again, where the disk takes nothing or a member of another database is heard.
+const AGAIN_AFTER: Duration = Duration::from_secs(10);
+
+/// Begins the database, if this node is to do that, and forgets that it is once the database is there.
+///
+/// # Cancellation
+/// Safe: it begins anew with the next start of the node.
+pub(crate) async fn begin(member: Option<Arc<Member>>, database: Handle) {
+    let Some(member) = member.filter(|member| member.founds()) else { return };
+    let mut told = None;
+    while let Err(why) = found(&database).await {
+        if told.as_ref() != Some(&why) {
+            tracing::warn!(why, "the database of the team is not begun");
+            told = Some(why);
+        }
+        clock::sleep_until(clock::now() + AGAIN_AFTER).await;
+    }
+    if let Err(error) = member.has_founded() {
+        tracing::warn!(%error, "the mark of the first node of a team stays; it means no more");
+    }
+}
+
+/// Begins the database unless this node has it.
+async fn found(database: &Handle) -> Result<(), String> {
+    match ask(database, Question::Status).await? {
+        Reply::Status(status) if status.member => return Ok(()),
+        Reply::Refused(why) => return Err(why),
+        _ => {}
+    }
+    match ask(database, Question::Found).await? {
+        Reply::Done(said) => {
+            tracing::info!(said, "the database of the team has begun");
+            Ok(())
+        }
+        Reply::Refused(why) => Err(why),
+        _ => Err("the database answers something else".to_owned()),
+    }
+}
+
+async fn ask(database: &Handle, question: Question) -> Result<Reply, String> {
+    let (caller, mut answers) = caller::answers();
+    database.call(CALL, question, Some(caller));
+    while let Some(answer) = answers.next().await {
+        if let Answer::Database(reply) = answer
+            && !matches!(reply, Reply::Note(_))
+        {
+            return Ok(reply);
+        }
+    }
+    Err("the database does not answer".to_owned())
+}

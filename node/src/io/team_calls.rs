@@ -1,0 +1,30 @@
+//! The calls that a node answers at once as a member of its team.
+
+use crate::logic::protocol::{Answer, TeamOfNode};
+use team::member::Member;
+use trust::revocation::RevokedSet;
+
+/// Takes in what somebody of this machine, or another node, says that the team has revoked.
+pub(super) fn revoke(member: Option<&Member>, set: &[u8]) -> Answer {
+    let Some(member) = member else { return Answer::Refused("this node is in no team".to_owned()) };
+    let read = RevokedSet::from_bytes(set).map_err(anyhow::Error::from);
+    match read.and_then(|set| member.revoke(set)) {
+        Ok(is_new) => Answer::Revoked { is_new },
+        Err(error) => Answer::Refused(format!("{error:#}")),
+    }
+}
+
+/// Renews the certificate of a user, if this node may.
+pub(super) fn renew_user(member: Option<&Member>, ask: &[u8]) -> Answer {
+    let Some(member) = member else { return Answer::Refused("this node is in no team".to_owned()) };
+    match member.renew_user(ask) {
+        Ok(credential) => Answer::Credentials(vec![credential]),
+        Err(error) => Answer::Refused(format!("{error:#}")),
+    }
+}
+
+/// Says which team it is.
+pub(super) fn team(member: &Member) -> TeamOfNode {
+    let (id, name) = (member.team().id().0, member.team().name().to_string());
+    TeamOfNode { id, name, node: member.name().to_string() }
+}
