@@ -112,15 +112,14 @@ fn an_intruder_forges_repeats_and_reads_nothing() {
         wait_until(SOON, || matching.matching_status().wait().is_ok_and(|status| status.matching()))
     };
     assert!(reaches(&intruder).is_some());
+    let is_refused_as = |why| assert_eq!(ends.refused.recv_timeout(SOON), Ok(why));
     let put = |bytes: ZBytes, seal: Option<ZBytes>, source: Option<SourceInfo>| {
         intruder.put(PUSHED, bytes).attachment(seal).source_info(source).wait().expect("it is open");
     };
     for sample in &caught {
         put(sample.payload().clone(), sample.attachment().cloned(), sample.source_info().cloned());
     }
-    for _ in 0..4 {
-        assert_eq!(ends.refused.recv_timeout(SOON), Ok(Refusal::Repeated));
-    }
+    (0..4).for_each(|_| is_refused_as(Refusal::Repeated));
     // Of its own: without a seal, with a word that is no seal, with the seal of something else, and with a key of its own.
     put(vec![9; 40].into(), None, None);
     assert_eq!(ends.refused.recv_timeout(SOON), Ok(Refusal::Unsealed));

@@ -213,7 +213,6 @@ fn sends_on_a_wire_in_vain(team: &Team) {
     let trace = Trace::read(&team.cluster.folder().join("runs/rates-1"));
     let received = trace.signal("main/monitor", "received");
     let [before, meanwhile] = [quiet, attacked].map(|window| rate(&received, window));
-    println!("{before:.1} beats/s, with an intruder {meanwhile:.1} beats/s");
     assert!(meanwhile > 0.9 * before && meanwhile < 1.1 * before, "{before} {meanwhile}");
     let lost = trace.signal("main/monitor", "lost").last().expect("signals came").value;
     assert!(lost < 100.0, "no number of the intruder was believed: {lost}");

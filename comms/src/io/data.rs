@@ -10,7 +10,7 @@ mod object;
 mod seal;
 mod sealed;
 
-pub use calls::{CallGate, CallWay, Caller, Visitor};
+pub use calls::{CallGate, CallWay, Caller, Signs, Visitor};
 pub use devices::{DeviceGate, Voucher};
 pub use object::{AnswerWay, IncomingCall, ObjectEvent, ObjectServer, PendingCall};
 pub use seal::{Cover, Opener, SealCounter, SealKey, Sealer};

@@ -35,28 +35,27 @@ pub(crate) async fn begin(member: Option<Arc<Member>>, database: Handle) {
 
 /// Begins the database unless this node has it.
 async fn found(database: &Handle) -> Result<(), String> {
-    match ask(database, Question::Status).await? {
-        Reply::Status(status) if status.member => return Ok(()),
-        Reply::Refused(why) => return Err(why),
-        _ => {}
+    if let Reply::Status(status) = ask(database, Question::Status).await?
+        && status.member
+    {
+        return Ok(());
     }
-    match ask(database, Question::Found).await? {
-        Reply::Done(said) => {
-            tracing::info!(said, "the database of the team has begun");
-            Ok(())
-        }
-        Reply::Refused(why) => Err(why),
-        _ => Err("the database answers something else".to_owned()),
-    }
+    let Reply::Done(said) = ask(database, Question::Found).await? else {
+        return Err("the database answers something else".to_owned());
+    };
+    tracing::info!(said, "the database of the team has begun");
+    Ok(())
 }
 
 async fn ask(database: &Handle, question: Question) -> Result<Reply, String> {
     let (caller, mut answers) = caller::answers();
     database.call(CALL, question, Some(caller));
     while let Some(answer) = answers.next().await {
-        if let Answer::Database(reply) = answer
-            && !matches!(reply, Reply::Note(_))
-        {
+        let Answer::Database(reply) = answer else { continue };
+        if let Reply::Refused(why) = reply {
+            return Err(why);
+        }
+        if !matches!(reply, Reply::Note(_)) {
             return Ok(reply);
         }
     }

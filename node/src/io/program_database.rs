@@ -158,11 +158,8 @@ impl ProgramDatabase {
         loop {
             let mut answers = self.ask(question.clone());
             while let Some(reply) = answers.next().await.and_then(reply) {
-                let is_change = match reply {
-                    Reply::Entries(entries) => !entries.is_empty(),
-                    Reply::Notification(_) => true,
-                    _ => false,
-                };
+                let is_present = matches!(&reply, Reply::Entries(entries) if !entries.is_empty());
+                let is_change = is_present || matches!(reply, Reply::Notification(_));
                 if is_change && !self.tell_secret(&secret, &sender).await {
                     return;
                 }

@@ -8,6 +8,7 @@ use language::plan::{Plan, Policy};
 use language::{Options, Source, compile};
 use node::logic::agent::{Agent, Identity, Input};
 use node::logic::effect::{Effect, ProcessId, SpawnOrder};
+use node::logic::link::Frame;
 use node::logic::nameserver::Change;
 use node::logic::node_state::NodeState;
 use node::logic::programs::Programs;
@@ -281,15 +282,7 @@ impl World {
 
     pub(super) fn carry_out(&mut self, host: &str, effect: Effect) {
         match effect {
-            Effect::Transmit { to, frame } => {
-                self.transmitted += 1;
-                let is_unlucky = self.loses_by_chance.as_mut().is_some_and(|(draw, frames)| draw.below(*frames) == 0);
-                let is_lost =
-                    is_unlucky || self.loses_one_in.is_some_and(|frames| self.transmitted.is_multiple_of(frames));
-                if !is_lost && self.passes(host, &to) {
-                    self.at(1, &to, Coming::Input(Input::Frame(frame)));
-                }
-            }
+            Effect::Transmit { to, frame } => self.transmit(host, &to, frame),
             Effect::Ping { round } => {
                 self.rounds.insert(host.to_owned(), round);
                 self.ping(host, round);
@@ -353,6 +346,16 @@ impl World {
                 self.at(1, host, Coming::Input(Input::Resumable { deployment, verdict }));
             }
             Effect::Leave => self.leave(host),
+        }
+    }
+
+    /// Passes a frame on, unless it is lost on the way.
+    fn transmit(&mut self, host: &str, to: &str, frame: Box<Frame>) {
+        self.transmitted += 1;
+        let is_unlucky = self.loses_by_chance.as_mut().is_some_and(|(draw, frames)| draw.below(*frames) == 0);
+        let is_lost = is_unlucky || self.loses_one_in.is_some_and(|frames| self.transmitted.is_multiple_of(frames));
+        if !is_lost && self.passes(host, to) {
+            self.at(1, to, Coming::Input(Input::Frame(frame)));
         }
     }
 

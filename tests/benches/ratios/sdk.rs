@@ -4,7 +4,7 @@ use crate::streams::{Load, Tally};
 use anyhow::{Context, bail, ensure};
 use comms::io::clock::now;
 use comms::io::control::{ControlReceiver, ControlSender, Listener};
-use comms::io::data::DataSession;
+use comms::io::data::{CallWay, DataSession};
 use comms::logic::bytes::Bytes;
 use comms::logic::control::{Dial, Incoming, Location, Notice, Order, Outgoing};
 use comms::logic::key;

@@ -7,7 +7,7 @@ use rustix::net::{AddressFamily, SocketFlags, SocketType, eth, socket_with};
 use std::os::fd::OwnedFd;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Sender, channel};
+use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -30,7 +30,7 @@ impl Capture {
     /// The kernel shows no packets.
     pub fn begin(network: &Network) -> Self {
         let is_over = Arc::new(AtomicBool::new(false));
-        let (opened, opening) = channel();
+        let (opened, opening) = sync_channel(network.hosts().count());
         let on_host = |number| {
             let (is_over, opened) = (Arc::clone(&is_over), opened.clone());
             network.inside(number, move || all(&open(&opened), &is_over))
@@ -52,7 +52,7 @@ impl Capture {
     }
 }
 
-fn open(opened: &Sender<()>) -> OwnedFd {
+fn open(opened: &SyncSender<()>) -> OwnedFd {
     let socket = socket_with(AddressFamily::PACKET, SocketType::RAW, SocketFlags::CLOEXEC, Some(eth::ALL));
     let socket = socket.expect("root may see packets");
     set_socket_timeout(&socket, Timeout::Recv, Some(LOOK_EVERY)).expect("a socket of ours");

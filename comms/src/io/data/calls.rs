@@ -62,7 +62,10 @@ pub enum CallWay {
 
 /// Signs what a visitor says; returns nothing if it cannot.
 #[derive(Clone)]
-pub struct Visitor(pub Arc<dyn Fn(&Digest) -> Option<Proof> + Send + Sync>);
+pub struct Visitor(pub Arc<Signs>);
+
+/// Signs a digest; returns nothing if it cannot.
+pub type Signs = dyn Fn(&Digest) -> Option<Proof> + Send + Sync;
 
 /// Something to be sent to a server, and what goes beside it.
 pub(super) struct Outgoing {

@@ -61,6 +61,9 @@ struct Opening {
 
 impl SealKey {
     /// Takes 32 secret bytes that are used for nothing else.
+    ///
+    /// # Panics
+    /// Never: 32 bytes are the length of a key of this algorithm.
     pub fn new(secret: &Zeroizing<[u8; 32]>, cover: Cover) -> Self {
         let id = blake3::derive_key("dca seal key id 1", &**secret);
         let key = UnboundKey::new(&CHACHA20_POLY1305, &**secret).expect("the key has the length of the algorithm");

@@ -55,8 +55,7 @@ pub(super) fn forget_same_wires(changes: &mut Vec<PlanChange>, running: &Plan, p
     let mut stays = BTreeMap::<String, u32>::new();
     changes.retain(|change| {
         let PlanChange::Connect { wire, text } = change else { return true };
-        let is_same = touches(plan, *wire, &|leaf| numbers.overlapping.contains_key(&leaf))
-            && gone.get_mut(text).is_some_and(|count| count.checked_sub(1).map(|left| *count = left).is_some());
+        let is_same = touches(plan, *wire, &|leaf| numbers.overlapping.contains_key(&leaf)) && take(&mut gone, text);
         if is_same {
             *stays.entry(text.clone()).or_default() += 1;
         }
@@ -64,8 +63,15 @@ pub(super) fn forget_same_wires(changes: &mut Vec<PlanChange>, running: &Plan, p
     });
     changes.retain(|change| {
         let PlanChange::Disconnect { text, .. } = change else { return true };
-        !stays.get_mut(text).is_some_and(|count| count.checked_sub(1).map(|left| *count = left).is_some())
+        !take(&mut stays, text)
     });
+}
+
+/// Takes one of a text, if there is one left.
+fn take(counts: &mut BTreeMap<String, u32>, text: &str) -> bool {
+    let Some(count) = counts.get_mut(text).filter(|count| **count > 0) else { return false };
+    *count -= 1;
+    true
 }
 
 impl Plan {
