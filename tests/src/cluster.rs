@@ -22,7 +22,7 @@ pub use hosts::{Hosts, NAMES};
 pub use network::Network;
 pub use processes::{Busy, Process, descriptors, memory, threads};
 pub use program::{Ended, Program, Stream};
-pub use trace::{Sample, Trace, peak};
+pub use trace::{Sample, Trace, peak, rate, window};
 
 use comms::io::clock::{Wakeup, now};
 use node::logic::protocol::{NodeStatus, ProcessStatus};
@@ -177,6 +177,19 @@ impl Cluster {
         let mark = format!("DCA_INSTANCE={path}");
         self.left().into_iter().find(|process| process.environment.contains(&mark))
     }
+
+    /// Returns the runs of numbers that a sink of `dca-counting` has written into the file of this name, the first and last number of each.
+    ///
+    /// # Panics
+    /// It has not stopped.
+    pub fn counted(&self, name: &str) -> Vec<(u64, u64)> {
+        let text = std::fs::read_to_string(self.folder().join(name)).expect("the sink has stopped");
+        let run = |run: &str| {
+            let (first, last) = run.split_once('-').expect("a run has two ends");
+            (first.parse().expect("it is a number"), last.parse().expect("it is a number"))
+        };
+        text.split_whitespace().map(run).collect()
+    }
 }
 
 impl Drop for Cluster {
@@ -294,6 +307,13 @@ impl Host {
         writer.write_all(input).expect("it fits");
         drop(writer);
         Program::start_given(self.dca_command(arguments), reader.into()).ended(SOON)
+    }
+
+    /// Deploys a spec without a record, and waits until it has begun.
+    pub fn mission(&self, file: &str) -> Program {
+        let mission = self.dca(&["deploy", "--no-record", file]);
+        mission.wait_for(Stream::Err, "▸", SOON);
+        mission
     }
 
     /// Starts a node, whatever becomes of it.

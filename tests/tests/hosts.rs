@@ -3,7 +3,7 @@
 use comms::io::clock::{Wakeup, now};
 use comms::logic::random::Random;
 use comms::logic::time::Time;
-use dca_tests::cluster::{Hosts, NAMES, SOON, Sample, Stream, pass, spec, wait_until};
+use dca_tests::cluster::{Hosts, NAMES, SOON, Sample, Stream, pass, rate, spec, wait_until, window};
 use node::logic::protocol::Ending;
 use rustix::fs::{CWD, FileType, Mode, mknodat};
 use rustix::process::Signal;
@@ -117,8 +117,8 @@ fn data_flows_while_the_agents_are_stopped() {
     // The first second is left out: links are new, and programs still start.
     pass(Duration::from_secs(1));
     let mut machine_ms = 0.0;
-    let quiet = measured(|| machine_ms = beat(AGENTS_STOPPED));
-    let stopped = measured(|| {
+    let quiet = window(|| machine_ms = beat(AGENTS_STOPPED));
+    let stopped = window(|| {
         hosts.signal_nodes(Signal::STOP);
         machine_ms = beat(AGENTS_STOPPED).max(machine_ms);
         hosts.signal_nodes(Signal::CONT);
@@ -152,7 +152,7 @@ fn the_door_opens_although_the_agents_were_stopped() {
     let Some(hosts) = four_hosts() else { return };
     let mission = hosts.host(1).dca(&["deploy", &spec("door_opening")]);
     mission.wait_for_times(Stream::Err, "▸ dooropen", 2, MISSION_MAX);
-    let stopped = measured(|| {
+    let stopped = window(|| {
         hosts.signal_nodes(Signal::STOP);
         pass(AGENTS_STOPPED);
         hosts.signal_nodes(Signal::CONT);
@@ -237,22 +237,9 @@ fn beat(time: Duration) -> f64 {
     largest.as_secs_f64() * 1e3
 }
 
-fn measured(act: impl FnOnce()) -> (Time, Time) {
-    let began = now();
-    act();
-    (began, now())
-}
-
 /// Returns the largest value published in a window; the first tenths look back to before it.
 fn largest(samples: &[Sample], (from, to): (Time, Time)) -> f64 {
     let from = from + Duration::from_millis(200);
     let within = samples.iter().filter(|sample| (from..to).contains(&sample.stamp));
     within.map(|sample| sample.value).fold(f64::NAN, f64::max)
-}
-
-/// Returns by how much a count grew each second.
-fn rate(samples: &[Sample], (from, to): (Time, Time)) -> f64 {
-    let mut within = samples.iter().filter(|sample| (from..to).contains(&sample.stamp));
-    let (first, last) = (within.next().expect("samples came"), within.next_back().expect("samples came"));
-    (last.value - first.value) / (last.stamp - first.stamp).as_secs_f64()
 }

@@ -34,13 +34,6 @@ fn spec(cluster: &Cluster, pass: &str, arguments: &str, policy: &str) -> String 
     cluster.file("count.dca", &text)
 }
 
-/// Deploys it, and waits until numbers come.
-fn start(here: &Host, file: &str) -> Program {
-    let mission = here.dca(&["deploy", "--no-record", file]);
-    mission.wait_for(Stream::Err, "▸", SOON);
-    mission
-}
-
 /// Returns the program of each process: one, once a change is over.
 fn pids(here: &Host) -> BTreeMap<String, u32> {
     assert!(wait_until(SOON, || here.pids().len() == 3).is_some());
@@ -52,12 +45,7 @@ fn end(cluster: &Cluster, here: &Host, mission: &Program) -> Vec<(u64, u64)> {
     let stop = here.ask(&["stop", "count"]);
     assert_eq!(stop.code, Some(0), "{stop}");
     assert!(wait_until(SOON, || !mission.is_running()).is_some());
-    let text = std::fs::read_to_string(cluster.folder().join("sink")).expect("the sink has stopped");
-    let run = |run: &str| {
-        let (first, last) = run.split_once('-').expect("a run has two ends");
-        (first.parse().expect("it is a number"), last.parse().expect("it is a number"))
-    };
-    text.split_whitespace().map(run).collect()
+    cluster.counted("sink")
 }
 
 fn replace(here: &Host) -> Ended {
@@ -66,7 +54,7 @@ fn replace(here: &Host) -> Ended {
 
 /// Replaces a program again and again, and once by a changed spec. Every number comes.
 fn overlaps(cluster: &Cluster, here: &Host, (pass, what): (&str, &str)) {
-    let mission = start(here, &spec(cluster, pass, "", "replace overlap;"));
+    let mission = here.mission(&spec(cluster, pass, "", "replace overlap;"));
     let mut before = pids(here);
     for round in 0..rounds(5) {
         let replaced = replace(here);
@@ -109,7 +97,7 @@ fn a_bad_version_is_taken_back_and_the_mission_goes_on() {
     let cluster = Cluster::new();
     let here = cluster.here();
     let _node = here.node("c1", &[]);
-    let mission = start(&here, &spec(&cluster, "c1", "", "replace overlap;"));
+    let mission = here.mission(&spec(&cluster, "c1", "", "replace overlap;"));
     let before = pids(&here);
     let bad = here.ask(&["deploy", &spec(&cluster, "c1", ", fails_at = 300", "replace overlap;")]);
     let why = "`count@1` is not changed: the new program of `main/through` was not healthy: it was to fail";
@@ -135,7 +123,7 @@ fn without_overlap_there_is_a_gap() {
     let cluster = Cluster::new();
     let here = cluster.here();
     let _node = here.node("c1", &[]);
-    let mission = start(&here, &spec(&cluster, "c1", "", "replace break_before_make;"));
+    let mission = here.mission(&spec(&cluster, "c1", "", "replace break_before_make;"));
     let events = here.dca(&["events", "-f", "--json"]);
     let before = pids(&here);
     let replaced = replace(&here);

@@ -4,7 +4,7 @@
 
 #![expect(clippy::print_stdout, reason = "a test says how long its switches took")]
 
-use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, Stream, executable, pass, rounds, wait_until};
+use dca_tests::cluster::{Cluster, Host, Network, SOON, Stream, executable, pass, rounds, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::time::Duration;
@@ -41,16 +41,6 @@ fn spec(cluster: &Cluster, sinks: &str, expression: &str) -> String {
     cluster.file("count.dca", &text)
 }
 
-/// The runs of numbers that a sink has got.
-fn runs(cluster: &Cluster, name: &str) -> Vec<(u64, u64)> {
-    let text = std::fs::read_to_string(cluster.folder().join(name)).expect("the sink has stopped");
-    let run = |run: &str| {
-        let (first, last) = run.split_once('-').expect("a run has two ends");
-        (first.parse().expect("it is a number"), last.parse().expect("it is a number"))
-    };
-    text.split_whitespace().map(run).collect()
-}
-
 /// Prints percentiles of times in milliseconds.
 fn print(what: &str, mut times: Vec<f64>) {
     times.sort_by(f64::total_cmp);
@@ -68,18 +58,12 @@ fn told(events: &str) -> Vec<Value> {
     switched.collect()
 }
 
-fn start(here: &Host, file: &str) -> Program {
-    let mission = here.dca(&["deploy", "--no-record", file]);
-    mission.wait_for(Stream::Err, "▸", SOON);
-    mission
-}
-
 /// Labels in turn, as fast as the event actions go; `meanwhile` is done once they have begun.
 fn in_turn(cluster: &Cluster, here: &Host, (sinks, what): (&str, &str), meanwhile: impl FnOnce()) {
     let count = rounds(300);
     let file = spec(cluster, sinks, "source, one, other, gate, (pulse[a] ;; pulse[b])");
     let events = here.dca(&["events", "-f", "--json"]);
-    let mission = start(here, &file);
+    let mission = here.mission(&file);
     assert!(wait_until(SOON, || !told(&events.text(Stream::Out)).is_empty()).is_some());
     meanwhile();
     let within = SOON + ROUND * u32::try_from(count).expect("it is small");
@@ -93,7 +77,7 @@ fn in_turn(cluster: &Cluster, here: &Host, (sinks, what): (&str, &str), meanwhil
     let rough: Vec<&Value> = switched.iter().filter(|one| !zero(one)).collect();
     assert!(rough.is_empty(), "{rough:?}");
     print(what, switched.iter().map(|one| one["took"].as_f64().expect("it is a time") * 1000.0).collect());
-    let runs = runs(cluster, "one");
+    let runs = cluster.counted("one");
     assert_eq!(runs.len(), 1, "numbers were lost, doubled or late: {runs:?}");
     println!("{what}: {} numbers, all in order", runs[0].1 - runs[0].0 + 1);
 }
@@ -155,7 +139,7 @@ fn a_person_switches_what_runs() {
     let cluster = Cluster::new();
     let here = cluster.here();
     let _node = here.node("c1", &[]);
-    let mission = start(&here, &spec(&cluster, "c1", "source, one, other, gate[a]"));
+    let mission = here.mission(&spec(&cluster, "c1", "source, one, other, gate[a]"));
     let mut times = Vec::new();
     for round in 0..20 {
         let label = ["gate[b]", "gate[c]", "main/gate[a]"][round % 3];
@@ -186,8 +170,8 @@ fn a_person_switches_what_runs() {
     assert_eq!(here.ask(&["switch", "count", "gate"]).code, Some(2));
     assert_eq!(here.ask(&["stop", "count"]).code, Some(0));
     assert_eq!(mission.ended(SOON).code, Some(1));
-    let mut all = runs(&cluster, "one");
-    all.extend(runs(&cluster, "other"));
+    let mut all = cluster.counted("one");
+    all.extend(cluster.counted("other"));
     all.sort_unstable();
     assert!(all.windows(2).all(|pair| pair[1].0 == pair[0].1 + 1), "numbers were lost or doubled: {all:?}");
 }
@@ -203,7 +187,7 @@ fn a_switch_that_somebody_does_not_confirm_has_exit_code_3() {
     let text = std::fs::read_to_string(&file).expect("it was just written");
     let declared = text.lines().find(|line| line.contains("source instof Source")).expect("it is there").to_owned();
     let unwatched = declared.replace(';', " { watchdog none; }");
-    let mission = start(&here, &cluster.file("count.dca", &text.replace(&declared, &unwatched)));
+    let mission = here.mission(&cluster.file("count.dca", &text.replace(&declared, &unwatched)));
     let source = cluster.leaf("main/source").expect("it runs");
     source.signal(Signal::STOP);
     let switched = here.ask(&["switch", "count", "gate[b]", "--json"]);

@@ -1,9 +1,8 @@
 //! A team on a network: namespaces on a bridge, a node in each, invited and joined as people do it, and strangers beside them.
 
 use comms::io::clock::now;
-use comms::logic::time::Time;
 use dca_tests::cluster::{
-    Cluster, Ended, Host, NAMES, Network, Program, SOON, Sample, Stream, Trace, pass, spec, wait_until,
+    Cluster, Ended, Host, NAMES, Network, Program, SOON, Stream, Trace, pass, rate, spec, wait_until, window,
 };
 use std::fs::{self, Permissions};
 use std::io::Write as _;
@@ -266,19 +265,6 @@ fn attacks_start_nothing_and_slow_nothing_down() {
     println!("{before:.1} beats/s, with attacks {meanwhile:.1} beats/s");
     assert!(meanwhile > 0.9 * before, "{before} {meanwhile}");
     drop(c4);
-}
-
-fn window(act: impl FnOnce()) -> (Time, Time) {
-    let began = now();
-    act();
-    (began, now())
-}
-
-/// Returns by how much a count grew each second.
-fn rate(samples: &[Sample], (from, to): (Time, Time)) -> f64 {
-    let mut within = samples.iter().filter(|sample| (from..to).contains(&sample.stamp));
-    let (first, last) = (within.next().expect("samples came"), within.next_back().expect("samples came"));
-    (last.value - first.value) / (last.stamp - first.stamp).as_secs_f64()
 }
 
 /// Who is revoked is cut off by everybody, also by those whom the operator has never told; and comes back in vain.

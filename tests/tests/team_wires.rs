@@ -10,8 +10,9 @@ use comms::logic::control::Dial;
 use comms::logic::key;
 use comms::logic::object::{CallId, ObjectCall, ObjectError, Signature};
 use comms::logic::seal::OTHER_KEY_WITHIN;
-use comms::logic::time::Time;
-use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, Sample, Stream, Trace, executable, pass, wait_until};
+use dca_tests::cluster::{
+    Cluster, Host, Network, Program, SOON, Stream, Trace, executable, pass, rate, wait_until, window,
+};
 use node::logic::protocol::{Answer, Deployment, Request};
 use rustix::process::Signal;
 use std::fs::{self, Permissions};
@@ -134,19 +135,6 @@ fn intrude(file: &Path, folder: &Path, dials: &[Dial]) -> DataSession {
         session.dial(&Dial { session: dial.session.clone(), locators: remote }, SOON).expect("it is in the team");
     }
     session
-}
-
-fn window(act: impl FnOnce()) -> (Time, Time) {
-    let began = now();
-    act();
-    (began, now())
-}
-
-/// Returns by how much a count grew each second.
-fn rate(samples: &[Sample], (from, to): (Time, Time)) -> f64 {
-    let mut within = samples.iter().filter(|sample| (from..to).contains(&sample.stamp));
-    let (first, last) = (within.next().expect("samples came"), within.next_back().expect("samples came"));
-    (last.value - first.value) / (last.stamp - first.stamp).as_secs_f64()
 }
 
 /// A fourth host is a member of the team, and somebody on it uses the credentials that its node gives those who look at programs.

@@ -3,6 +3,7 @@
 use cli::io::recorder;
 use cli::logic::mission::{Mission, Phase};
 use cli::logic::record::{Entry, Run};
+use comms::io::clock::now;
 use comms::logic::time::Time;
 use node::logic::protocol::{Change, Ending, Report};
 use std::path::{Path, PathBuf};
@@ -151,4 +152,21 @@ impl Trace {
 pub fn peak(samples: &[Sample], from: Duration, to: Duration) -> f64 {
     let within = samples.iter().filter(|sample| (from..=to).contains(&sample.at));
     within.map(|sample| sample.value.abs()).fold(f64::NAN, f64::max)
+}
+
+/// Does something; returns when it began and ended.
+pub fn window(act: impl FnOnce()) -> (Time, Time) {
+    let began = now();
+    act();
+    (began, now())
+}
+
+/// Returns by how much a count grew each second, between two times on the clock of the hosts.
+///
+/// # Panics
+/// Fewer than two samples came meanwhile.
+pub fn rate(samples: &[Sample], (from, to): (Time, Time)) -> f64 {
+    let mut within = samples.iter().filter(|sample| (from..to).contains(&sample.stamp));
+    let (first, last) = (within.next().expect("samples came"), within.next_back().expect("samples came"));
+    (last.value - first.value) / (last.stamp - first.stamp).as_secs_f64()
 }
