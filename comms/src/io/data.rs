@@ -242,10 +242,7 @@ impl DataSession {
                 on_sample(sample.payload().to_bytes());
             }
         };
-        let subscriber = self.opened.session.declare_subscriber(key).callback_mut(on_sample).wait();
-        subscriber
-            .map(|subscriber| Subscription { _subscriber: subscriber })
-            .map_err(|cause| session_error(key, &cause))
+        self.on_samples(key, on_sample)
     }
 
     /// Calls `on_arrival` with each value put on `key`, and with each word between values, as [`DataSession::on_sample`] does.
@@ -265,10 +262,7 @@ impl DataSession {
                 tracing::warn!(key = sample.key_expr().as_str(), %error, "a word between values is ignored");
             }
         };
-        let subscriber = self.opened.session.declare_subscriber(key).callback_mut(on_sample).wait();
-        subscriber
-            .map(|subscriber| Subscription { _subscriber: subscriber })
-            .map_err(|cause| session_error(key, &cause))
+        self.on_samples(key, on_sample)
     }
 
     /// Answers whoever fetches `key` with what `answer` returns; with nothing, there is no answer. It runs on zenoh's
@@ -287,6 +281,21 @@ impl DataSession {
                 tracing::debug!(key = query.key_expr().as_str(), %error, "an answer was not sent");
             }
         };
+        self.on_queries(key, on_query)
+    }
+
+    fn on_samples(
+        &self,
+        key: &str,
+        on_sample: impl FnMut(Sample) + Send + Sync + 'static,
+    ) -> Result<Subscription, DataError> {
+        let subscriber = self.opened.session.declare_subscriber(key).callback_mut(on_sample).wait();
+        subscriber
+            .map(|subscriber| Subscription { _subscriber: subscriber })
+            .map_err(|cause| session_error(key, &cause))
+    }
+
+    fn on_queries(&self, key: &str, on_query: impl Fn(Query) + Send + Sync + 'static) -> Result<Responder, DataError> {
         let queryable = self.opened.session.declare_queryable(key).complete(true).callback(on_query).wait();
         queryable.map(|queryable| Responder { _queryable: queryable }).map_err(|cause| session_error(key, &cause))
     }

@@ -95,9 +95,6 @@ impl DataSession {
                 }
             }
         };
-        let subscriber = self.opened.session.declare_subscriber(key).callback_mut(on_sample).wait();
-        subscriber
-            .map(|subscriber| Subscription { _subscriber: subscriber })
-            .map_err(|cause| session_error(key, &cause))
+        self.on_samples(key, on_sample)
     }
 }

@@ -64,10 +64,7 @@ impl DataSession {
                 Some((Content::Answer | Content::Call | Content::Cancel | Content::Device, _)) | None => {}
             }
         };
-        let subscriber = self.opened.session.declare_subscriber(key).callback_mut(on_sample).wait();
-        subscriber
-            .map(|subscriber| Subscription { _subscriber: subscriber })
-            .map_err(|cause| session_error(key, &cause))
+        self.on_samples(key, on_sample)
     }
 
     /// Answers whoever fetches `key` as [`DataSession::answer`] does; only the other end of the wire can read it.
@@ -89,8 +86,7 @@ impl DataSession {
                 tracing::debug!(key = query.key_expr().as_str(), %error, "an answer was not sent");
             }
         };
-        let queryable = self.opened.session.declare_queryable(key).complete(true).callback(on_query).wait();
-        queryable.map(|queryable| Responder { _queryable: queryable }).map_err(|cause| session_error(key, &cause))
+        self.on_queries(key, on_query)
     }
 
     /// Asks as [`DataSession::ask`] does, for the answer of the other end of the wire: others may answer as they like.
