@@ -9,9 +9,9 @@
 pub mod leftovers;
 pub mod reach;
 
-use crate::io::secrets::SecretBytes;
 use crate::logic::output_lines::last_lines;
 use comms::io::{clock, file};
+use comms::logic::bytes::SecretBytes;
 use language::plan::Usage;
 use rustix::net::sockopt::{Timeout, set_socket_timeout};
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, connect, socket_with};

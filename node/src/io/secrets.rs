@@ -7,10 +7,10 @@ use crate::logic::database::question::{Question, Reply};
 use crate::logic::protocol::Answer;
 use anyhow::{Context, anyhow, bail};
 use comms::io::clock;
+use comms::logic::bytes::SecretBytes;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::view::value::Datum;
 use shim::protocol;
-use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -20,22 +20,6 @@ use zeroize::Zeroizing;
 
 /// How long the database has to answer.
 const ANSWER_WITHIN: Duration = Duration::from_secs(5);
-
-/// Secrets as a shim reads them. They are wiped when they are dropped, and `Debug` does not show them.
-#[derive(Default)]
-pub(crate) struct SecretBytes(Zeroizing<Vec<u8>>);
-
-impl SecretBytes {
-    pub(crate) fn expose(&self) -> &[u8] {
-        &self.0
-    }
-}
-
-impl fmt::Debug for SecretBytes {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("SecretBytes(..)")
-    }
-}
 
 /// Opens what the database has sealed for this node.
 #[derive(Debug)]
@@ -68,7 +52,7 @@ impl Secrets {
         let size = secrets.iter().map(|secret| secret.expose().len() + size_of::<u32>()).sum();
         let mut bytes = Zeroizing::new(Vec::with_capacity(size));
         secrets.iter().for_each(|secret| protocol::secret(secret.expose(), &mut bytes));
-        Ok(SecretBytes(bytes))
+        Ok(SecretBytes::from(bytes))
     }
 
     /// Returns the secret at a key.
@@ -131,7 +115,7 @@ mod tests {
 
     #[test]
     fn debug_shows_no_secret() {
-        let bytes = SecretBytes(Zeroizing::new(b"hunter2".to_vec()));
+        let bytes = SecretBytes::from(Zeroizing::new(b"hunter2".to_vec()));
         assert_eq!((format!("{bytes:?}").as_str(), bytes.expose()), ("SecretBytes(..)", &b"hunter2"[..]));
     }
 }

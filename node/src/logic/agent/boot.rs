@@ -12,7 +12,8 @@ use crate::logic::database::chronicle;
 use crate::logic::effect::{Effect, Out};
 use crate::logic::history::History;
 use crate::logic::protocol::{
-    Answer, Before, Body, Deployment, Ending, Failure, FailureCause, Kept, Message, Report, StopReply, Tombstone,
+    Answer, Before, Body, Deployment, Ending, Failure, FailureCause, Kept, Message, Report, Signed, StopReply,
+    Tombstone,
 };
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
@@ -52,6 +53,11 @@ impl Resumed {
     /// Returns the epoch under which a user has deployed it.
     pub(super) const fn origin(&self) -> u64 {
         self.origin
+    }
+
+    /// Asks whether the user who has signed it still may have it.
+    fn judge(&self, signed: &Option<Arc<Signed>>) -> Effect {
+        Effect::JudgeResumed { deployment: self.from.clone(), signed: signed.clone() }
     }
 
     /// Returns the one that ran before the reboot.
@@ -140,7 +146,7 @@ impl Agent {
         }
         if resumed.permission == Permission::Unknown {
             resumed.permission = Permission::Asked;
-            out.effects.push(Effect::JudgeResumed { deployment: resumed.from.clone(), signed: one.signed.clone() });
+            out.effects.push(resumed.judge(&one.signed));
         }
         self.awaiting_hosts.push(one);
     }
@@ -167,8 +173,7 @@ impl Agent {
     pub(super) fn ask_again(&self, out: &mut Out<'_>) {
         for AwaitingHosts { signed, resumed, .. } in &self.awaiting_hosts {
             if let Some(resumed) = resumed.as_ref().filter(|resumed| resumed.permission == Permission::Asked) {
-                let (deployment, signed) = (resumed.from.clone(), signed.clone());
-                out.effects.push(Effect::JudgeResumed { deployment, signed });
+                out.effects.push(resumed.judge(signed));
             }
         }
     }
