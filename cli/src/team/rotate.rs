@@ -4,7 +4,7 @@
 use super::invite::DoorArgs;
 use super::{KeysArgs, now, revoke, user};
 use crate::io::keyring::Asked;
-use anyhow::{Context as _, bail, ensure};
+use anyhow::{Context as _, anyhow, bail, ensure};
 use dbmanager::logic::view::date;
 use node::console::{self, Failure, block_on};
 use trust::bundle::Bundle;
@@ -57,14 +57,12 @@ impl RotateArgs {
                 console::note("Give the user what `dca team export` prints: `dca team import` takes it there.");
             }
             (Kind::Node, Some(_)) => {
-                return Err(anyhow::anyhow!(
-                    "`{}` is a robot, which makes its keys itself: leave out `--key`",
-                    self.name
-                )
-                .into());
+                return Err(
+                    anyhow!("`{}` is a robot, which makes its keys itself: leave out `--key`", self.name).into()
+                );
             }
             (Kind::User | Kind::Program, _) => {
-                return Err(anyhow::anyhow!(
+                return Err(anyhow!(
                     "`{}` is a user: `dca team key` on the user's machine, with another `--keys` folder, makes new keys and prints the line \
                      for `--key`",
                     self.name
@@ -92,8 +90,7 @@ fn holder(bundle: &Bundle, name: &Name) -> anyhow::Result<(Role, Vec<KeyId>)> {
 }
 
 fn ensure_new(bundle: &Bundle, key: &KeyId) -> anyhow::Result<()> {
-    ensure!(*key != bundle.team().id(), "this is the key of the team itself");
-    ensure!(!bundle.has_revoked(key), "this key is revoked, for ever: the user makes another one");
+    user::ensure_usable(bundle, key)?;
     ensure!(bundle.credential_of(key).is_none(), "this key is in the team already: rotation needs a new one");
     Ok(())
 }

@@ -9,7 +9,7 @@ use node::console::{self, Failure};
 use trust::TextError;
 use trust::bundle::Bundle;
 use trust::certificate::{Certificate, Claims, DAY, LIFE_MAX, RENEWABLE_MAX};
-use trust::identity::{PublicKeys, SecretKeys};
+use trust::identity::{KeyId, PublicKeys, SecretKeys};
 use trust::name::{Name, UnixTime};
 use trust::role::{Kind, Role};
 
@@ -90,11 +90,17 @@ impl UserArgs {
     }
 }
 
+/// Refuses a key that can be nobody's: that of the team, and one that is revoked.
+pub(super) fn ensure_usable(bundle: &Bundle, key: &KeyId) -> anyhow::Result<()> {
+    ensure!(*key != bundle.team().id(), "this is the key of the team itself");
+    ensure!(!bundle.has_revoked(key), "this key is revoked, for ever: the user makes another one");
+    Ok(())
+}
+
 impl Add {
     fn check(&self, bundle: &Bundle) -> anyhow::Result<()> {
         let id = self.key.id();
-        ensure!(id != bundle.team().id(), "this is the key of the team itself");
-        ensure!(!bundle.has_revoked(&id), "this key is revoked, for ever: the user makes another one");
+        ensure_usable(bundle, &id)?;
         let mut same_name = bundle.named(&self.name).filter(|known| !bundle.has_revoked(&known.subject()));
         if same_name.any(|known| known.subject() != id) {
             bail!("there is another `{0}`; `dca team user remove {0}` revokes that key", self.name);
