@@ -5,6 +5,8 @@ pub mod control;
 #[cfg(feature = "zenoh")]
 pub mod data;
 pub mod descriptors;
+#[cfg(feature = "zenoh")]
+pub mod direct;
 pub mod entropy;
 pub mod file;
 pub mod queue;

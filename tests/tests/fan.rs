@@ -1,9 +1,10 @@
 //! One writer with 20 readers, and 20 writers with one reader, at 100 Hz: what may be lost is counted, what may not is not lost, and a
-//! reader that is suspended or killed delays nobody.
+//! reader that is suspended or killed delays nobody. Whoever is killed leaves nothing behind.
 
 #![expect(clippy::print_stdout, reason = "a test says what was lost, and what was late")]
 
 use comms::io::clock::now;
+use comms::logic::random::Random;
 use comms::logic::time::Time;
 use dca_tests::cluster::{Cluster, Host, Hosts, Program, SOON, Stream, executable, pass, wait_until};
 use node::logic::protocol::LostValues;
@@ -102,6 +103,7 @@ fn deploy(
     };
     let text = format!(
         "module Heart(host: Host, file: Text) {{ exec \"'{program}' Heart\"; out Out: Beat; service; }}
+        module Drum(host: Host, file: Text) {{ exec \"'{program}' Drum\"; out Out: Beat; service; }}
         module Ear(host: Host, file: Text) {{ exec \"'{program}' Ear\"; in In: Beat; service; }}
         module Eye(host: Host, file: Text) {{ exec \"'{program}' Eye\"; in In: Beat; service; }}
         process main() {{
@@ -303,4 +305,57 @@ fn a_reader_that_is_suspended_or_killed_delays_nobody() {
         };
         expect_no_later(&format!("{name}, from the writer to its calculation"), ages(&before), ages(&meanwhile));
     }
+}
+
+/// Looks at what somebody has heard of one writer that was started again so often: its numbers go up, and begin anew with each of its lives;
+/// what is missing between two of them was counted. Returns how many that were.
+#[track_caller]
+fn missing_over_lives(name: &str, life: &[Heard], restarts: usize) -> u64 {
+    let runs: Vec<&[Heard]> = life.chunk_by(|one, next| next.number > one.number).collect();
+    assert!(runs.len() <= 1 + restarts, "{name}: {} runs of numbers, {restarts} restarts", runs.len());
+    let missing: u64 = runs.iter().map(|run| run[run.len() - 1].number + 1 - run[0].number - run.len() as u64).sum();
+    // What a writer had sent before its first number came is missing only if the wire was heard by then.
+    let unsure: u64 = runs.iter().map(|run| run[0].number - 1).sum();
+    let counted = life.last().map_or(0, |beat| beat.lost) - life.first().map_or(0, |beat| beat.lost);
+    assert!((missing..=missing + unsure).contains(&counted), "{name}: {missing} missing, {counted} counted");
+    missing
+}
+
+/// Two writers, one with short values and one with values in shared memory, and two readers of each are killed in turn, at any time.
+#[test]
+fn whoever_is_killed_leaves_nothing_behind() {
+    const KILLS: usize = 4;
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    let names = ["first", "drum", "r0", "r1", "r2", "r3"].map(str::to_owned);
+    let kind =
+        |name: &str| ["Heart", "Drum", "Ear"][["first", "drum"].iter().position(|one| *one == name).unwrap_or(2)];
+    let all: Vec<_> = names.iter().map(|name| (kind(name), name.clone(), "c1", "restart permanent;")).collect();
+    let wires: String = (0..4).map(|number| format!("{}, Out -> r{number}, In; ", names[number % 2])).collect();
+    let mission = deploy((&cluster, &here), &all, &wires, "first[on], drum, r0, r1, r2, r3");
+    wait_for_more(&cluster, &names);
+    let mut random = Random::new(7);
+    for turn in 0..KILLS * names.len() {
+        let killed = &names[turn % names.len()];
+        let before = lives(&cluster, killed).len();
+        pass(Duration::from_micros(random.below(20_000)));
+        let leaf = cluster.leaf(&format!("main/{killed}")).unwrap_or_else(|| panic!("`{killed}` does not run"));
+        leaf.signal(Signal::KILL);
+        let is_back = || lives(&cluster, killed).len() > before;
+        assert!(wait_until(2 * SOON, is_back).is_some(), "`{killed}` is not started again");
+        wait_for_more(&cluster, &names);
+    }
+    assert_eq!(here.ask(&["stop", "fan"]).code, Some(0));
+    assert_eq!(mission.ended(SOON).code, Some(1));
+    for name in &names[2..] {
+        let lives = heard(&cluster, name);
+        assert_eq!(lives.len(), 1 + KILLS, "{name}");
+        let missing: u64 = lives.iter().map(|life| missing_over_lives(name, life, KILLS)).sum();
+        println!("{name}: {} heard, {missing} missing and counted", lives.concat().len());
+    }
+    let left = std::fs::read_dir("/dev/shm").into_iter().flatten().flatten();
+    let left: Vec<_> =
+        left.map(|entry| entry.file_name()).filter(|name| name.to_string_lossy().contains("dca")).collect();
+    assert!(left.is_empty(), "{left:?}");
 }

@@ -6,9 +6,12 @@
 
 mod calls;
 mod devices;
+mod listeners;
 mod object;
 mod seal;
 mod sealed;
+
+pub(crate) use listeners::Listeners;
 
 pub use calls::{CallGate, CallWay, Caller, Signs, Visitor};
 pub use devices::{DeviceGate, Voucher};
@@ -27,8 +30,8 @@ use crate::logic::switch::{Arrival, Boundary, Sequence};
 use crate::logic::time::Time;
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Duration;
 use thiserror::Error;
 use zenoh::Wait;
@@ -120,13 +123,6 @@ pub struct PendingFetch {
     reply: Receiver<Result<Vec<u8>, ReplyError>>,
 }
 
-/// Whether the publisher has a subscriber.
-#[derive(Debug, Default)]
-struct Listeners {
-    matching: Mutex<bool>,
-    changed: Condvar,
-}
-
 impl DataSession {
     /// Opens a data session that listens on the Unix socket `socket` and, with [`Reach::Lan`] or [`Reach::Team`], on
     /// one TCP port of each network interface.
@@ -172,7 +168,7 @@ impl DataSession {
     /// # Errors
     /// If it cannot be reached in time.
     pub fn dial(&self, dial: &Dial, within: Duration) -> Result<(), DataError> {
-        let dialled = self.opened.dial(&dial.session, &dial.locators, within);
+        let dialled = self.opened.dial(&dial.session, &dial.of_session(), within);
         dialled.map_err(|reason| DataError::Dial { session: dial.session.clone(), reason })
     }
 
@@ -181,7 +177,7 @@ impl DataSession {
     /// # Errors
     /// If it is no place that could be dialled.
     pub fn keep(&self, dial: &Dial) -> Result<(), DataError> {
-        let kept = self.opened.keep(&dial.session, &dial.locators);
+        let kept = self.opened.keep(&dial.session, &dial.of_session());
         kept.map_err(|reason| DataError::Dial { session: dial.session.clone(), reason })
     }
 
@@ -402,27 +398,28 @@ impl Publisher {
 
     /// Returns whether anybody listens.
     pub fn is_heard(&self) -> bool {
-        *self.listeners.matching.lock().unwrap_or_else(PoisonError::into_inner)
+        self.listeners.is_any()
+    }
+
+    /// Returns whether anybody listens over zenoh: a consumer of another host, or a person.
+    pub fn is_heard_over_zenoh(&self) -> bool {
+        self.listeners.is_zenoh()
     }
 
     /// Waits until somebody listens; says whether that was within the time given.
     pub fn wait_heard(&self, within: Duration) -> bool {
-        let matching = self.listeners.matching.lock().unwrap_or_else(PoisonError::into_inner);
-        let waited = self.listeners.changed.wait_timeout_while(matching, within, |matching| !*matching);
-        *waited.unwrap_or_else(PoisonError::into_inner).0
+        self.listeners.wait(within)
+    }
+
+    /// Returns where it is told who listens.
+    pub(crate) fn listeners(&self) -> Arc<Listeners> {
+        Arc::clone(&self.listeners)
     }
 }
 
 impl From<Vec<u8>> for Payload {
     fn from(bytes: Vec<u8>) -> Self {
         Self(bytes.into())
-    }
-}
-
-impl Listeners {
-    fn set(&self, matching: bool) {
-        *self.matching.lock().unwrap_or_else(PoisonError::into_inner) = matching;
-        self.changed.notify_all();
     }
 }
 

@@ -79,6 +79,10 @@ pub enum Kind {
     Seal = 26,
     /// [`Seals`](crate::logic::seal::Seals): what travels beside something that several programs get.
     Seals = 27,
+    /// [`Hello`](crate::logic::direct::Hello): the consumer of a wire connects to its producer on the same host.
+    DirectHello = 28,
+    /// [`Welcome`](crate::logic::direct::Welcome): the answer to it.
+    DirectWelcome = 29,
     /// A frame of the ordered link between two nodes.
     Frame = 100,
     /// A request to a node.
@@ -283,6 +287,8 @@ mod tests {
     use crate::logic::control::{
         CallRoute, Device, Dial, Incoming, KeyPort, Location, Outgoing, Partner, Shape, VERSION,
     };
+    use crate::logic::direct::{Hello, Welcome};
+    use crate::logic::object::TypeForm;
     use crate::logic::seal::{Refusal, Refused};
     use crate::logic::signals::{Peak, Signal};
     use crate::logic::switch::{Boundary, Expect, Flip, Opening};
@@ -307,29 +313,29 @@ mod tests {
         let devices = vec![Device { device: "arm".into(), owner: dial() }];
         check(
             &Order::Connect { robot: "r".into(), incoming: vec![incoming], outgoing: vec![outgoing], devices },
-            "44430a000100000172010102496e016b02613101016c0001ac02034f7574016a01010361726d02613101016c",
+            "44430b000100000172010102496e016b02613101016c0001ac02034f7574016a01010361726d02613101016c",
         );
-        check(&Order::Open { wires: vec![1, 2], generation: 3 }, "44430a0001000102010203");
-        check(&Order::Close { wires: vec![], generation: 1 }, "44430a000100020001");
-        check(&Order::Activate { activation: 9, value: vec![1] }, "44430a00010003090101");
-        check(&Order::Stop { activation: 9 }, "44430a0001000409");
-        check(&Order::Exit, "44430a00010005");
+        check(&Order::Open { wires: vec![1, 2], generation: 3 }, "44430b0001000102010203");
+        check(&Order::Close { wires: vec![], generation: 1 }, "44430b000100020001");
+        check(&Order::Activate { activation: 9, value: vec![1] }, "44430b00010003090101");
+        check(&Order::Stop { activation: 9 }, "44430b0001000409");
+        check(&Order::Exit, "44430b00010005");
         let parameters = vec![("a".to_owned(), "1".to_owned())];
-        check(&Order::Configure { parameters }, "44430a000100060101610131");
+        check(&Order::Configure { parameters }, "44430b000100060101610131");
         let shape = Shape { wire: 1, latch: true, queue: Some(5), period_min: Some(Duration::from_millis(100)) };
-        check(&Order::Shape { wires: vec![shape] }, "44430a000100070101010105010080c2d72f");
-        check(&Order::Rejoin, "44430a00010008");
-        check(&Order::Relink { lost: "b".into(), found: dial() }, "44430a00010009016202613101016c");
-        check(&Order::Resumed { notices: 300 }, "44430a0001000aac02");
+        check(&Order::Shape { wires: vec![shape] }, "44430b000100070101010105010080c2d72f");
+        check(&Order::Rejoin, "44430b00010008");
+        check(&Order::Relink { lost: "b".into(), found: dial() }, "44430b00010009016202613101016c");
+        check(&Order::Resumed { notices: 300 }, "44430b0001000aac02");
         let (call, path, name) = ("Grip".into(), "m".into(), "G".into());
         let calls = vec![CallRoute { wire: 300, call, server: dial(), path, name }];
-        check(&Order::Calls { calls }, "44430a0001000b01ac02044772697002613101016c016d0147");
+        check(&Order::Calls { calls }, "44430b0001000b01ac02044772697002613101016c016d0147");
         let open = vec![Opening { wire: 4, after: vec![3] }];
         let flip = Flip { generation: 300, close: vec![3], open };
-        check(&Order::Flip { ticket: 2, flip: flip.clone() }, "44430a0001000c02ac02010301040103");
+        check(&Order::Flip { ticket: 2, flip: flip.clone() }, "44430b0001000c02ac02010301040103");
         let expect = Expect { generation: 300, close: vec![3], open: vec![4] };
         let port = KeyPort { port: "In".into(), keys: "k/".into(), is_write: true };
-        check(&Order::Keys { ports: vec![port] }, "44430a0001000f0102496e026b2f01");
+        check(&Order::Keys { ports: vec![port] }, "44430b0001000f0102496e026b2f01");
         let partner = Partner {
             session: "a1".into(),
             keys: vec![7],
@@ -337,10 +343,10 @@ mod tests {
             wires: vec![300],
             devices: vec!["arm".into()],
         };
-        check(&Order::Partners { partners: vec![partner] }, "44430a000100100102613101070101ac02010361726d");
+        check(&Order::Partners { partners: vec![partner] }, "44430b000100100102613101070101ac02010361726d");
         let secret = Order::Secret { parameter: "p".into(), value: SecretBytes::new(vec![1, 2]) };
-        check(&secret, "44430a000100110170020102");
-        check(&Order::Expect { ticket: 2, expect, then: Some(flip) }, "44430a0001000d02ac020103010401ac02010301040103");
+        check(&secret, "44430b000100110170020102");
+        check(&Order::Expect { ticket: 2, expect, then: Some(flip) }, "44430b0001000d02ac020103010401ac02010301040103");
     }
 
     #[test]
@@ -354,24 +360,24 @@ mod tests {
             needs: vec!["ft".into()],
             signals: true,
         };
-        check(&hello, "44430a000200000a016d010161010175000107000102667401");
-        check(&Notice::Connected, "44430a00020001");
-        check(&Notice::ConnectFailed { reason: "x".into() }, "44430a000200020178");
-        check(&Notice::Switched { generation: 7 }, "44430a0002000307");
-        check(&Notice::Running { activation: 1 }, "44430a0002000401");
-        check(&Notice::Done { activation: 1, value: vec![] }, "44430a000200050100");
-        check(&Notice::Aborted { activation: 1, reason: "x".into() }, "44430a00020006010178");
-        check(&Notice::Stopped { activation: 1 }, "44430a0002000701");
+        check(&hello, "44430b000200000b016d010161010175000107000102667401");
+        check(&Notice::Connected, "44430b00020001");
+        check(&Notice::ConnectFailed { reason: "x".into() }, "44430b000200020178");
+        check(&Notice::Switched { generation: 7 }, "44430b0002000307");
+        check(&Notice::Running { activation: 1 }, "44430b0002000401");
+        check(&Notice::Done { activation: 1, value: vec![] }, "44430b000200050100");
+        check(&Notice::Aborted { activation: 1, reason: "x".into() }, "44430b00020006010178");
+        check(&Notice::Stopped { activation: 1 }, "44430b0002000701");
         let resume = Notice::Resume { version: VERSION, instance: "m".into(), orders: 300 };
-        check(&resume, "44430a000200080a016dac02");
-        check(&Notice::Expecting { ticket: 2 }, "44430a0002000902");
+        check(&resume, "44430b000200080b016dac02");
+        check(&Notice::Expecting { ticket: 2 }, "44430b0002000902");
         let taken = Notice::Taken { ticket: 2, lost: 300, late: 1, missing: vec![4] };
-        check(&taken, "44430a0002000a02ac02010104");
+        check(&taken, "44430b0002000a02ac02010104");
         let losses = Notice::Losses { wires: vec![(300, 2)] };
-        check(&losses, "44430a0002000c01ac0202");
+        check(&losses, "44430b0002000c01ac0202");
         let refused = Refused { wire: 300, count: 2, why: Refusal::Repeated, from: Some("a1".into()) };
         let refused = Notice::Refused { wires: vec![refused] };
-        check(&refused, "44430a0002000d01ac02020201026131");
+        check(&refused, "44430b0002000d01ac02020201026131");
         assert!(!losses.is_counted() && !refused.is_counted());
         assert!(hello.is_counted() && !resume.is_counted());
         assert!(Order::Exit.is_counted() && !Order::Resumed { notices: 0 }.is_counted());
@@ -398,6 +404,13 @@ mod tests {
     }
 
     #[test]
+    fn golden_direct_paths() {
+        let form = TypeForm { name: "W".into(), fields: "x: N".into() };
+        check(&Hello { token: "t".into(), key: "k".into(), form }, "444301001c000174016b015704783a204e");
+        check(&Welcome { process: 300 }, "444301001d00ac02");
+    }
+
+    #[test]
     fn golden_taps() {
         let tapped = Tapped { number: 300, stamp: Time::from_nanos(5), bytes: vec![7, 8] };
         check(&tapped, "444301000800ac0205020708");
@@ -415,8 +428,8 @@ mod tests {
         let mut order = encode(&Order::Exit).unwrap();
         order.push(0);
         assert!(refused(&order).starts_with("a message of kind 1 is malformed"));
-        order[2] = 11;
-        assert_eq!(refused(&order), "a message of version 11 of kind 1; this program speaks version 10");
+        order[2] = 12;
+        assert_eq!(refused(&order), "a message of version 12 of kind 1; this program speaks version 11");
         let long = vec![0; Order::SIZE_MAX + 1];
         assert!(matches!(decode::<Order>(&long), Err(CodecError::TooLong { .. })));
         assert!(encode(&Order::Activate { activation: 0, value: long }).is_err());

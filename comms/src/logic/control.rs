@@ -14,21 +14,22 @@
 
 use crate::logic::bytes::SecretBytes;
 use crate::logic::database::{DatabaseAnswer, DatabaseRequest};
+use crate::logic::direct::Place;
 use crate::logic::seal::Refused;
 use crate::logic::switch::{Expect, Flip};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// Version of this protocol: one more with every order, notice or field that is appended. Node and program must be of the
+/// Version of this protocol: one more with every order, notice or field that is appended, and with every kind of locator. Node and program must be of the
 /// same one. Of any other they understand no more than [`Notice::Hello`] and [`Notice::Resume`] say at their beginning, so that each can be told.
-pub const VERSION: u16 = 10;
+pub const VERSION: u16 = 11;
 
 /// Where a program's data session can be dialled.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Location {
     /// The zenoh id of the session, as lower-case hex.
     pub session: String,
-    /// Dialled by programs on the same host: a Unix socket.
+    /// Dialled by programs on the same host: a Unix socket, and the direct path of wires.
     pub local: Vec<String>,
     /// Dialled by programs on other hosts; empty when the node is not open to the network.
     pub remote: Vec<String>,
@@ -139,8 +140,20 @@ impl KeyPort {
 pub struct Dial {
     /// The zenoh id of the session.
     pub session: String,
-    /// Locators, to be tried in order.
+    /// Locators, to be tried in order. Among those of a program on the same host may be that of its direct path.
     pub locators: Vec<String>,
+}
+
+impl Dial {
+    /// Returns the locators of the session itself.
+    pub fn of_session(&self) -> Vec<String> {
+        self.locators.iter().filter(|locator| !Place::is_meant(locator)).cloned().collect()
+    }
+
+    /// Returns the direct path, if it has one.
+    pub fn direct(&self) -> Option<Place> {
+        self.locators.iter().find_map(|locator| Place::of(locator))
+    }
 }
 
 /// From the node to the program.

@@ -8,8 +8,9 @@
 //! goes on. It ends only if the process that has started this one is gone, too.
 //!
 //! What a program is told by its environment: `DCA_CONTROL`, the node's socket; `DCA_INSTANCE`, its path in the plan, and a number
-//! behind `#` where there may be two of it; `DCA_DATA_SOCKET`, where its data session listens; `DCA_REMOTE`, present when other hosts must reach it; `NOTIFY_SOCKET`
-//! and `WATCHDOG_USEC`, who watches its loop, and how closely.
+//! behind `#` where there may be two of it; `DCA_DATA_SOCKET`, where its data session listens; `DCA_REMOTE`, present when other
+//! hosts must reach it; `NOTIFY_SOCKET` and `WATCHDOG_USEC`, who watches its loop, and how closely; `DCA_DIRECT`, with `off` wires
+//! on one host go over zenoh, too.
 
 mod agreement;
 mod cycle;
@@ -26,13 +27,14 @@ mod taps;
 mod wire;
 
 use super::arguments::Arguments;
-use super::interface::Interface;
+use super::interface::{Binding, Interface};
 use super::module::Module;
 use super::registry::{CreateError, Registry};
 use comms::io::control::ControlError;
 use comms::io::data::DataSession;
+use comms::io::direct::DirectPath;
 use comms::io::session::{OpenError, Reach, Role, prepare_process};
-use comms::logic::control::{Location, Notice, Order, VERSION};
+use comms::logic::control::{Dial, Location, Notice, Order, VERSION};
 use cycle::Cycle;
 use heartbeat::Watcher;
 use inbox::{Command, Inbox};
@@ -118,8 +120,9 @@ fn take_part(registry: &Registry, name: &str, arguments: &[String]) -> Result<Ex
     // A number behind the path tells it from another program of the same process.
     let instance = word.split('#').next().unwrap_or_default().to_owned();
     let interface = module.interface().clone();
-    let (inbox, mut keyring) = (Arc::new(Inbox::default()), None);
+    let (inbox, mut keyring, mut direct) = (Arc::new(Inbox::default()), None, None);
     let session = if needs_session(&interface) {
+        let socket = PathBuf::from(variable("DCA_DATA_SOCKET")?);
         let reach = match team()? {
             Some(identity) => {
                 let made = Keyring::generate(&identity, &inbox);
@@ -129,13 +132,20 @@ fn take_part(registry: &Registry, name: &str, arguments: &[String]) -> Result<Ex
             None if std::env::var_os("DCA_REMOTE").is_some() => Reach::Lan,
             None => Reach::Host,
         };
-        Some(Arc::new(DataSession::open(Path::new(&variable("DCA_DATA_SOCKET")?), reach)?))
+        let session = DataSession::open(&socket, reach)?;
+        // In a team wires are sealed, and zenoh carries the seals.
+        direct = if keyring.is_none() { direct_path(&interface, &socket) } else { None };
+        Some(Arc::new(session))
     } else {
         None
     };
     let keys = keyring.as_ref().map(Keyring::public).unwrap_or_default();
-    let location = session.as_ref().map(|session| Location { keys, ..session.location() });
-    let links = Arc::new(Links::new(keyring));
+    let mut location = session.as_ref().map(|session| Location { keys, ..session.location() });
+    if let (Some(location), Some(direct)) = (&mut location, &direct) {
+        location.local.push(direct.locator());
+        inbox.read_from(direct.inlets());
+    }
+    let links = Arc::new(Links::new(keyring, direct));
     let (notices, orders) = node_line::connect(&socket, &word, parent)?;
     notices.send(&hello(&interface, &word, location))?;
     let parameters = interface.about.parameters;
@@ -155,6 +165,16 @@ fn team() -> Result<Option<Arc<ProgramIdentity>>, ProcessError> {
 fn needs_session(interface: &Interface) -> bool {
     let is_called = !interface.exports.is_empty() || !interface.calls.is_empty();
     !interface.ports.is_empty() || interface.about.signals_every.is_some() || is_called
+}
+
+/// Opens the way of wires to programs of this host, beside the data session. Without it they go over that.
+fn direct_path(interface: &Interface, socket: &Path) -> Option<Arc<DirectPath>> {
+    let has_wires = interface.ports.iter().any(|port| port.binding == Binding::Wire);
+    if !has_wires || std::env::var_os("DCA_DIRECT").is_some_and(|word| word == "off") {
+        return None;
+    }
+    let opened = DirectPath::open(&socket.with_extension("wire"));
+    opened.inspect_err(|error| tracing::warn!(%error, "wires on this host are not direct")).ok().map(Arc::new)
 }
 
 fn hello(interface: &Interface, instance: &str, location: Option<Location>) -> Notice {
@@ -246,6 +266,28 @@ impl Program {
         Ok(())
     }
 
+    /// Links to a program that was started again; a stop must not wait behind that.
+    fn relink(
+        &self,
+        (lost, found): (String, Dial),
+        inbox: &Arc<Inbox>,
+        links: &Arc<Links>,
+    ) -> Result<(), ProcessError> {
+        let Some(session) = &self.session else { return Ok(()) };
+        session.forget(&lost);
+        // A node that sends nonsense is one more thing that a robot goes on without.
+        session.keep(&found).unwrap_or_else(|error| tracing::warn!(%error, "a link is not made again"));
+        if links.hears_directly(&lost) {
+            let (session, inbox, links) = (Arc::clone(session), Arc::clone(inbox), Arc::clone(links));
+            let relink = move || {
+                let _turn = links.turn();
+                links.relink(&session, &inbox, (&lost, &found));
+            };
+            std::thread::Builder::new().name("links".to_owned()).spawn(relink)?;
+        }
+        Ok(())
+    }
+
     fn obey(&mut self, order: Order, inbox: &Arc<Inbox>, links: &Arc<Links>) -> Result<(), ProcessError> {
         match order {
             Order::Connect { robot, incoming, outgoing, devices } => {
@@ -294,13 +336,7 @@ impl Program {
             Order::Calls { calls } => links.call(calls),
             Order::Rejoin => links.rejoin(),
             Order::Partners { partners } => links.partners(partners),
-            Order::Relink { lost, found } => {
-                if let Some(session) = &self.session {
-                    session.forget(&lost);
-                    // A node that sends nonsense is one more thing that a robot goes on without.
-                    session.keep(&found).unwrap_or_else(|error| tracing::warn!(%error, "a link is not made again"));
-                }
-            }
+            Order::Relink { lost, found } => self.relink((lost, found), inbox, links)?,
             Order::Exit | Order::Resumed { .. } | Order::Database { .. } | Order::Keys { .. } => {}
         }
         Ok(())

@@ -13,8 +13,8 @@
 //!     inputs                what its agent was told, while something runs: for the next node, if this one is killed
 //!     door_opening.1/       one deployment
 //!       control.sock        where its programs talk to the node
-//!       12/                 one program: out.log, exit (until its node knows), processes (while it runs), data.sock, shim.sock,
-//!                           beat.sock
+//!       12/                 one program: out.log, exit (until its node knows), processes (while it runs), data.sock, data.wire,
+//!                           shim.sock, beat.sock
 //! ```
 
 use crate::io::child::leftovers;
@@ -322,7 +322,7 @@ fn deepest_socket() -> String {
 pub fn make_process(path: &Path) -> io::Result<()> {
     fs::DirBuilder::new().recursive(true).mode(0o700).create(path)?;
     // A lock that is a pipe would hold the program.
-    ["data.sock", "data.sock.lock"].iter().try_for_each(|name| remove_leftover(&path.join(name)))
+    ["data.sock", "data.sock.lock", "data.wire"].iter().try_for_each(|name| remove_leftover(&path.join(name)))
 }
 
 /// Writes a number that nobody can guess where nobody else can read it.

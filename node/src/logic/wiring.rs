@@ -5,6 +5,7 @@
 
 use crate::logic::protocol::{Deployment, LeafFacts};
 use comms::logic::control::{CallRoute, Device, Dial, Incoming, Location, Order, Outgoing, Partner, Shape};
+use comms::logic::direct::Place;
 use comms::logic::key;
 use language::plan::{Plan, Quality, Retention, Transfer, Wire};
 use serde::{Deserialize, Serialize};
@@ -173,7 +174,9 @@ pub fn relink(plan: &Plan, registrations: &Registrations, (dialer, moved): (u32,
 /// Returns how to reach a program that publishes signals. Nobody knows where its observer is: it tries every way in turn.
 pub fn observe(registrations: &Registrations, leaf: u32) -> Option<Dial> {
     let location = registrations.facts.get(&leaf)?.location.as_ref()?;
-    let locators = location.local.iter().chain(&location.remote).cloned().collect();
+    // An observer has no wire, so the direct path is none of its business.
+    let locators = location.local.iter().chain(&location.remote).filter(|locator| !Place::is_meant(locator));
+    let locators = locators.cloned().collect();
     Some(Dial { session: location.session.clone(), locators })
 }
 

@@ -1,4 +1,4 @@
-//! One hop from controller to controller, beside zenoh alone and beside a Unix socket.
+//! One hop from controller to controller, beside zenoh alone, beside a Unix socket, and beside shared memory.
 
 use crate::figures::{Round, Subject, Table, cell};
 use crate::raw::{self, Transport};
@@ -20,6 +20,9 @@ const SIZES: [(&str, u32, u32, u32); 6] = [
 /// The most that a hop may cost of what zenoh alone costs, and of what a Unix socket costs.
 const TARGET: f64 = 1.15;
 const TARGET_OF_SOCKET: f64 = 3.0;
+/// The most that it may cost of what shared memory costs, and from how many bytes on.
+const TARGET_OF_MEMORY: f64 = 1.2;
+const MEMORY_FROM: u32 = 1 << 20;
 
 /// Measures, and adds its lines.
 pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()> {
@@ -29,10 +32,11 @@ pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()>
     let mut bytes = raw::Pair::start(Transport::ZenohBytes, dir)?;
     let mut shared = raw::Pair::start(Transport::ZenohShared, dir)?;
     let mut callback = raw::Pair::start(Transport::ZenohCallback, dir)?;
+    let mut memory = raw::Pair::start(Transport::Memory, dir)?;
     for (name, size, count, warm_up) in SIZES {
-        let mut subjects: [Subject; 6] = Default::default();
+        let mut subjects: [Subject; 7] = Default::default();
         for _ in 0..ROUNDS {
-            let [ours, plain, owned, batched, quick, raw] = &mut subjects;
+            let [ours, plain, owned, batched, quick, raw, mapped] = &mut subjects;
             raw.push(socket.measure(size, count, warm_up)?.halved());
             plain.push(zenoh.measure(size, count, warm_up)?.halved());
             let times = controllers.measure(size, count, warm_up).await?;
@@ -40,8 +44,9 @@ pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()>
             owned.push(bytes.measure(size, count, warm_up)?.halved());
             batched.push(shared.measure(size, count, warm_up)?.halved());
             quick.push(callback.measure(size, count, warm_up)?.halved());
+            mapped.push(memory.measure(size, count, warm_up)?.halved());
         }
-        let [ours, plain, owned, batched, quick, raw] = &subjects;
+        let [ours, plain, owned, batched, quick, raw, mapped] = &subjects;
         table.heading(&format!("one hop, {name}, two processes"), "of zenoh", "of socket");
         let of_socket = |subject: &Subject| cell(subject.ratio(raw), None);
         let asked = [cell(ours.ratio(plain), Some(TARGET)), cell(ours.ratio(raw), Some(TARGET_OF_SOCKET))];
@@ -55,8 +60,11 @@ pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()>
         );
         table.line("zenoh alone, answered in its callback", quick, [cell(quick.ratio(plain), None), of_socket(quick)]);
         table.line("Unix socket", raw, [String::new(), "1".into()]);
+        let target = (size >= MEMORY_FROM).then_some(TARGET_OF_MEMORY);
+        let of_memory = format!("controller: {} of it", cell(ours.ratio(mapped), target));
+        table.line("shared memory, copied in and out", mapped, [of_memory, of_socket(mapped)]);
     }
-    for pair in [socket, zenoh, bytes, shared, callback] {
+    for pair in [socket, zenoh, bytes, shared, callback, memory] {
         pair.end()?;
     }
     controllers.end().await

@@ -12,6 +12,7 @@ mod hop;
 mod node;
 mod programs;
 mod raw;
+mod raw_memory;
 mod raw_streams;
 mod sdk;
 mod start;

@@ -2,6 +2,7 @@
 
 use crate::figures::Round;
 use crate::programs::times_of;
+use crate::raw_memory;
 use anyhow::{Context, ensure};
 use comms::io::clock::{Wakeup, now};
 use std::io::{BufRead, BufReader, Read, Write};
@@ -28,6 +29,8 @@ pub(crate) enum Transport {
     ZenohCallback,
     /// A query of zenoh, handed to a thread and answered by it.
     ZenohQuery,
+    /// Memory that both have: bytes are copied in and out, and a Unix socket says that they are there.
+    Memory,
 }
 
 impl Transport {
@@ -39,12 +42,20 @@ impl Transport {
             Self::ZenohShared => "zenoh-shared",
             Self::ZenohCallback => "zenoh-callback",
             Self::ZenohQuery => "zenoh-query",
+            Self::Memory => "memory",
         }
     }
 
     fn parse(word: &str) -> Option<Self> {
-        let all =
-            [Self::Socket, Self::Zenoh, Self::ZenohBytes, Self::ZenohShared, Self::ZenohCallback, Self::ZenohQuery];
+        let all = [
+            Self::Socket,
+            Self::Zenoh,
+            Self::ZenohBytes,
+            Self::ZenohShared,
+            Self::ZenohCallback,
+            Self::ZenohQuery,
+            Self::Memory,
+        ];
         all.into_iter().find(|transport| transport.word() == word)
     }
 }
@@ -110,6 +121,8 @@ pub(crate) fn side(arguments: &[String]) -> anyhow::Result<()> {
     let (transport, path) = (Transport::parse(transport).context("no such transport")?, PathBuf::from(path));
     match (side.as_str(), transport) {
         ("echo", Transport::Socket) => echo_socket(&path),
+        ("echo", Transport::Memory) => raw_memory::echo(&path),
+        (_, Transport::Memory) => raw_memory::ping(&path),
         ("echo", Transport::ZenohQuery) => echo_query(&path),
         (_, Transport::ZenohQuery) => ping_query(&path),
         ("echo", _) => echo_zenoh(&path, transport),
@@ -123,7 +136,7 @@ pub(crate) fn ready() -> anyhow::Result<()> {
 }
 
 /// Does each order that comes in, until there are no more.
-fn obey(mut trip: impl FnMut(usize) -> anyhow::Result<Duration>) -> anyhow::Result<()> {
+pub(crate) fn obey(mut trip: impl FnMut(usize) -> anyhow::Result<Duration>) -> anyhow::Result<()> {
     for line in std::io::stdin().lines() {
         let numbers: Vec<usize> = line?.split(' ').filter_map(|word| word.parse().ok()).collect();
         let [size, count, warm_up, rest] = numbers[..] else { anyhow::bail!("four numbers are needed") };

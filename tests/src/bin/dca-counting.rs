@@ -198,6 +198,8 @@ impl Controller for Pulse {
 const BEAT: Duration = Duration::from_millis(10);
 /// So many bytes fill the buffers of a link whose reader is suspended in less than a second.
 const PADDING: usize = 4096;
+/// As many as make a beat one that travels in shared memory.
+const LONG_PADDING: usize = 100_000;
 
 /// One beat.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -249,15 +251,15 @@ struct BeatOutputs {
 }
 
 /// Beats, and writes down when: `1234 10` is the time and how long it was since the beat before, in nanoseconds.
-struct Heart {
+struct Heart<const SIZE: usize> {
     log: Log,
     number: u64,
 }
 
-impl Controller for Heart {
+impl<const SIZE: usize> Controller for Heart<SIZE> {
     type Inputs = ();
     type Outputs = BeatOutputs;
-    const TYPE: &'static str = "Heart";
+    const TYPE: &'static str = if SIZE == PADDING { "Heart" } else { "Drum" };
 
     fn about() -> About {
         About::service("Beats at 100 Hz.").every(BEAT).with(Log::PARAMETERS)
@@ -273,7 +275,7 @@ impl Controller for Heart {
 
     fn main_calc(&mut self, tick: Tick, (): &(), outputs: &mut BeatOutputs) -> Progress {
         self.number += 1;
-        let (from, padding) = (self.log.name(), "-".repeat(PADDING));
+        let (from, padding) = (self.log.name(), "-".repeat(SIZE));
         outputs.out.send(Beat { from, number: self.number, sent: tick.now, padding });
         self.log.add(&format!("{} {}\n", tick.now.nanos(), tick.elapsed.as_nanos()));
         Progress::Continue
@@ -360,7 +362,8 @@ fn main() -> ExitCode {
     registry.add::<Sink>();
     registry.add::<Pass>();
     registry.add::<Pulse>();
-    registry.add::<Heart>();
+    registry.add::<Heart<PADDING>>();
+    registry.add::<Heart<LONG_PADDING>>();
     registry.add::<Ear>();
     registry.add::<Eye>();
     process::run(&registry)

@@ -46,16 +46,25 @@ pub(super) fn check(
         .ok()
         .flatten()
         .and_then(|bytes| codec::decode::<TypeForm>(&bytes).ok());
-    let ours = form(output);
-    match theirs.filter(|theirs| !theirs.fits(&ours)) {
-        None => Ok(()),
-        Some(theirs) => Err(format!(
-            "output `{}` sends `{ours}`, but its consumer takes `{theirs}`: one of both programs was built from another definition",
-            output.name
-        )),
-    }
+    theirs.map_or(Ok(()), |theirs| compare(&theirs, output))
 }
 
-fn form(port: &PortInterface) -> TypeForm {
+/// Compares what the consumer of a wire takes with what its output sends.
+///
+/// # Errors
+/// If they differ; both definitions are shown.
+pub(super) fn compare(theirs: &TypeForm, output: &PortInterface) -> Result<(), String> {
+    let ours = form(output);
+    if theirs.fits(&ours) {
+        return Ok(());
+    }
+    Err(format!(
+        "output `{}` sends `{ours}`, but its consumer takes `{theirs}`: one of both programs was built from another definition",
+        output.name
+    ))
+}
+
+/// Returns the type of a port, as far as it is declared.
+pub(super) fn form(port: &PortInterface) -> TypeForm {
     TypeForm::new(port.type_name, port.fields)
 }

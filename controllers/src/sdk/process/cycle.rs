@@ -156,12 +156,12 @@ impl Cycle {
             };
             self.call(|module| module.serve(&name, &argument, activity, reply));
         }
-        self.inbox.wakeup.wake();
+        self.inbox.wake();
     }
 
     fn wait(&self, until: Option<Time>) {
         self.heartbeat.enter(Spends::Waiting);
-        self.inbox.wakeup.wait(until);
+        self.inbox.wait(until);
         self.heartbeat.enter(Spends::Working);
     }
 

@@ -6,6 +6,7 @@ use crate::sdk::arguments::Arguments;
 use crate::sdk::export::RawReply;
 use comms::io::clock::{Wakeup, now};
 use comms::io::data::{DataSession, IncomingCall};
+use comms::io::direct::Inlets;
 use comms::logic::control::{KeyPort, Notice, Shape};
 use comms::logic::object::{Admission, CallId, CallTable, Next, ObjectError};
 use comms::logic::seal::{Refusal, Refusals};
@@ -13,7 +14,7 @@ use comms::logic::switch::{Arrival, Expect, Flip, Gaps, Intake, Passed, Sequence
 use comms::logic::time::Time;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
 
 /// How many samples wait for one input; its oldest gives way, so that one busy input cannot push out another's.
 const SAMPLES_MAX: usize = 64;
@@ -152,10 +153,35 @@ pub(super) struct ToServe {
 pub(super) struct Inbox {
     waiting: Mutex<Waiting>,
     has_left: Condvar,
-    pub(super) wakeup: Wakeup,
+    wakeup: Wakeup,
+    /// What comes over direct paths, which the loop reads by itself.
+    inlets: OnceLock<Arc<Inlets>>,
+    /// Whether that was done by the last wait, and nothing was taken since.
+    has_read: AtomicBool,
 }
 
 impl Inbox {
+    /// Has the loop read what comes over direct paths; to be called before it begins.
+    pub(super) fn read_from(&self, inlets: &Arc<Inlets>) {
+        self.inlets.get_or_init(|| Arc::clone(inlets));
+    }
+
+    /// Ends the present wait of the loop, or its next one.
+    pub(super) fn wake(&self) {
+        match self.inlets.get() {
+            Some(inlets) => inlets.wake(),
+            None => self.wakeup.wake(),
+        }
+    }
+
+    /// Waits until something is here, or until `until`; without a deadline for ever. What has come over direct paths is read.
+    pub(super) fn wait(&self, until: Option<Time>) {
+        match self.inlets.get() {
+            Some(inlets) => self.has_read.store(inlets.wait(until), Ordering::Relaxed),
+            None => drop(self.wakeup.wait(until)),
+        }
+    }
+
     /// Puts a command in the queue; says whether there was room.
     pub(super) fn command(&self, command: Command) -> bool {
         let room = {
@@ -166,14 +192,14 @@ impl Inbox {
             }
             room
         };
-        self.wakeup.wake();
+        self.wake();
         room
     }
 
     /// Takes a sample that no switch has a say in.
     pub(super) fn sample(&self, port: &'static str, bytes: Vec<u8>, hold: Hold) {
         self.lock().push(Sample { port, bytes, wire: None, hold });
-        self.wakeup.wake();
+        self.wake();
     }
 
     /// Takes what has come over a wire.
@@ -230,7 +256,7 @@ impl Inbox {
         act(&mut waiting.intake, &mut out);
         out.into_iter().for_each(|passed| waiting.passed(passed));
         drop(waiting);
-        self.wakeup.wake();
+        self.wake();
     }
 
     /// Takes a call of another program.
@@ -238,7 +264,7 @@ impl Inbox {
         let (id, deadline) = (incoming.call.id.clone(), incoming.deadline);
         let admission = self.lock().calls.admit(id, deadline, (incoming, Weak::clone(session)));
         match admission {
-            Admission::Admitted => self.wakeup.wake(),
+            Admission::Admitted => self.wake(),
             Admission::TurnedAway((incoming, _), error) => incoming.way.answer(Err(error)),
         }
     }
@@ -280,7 +306,7 @@ impl Inbox {
     pub(super) fn answered(&self, call: Call, result: Result<Vec<u8>, ObjectError>) {
         // As many as the calls that were made, which are few.
         self.lock().answers.push((call, result));
-        self.wakeup.wake();
+        self.wake();
     }
 
     pub(super) fn take_answers(&self) -> Vec<OwnAnswer> {
@@ -297,7 +323,7 @@ impl Inbox {
     /// Notes that something has come over a wire which its other end has not sealed.
     pub(super) fn refuse(&self, wire: u32, why: Refusal, from: Option<String>) {
         self.lock().refusals.note(now(), wire, why, from);
-        self.wakeup.wake();
+        self.wake();
     }
 
     /// Notes that another program is at the other end of a wire now.
@@ -322,7 +348,7 @@ impl Inbox {
     pub(super) fn database(&self, answered: Answered) {
         // As many as there are requests, and as a watch may have on their way.
         self.lock().database.push(answered);
-        self.wakeup.wake();
+        self.wake();
     }
 
     pub(super) fn take_database(&self) -> Vec<Answered> {
@@ -334,6 +360,12 @@ impl Inbox {
     }
 
     pub(super) fn take_items(&self) -> VecDeque<Item> {
+        if let Some(inlets) = self.inlets.get()
+            && !self.has_read.swap(false, Ordering::Relaxed)
+        {
+            // A loop that is late does not wait.
+            inlets.read();
+        }
         let (mut waiting, now) = (self.lock(), now());
         if waiting.intake.deadline().is_some_and(|due| due <= now) {
             let mut out = Vec::new();

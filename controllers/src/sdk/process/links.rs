@@ -5,10 +5,11 @@ use super::inbox::{Hold, Inbox};
 use super::keyring::{Keyring, Use};
 use super::objects::{Callers, Serving};
 use super::taps::Taps;
-use super::wire::{Fetch, Transport, Wire, hear, port, put, subscribe, wire};
+use super::wire::{Fetch, Hearing, Push, Transport, Ways, Wire, port, put, subscribe, wire};
 use crate::sdk::interface::{Binding, Direction, Interface, PortInterface};
 use comms::io::clock::now;
 use comms::io::data::{DataError, DataSession, Payload, Priority, Publisher, Responder, Subscription, Voucher};
+use comms::io::direct::{DirectPath, Memory, Parcel};
 use comms::logic::codec::{self, Enveloped};
 use comms::logic::control::{CallRoute, Device, Dial, Incoming, Outgoing, Partner, Shape};
 use comms::logic::human::span;
@@ -40,7 +41,9 @@ struct Made {
     /// By the number of the wire, as are the fetches and the subscriptions of inputs.
     wires: BTreeMap<u32, Wire>,
     fetches: BTreeMap<u32, Arc<Fetch>>,
-    inputs: BTreeMap<u32, (Responder, Subscription)>,
+    inputs: BTreeMap<u32, (Responder, Hearing)>,
+    /// By output, the memory that it shares with consumers of this host.
+    memories: BTreeMap<&'static str, Memory>,
     devices: Devices,
 }
 
@@ -89,6 +92,8 @@ pub(super) struct Links {
     callers: Callers,
     /// In a team.
     keyring: Option<Keyring>,
+    /// The way to programs of this host, if there is one.
+    direct: Option<Arc<DirectPath>>,
 }
 
 /// The configuration that arrives before the links are made.
@@ -113,8 +118,8 @@ enum DialBudget {
 
 impl Links {
     /// Returns no links. With keys everything that goes over them is sealed.
-    pub(super) fn new(keyring: Option<Keyring>) -> Self {
-        Self { keyring, ..Self::default() }
+    pub(super) fn new(keyring: Option<Keyring>, direct: Option<Arc<DirectPath>>) -> Self {
+        Self { keyring, direct, ..Self::default() }
     }
 
     /// Takes note of who is at the other ends of wires.
@@ -180,7 +185,9 @@ impl Links {
         let (mut made, keyring) = (Made::default(), self.keyring.as_ref());
         for outgoing in orders.outgoing.iter().filter(|outgoing| !self.lock().wires.contains_key(&outgoing.wire)) {
             let shape = self.shape_of(outgoing.wire);
-            made.wires.insert(outgoing.wire, wire(session, (interface, keyring), outgoing, shape)?);
+            let (ways, of) = ((&**session, self.direct.as_deref()), (interface, keyring));
+            let wire = wire(ways, of, outgoing, shape, &mut self.lock().memories)?;
+            made.wires.insert(outgoing.wire, wire);
         }
         if is_first {
             made.devices = Devices::make((session, keyring), interface, &orders, inbox)?;
@@ -202,7 +209,8 @@ impl Links {
                 inbox.link(number);
                 let declared = agreement::declare((session, keyring), (number, &incoming.key), input);
                 let declared = declared.map_err(|error| error.to_string())?;
-                made.inputs.insert(number, (declared, hear(session, incoming, (port, hold), (inbox, keyring))?));
+                let hearing = Hearing::of(self.ways(session, inbox), incoming, (input, hold), budget.left())?;
+                made.inputs.insert(number, (declared, hearing));
             }
         }
         let calls = self.told().calls.clone();
@@ -213,7 +221,7 @@ impl Links {
         self.callers.take((session, keyring), names, interface, (&calls, inbox))?;
         // Consumers have their inputs before anybody sends: a value that is sent once must not find nobody there.
         for wire in made.wires.values() {
-            if let Transport::Push(publisher) = &wire.way
+            if let Transport::Push(Push { publisher, .. }) = &wire.way
                 && !publisher.wait_heard(budget.left())
                 && matches!(budget, DialBudget::Each(_))
             {
@@ -221,9 +229,9 @@ impl Links {
                 return Err(format!("output `{}`: its consumer has not come within {within}", wire.port));
             }
         }
-        for outgoing in orders.outgoing.iter().filter(|outgoing| made.is_heard(outgoing.wire)) {
+        for outgoing in &orders.outgoing {
             let (of, port) = ((outgoing.wire, &*outgoing.key), port(interface, &outgoing.port, Direction::Out)?);
-            agreement::check((session, keyring), of, port)?;
+            made.heard(outgoing.wire).map_or(Ok(()), |push| push.check((session, keyring), of, port))?;
         }
         inbox.forget(self.lock().take(made, &orders, is_first));
         self.are_made.store(true, Ordering::Release);
@@ -261,7 +269,11 @@ impl Links {
             let last = wire.flow.open(now);
             wire.way.mark(&Boundary::Opened { generation: *generation, after: after.clone() }, before);
             match (&wire.way, last) {
-                (Transport::Push(_), Some(last)) => wire.send(&last.into()),
+                (Transport::Push(_), Some(last)) => {
+                    if !wire.send_directly(&mut Parcel::new(&last)) {
+                        wire.send(&last.into());
+                    }
+                }
                 (Transport::Push(_), None) => {}
                 (Transport::Pull { .. }, _) if was_open => {}
                 (Transport::Pull { .. }, last) => wire.way.keep(last),
@@ -282,6 +294,8 @@ impl Links {
                 }
             }
         }
+        let mut parcel = Parcel::new(&bytes);
+        passing.retain(|number| !made.wires.get(number).is_some_and(|wire| wire.send_directly(&mut parcel)));
         let payload = Payload::from(bytes);
         for device in made.devices.outputs.iter().filter(|device| device.port == port) {
             device.put(payload.clone());
@@ -302,6 +316,27 @@ impl Links {
     /// Returns the inputs that have to be fetched before each calculation.
     pub(super) fn fetches(&self) -> Vec<Arc<Fetch>> {
         self.lock().fetches.values().cloned().collect()
+    }
+
+    /// Returns whether something is heard directly from the program with this session.
+    pub(super) fn hears_directly(&self, session: &str) -> bool {
+        self.lock().inputs.values().any(|(_, hearing)| hearing.of_producer(session))
+    }
+
+    /// Hears anew what a program sends that was started again on this host. It takes some time; to be called in one's [`Links::turn`].
+    pub(super) fn relink(&self, session: &DataSession, inbox: &Arc<Inbox>, (lost, found): (&str, &Dial)) {
+        let of_lost = |_: &u32, (_, hearing): &mut (Responder, Hearing)| hearing.of_producer(lost);
+        let moved: Vec<_> = self.lock().inputs.extract_if(.., of_lost).collect();
+        for (wire, (declared, hearing)) in moved {
+            match hearing.from(self.ways(session, inbox), found) {
+                Ok(hearing) => drop(self.lock().inputs.insert(wire, (declared, hearing))),
+                Err(error) => tracing::warn!(error, wire, "a wire is not heard any more"),
+            }
+        }
+    }
+
+    fn ways<'a>(&'a self, session: &'a DataSession, inbox: &'a Arc<Inbox>) -> Ways<'a> {
+        Ways { session, direct: self.direct.as_deref(), inbox, keyring: self.keyring.as_ref() }
     }
 
     /// Drops every link.
@@ -333,10 +368,12 @@ impl DialBudget {
 }
 
 impl Made {
-    /// Returns whether a new wire has a consumer that listens.
-    fn is_heard(&self, wire: u32) -> bool {
-        let way = self.wires.get(&wire).map(|wire| &wire.way);
-        matches!(way, Some(Transport::Push(publisher)) if publisher.is_heard())
+    /// Returns the way of a new wire that has a consumer which listens.
+    fn heard(&self, wire: u32) -> Option<&Push> {
+        match &self.wires.get(&wire)?.way {
+            Transport::Push(push) if push.publisher.is_heard() => Some(push),
+            Transport::Push(_) | Transport::Pull { .. } => None,
+        }
     }
 
     /// Returns whether an input has this wire.

@@ -1,5 +1,6 @@
 //! The two ends of a wire in a program: how values leave it, and how they come in.
 
+use super::agreement;
 use super::inbox::{Hold, Inbox};
 use super::keyring::{Keyring, Use};
 use crate::sdk::interface::{Binding, Direction, Interface, PortInterface};
@@ -8,12 +9,17 @@ use comms::io::data::{
     DataError, DataSession, DeviceGate, Opener, Payload, PendingFetch, Priority, Publisher, Responder, Sealer,
     Subscription,
 };
-use comms::logic::control::{Incoming, Outgoing, Shape};
+use comms::io::direct::{DirectPath, Inlet, Memory, Outlet, Parcel};
+use comms::logic::control::{Dial, Incoming, Outgoing, Shape};
 use comms::logic::key;
 use comms::logic::switch::{Arrival, Boundary, Flow, Sequence};
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
+
+/// How long a producer of the same host has to take a consumer. Then the wire goes over zenoh.
+const DIRECT_WITHIN: Duration = Duration::from_secs(2);
 
 /// An output's way to one consumer.
 #[derive(Debug)]
@@ -26,9 +32,17 @@ pub(super) struct Wire {
 }
 
 impl Wire {
-    /// Sends a value that has passed.
+    /// Sends a value that has passed to a consumer on the same host. Says whether nobody else is to have it.
+    pub(super) fn send_directly(&self, parcel: &mut Parcel<'_>) -> bool {
+        match &self.way {
+            Transport::Push(push) => push.put_directly(parcel, self.flow.number()),
+            Transport::Pull { .. } => true,
+        }
+    }
+
+    /// Sends a value that has passed, over zenoh.
     pub(super) fn send(&self, payload: &Payload) {
-        let Transport::Push(publisher) = &self.way else { return };
+        let Transport::Push(Push { publisher, .. }) = &self.way else { return };
         put_numbered(publisher, payload.clone(), self.flow.number());
         if let Some(seen) = self.seen.as_ref().filter(|seen| seen.is_heard()) {
             put(seen, payload.clone());
@@ -38,7 +52,7 @@ impl Wire {
 
 #[derive(Debug)]
 pub(super) enum Transport {
-    Push(Publisher),
+    Push(Push),
     /// The latest value, for the consumer to fetch; kept only while the wire is open.
     Pull {
         latest: Arc<Mutex<Option<Vec<u8>>>>,
@@ -46,10 +60,41 @@ pub(super) enum Transport {
     },
 }
 
+/// Both ways of a value that is pushed: its consumer has taken one of them, and people who look take zenoh.
+#[derive(Debug)]
+pub(super) struct Push {
+    pub(super) publisher: Publisher,
+    /// On the same host.
+    outlet: Option<Outlet>,
+}
+
+impl Push {
+    fn put_directly(&self, parcel: &mut Parcel<'_>, number: u32) -> bool {
+        self.outlet.as_ref().is_some_and(|outlet| outlet.send(parcel, number)) && !self.publisher.is_heard_over_zenoh()
+    }
+
+    /// Looks whether the consumer takes what this output sends.
+    ///
+    /// # Errors
+    /// If it does not; both definitions are shown.
+    pub(super) fn check(
+        &self,
+        ways: (&DataSession, Option<&Keyring>),
+        of: (u32, &str),
+        output: &PortInterface,
+    ) -> Result<(), String> {
+        match self.outlet.as_ref().and_then(Outlet::form) {
+            Some(form) => agreement::compare(&form, output),
+            None => agreement::check(ways, of, output),
+        }
+    }
+}
+
 impl Transport {
     /// Says a word between the values of a wire that is pushed.
     pub(super) fn mark(&self, boundary: &Boundary, number: u32) {
-        if let Self::Push(publisher) = self
+        let Self::Push(Push { publisher, outlet }) = self else { return };
+        if !outlet.as_ref().is_some_and(|outlet| outlet.mark(boundary, number))
             && let Err(error) = publisher.mark(boundary, number)
         {
             tracing::debug!(%error, "a switch was not told");
@@ -115,34 +160,106 @@ pub(super) fn subscribe(
     subscription.map_err(|error| error.to_string())
 }
 
-/// Hears a wire.
-pub(super) fn hear(
-    session: &DataSession,
-    incoming: &Incoming,
-    input: (&'static str, Hold),
-    (inbox, keyring): (&Arc<Inbox>, Option<&Keyring>),
-) -> Result<Subscription, String> {
-    let (inbox, wire) = (Arc::clone(inbox), incoming.wire);
-    let hear = move |arrival: Arrival<Cow<'_, [u8]>>, sequence: Option<Sequence>| {
-        let arrival = match arrival {
-            Arrival::Value(bytes) => Arrival::Value(bytes.into_owned()),
-            Arrival::Boundary(boundary) => Arrival::Boundary(boundary),
-        };
-        inbox.arrive((wire, sequence), input, arrival);
-    };
-    let key = &incoming.key;
-    let heard = match keyring {
-        None => session.on_wire(key, hear),
-        Some(keyring) => session.on_sealed_wire(key, keyring.opener((wire, Use::Values), key), hear),
-    };
-    heard.map_err(|error| error.to_string())
+/// How a program comes by what is sent to it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Ways<'a> {
+    pub(super) session: &'a DataSession,
+    /// To programs of the same host.
+    pub(super) direct: Option<&'a DirectPath>,
+    pub(super) inbox: &'a Arc<Inbox>,
+    pub(super) keyring: Option<&'a Keyring>,
 }
 
+/// The consumer's end of a wire that is pushed. Dropping it ends it.
+#[derive(Debug)]
+pub(super) enum Hearing {
+    Zenoh { _subscription: Subscription },
+    Direct(Box<DirectHearing>),
+}
+
+/// One that has its producer on the same host.
+#[derive(Debug)]
+pub(super) struct DirectHearing {
+    incoming: Incoming,
+    input: PortInterface,
+    hold: Hold,
+    inlet: Inlet,
+}
+
+impl Hearing {
+    /// Hears a wire: directly if its producer is on the same host and takes it within that time, else over zenoh.
+    pub(super) fn of(
+        ways: Ways<'_>,
+        incoming: &Incoming,
+        input: (&PortInterface, Hold),
+        within: Duration,
+    ) -> Result<Self, String> {
+        if let Some(inlet) = ways.directly(incoming, input, within.min(DIRECT_WITHIN), None) {
+            let (incoming, (input, hold)) = (incoming.clone(), input);
+            let input = input.clone();
+            return Ok(Self::Direct(Box::new(DirectHearing { incoming, input, hold, inlet })));
+        }
+        ways.over_zenoh(incoming, (input.0.name, input.1))
+    }
+
+    /// Returns whether it hears this producer directly.
+    pub(super) fn of_producer(&self, session: &str) -> bool {
+        matches!(self, Self::Direct(hearing) if hearing.incoming.producer.session == session)
+    }
+
+    /// Hears the same wire from a producer that was started again.
+    pub(super) fn from(self, ways: Ways<'_>, found: &Dial) -> Result<Self, String> {
+        let Self::Direct(hearing) = self else { return Ok(self) };
+        let DirectHearing { mut incoming, input, hold, inlet } = *hearing;
+        incoming.producer = found.clone();
+        match ways.directly(&incoming, (&input, hold), DIRECT_WITHIN, Some(inlet)) {
+            Some(inlet) => Ok(Self::Direct(Box::new(DirectHearing { incoming, input, hold, inlet }))),
+            None => ways.over_zenoh(&incoming, (input.name, hold)),
+        }
+    }
+}
+
+impl Ways<'_> {
+    fn directly(
+        self,
+        incoming: &Incoming,
+        (input, hold): (&PortInterface, Hold),
+        within: Duration,
+        replaced: Option<Inlet>,
+    ) -> Option<Inlet> {
+        let (direct, place) = (self.direct?, incoming.producer.direct()?);
+        let (inbox, wire, input_of) = (Arc::clone(self.inbox), incoming.wire, (input.name, hold));
+        let on_arrival = move |arrival, sequence| inbox.arrive((wire, Some(sequence)), input_of, arrival);
+        let form = agreement::form(input);
+        let connected = direct.inlet((&place, within), (&incoming.key, form), replaced, on_arrival);
+        connected.inspect_err(|error| tracing::debug!(%error, port = input.name, "a wire is not direct")).ok()
+    }
+
+    fn over_zenoh(self, incoming: &Incoming, input: (&'static str, Hold)) -> Result<Hearing, String> {
+        let (inbox, wire) = (Arc::clone(self.inbox), incoming.wire);
+        let hear = move |arrival: Arrival<Cow<'_, [u8]>>, sequence: Option<Sequence>| {
+            let arrival = match arrival {
+                Arrival::Value(bytes) => Arrival::Value(bytes.into_owned()),
+                Arrival::Boundary(boundary) => Arrival::Boundary(boundary),
+            };
+            inbox.arrive((wire, sequence), input, arrival);
+        };
+        let key = &incoming.key;
+        let heard = match self.keyring {
+            None => self.session.on_wire(key, hear),
+            Some(keyring) => self.session.on_sealed_wire(key, keyring.opener((wire, Use::Values), key), hear),
+        };
+        heard.map(|subscription| Hearing::Zenoh { _subscription: subscription }).map_err(|error| error.to_string())
+    }
+}
+
+/// Makes the producer's end of a wire; values of one output share memory.
 pub(super) fn wire(
-    session: &DataSession,
+    (session, direct): (&DataSession, Option<&DirectPath>),
     (interface, keyring): (&Interface, Option<&Keyring>),
     outgoing: &Outgoing,
     shape: Shape,
+    memories: &mut BTreeMap<&'static str, Memory>,
 ) -> Result<Wire, String> {
     let port = port(interface, &outgoing.port, Direction::Out)?.name;
     let failed = |error: DataError| format!("output `{port}`: {error}");
@@ -155,7 +272,9 @@ pub(super) fn wire(
         Transport::Pull { latest, _answering: answer_with(session, key, sealer, answer).map_err(failed)? }
     } else {
         let publisher = session.publisher(key, Priority::Wire).map_err(failed)?;
-        Transport::Push(sealer.into_iter().fold(publisher, Publisher::sealed))
+        let publisher = sealer.into_iter().fold(publisher, Publisher::sealed);
+        let outlet = direct.map(|direct| direct.outlet(key, memories.entry(port).or_default(), &publisher));
+        Transport::Push(Push { publisher, outlet })
     };
     let seen = keyring.filter(|_| !outgoing.pull);
     let seen = seen.map(|_| session.publisher(&key::wire_seen(key), Priority::Background)).transpose();

@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 use tokio::sync::mpsc;
 
 /// Variables that a program inherits from its node, where they are set.
-const INHERITED: [&str; 6] = ["PATH", "HOME", "USER", "LANG", "TZ", "RUST_LOG"];
+const INHERITED: [&str; 7] = ["PATH", "HOME", "USER", "LANG", "TZ", "RUST_LOG", "DCA_DIRECT"];
 
 impl Driver {
     /// Looks at executables in a task: a folder of another machine may not answer.

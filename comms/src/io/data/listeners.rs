@@ -1,0 +1,57 @@
+//! Who listens to a publisher.
+
+use std::sync::{Condvar, Mutex, PoisonError};
+use std::time::Duration;
+
+/// Whether the publisher has a subscriber.
+#[derive(Debug, Default)]
+pub(crate) struct Listeners {
+    heard: Mutex<Matching>,
+    changed: Condvar,
+}
+
+/// By which ways somebody listens.
+#[derive(Clone, Copy, Debug, Default)]
+struct Matching {
+    by_zenoh: bool,
+    directly: bool,
+}
+
+impl Matching {
+    fn is_any(self) -> bool {
+        self.by_zenoh || self.directly
+    }
+}
+
+impl Listeners {
+    pub(super) fn set(&self, matching: bool) {
+        self.change(|heard| heard.by_zenoh = matching);
+    }
+
+    /// Notes whether the consumer is connected directly.
+    pub(crate) fn set_direct(&self, is_connected: bool) {
+        self.change(|heard| heard.directly = is_connected);
+    }
+
+    /// Returns whether anybody listens over zenoh.
+    pub(super) fn is_zenoh(&self) -> bool {
+        self.heard.lock().unwrap_or_else(PoisonError::into_inner).by_zenoh
+    }
+
+    /// Waits until somebody listens; says whether that was within the time given.
+    pub(super) fn wait(&self, within: Duration) -> bool {
+        let heard = self.heard.lock().unwrap_or_else(PoisonError::into_inner);
+        let waited = self.changed.wait_timeout_while(heard, within, |heard| !heard.is_any());
+        waited.unwrap_or_else(PoisonError::into_inner).0.is_any()
+    }
+
+    /// Returns whether anybody listens.
+    pub(crate) fn is_any(&self) -> bool {
+        self.heard.lock().unwrap_or_else(PoisonError::into_inner).is_any()
+    }
+
+    fn change(&self, change: impl FnOnce(&mut Matching)) {
+        change(&mut self.heard.lock().unwrap_or_else(PoisonError::into_inner));
+        self.changed.notify_all();
+    }
+}

@@ -1,0 +1,146 @@
+//! The direct path of wires between two programs of one host ([`crate::logic::direct`]): a Unix socket of their own for each wire, and
+//! shared memory for long values.
+//!
+//! A program has one [`DirectPath`]. Its [`Outlet`]s send to consumers, its [`Inlet`]s receive from producers, and its loop waits on all
+//! that arrive at once ([`Inlets::wait`]), so a value wakes one thread and no other. Sending never waits: what the socket of a consumer
+//! has no room for is lost, and its number is missing. A consumer that is gone, killed or suspended costs its own values and nobody else's.
+
+mod inlet;
+pub mod memory;
+mod outlet;
+mod packet;
+mod pool;
+mod server;
+
+pub use inlet::{Inlet, Inlets};
+pub use outlet::{Memory, Outlet, Parcel};
+
+use crate::io::data::Publisher;
+use crate::io::entropy;
+use crate::logic::codec::{self, Enveloped};
+use crate::logic::direct::{Hello, Place, Welcome};
+use crate::logic::object::TypeForm;
+use crate::logic::switch::{Arrival, Sequence};
+use memory::Buffer;
+use outlet::End;
+use packet::{Waits, receive, send_waiting};
+use rustix::event::{EventfdFlags, eventfd};
+use rustix::io::Errno;
+use rustix::net::sockopt::{Timeout, set_socket_timeout, socket_peercred};
+use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, bind, connect, listen, socket_with};
+use server::{Server, Shared};
+use std::io;
+use std::os::fd::{AsFd, OwnedFd};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// How many consumers wait to be taken.
+const BACKLOG: i32 = 256;
+
+/// The direct paths of one program. Dropping it ends them all.
+#[derive(Debug)]
+pub struct DirectPath {
+    shared: Arc<Shared>,
+    inlets: Arc<Inlets>,
+    /// Of the bell, for producers.
+    bell: OwnedFd,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl DirectPath {
+    /// Listens on the Unix socket `socket`, whose file is replaced, and removed at the end.
+    ///
+    /// # Errors
+    /// The socket cannot be used, or the system has no shared memory.
+    pub fn open(socket: &Path) -> io::Result<Self> {
+        let path = socket.to_str().ok_or(Errno::INVAL)?.to_owned();
+        // Who has none must not be sent a long value.
+        drop(Buffer::new(1)?);
+        match std::fs::remove_file(socket) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            _ => {}
+        }
+        let listener = seqpacket()?;
+        bind(&listener, &SocketAddrUnix::new(socket)?)?;
+        listen(&listener, BACKLOG)?;
+        let token = entropy::bytes::<16>()?.iter().map(|byte| format!("{byte:02x}")).collect();
+        let process = u128::from_le_bytes(entropy::bytes()?);
+        let event = || eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK);
+        let shared = Arc::new(Shared::new(Place { path, token }, process, event()?));
+        let (inlets, bell) = (Arc::new(Inlets::new()?), event()?);
+        let server = Server::new(listener, bell.try_clone()?, Arc::clone(&shared), Arc::clone(&inlets));
+        let thread = std::thread::Builder::new().name("direct".to_owned()).spawn(move || server.run())?;
+        Ok(Self { shared, inlets, bell, thread: Some(thread) })
+    }
+
+    /// Returns the locator that consumers of this host need, with what they have to show. For the node alone.
+    pub fn locator(&self) -> String {
+        self.shared.place.locator()
+    }
+
+    /// Returns the ends of wires that arrive here.
+    pub fn inlets(&self) -> &Arc<Inlets> {
+        &self.inlets
+    }
+
+    /// Returns the producer's end of a wire with this key, in the memory of its output. Consumers that come are told by the publisher, too
+    /// ([`Publisher::is_heard`]).
+    pub fn outlet(&self, key: &str, memory: &Memory, publisher: &Publisher) -> Outlet {
+        let life = self.shared.lives.fetch_add(1, Ordering::Relaxed);
+        let end = Arc::new(End::new(life, memory.clone(), publisher.listeners(), Arc::clone(&self.shared)));
+        self.shared.add(key, &end);
+        self.shared.wake();
+        Outlet::new(end)
+    }
+
+    /// Connects the consumer's end of a wire with its producer, which has `within` to take it; `on_arrival` takes what comes, in a thread
+    /// that must not wait. In the place of another one, what has come over that comes first.
+    ///
+    /// # Errors
+    /// Nobody listens there, not in time, or a stranger does.
+    pub fn inlet(
+        &self,
+        (place, within): (&Place, Duration),
+        (key, form): (&str, TypeForm),
+        replaced: Option<Inlet>,
+        on_arrival: impl FnMut(Arrival<Vec<u8>>, Sequence) + Send + 'static,
+    ) -> io::Result<Inlet> {
+        let stream = seqpacket()?;
+        set_socket_timeout(&stream, Timeout::Send, Some(within))?;
+        set_socket_timeout(&stream, Timeout::Recv, Some(within))?;
+        connect(&stream, &SocketAddrUnix::new(place.path.as_str())?)?;
+        if socket_peercred(&stream)?.uid != rustix::process::getuid() {
+            return Err(Errno::PERM.into());
+        }
+        let hello = codec::encode(&Hello { token: place.token.clone(), key: key.to_owned(), form });
+        let hello = hello.map_err(io::Error::other)?;
+        send_waiting(&stream, &[&hello], Some(self.bell.as_fd()), Waits::UntilTimeout)?;
+        let mut packet = [0; Welcome::SIZE_MAX];
+        let (size, _) = receive(&stream, &mut packet, Waits::UntilTimeout)?;
+        let welcome = packet.get(..size).filter(|welcome| !welcome.is_empty()).ok_or(Errno::CONNREFUSED)?;
+        let Welcome { process } = codec::decode(welcome).map_err(io::Error::other)?;
+        Ok(self.inlets.add((stream, process), replaced, Box::new(on_arrival)))
+    }
+}
+
+impl Drop for DirectPath {
+    fn drop(&mut self) {
+        self.shared.is_over.store(true, Ordering::Release);
+        self.shared.wake();
+        if let Some(thread) = self.thread.take()
+            && thread.join().is_err()
+        {
+            tracing::error!("the thread of direct paths has panicked");
+        }
+        if let Err(error) = std::fs::remove_file(&self.shared.place.path) {
+            tracing::debug!(%error, "a socket stays behind");
+        }
+    }
+}
+
+fn seqpacket() -> Result<OwnedFd, Errno> {
+    socket_with(AddressFamily::UNIX, SocketType::SEQPACKET, SocketFlags::CLOEXEC, None)
+}

@@ -1,0 +1,154 @@
+//! Memory that two programs share: a file without a name, mapped by both. It is gone once the last of them has ended, however that was.
+//!
+//! The one unsafe module of the direct path. It never makes a reference to shared memory: bytes are copied in and out, so whatever another
+//! program writes meanwhile, this one has bytes of some value, and never undefined behaviour.
+
+use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, fcntl_get_seals, fstat, ftruncate, memfd_create};
+use rustix::io::Errno;
+use std::io;
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
+use std::ptr::NonNull;
+
+/// A mapping of shared memory that another program fills.
+#[derive(Debug)]
+pub struct Mapping {
+    start: NonNull<libc::c_void>,
+    size: usize,
+}
+
+/// A buffer that this program fills.
+#[derive(Debug)]
+pub struct Buffer {
+    file: OwnedFd,
+    mapping: Mapping,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Access {
+    Read,
+    Write,
+}
+
+#[expect(unsafe_code, reason = "a mapping belongs to the process, not to a thread")]
+// SAFETY: the pointer is used under `&self` to read, and under `&mut self` to write and to unmap.
+unsafe impl Send for Mapping {}
+#[expect(unsafe_code, reason = "as above")]
+// SAFETY: under `&self` memory is only copied from.
+unsafe impl Sync for Mapping {}
+
+impl Buffer {
+    /// Makes a buffer with room for `size` bytes.
+    ///
+    /// # Errors
+    /// The system has no memory for it, or no such files.
+    pub fn new(size: usize) -> io::Result<Self> {
+        let flags = MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING;
+        let file = memfd_create("dca-wire", flags)?;
+        ftruncate(&file, u64::try_from(size).map_err(|_too_long| Errno::FBIG)?)?;
+        // Nobody can cut it, so no access ends in SIGBUS.
+        fcntl_add_seals(&file, SealFlags::SHRINK | SealFlags::GROW)?;
+        let mapping = Mapping::new(file.as_fd(), size, Access::Write)?;
+        // From now on nobody else can map it to write. Linux before 5.1 has no such seal, and consumers do not write anyway.
+        match fcntl_add_seals(&file, SealFlags::FUTURE_WRITE | SealFlags::SEAL) {
+            Ok(()) | Err(Errno::INVAL) => Ok(Self { file, mapping }),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Returns how many bytes it has room for.
+    pub fn size(&self) -> usize {
+        self.mapping.size
+    }
+
+    /// Returns the file, to be handed to consumers.
+    pub fn file(&self) -> BorrowedFd<'_> {
+        self.file.as_fd()
+    }
+
+    /// Puts bytes at the beginning; says whether there is room.
+    #[expect(unsafe_code, reason = "writes to mapped memory")]
+    pub fn write(&mut self, bytes: &[u8]) -> bool {
+        if bytes.len() > self.mapping.size {
+            return false;
+        }
+        let to = self.mapping.start.cast::<u8>();
+        // SAFETY: the mapping is writable and at least so long, and no Rust reference leads to it.
+        unsafe { std::ptr::copy_nonoverlapping(bytes.as_ptr(), to.as_ptr(), bytes.len()) };
+        true
+    }
+}
+
+impl Mapping {
+    /// Maps a buffer that another program fills.
+    ///
+    /// # Errors
+    /// It could be cut while it is mapped, or the system has no room for it.
+    pub fn of(file: &OwnedFd) -> io::Result<Self> {
+        if !fcntl_get_seals(file)?.contains(SealFlags::SHRINK) {
+            return Err(Errno::PERM.into());
+        }
+        let size = usize::try_from(fstat(file)?.st_size).map_err(|_negative| Errno::INVAL)?;
+        Self::new(file.as_fd(), size, Access::Read)
+    }
+
+    #[expect(unsafe_code, reason = "there is no safe call that maps a file")]
+    fn new(file: BorrowedFd<'_>, size: usize, access: Access) -> io::Result<Self> {
+        let protection = if access == Access::Write { libc::PROT_READ | libc::PROT_WRITE } else { libc::PROT_READ };
+        // All pages at once: to fault one by one takes longer than to copy what is in them.
+        let flags = libc::MAP_SHARED | libc::MAP_POPULATE;
+        // SAFETY: a new mapping at a place of the kernel's choice touches no memory of this program.
+        let start = unsafe { libc::mmap(std::ptr::null_mut(), size, protection, flags, file.as_raw_fd(), 0) };
+        if start == libc::MAP_FAILED {
+            return Err(io::Error::last_os_error());
+        }
+        Ok(Self { start: NonNull::new(start).ok_or(Errno::NOMEM)?, size })
+    }
+
+    /// Returns a copy of the first `size` bytes; none if it is not so long.
+    #[expect(unsafe_code, reason = "reads from mapped memory")]
+    pub fn read(&self, size: usize) -> Option<Vec<u8>> {
+        if size > self.size {
+            return None;
+        }
+        let mut bytes = Vec::with_capacity(size);
+        // SAFETY: the mapping is at least so long and its file cannot be cut; the vector has room for `size` bytes, and all of
+        // them are written before it has them.
+        unsafe {
+            std::ptr::copy_nonoverlapping(self.start.cast::<u8>().as_ptr(), bytes.as_mut_ptr(), size);
+            bytes.set_len(size);
+        }
+        Some(bytes)
+    }
+}
+
+impl Drop for Mapping {
+    #[expect(unsafe_code, reason = "the counterpart of `new`")]
+    fn drop(&mut self) {
+        // SAFETY: it was mapped with this size, is unmapped once, and nothing refers to it any more.
+        unsafe { libc::munmap(self.start.as_ptr(), self.size) };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_one_side_writes_the_other_one_reads() {
+        let mut buffer = Buffer::new(10_000).unwrap();
+        assert!(buffer.write(b"abc") && !buffer.write(&[0; 10_001]));
+        let other = Mapping::of(&buffer.file().try_clone_to_owned().unwrap()).unwrap();
+        assert_eq!((other.read(3), other.read(10_001)), (Some(b"abc".to_vec()), None));
+        assert!(buffer.write(b"xy"));
+        assert_eq!(other.read(3), Some(b"xyc".to_vec()));
+        drop(buffer);
+        assert_eq!(other.read(2), Some(b"xy".to_vec()), "it stays for as long as somebody has it");
+    }
+
+    #[test]
+    fn what_could_be_cut_is_not_mapped() {
+        let file = memfd_create("cut", MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING).unwrap();
+        ftruncate(&file, 4096).unwrap();
+        assert!(Mapping::of(&file).is_err());
+    }
+}

@@ -1,0 +1,295 @@
+//! The producer's end of wires: sends without waiting, to the one consumer that each of them has.
+
+use super::packet::{Sent, Waits, receive, send};
+use super::pool::{Pool, leases_max};
+use super::server::Shared;
+use crate::io::data::Listeners;
+use crate::logic::direct::{Header, INLINE_MAX, SharedValue, released, retire};
+use crate::logic::object::TypeForm;
+use crate::logic::switch::Boundary;
+use crate::logic::{codec, direct};
+use std::collections::{BTreeSet, VecDeque};
+use std::os::fd::OwnedFd;
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// After how many values, and bytes of them, a consumer is asked to read what waits, if its loop does not.
+const BELL_EVERY: u32 = 64;
+const BELL_BYTES: usize = 64 << 10;
+/// How many words wait for a consumer that does not read; the oldest gives way.
+const WORDS_MAX: usize = 256;
+
+/// The producer's end of one wire. Dropping it ends the connection.
+#[derive(Debug)]
+pub struct Outlet {
+    end: Arc<End>,
+}
+
+/// The shared memory of one output.
+#[derive(Clone, Debug, Default)]
+pub struct Memory(Arc<Mutex<Pool>>);
+
+/// A value on its way to the consumers of one output.
+#[derive(Debug)]
+pub struct Parcel<'a> {
+    bytes: &'a [u8],
+    /// The buffer that it lies in by now.
+    buffer: Option<u32>,
+}
+
+#[derive(Debug)]
+pub(super) struct End {
+    life: u32,
+    memory: Memory,
+    heard: Arc<Listeners>,
+    connection: Mutex<Option<Connection>>,
+    shared: Arc<Shared>,
+}
+
+/// The socket of one consumer.
+#[derive(Debug)]
+pub(super) struct Connection {
+    pub(super) stream: Arc<OwnedFd>,
+    pub(super) bell: OwnedFd,
+    pub(super) form: TypeForm,
+    /// Values and their bytes since the bell was rung.
+    unread: (u32, usize),
+    words: VecDeque<Vec<u8>>,
+    /// Buffers that it has not released, and those whose files it has.
+    leased: BTreeSet<u32>,
+    known: BTreeSet<u32>,
+}
+
+impl Memory {
+    fn lock(&self) -> MutexGuard<'_, Pool> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl<'a> Parcel<'a> {
+    /// Returns a value that is sent to nobody yet.
+    pub fn new(bytes: &'a [u8]) -> Self {
+        Self { bytes, buffer: None }
+    }
+}
+
+impl Outlet {
+    pub(super) fn new(end: Arc<End>) -> Self {
+        Self { end }
+    }
+
+    /// Sends a value to the consumer if it is connected; says whether it is. A value that there is no room for is lost, and the consumer
+    /// counts it. It never waits. What goes over wires of one program comes in the order of these calls, if they are not at the same time.
+    pub fn send(&self, parcel: &mut Parcel<'_>, number: u32) -> bool {
+        let header = self.end.header(number);
+        self.end.with(|connection| connection.value(header, parcel, &self.end.memory))
+    }
+
+    /// Sends a word between values, with the number of the value before it; says whether the consumer is connected. A word for which there
+    /// is no room goes before any later value.
+    pub fn mark(&self, boundary: &Boundary, number: u32) -> bool {
+        let Ok(word) = codec::encode(boundary) else { return self.is_connected() };
+        let packet = self.end.header(number).word(&word);
+        let is_connected = self.end.with(|connection| connection.word(packet));
+        if self.end.has_words() {
+            self.end.shared.wake();
+        }
+        is_connected
+    }
+
+    /// Returns whether the consumer is connected.
+    pub fn is_connected(&self) -> bool {
+        self.end.lock().is_some()
+    }
+
+    /// Returns what the consumer takes, if it is connected.
+    pub fn form(&self) -> Option<TypeForm> {
+        self.end.lock().as_ref().map(|connection| connection.form.clone())
+    }
+}
+
+impl Drop for Outlet {
+    fn drop(&mut self) {
+        self.end.end(&mut self.end.lock());
+    }
+}
+
+impl End {
+    pub(super) fn new(life: u32, memory: Memory, heard: Arc<Listeners>, shared: Arc<Shared>) -> Self {
+        Self { life, memory, heard, connection: Mutex::default(), shared }
+    }
+
+    fn header(&self, number: u32) -> Header {
+        Header { life: self.life, number, order: self.shared.orders.fetch_add(1, Ordering::Relaxed) }
+    }
+
+    /// Takes a consumer, in the place of one that it had.
+    pub(super) fn attach(&self, new: Connection) {
+        let mut connection = self.lock();
+        if let Some(old) = connection.take() {
+            old.give_back(&self.memory);
+        }
+        *connection = Some(new);
+        self.heard.set_direct(true);
+    }
+
+    /// Returns the socket of its consumer, and whether words wait for it.
+    pub(super) fn stream(&self) -> Option<(Arc<OwnedFd>, bool)> {
+        self.lock().as_ref().map(|connection| (Arc::clone(&connection.stream), !connection.words.is_empty()))
+    }
+
+    /// Sends words that wait.
+    pub(super) fn flush(&self) {
+        self.with(|connection| if connection.flush() == Sent::Gone { Sent::Gone } else { Sent::Whole });
+    }
+
+    /// Forgets the consumer with this socket, which has ended.
+    pub(super) fn ended(&self, stream: &Arc<OwnedFd>) {
+        let mut connection = self.lock();
+        if connection.as_ref().is_some_and(|connection| Arc::ptr_eq(&connection.stream, stream)) {
+            self.end(&mut connection);
+        }
+    }
+
+    fn end(&self, connection: &mut Option<Connection>) {
+        if let Some(connection) = connection.take() {
+            connection.give_back(&self.memory);
+            self.heard.set_direct(false);
+        }
+    }
+
+    fn has_words(&self) -> bool {
+        self.lock().as_ref().is_some_and(|connection| !connection.words.is_empty())
+    }
+
+    /// Does something with the connection; says whether there still is one.
+    fn with(&self, act: impl FnOnce(&mut Connection) -> Sent) -> bool {
+        let mut connection = self.lock();
+        let Some(there) = connection.as_mut() else { return false };
+        if act(there) != Sent::Gone {
+            return true;
+        }
+        self.end(&mut connection);
+        false
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Option<Connection>> {
+        self.connection.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Connection {
+    pub(super) fn new(stream: Arc<OwnedFd>, bell: OwnedFd, form: TypeForm) -> Self {
+        let (words, leased, known) = Default::default();
+        Self { stream, bell, form, unread: (0, 0), words, leased, known }
+    }
+
+    fn value(&mut self, header: Header, parcel: &mut Parcel<'_>, memory: &Memory) -> Sent {
+        match self.flush() {
+            Sent::Whole => {}
+            other => return self.told(other, 0),
+        }
+        let size = parcel.bytes.len();
+        if size + direct::HEADER_SIZE <= INLINE_MAX {
+            let sent = send(&self.stream, &[&header.value(), parcel.bytes], None);
+            return self.told(sent, size);
+        }
+        let sent = self.share(header, parcel, &mut memory.lock());
+        if self.leased.len() > 1 {
+            self.ring();
+        }
+        self.told(sent, 0)
+    }
+
+    /// Sends a value in shared memory. A consumer that keeps too many gets no more.
+    fn share(&mut self, header: Header, parcel: &mut Parcel<'_>, pool: &mut Pool) -> Sent {
+        self.take_releases(pool);
+        let size = parcel.bytes.len();
+        let Ok(length) = u32::try_from(size) else { return Sent::NoRoom };
+        if self.leased.len() >= leases_max(size) {
+            return Sent::NoRoom;
+        }
+        let buffer = match parcel.buffer {
+            Some(buffer) => buffer,
+            None => match pool.put(parcel.bytes) {
+                Ok(buffer) => *parcel.buffer.insert(buffer),
+                Err(error) => {
+                    tracing::warn!(%error, size, "there is no shared memory for a value");
+                    return Sent::NoRoom;
+                }
+            },
+        };
+        self.retire(pool);
+        let file = if self.known.contains(&buffer) { None } else { pool.file(buffer) };
+        let packet = header.shared(SharedValue { buffer, size: length });
+        let sent = send(&self.stream, &[&packet], file);
+        if sent == Sent::Whole {
+            pool.lease(buffer);
+            self.known.insert(buffer);
+            self.leased.insert(buffer);
+        }
+        sent
+    }
+
+    /// Says which buffers are not used again; what there is no room for is said later.
+    fn retire(&mut self, pool: &Pool) {
+        let stream = &self.stream;
+        self.known.retain(|buffer| pool.has(*buffer) || send(stream, &[&retire(*buffer)], None) != Sent::Whole);
+    }
+
+    fn take_releases(&mut self, pool: &mut Pool) {
+        let mut packet = [0; 16];
+        while let Ok((size @ 1.., _)) = receive(&self.stream, &mut packet, Waits::Never) {
+            let buffer = packet.get(..size).and_then(released);
+            if let Some(buffer) = buffer.filter(|buffer| self.leased.remove(buffer)) {
+                pool.release(buffer);
+            }
+        }
+    }
+
+    fn word(&mut self, packet: Vec<u8>) -> Sent {
+        let sent = match self.flush() {
+            Sent::Whole => send(&self.stream, &[&packet], None),
+            other => other,
+        };
+        if sent == Sent::NoRoom {
+            if self.words.len() >= WORDS_MAX {
+                self.words.pop_front();
+            }
+            self.words.push_back(packet);
+        }
+        self.told(sent, 0)
+    }
+
+    /// Sends the words that wait; `Whole` if none waits any more.
+    fn flush(&mut self) -> Sent {
+        while let Some(packet) = self.words.front() {
+            match send(&self.stream, &[packet], None) {
+                Sent::Whole => drop(self.words.pop_front()),
+                other => return other,
+            }
+        }
+        Sent::Whole
+    }
+
+    /// Rings the bell when it is time to, so that what waits in the socket is read also while the consumer's loop is busy.
+    fn told(&mut self, sent: Sent, size: usize) -> Sent {
+        let (count, bytes) = &mut self.unread;
+        (*count, *bytes) = (*count + 1, *bytes + size);
+        if sent == Sent::NoRoom || *count >= BELL_EVERY || *bytes >= BELL_BYTES {
+            self.ring();
+        }
+        sent
+    }
+
+    fn ring(&mut self) {
+        self.unread = (0, 0);
+        // It fails only where it was rung for ever, and nobody has heard it.
+        rustix::io::write(&self.bell, &1_u64.to_ne_bytes()).unwrap_or_default();
+    }
+
+    fn give_back(self, memory: &Memory) {
+        let mut pool = memory.lock();
+        self.leased.iter().for_each(|buffer| pool.release(*buffer));
+    }
+}

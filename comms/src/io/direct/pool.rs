@@ -1,0 +1,112 @@
+//! The shared buffers of one output: each value lies in one of them for all consumers of the host, until all have released it.
+
+use super::memory::Buffer;
+use std::collections::BTreeMap;
+use std::io;
+use std::os::fd::BorrowedFd;
+
+/// How many bytes the values have that one consumer has not released, and how many values at least and at most. What is more is lost for it.
+const BYTES_MAX: usize = 32 << 20;
+const COUNT_MIN: usize = 2;
+const COUNT_MAX: usize = 16;
+/// The smallest buffer, in bytes.
+const SIZE_MIN: usize = 64 << 10;
+
+/// The buffers of one output.
+#[derive(Debug, Default)]
+pub(super) struct Pool {
+    slots: BTreeMap<u32, Slot>,
+    next: u32,
+}
+
+#[derive(Debug)]
+struct Slot {
+    buffer: Buffer,
+    /// How many consumers have not released it.
+    leases: usize,
+}
+
+/// Returns how many values of a size one consumer may keep.
+pub(super) fn leases_max(size: usize) -> usize {
+    (BYTES_MAX / size.max(1)).clamp(COUNT_MIN, COUNT_MAX)
+}
+
+impl Pool {
+    /// Puts a value into a buffer that nobody uses, and returns its number.
+    ///
+    /// # Errors
+    /// The system has no memory for another one.
+    pub(super) fn put(&mut self, bytes: &[u8]) -> io::Result<u32> {
+        let is_free = |slot: &Slot| slot.leases == 0 && slot.buffer.size() >= bytes.len();
+        let free = self.slots.iter().find(|(_, slot)| is_free(slot)).map(|(number, _)| *number);
+        let number = match free {
+            Some(number) => number,
+            None => self.add(bytes.len())?,
+        };
+        if let Some(slot) = self.slots.get_mut(&number) {
+            slot.buffer.write(bytes);
+        }
+        Ok(number)
+    }
+
+    /// Makes a buffer; those that are too small for values of now and that nobody uses go.
+    fn add(&mut self, size: usize) -> io::Result<u32> {
+        let buffer = Buffer::new(size.next_power_of_two().max(SIZE_MIN))?;
+        self.slots.retain(|_, slot| slot.leases > 0 || slot.buffer.size() >= size);
+        self.next = self.next.wrapping_add(1);
+        self.slots.insert(self.next, Slot { buffer, leases: 0 });
+        Ok(self.next)
+    }
+
+    /// Returns the file of a buffer.
+    pub(super) fn file(&self, number: u32) -> Option<BorrowedFd<'_>> {
+        self.slots.get(&number).map(|slot| slot.buffer.file())
+    }
+
+    /// Returns whether there still is such a buffer.
+    pub(super) fn has(&self, number: u32) -> bool {
+        self.slots.contains_key(&number)
+    }
+
+    /// Notes that one more consumer has the buffer.
+    pub(super) fn lease(&mut self, number: u32) {
+        if let Some(slot) = self.slots.get_mut(&number) {
+            slot.leases += 1;
+        }
+    }
+
+    /// Notes that one consumer less has it.
+    pub(super) fn release(&mut self, number: u32) {
+        if let Some(slot) = self.slots.get_mut(&number) {
+            slot.leases = slot.leases.saturating_sub(1);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_buffer_is_filled_again_once_all_have_released_it() {
+        let mut pool = Pool::default();
+        let first = pool.put(&[1; 100_000]).unwrap();
+        pool.lease(first);
+        pool.lease(first);
+        let second = pool.put(&[2; 100]).unwrap();
+        assert_ne!(first, second);
+        pool.lease(second);
+        pool.release(first);
+        assert!(![first, second].contains(&pool.put(&[3; 100]).unwrap()));
+        pool.release(first);
+        assert_eq!(pool.put(&[4; 100_000]).unwrap(), first);
+        pool.lease(first);
+        let larger = pool.put(&[5; 200_000]).unwrap();
+        assert!(pool.has(larger) && pool.has(second) && pool.has(first), "what is in use stays");
+    }
+
+    #[test]
+    fn a_consumer_keeps_so_many_values_and_no_more() {
+        assert_eq!([1, 1 << 20, 8 << 20, 64 << 20].map(leases_max), [16, 16, 4, 2]);
+    }
+}

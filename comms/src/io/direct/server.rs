@@ -1,0 +1,209 @@
+//! The thread of a program that takes the consumers of its wires. It also sends words that found no room, and reads what arrives for
+//! this program while its own loop is busy.
+
+use super::inlet::Inlets;
+use super::outlet::{Connection, End};
+use super::packet::{Waits, receive, send_waiting};
+use crate::io::clock::{Wakeup, now};
+use crate::logic::codec::{self, Enveloped};
+use crate::logic::direct::{Hello, Place, Welcome};
+use crate::logic::time::Time;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
+use rustix::net::sockopt::{set_socket_send_buffer_size, socket_peercred};
+use rustix::net::{SocketFlags, accept_with};
+use std::collections::{BTreeMap, VecDeque};
+use std::io;
+use std::os::fd::OwnedFd;
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::time::Duration;
+
+/// How long a consumer has to say who it is, and how many do so at a time; the oldest goes.
+const HELLO_WITHIN: Duration = Duration::from_secs(2);
+const STRANGERS_MAX: usize = 64;
+/// How long nobody is accepted after the system has refused to.
+const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
+/// How many consumers wait for wires that are not made yet; a plan has fewer wires.
+const WAITING_MAX: usize = 10_000;
+/// As much as the system lets a socket have: it cuts this to its own limit, 208 KiB unless somebody has changed it.
+const SEND_BUFFER: usize = 1 << 20;
+
+/// What the thread and the ends of wires share.
+#[derive(Debug)]
+pub(super) struct Shared {
+    pub(super) place: Place,
+    pub(super) process: u128,
+    /// Readable once something has changed for the thread.
+    control: OwnedFd,
+    pub(super) is_over: AtomicBool,
+    pub(super) lives: AtomicU32,
+    /// How many frames were sent over all wires.
+    pub(super) orders: AtomicU64,
+    table: Mutex<Table>,
+}
+
+#[derive(Debug, Default)]
+struct Table {
+    ends: BTreeMap<String, Weak<End>>,
+    /// By the key of a wire that is not made yet.
+    waiting: BTreeMap<String, Connection>,
+}
+
+/// The thread's own.
+pub(super) struct Server {
+    pub(super) listener: OwnedFd,
+    /// Rung by producers.
+    pub(super) bell: OwnedFd,
+    pub(super) shared: Arc<Shared>,
+    pub(super) inlets: Arc<Inlets>,
+    strangers: VecDeque<(OwnedFd, Time)>,
+}
+
+impl Shared {
+    pub(super) fn new(place: Place, process: u128, control: OwnedFd) -> Self {
+        let (is_over, lives, orders, table) = Default::default();
+        Self { place, process, control, is_over, lives, orders, table }
+    }
+
+    /// Has the thread look again.
+    pub(super) fn wake(&self) {
+        // It fails only where it was written for ever.
+        rustix::io::write(&self.control, &1_u64.to_ne_bytes()).unwrap_or_default();
+    }
+
+    /// Takes the producer's end of a wire; a consumer that was there before is connected with it.
+    pub(super) fn add(&self, key: &str, end: &Arc<End>) {
+        let mut table = self.lock();
+        table.ends.retain(|_, end| end.strong_count() > 0);
+        if let Some(connection) = table.waiting.remove(key) {
+            end.attach(connection);
+        }
+        table.ends.insert(key.to_owned(), Arc::downgrade(end));
+    }
+
+    fn take(&self, key: String, connection: Connection) {
+        let mut table = self.lock();
+        if let Some(end) = table.ends.get(&key).and_then(Weak::upgrade) {
+            return end.attach(connection);
+        }
+        if table.waiting.len() >= WAITING_MAX {
+            table.waiting.pop_first();
+        }
+        table.waiting.insert(key, connection);
+    }
+
+    fn ends(&self) -> Vec<Arc<End>> {
+        self.lock().ends.values().filter_map(Weak::upgrade).collect()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Table> {
+        self.table.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Server {
+    pub(super) fn new(listener: OwnedFd, bell: OwnedFd, shared: Arc<Shared>, inlets: Arc<Inlets>) -> Self {
+        Self { listener, bell, shared, inlets, strangers: VecDeque::new() }
+    }
+
+    /// Serves until it is over.
+    pub(super) fn run(mut self) {
+        while !self.shared.is_over.load(Ordering::Acquire) {
+            self.turn();
+        }
+    }
+
+    fn turn(&mut self) {
+        let ends: Vec<_> = self.shared.ends().into_iter().filter_map(|end| Some((end.stream()?, end))).collect();
+        let mut ready = vec![
+            PollFd::new(&self.shared.control, PollFlags::IN),
+            PollFd::new(&self.listener, PollFlags::IN),
+            PollFd::new(&self.bell, PollFlags::IN),
+        ];
+        ready.extend(self.strangers.iter().map(|(stream, _)| PollFd::new(stream, PollFlags::IN)));
+        // Without a flag, too, the end of a connection is told.
+        let flags = |has_words| if has_words { PollFlags::OUT } else { PollFlags::empty() };
+        ready.extend(ends.iter().map(|((stream, has_words), _)| PollFd::new(stream, flags(*has_words))));
+        let until = self.strangers.iter().map(|(_, until)| *until).min();
+        let left = until.map(|until| until.since(now())).map(|left| Timespec {
+            tv_sec: i64::try_from(left.as_secs()).unwrap_or(i64::MAX),
+            tv_nsec: left.subsec_nanos().into(),
+        });
+        if poll(&mut ready, left.as_ref()).is_err() {
+            // A signal, or no memory for a moment.
+            return;
+        }
+        let ready: Vec<PollFlags> = ready.iter().map(PollFd::revents).collect();
+        let [control, listener, bell, ready @ ..] = &ready[..] else { return };
+        let (of_strangers, of_ends) = ready.split_at(self.strangers.len());
+        let of_strangers = of_strangers.to_vec();
+        for (((stream, _), end), ready) in ends.iter().zip(of_ends) {
+            if ready.intersects(PollFlags::HUP | PollFlags::ERR) {
+                end.ended(stream);
+            } else if ready.contains(PollFlags::OUT) {
+                end.flush();
+            }
+        }
+        for (ready, file) in [(control, &self.shared.control), (bell, &self.bell)] {
+            if !ready.is_empty() {
+                rustix::io::read(file, &mut [0; 8]).unwrap_or_default();
+            }
+        }
+        if !bell.is_empty() {
+            self.inlets.read_for_loop();
+        }
+        let is_listened = !listener.is_empty();
+        self.hear(&of_strangers);
+        if is_listened {
+            self.accept();
+        }
+    }
+
+    fn accept(&mut self) {
+        let Ok(stream) = accept_with(&self.listener, SocketFlags::CLOEXEC | SocketFlags::NONBLOCK) else {
+            // Too many open files: who waits to be accepted would wake this thread without end.
+            Wakeup::default().wait(Some(now() + ACCEPT_PAUSE));
+            return;
+        };
+        if self.strangers.len() >= STRANGERS_MAX {
+            self.strangers.pop_front();
+        }
+        self.strangers.push_back((stream, now() + HELLO_WITHIN));
+    }
+
+    /// Takes those that have said who they are, and lets go of those that cannot, or did not in time.
+    fn hear(&mut self, ready: &[PollFlags]) {
+        let time = now();
+        for ((stream, until), ready) in std::mem::take(&mut self.strangers).into_iter().zip(ready) {
+            if !ready.is_empty() {
+                if let Err(error) = self.take(stream) {
+                    tracing::debug!(%error, "a consumer of this host is not taken");
+                }
+            } else if until > time {
+                self.strangers.push_back((stream, until));
+            }
+        }
+    }
+
+    fn take(&self, stream: OwnedFd) -> io::Result<()> {
+        let refused = |why: &str| io::Error::new(io::ErrorKind::PermissionDenied, why);
+        if socket_peercred(&stream)?.uid != rustix::process::getuid() {
+            return Err(refused("it runs as another user"));
+        }
+        let mut packet = vec![0; Hello::SIZE_MAX];
+        let (size, bell) = receive(&stream, &mut packet, Waits::Never)?;
+        let hello = packet.get(..size).unwrap_or_default();
+        let Hello { token, key, form } = codec::decode(hello).map_err(io::Error::other)?;
+        if token != self.shared.place.token {
+            return Err(refused("the node has not wired it with this program"));
+        }
+        let bell = bell.ok_or_else(|| refused("it has no bell"))?;
+        fcntl_setfl(&bell, fcntl_getfl(&bell)? | OFlags::NONBLOCK)?;
+        set_socket_send_buffer_size(&stream, SEND_BUFFER)?;
+        let welcome = codec::encode(&Welcome { process: self.shared.process }).map_err(io::Error::other)?;
+        send_waiting(&stream, &[&welcome], None, Waits::Never)?;
+        self.shared.take(key, Connection::new(Arc::new(stream), bell, form));
+        Ok(())
+    }
+}

@@ -1,0 +1,261 @@
+//! The direct path of a wire between two programs of one host: what goes over its Unix socket, without zenoh in between.
+//!
+//! The producer listens beside its data session, and says where with the locators of that ([`Place`]); the node hands them to those that
+//! it wires, and to nobody else. The consumer connects a socket of its own for each wire, of type `SOCK_SEQPACKET`, so each frame is one
+//! packet, and shows the token of the place ([`Hello`]). From the [`Welcome`] on, values and words come in frames:
+//!
+//! ```text
+//! producer to consumer                                                     consumer to producer
+//!   value    00 | header | bytes                                             release  10 | buffer: u32 LE
+//!   word     01 | header | Boundary in its envelope
+//!   shared   02 | header | buffer: u32 LE | size: u32 LE, and a descriptor if the buffer is new
+//!   retired  03 | buffer: u32 LE
+//!
+//! header: life: u32 LE | number: u32 LE | order: u64 LE
+//! ```
+//!
+//! A *life* is that of the producer's end of the wire: numbers count within it. The *order* counts what a producer sends over all its wires, so
+//! that a consumer with several of them takes what comes in the order in which it was sent. A shared value lies in a buffer of memory that both map; the
+//! producer writes there again once all its consumers have released it.
+
+use super::codec::{Enveloped, Kind};
+use super::object::TypeForm;
+use serde::{Deserialize, Serialize};
+
+/// How the locator of a direct path begins. Zenoh has no such.
+const SCHEME: &str = "dca-direct/";
+/// The bytes before those of a value or a word.
+pub const HEADER_SIZE: usize = 17;
+/// The longest frame with a value. Longer ones lie in shared memory.
+pub const INLINE_MAX: usize = 16 << 10;
+
+const VALUE: u8 = 0x00;
+const WORD: u8 = 0x01;
+const SHARED: u8 = 0x02;
+const RETIRED: u8 = 0x03;
+const RELEASE: u8 = 0x10;
+
+/// Where a producer takes consumers of its host, and what they show there.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Place {
+    /// The socket.
+    pub path: String,
+    /// Known to the producer, its node, and whom that has wired with it.
+    pub token: String,
+}
+
+impl Place {
+    /// Returns the place as a locator.
+    pub fn locator(&self) -> String {
+        format!("{SCHEME}{}#{}", self.path, self.token)
+    }
+
+    /// Returns the place that a locator means; none if it is one of zenoh's.
+    pub fn of(locator: &str) -> Option<Self> {
+        let (path, token) = locator.strip_prefix(SCHEME)?.rsplit_once('#')?;
+        Some(Self { path: path.to_owned(), token: token.to_owned() })
+    }
+
+    /// Returns whether a locator is one of a direct path.
+    pub fn is_meant(locator: &str) -> bool {
+        locator.starts_with(SCHEME)
+    }
+}
+
+/// The first packet of a consumer. With it goes an eventfd, by which the producer asks for what waits to be read.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Hello {
+    /// The token of the [`Place`].
+    pub token: String,
+    /// The key of the wire, from the node's order.
+    pub key: String,
+    /// What the consumer takes.
+    pub form: TypeForm,
+}
+
+impl Enveloped for Hello {
+    const KIND: Kind = Kind::DirectHello;
+    const VERSION: u16 = 1;
+    const SIZE_MAX: usize = 64 << 10;
+}
+
+/// The answer to it. A producer that does not take the consumer closes the socket instead.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Welcome {
+    /// Random, the same for all wires of one producer.
+    pub process: u128,
+}
+
+impl Enveloped for Welcome {
+    const KIND: Kind = Kind::DirectWelcome;
+    const VERSION: u16 = 1;
+    const SIZE_MAX: usize = 1 << 10;
+}
+
+/// What stands before the bytes of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Header {
+    /// The life of the producer's end.
+    pub life: u32,
+    /// How many values it has sent in it, one that follows included.
+    pub number: u32,
+    /// Grows with each frame of the producer, whatever its wire.
+    pub order: u64,
+}
+
+/// What a producer sends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Frame<'a> {
+    /// A value.
+    Value(Header, &'a [u8]),
+    /// A word between values, in its envelope.
+    Word(Header, &'a [u8]),
+    /// A value in shared memory.
+    Shared(Header, SharedValue),
+    /// A buffer that is not used again.
+    Retired(u32),
+}
+
+/// Where a value is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SharedValue {
+    /// The number of the buffer.
+    pub buffer: u32,
+    /// Its bytes, from the beginning of the buffer.
+    pub size: u32,
+}
+
+impl Header {
+    /// Returns the beginning of a frame with a value.
+    pub fn value(self) -> [u8; HEADER_SIZE] {
+        self.with(VALUE)
+    }
+
+    /// Returns a frame with a word.
+    pub fn word(self, word: &[u8]) -> Vec<u8> {
+        [&self.with(WORD), word].concat()
+    }
+
+    /// Returns a frame for a value in shared memory.
+    pub fn shared(self, value: SharedValue) -> Vec<u8> {
+        [&self.with(SHARED)[..], &value.buffer.to_le_bytes(), &value.size.to_le_bytes()].concat()
+    }
+
+    fn with(self, tag: u8) -> [u8; HEADER_SIZE] {
+        let mut bytes = [tag; HEADER_SIZE];
+        let [_, rest @ ..] = &mut bytes;
+        let fields = self.life.to_le_bytes().into_iter().chain(self.number.to_le_bytes());
+        rest.iter_mut().zip(fields.chain(self.order.to_le_bytes())).for_each(|(to, from)| *to = from);
+        bytes
+    }
+}
+
+impl<'a> Frame<'a> {
+    /// Returns its place among all that its producer has sent; none if it has none.
+    pub fn order(&self) -> Option<u64> {
+        match self {
+            Self::Value(header, _) | Self::Word(header, _) | Self::Shared(header, _) => Some(header.order),
+            Self::Retired(_) => None,
+        }
+    }
+
+    /// Reads a frame; none if it is no such.
+    pub fn parse(packet: &'a [u8]) -> Option<Self> {
+        let (tag, rest) = packet.split_first()?;
+        if *tag == RETIRED {
+            return only_number(rest).map(Self::Retired);
+        }
+        let (life, rest) = number(rest)?;
+        let (sent, rest) = number(rest)?;
+        let (order, rest) = rest.split_first_chunk()?;
+        let header = Header { life, number: sent, order: u64::from_le_bytes(*order) };
+        match *tag {
+            VALUE => Some(Self::Value(header, rest)),
+            WORD => Some(Self::Word(header, rest)),
+            SHARED => {
+                let (buffer, rest) = number(rest)?;
+                let (size, rest) = number(rest)?;
+                rest.is_empty().then_some(Self::Shared(header, SharedValue { buffer, size }))
+            }
+            _ => None,
+        }
+    }
+}
+
+/// Returns the packet by which a consumer gives a buffer back.
+pub fn release(buffer: u32) -> [u8; 5] {
+    of_buffer(RELEASE, buffer)
+}
+
+/// Returns the packet by which a producer says that it does not use a buffer again.
+pub fn retire(buffer: u32) -> [u8; 5] {
+    of_buffer(RETIRED, buffer)
+}
+
+fn of_buffer(tag: u8, buffer: u32) -> [u8; 5] {
+    let [a, b, c, d] = buffer.to_le_bytes();
+    [tag, a, b, c, d]
+}
+
+/// Returns the buffer that a packet gives back; none if it is no such packet.
+pub fn released(packet: &[u8]) -> Option<u32> {
+    let (tag, rest) = packet.split_first()?;
+    only_number(rest).filter(|_| *tag == RELEASE)
+}
+
+fn only_number(bytes: &[u8]) -> Option<u32> {
+    number(bytes).filter(|(_, rest)| rest.is_empty()).map(|(number, _)| number)
+}
+
+fn number(bytes: &[u8]) -> Option<(u32, &[u8])> {
+    let (number, rest) = bytes.split_first_chunk()?;
+    Some((u32::from_le_bytes(*number), rest))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const HEADER: Header = Header { life: 2, number: 0x0102_0304, order: 9 };
+    const BYTES: [u8; 16] = [2, 0, 0, 0, 4, 3, 2, 1, 9, 0, 0, 0, 0, 0, 0, 0];
+
+    #[test]
+    fn golden_frames() {
+        let with = |tag: u8, rest: &[u8]| [&[tag], &BYTES[..], rest].concat();
+        assert_eq!(HEADER.value()[..], with(0, b""));
+        assert_eq!(HEADER.word(b"w"), with(1, b"w"));
+        let shared = SharedValue { buffer: 5, size: 0x10_0000 };
+        assert_eq!(HEADER.shared(shared), with(2, &[5, 0, 0, 0, 0, 0, 0x10, 0]));
+        assert_eq!((release(5), retire(5)), ([0x10, 5, 0, 0, 0], [3, 5, 0, 0, 0]));
+        assert_eq!((released(&release(5)), released(b"\x10\x05\0\0\0\0"), released(b"")), (Some(5), None, None));
+    }
+
+    #[test]
+    fn frames_are_read_as_they_were_written() {
+        let value = [&HEADER.value()[..], b"v"].concat();
+        assert_eq!(Frame::parse(&value), Some(Frame::Value(HEADER, b"v")));
+        assert_eq!(Frame::parse(&HEADER.word(b"w")), Some(Frame::Word(HEADER, b"w")));
+        let shared = SharedValue { buffer: 5, size: 7 };
+        assert_eq!(Frame::parse(&HEADER.shared(shared)), Some(Frame::Shared(HEADER, shared)));
+        assert_eq!(Frame::parse(&[&HEADER.shared(shared)[..], b"x"].concat()), None);
+        assert_eq!(Frame::parse(&retire(5)), Some(Frame::Retired(5)));
+        assert_eq!((Frame::parse(&[4; 17]), Frame::parse(&[0; 16])), (None, None));
+        assert_eq!(Frame::parse(&HEADER.value()).and_then(|frame| frame.order()), Some(9));
+    }
+
+    #[test]
+    fn a_place_is_a_locator() {
+        let place = Place { path: "/run/a#b/data.wire".into(), token: "c0ffee".into() };
+        assert_eq!(place.locator(), "dca-direct//run/a#b/data.wire#c0ffee");
+        assert_eq!(Place::of(&place.locator()), Some(place));
+        assert_eq!((Place::of("unixsock-stream//run/a#b"), Place::is_meant("tcp/a:1")), (None, false));
+    }
+
+    proptest! {
+        #[test]
+        fn any_packet_is_read_or_refused(packet: Vec<u8>) {
+            prop_assert!(Frame::parse(&packet).is_none() || released(&packet).is_none());
+        }
+    }
+}

@@ -1,0 +1,281 @@
+//! Wires between programs of one host: direct paths, each program in this process.
+
+#![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
+
+use comms::io::clock::now;
+use comms::io::data::{DataSession, Priority, Publisher};
+use comms::io::direct::{DirectPath, Inlet, Memory, Outlet, Parcel};
+use comms::logic::direct::Place;
+use comms::logic::object::TypeForm;
+use comms::logic::switch::{Arrival, Boundary, Sequence};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+const LONG: Duration = Duration::from_secs(20);
+/// More small values than a socket has room for.
+const MANY: u32 = 5000;
+
+type Arrived = (Arrival<Vec<u8>>, Sequence);
+
+/// A program that has a direct path.
+struct Program {
+    path: DirectPath,
+    file: PathBuf,
+}
+
+impl Program {
+    fn new() -> Self {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let name = format!("dca-direct-{}-{}.wire", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
+        let file = std::env::temp_dir().join(name);
+        Self { path: DirectPath::open(&file).unwrap(), file }
+    }
+
+    fn outlet(&self, key: &str, memory: &Memory) -> (Outlet, Publisher) {
+        let session = DataSession::open_observer(None).unwrap();
+        let publisher = session.publisher(key, Priority::Wire).unwrap();
+        (self.path.outlet(key, memory, &publisher), publisher)
+    }
+
+    fn place(&self) -> Place {
+        Place::of(&self.path.locator()).unwrap()
+    }
+
+    fn hear(&self, of: &Self, key: &str, replaced: Option<Inlet>) -> (Inlet, Receiver<Arrived>) {
+        let (came_tx, came) = sync_channel(100_000);
+        let inlet = self.hear_with(of, key, replaced, move |arrival, sequence| {
+            came_tx.try_send((arrival, sequence)).unwrap_or_default();
+        });
+        (inlet, came)
+    }
+
+    fn hear_with(
+        &self,
+        of: &Self,
+        key: &str,
+        replaced: Option<Inlet>,
+        on_arrival: impl FnMut(Arrival<Vec<u8>>, Sequence) + Send + 'static,
+    ) -> Inlet {
+        self.path.inlet((&of.place(), LONG), (key, form()), replaced, on_arrival).unwrap()
+    }
+
+    /// Waits as a loop does, until so much has come.
+    fn wait_for(&self, came: &Receiver<Arrived>, count: usize) -> Vec<Arrived> {
+        let (mut all, until) = (Vec::new(), now() + LONG);
+        while all.len() < count {
+            assert!(now() < until, "{} of {count} have come", all.len());
+            self.path.inlets().wait(Some(now() + LONG / 100));
+            all.extend(came.try_iter());
+        }
+        all
+    }
+}
+
+fn form() -> TypeForm {
+    TypeForm { name: "W".into(), fields: String::new() }
+}
+
+fn wait_connected(outlet: &Outlet) {
+    wait_until(|| outlet.is_connected());
+}
+
+fn wait_until(mut is_so: impl FnMut() -> bool) {
+    let until = now() + LONG;
+    while !is_so() {
+        assert!(now() < until, "it does not come about");
+        std::thread::yield_now();
+    }
+}
+
+fn send(outlet: &Outlet, bytes: &[u8], number: u32) {
+    assert!(outlet.send(&mut Parcel::new(bytes), number), "the consumer is gone");
+}
+
+/// Keeps whoever takes a value until it is let go.
+#[derive(Clone, Default)]
+struct Gate(Arc<Mutex<()>>);
+
+impl Gate {
+    fn shut(&self) -> MutexGuard<'_, ()> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[test]
+fn values_and_words_come_in_order_with_their_numbers() {
+    let (producer, consumer) = (Program::new(), Program::new());
+    // The consumer may come before the wire is made.
+    let (_inlet, came) = consumer.hear(&producer, "k", None);
+    let (outlet, _) = producer.outlet("k", &Memory::default());
+    wait_connected(&outlet);
+    assert_eq!(outlet.form(), Some(form()));
+    let opened = Boundary::Opened { generation: 1, after: vec![3] };
+    let sizes = [0, 1, 1000, 16 << 10, 100_000, 3_000_000, 5];
+    assert!(outlet.mark(&opened, 0));
+    for (number, size) in (1..).zip(sizes) {
+        send(&outlet, &vec![u8::try_from(number).unwrap(); size], number);
+    }
+    let all = consumer.wait_for(&came, 1 + sizes.len());
+    let publisher = all[0].1.publisher;
+    assert_eq!(all[0], (Arrival::Boundary(opened), Sequence { publisher, number: 0 }));
+    for ((number, size), arrived) in (1_u32..).zip(sizes).zip(&all[1..]) {
+        let value = vec![u8::try_from(number).unwrap(); size];
+        assert!(*arrived == (Arrival::Value(value), Sequence { publisher, number }), "value {number}");
+    }
+}
+
+#[test]
+fn who_is_not_wired_is_not_taken() {
+    let (producer, stranger) = (Program::new(), Program::new());
+    let (outlet, _) = producer.outlet("k", &Memory::default());
+    let place = Place { token: "guessed".into(), ..producer.place() };
+    let refused = stranger.path.inlet((&place, LONG), ("k", form()), None, |_, _| ());
+    assert!(refused.is_err() && !outlet.is_connected());
+    let file = producer.file.clone();
+    drop((outlet, producer));
+    assert!(!file.exists());
+    let gone = Place { path: file.display().to_string(), token: String::new() };
+    assert!(stranger.path.inlet((&gone, LONG), ("k", form()), None, |_, _| ()).is_err());
+}
+
+/// What is sent while a loop is busy does not fill the socket: another thread reads it.
+#[test]
+fn a_busy_loop_loses_nothing() {
+    let (producer, consumer) = (Program::new(), Program::new());
+    let (outlet, _) = producer.outlet("k", &Memory::default());
+    let (_inlet, came) = consumer.hear(&producer, "k", None);
+    wait_connected(&outlet);
+    let mut all = Vec::new();
+    for number in 1..=MANY {
+        send(&outlet, b"value", number);
+        if number % 100 == 0 {
+            wait_until(|| {
+                all.extend(came.try_iter());
+                all.len() + 100 > number as usize
+            });
+        }
+    }
+    all.extend(consumer.wait_for(&came, MANY as usize - all.len()));
+    assert!(all.iter().map(|(_, sequence)| sequence.number).eq(1..=MANY));
+}
+
+/// A consumer that reads nothing keeps nobody: not the producer, and not another consumer. Its values are missing, and words come all the same.
+#[test]
+fn a_consumer_that_does_not_read_delays_nobody() {
+    let (producer, stuck, quick) = (Program::new(), Program::new(), Program::new());
+    let memory = Memory::default();
+    let outlets = ["stuck", "quick"].map(|key| producer.outlet(key, &memory).0);
+    let gate = Gate::default();
+    let shut = gate.shut();
+    let (came_tx, came): (SyncSender<Arrived>, _) = sync_channel(100_000);
+    let own = gate.clone();
+    let _stuck = stuck.hear_with(&producer, "stuck", None, move |arrival, sequence| {
+        drop(own.shut());
+        came_tx.try_send((arrival, sequence)).unwrap_or_default();
+    });
+    let (_quick, of_quick) = quick.hear(&producer, "quick", None);
+    outlets.iter().for_each(wait_connected);
+    let long = vec![7; 1 << 20];
+    for number in 1..=100 {
+        let mut parcel = Parcel::new(&long);
+        assert!(outlets.iter().all(|outlet| outlet.send(&mut parcel, number)));
+        quick.wait_for(&of_quick, 1);
+    }
+    for number in 101..=MANY {
+        send(&outlets[0], b"short", number);
+    }
+    let closed = Boundary::Closed { generation: 1, sent: MANY.into() };
+    assert!(outlets[0].mark(&closed, MANY));
+    drop(shut);
+    let (mut values, mut last, until) = (0, 0, now() + LONG);
+    loop {
+        assert!(now() < until, "the word does not come");
+        stuck.path.inlets().wait(Some(now() + LONG / 100));
+        let mut all = came.try_iter();
+        let is_closed = all.any(|(arrival, sequence)| {
+            assert!(sequence.number > last || arrival == Arrival::Boundary(closed.clone()), "{sequence:?}");
+            (last, values) = (sequence.number, values + 1);
+            arrival == Arrival::Boundary(closed.clone())
+        });
+        if is_closed {
+            break;
+        }
+    }
+    assert!(last == MANY && values < MANY && values > 1, "{values} have come");
+}
+
+/// What goes over several wires of a producer comes in the order in which it was sent, also when all of it waits in their sockets.
+#[test]
+fn wires_of_one_producer_keep_their_order_among_each_other() {
+    let (producer, consumer) = (Program::new(), Program::new());
+    let outlets = ["a", "b", "c"].map(|key| producer.outlet(key, &Memory::default()).0);
+    let (came_tx, came): (SyncSender<Arrived>, _) = sync_channel(100_000);
+    let gate = Gate::default();
+    let inlets = ["a", "b", "c"].map(|key| {
+        let (came_tx, own) = (came_tx.clone(), gate.clone());
+        consumer.hear_with(&producer, key, None, move |arrival, sequence| {
+            drop(own.shut());
+            came_tx.try_send((arrival, sequence)).unwrap_or_default();
+        })
+    });
+    outlets.iter().for_each(wait_connected);
+    let mut sent = 0;
+    for _ in 0..50 {
+        // First all of it waits; then it is read while more is sent.
+        let shut = gate.shut();
+        for _ in 0..5 {
+            for (outlet, count) in outlets.iter().zip([7, 1, 3]) {
+                for _ in 0..count {
+                    sent += 1;
+                    send(outlet, &vec![0; if sent % 50 == 0 { 20_000 } else { 5 }], sent);
+                }
+            }
+        }
+        drop(shut);
+        let numbers = consumer.wait_for(&came, 55).into_iter().map(|(_, sequence)| sequence.number);
+        assert!(numbers.eq(sent - 54..=sent));
+    }
+    drop(inlets);
+}
+
+/// A producer that is started again: what its predecessor has sent comes first, and the numbers are others.
+#[test]
+fn another_producer_takes_the_place_of_one_that_is_gone() {
+    let (before, consumer) = (Program::new(), Program::new());
+    let (outlet, publisher) = before.outlet("k", &Memory::default());
+    let (inlet, came) = consumer.hear(&before, "k", None);
+    wait_connected(&outlet);
+    (1..=3).for_each(|number| send(&outlet, b"old", number));
+    assert!(publisher.is_heard() && publisher.wait_heard(LONG));
+    drop((outlet, before));
+    assert!(!publisher.is_heard());
+    let after = Program::new();
+    let (outlet, _) = after.outlet("k", &Memory::default());
+    let (inlet, came_after) = consumer.hear(&after, "k", Some(inlet));
+    assert_eq!(came.try_iter().count(), 3);
+    wait_connected(&outlet);
+    send(&outlet, b"new", 1);
+    let all = consumer.wait_for(&came_after, 1);
+    assert_eq!(all[0].0, Arrival::Value(b"new".to_vec()));
+    drop(inlet);
+    wait_until(|| !outlet.is_connected());
+    assert!(!outlet.send(&mut Parcel::new(b"nobody"), 2));
+}
+
+/// A call of another thread and a deadline end a wait, as they do without direct paths.
+#[test]
+fn a_wait_ends_with_a_call_or_at_its_deadline() {
+    let program = Program::new();
+    let inlets = Arc::clone(program.path.inlets());
+    let until = now() + Duration::from_millis(2);
+    assert!(inlets.wait(Some(until)) && now() >= until);
+    inlets.wake();
+    assert!(!inlets.wait(None));
+    let other = Arc::clone(&inlets);
+    let caller = std::thread::spawn(move || other.wake());
+    assert!(!inlets.wait(None));
+    caller.join().unwrap();
+}
