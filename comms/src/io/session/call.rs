@@ -33,8 +33,10 @@ use zenoh::cancellation::CancellationToken;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{ConsolidationMode, QueryTarget, Reply, ReplyError};
 
-/// A server answers a pull when it has something; zenoh wants a limit all the same.
-const PULL_TIMEOUT: Duration = Duration::from_secs(365 * 24 * 3600);
+/// A server answers a pull when it has something, and zenoh wants a limit all the same: one that comes after every silence.
+///
+/// Zenoh keeps half a kilobyte for each query until its limit is over, also when it is answered, so a long one is a leak.
+const PULL_TIMEOUT: Duration = Duration::from_secs(60);
 /// How many bytes of answers may be on their way to one session, all its streams together: what the buffers of a link to a
 /// suspended program hold, so that what others send over the same nodes goes on. Source: the 208 KiB that Linux gives a Unix
 /// socket (`net.core.wmem_default`), less a part for what else is sent.
@@ -371,7 +373,8 @@ impl Replies {
         let pull = if first.is_some() { Pull::First { stream, size } } else { Pull::Next { stream, size } };
         let payload = first.unwrap_or_default();
         let options = AskOptions { pull: Some(pull), expect: self.expect.clone() };
-        self.asked = Some(ask(&self.session, (&self.server, payload), options, PULL_TIMEOUT)?);
+        let within = PULL_TIMEOUT.max(4 * self.silence_max);
+        self.asked = Some(ask(&self.session, (&self.server, payload), options, within)?);
         self.silence = Silence::begin(clock::now());
         Ok(())
     }
