@@ -276,7 +276,7 @@ impl Watch {
             let is_lost = self.cut_off.is_some() && matches!(answer, Answer::Refused(_));
             return Err(if is_lost { self.lost() } else { unasked(&self.home, &answer) });
         };
-        self.seen += 1;
+        self.seen += if let Report::Omitted { count } = &report { *count } else { 1 };
         self.cut_off = None;
         if let Report::Accepted { deployment } = &report {
             self.deployment = Some(deployment.clone());
@@ -341,7 +341,8 @@ impl Watch {
             | Report::Programs { .. }
             | Report::Changed { .. }
             | Report::Stepped { .. }
-            | Report::Unchanged { .. } => {}
+            | Report::Unchanged { .. }
+            | Report::Omitted { .. } => {}
         }
     }
 

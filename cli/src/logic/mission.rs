@@ -120,7 +120,7 @@ impl Mission {
         match report {
             Report::Accepted { deployment } => self.deployment = Some(deployment.clone()),
             Report::Programs { .. } | Report::Stepped { .. } => {}
-            Report::Changed { .. } | Report::Unchanged { .. } => {
+            Report::Changed { .. } | Report::Unchanged { .. } | Report::Omitted { .. } => {
                 self.push_note("main", report_text(report), (self.now, &[]));
             }
             Report::Prepared { host, leaves } => self.start.prepared(host, *leaves),

@@ -29,6 +29,7 @@ use comms::logic::signals::Signals;
 use language::Message;
 use language::plan::Plan;
 use node::logic::protocol::Report;
+use node::logic::table::counted;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -137,7 +138,14 @@ impl Run {
             "it stops before the deployment ended: its recorder lost the mission or was ended, or its disk was full"
                 .to_owned()
         };
-        self.damage.clone().or_else(|| (!self.entries.iter().any(is_last)).then(cut))
+        let omitted = |entry: &Entry| match entry {
+            Entry::Report(Report::Omitted { count }) => *count,
+            _ => 0,
+        };
+        let missed: u64 = self.entries.iter().map(omitted).sum();
+        let gap = || format!("it lacks {}, which came while it was cut off", counted(missed, "report"));
+        let is_over = self.entries.iter().any(is_last);
+        self.damage.clone().or_else(|| (missed > 0).then(gap)).or_else(|| (!is_over).then(cut))
     }
 
     /// Returns what each program wrote, in the order of their paths.

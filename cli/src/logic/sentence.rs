@@ -29,6 +29,9 @@ pub(crate) fn report_text(report: &Report) -> String {
             format!("changed by {by} (revision {revision}): {}", changes.join("; "))
         }
         Report::Unchanged { by, reasons } => format!("a change by {by} was taken back: {}", reasons.join("; ")),
+        Report::Omitted { count } => {
+            format!("{} left out here: its home keeps the first 1,000 and the latest", counted(*count, "report"))
+        }
         Report::Stepped { path, steps, .. } => format!("{path} took {}", counted(steps.len(), "step")),
     }
 }

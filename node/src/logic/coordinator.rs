@@ -415,7 +415,8 @@ impl Coordinator {
             | Report::Programs { .. }
             | Report::Changed { .. }
             | Report::Stepped { .. }
-            | Report::Unchanged { .. } => self.plan.home(),
+            | Report::Unchanged { .. }
+            | Report::Omitted { .. } => self.plan.home(),
         };
         let host = (0..).zip(&self.hosts).find(|(_, host)| Some(host.as_str()) == named).map_or(0, |(host, _)| host);
         self.report_of(host, report, out);

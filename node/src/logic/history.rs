@@ -5,9 +5,12 @@ use crate::logic::effect::{Effect, Out};
 use crate::logic::protocol::{Answer, Deployment, Event, Report};
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
 
-/// How many reports are kept; past that, changes of processes are left out.
+/// How many reports are kept: the first ones and the latest. Those between them are left out, and counted.
 const REPORTS_MAX: usize = 20_000;
+/// How many of the first ones are kept whatever comes later: how the deployment began.
+const FIRST_MAX: usize = 1000;
 /// How many events are told in one answer: a caller has room for so many answers only.
 const EVENTS_IN_ONE: usize = 512;
 
@@ -17,7 +20,7 @@ pub struct History {
     deployment: Deployment,
     /// The hosts of its plan.
     hosts: Vec<String>,
-    entries: Vec<Entry>,
+    entries: VecDeque<Entry>,
     /// How many reports there were.
     count: u64,
 }
@@ -35,7 +38,7 @@ struct Entry {
 impl History {
     /// Returns the history of a deployment that has reported nothing.
     pub fn new(deployment: Deployment, hosts: Vec<String>) -> Self {
-        Self { deployment, hosts, entries: Vec::new(), count: 0 }
+        Self { deployment, hosts, entries: VecDeque::new(), count: 0 }
     }
 
     /// Returns whose it is.
@@ -58,27 +61,52 @@ impl History {
             tell(call, self.event(&entry, out.now).into_iter().collect(), out);
         }
         self.count += 1;
-        // Of a very long mission only the beginning and the end are repeated to those who were cut off.
-        if self.entries.len() < REPORTS_MAX || is_last(&entry.report) {
-            self.entries.push(entry);
+        if self.entries.len() == REPORTS_MAX {
+            self.entries.remove(FIRST_MAX);
         }
+        self.entries.push_back(entry);
     }
 
     /// Repeats the reports that somebody who has the first `seen` of them has missed.
     pub fn tell_missed(&self, call: u64, seen: u64, out: &mut Out<'_>) {
-        let seen = usize::try_from(seen).unwrap_or(usize::MAX);
-        let last = self.entries.len() - usize::from(self.entries.last().is_some_and(|last| is_last(&last.report)));
-        for entry in self.entries.get(seen.min(last)..).unwrap_or_default() {
-            let answer = Answer::Report(entry.report.clone());
-            out.effects.push(Effect::Answer { call, answer: Box::new(answer) });
+        // The end is told in any case: it is what ends the watch.
+        let end = self.entries.back().filter(|last| is_last(&last.report));
+        let mut next = end.map_or(seen, |end| seen.min(end.number));
+        let mut tell = |report| {
+            out.effects.push(Effect::Answer { call, answer: Box::new(Answer::Report(report)) });
+        };
+        for entry in &self.entries {
+            if entry.number < next {
+                continue;
+            }
+            if entry.number > next {
+                tell(Report::Omitted { count: entry.number - next });
+            }
+            tell(entry.report.clone());
+            next = entry.number + 1;
         }
     }
 
     /// Tells somebody who listens to everything what has happened so far.
     pub fn tell(&self, call: u64, out: &mut Out<'_>) {
-        for some in self.entries.chunks(EVENTS_IN_ONE) {
-            tell(call, some.iter().filter_map(|entry| self.event(entry, out.now)).collect(), out);
+        let (mut events, mut next) = (Vec::new(), 0);
+        for entry in &self.entries {
+            if entry.number > next {
+                let report = Report::Omitted { count: entry.number - next };
+                let (deployment, host, ago) = (self.deployment.clone(), self.host(entry), out.now - entry.at);
+                events.push(Event { deployment, number: next, host, ago, report });
+            }
+            next = entry.number + 1;
+            events.extend(self.event(entry, out.now));
+            if events.len() >= EVENTS_IN_ONE {
+                tell(call, std::mem::take(&mut events), out);
+            }
         }
+        tell(call, events, out);
+    }
+
+    fn host(&self, entry: &Entry) -> String {
+        self.hosts.get(entry.host as usize).cloned().unwrap_or_default()
     }
 
     /// Returns a report as it is told to those who listen to everything; nothing if it is none of their business.
@@ -93,11 +121,12 @@ impl History {
             | Report::Process { .. }
             | Report::Changed { .. }
             | Report::Unchanged { .. }
+            | Report::Omitted { .. }
             | Report::Refused { .. }
             | Report::Finished { .. } => entry.report.clone(),
         };
-        let host = self.hosts.get(entry.host as usize).cloned().unwrap_or_default();
-        let (deployment, number, ago) = (self.deployment.clone(), entry.number, now - entry.at);
+        let (host, deployment) = (self.host(entry), self.deployment.clone());
+        let (number, ago) = (entry.number, now - entry.at);
         Some(Event { deployment, number, host, ago, report })
     }
 }
@@ -111,4 +140,87 @@ fn tell(call: u64, events: Vec<Event>, out: &mut Out<'_>) {
 
 fn is_last(report: &Report) -> bool {
     matches!(report, Report::Finished { .. } | Report::Refused { .. })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::logic::protocol::Change;
+    use std::time::Duration;
+
+    fn history(count: u64) -> History {
+        let mut history = History::new(Deployment { name: "d".into(), epoch: 1 }, vec!["c1".into()]);
+        for number in 0..count {
+            let report = Report::Process {
+                path: number.to_string(),
+                change: Change::Activated,
+                at: Duration::from_secs(number),
+            };
+            let (mut effects, mut messages, now) = (Vec::new(), Vec::new(), Time::from_nanos(number));
+            let mut out = Out { now, effects: &mut effects, messages: &mut messages };
+            history.report(report, 0, (&[], &[]), &mut out);
+        }
+        history
+    }
+
+    fn told(tell: impl FnOnce(&mut Out<'_>)) -> Vec<Answer> {
+        let (mut effects, mut messages) = (Vec::new(), Vec::new());
+        tell(&mut Out { now: Time::from_nanos(1 << 40), effects: &mut effects, messages: &mut messages });
+        let answer = |effect| match effect {
+            Effect::Answer { answer, .. } => *answer,
+            other => panic!("{other:?}"),
+        };
+        effects.into_iter().map(answer).collect()
+    }
+
+    /// The number of each report that is told, and how many were left out before it.
+    fn missed(history: &History, seen: u64) -> Vec<(u64, u64)> {
+        let (mut omitted, mut reports) = (0, Vec::new());
+        for answer in told(|out| history.tell_missed(1, seen, out)) {
+            match answer {
+                Answer::Report(Report::Omitted { count }) => omitted += count,
+                Answer::Report(Report::Process { path, .. }) => {
+                    reports.push((path.parse().unwrap(), std::mem::take(&mut omitted)));
+                }
+                other => panic!("{other:?}"),
+            }
+        }
+        reports
+    }
+
+    #[test]
+    fn of_a_long_mission_the_beginning_and_the_latest_are_kept() {
+        let (first, all) = (FIRST_MAX as u64, REPORTS_MAX as u64);
+        let history = history(all + 500);
+        let whole = missed(&history, 0);
+        assert_eq!(whole.len(), REPORTS_MAX);
+        assert_eq!((whole[0], whole[FIRST_MAX - 1]), ((0, 0), (first - 1, 0)));
+        assert_eq!(whole[FIRST_MAX], (first + 500, 500));
+        assert_eq!(whole.last(), Some(&(all + 499, 0)));
+        // Who was there for the beginning misses fewer; who has seen what was left out misses none.
+        assert_eq!(missed(&history, first + 100)[0], (first + 500, 400));
+        assert_eq!(missed(&history, first + 700)[0], (first + 700, 0));
+        assert_eq!(missed(&history, all + 499), [(all + 499, 0)]);
+        assert_eq!(missed(&history, all + 500), []);
+    }
+
+    #[test]
+    fn listeners_are_told_how_many_are_left_out_and_where() {
+        let (first, all) = (FIRST_MAX as u64, REPORTS_MAX as u64);
+        let history = history(all + 500);
+        let events: Vec<Event> = told(|out| history.tell(1, out))
+            .into_iter()
+            .flat_map(|answer| match answer {
+                Answer::Events(events) => {
+                    assert!(events.len() <= EVENTS_IN_ONE + 1);
+                    events
+                }
+                other => panic!("{other:?}"),
+            })
+            .collect();
+        assert_eq!(events.len(), REPORTS_MAX + 1);
+        let gap = &events[FIRST_MAX];
+        assert_eq!((gap.number, &gap.report), (first, &Report::Omitted { count: 500 }));
+        assert!(events.windows(2).all(|pair| pair[0].number < pair[1].number));
+    }
 }

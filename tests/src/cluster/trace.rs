@@ -71,6 +71,7 @@ impl Trace {
             | Report::Changed { .. }
             | Report::Stepped { .. }
             | Report::Unchanged { .. }
+            | Report::Omitted { .. }
             | Report::Refused { .. } => None,
         });
         finished.expect("the record of a run that is over has its end")
@@ -88,6 +89,7 @@ impl Trace {
             | Report::Changed { .. }
             | Report::Stepped { .. }
             | Report::Unchanged { .. }
+            | Report::Omitted { .. }
             | Report::Refused { .. }
             | Report::Finished { .. } => None,
         });

@@ -134,6 +134,7 @@ pub(super) fn details(run: &Run) -> String {
             | Report::Changed { .. }
             | Report::Stepped { .. }
             | Report::Unchanged { .. }
+            | Report::Omitted { .. }
             | Report::Finished { .. } => ("", report_text(report)),
         };
         events.push(format!(

@@ -134,6 +134,7 @@ impl Rows {
             | Report::Programs { .. }
             | Report::Changed { .. }
             | Report::Unchanged { .. }
+            | Report::Omitted { .. }
             | Report::Refused { .. } => self.now,
         };
         let at = self.since_1970(since_go, arrived);
@@ -147,7 +148,8 @@ impl Rows {
             | Report::Finished { .. }
             | Report::Programs { .. }
             | Report::Changed { .. }
-            | Report::Unchanged { .. } => ("", ""),
+            | Report::Unchanged { .. }
+            | Report::Omitted { .. } => ("", ""),
         };
         let event = Event {
             since_go: since_go.as_secs_f64(),
@@ -269,6 +271,7 @@ pub(crate) fn kind(report: &Report) -> &'static str {
         Report::Finished { .. } => "finished",
         Report::Changed { .. } => "changed",
         Report::Unchanged { .. } => "unchanged",
+        Report::Omitted { .. } => "omitted",
         Report::Stepped { .. } => "step",
         Report::Process { change, .. } => match change {
             Change::Activated => "activated",
@@ -308,7 +311,8 @@ fn output(report: &Report) -> &[String] {
         | Report::Programs { .. }
         | Report::Changed { .. }
         | Report::Stepped { .. }
-        | Report::Unchanged { .. } => &[],
+        | Report::Unchanged { .. }
+        | Report::Omitted { .. } => &[],
     }
 }
 

@@ -72,7 +72,8 @@ pub fn ended(home: &str, history: &History) -> Option<Commit> {
         | Report::Programs { .. }
         | Report::Changed { .. }
         | Report::Stepped { .. }
-        | Report::Unchanged { .. } => None,
+        | Report::Unchanged { .. }
+        | Report::Omitted { .. } => None,
     })?;
     Some(commit(home, history.deployment(), "ended", fields))
 }

@@ -68,6 +68,7 @@ fn of_report(report: &Report) -> Option<Outcome> {
         | Report::Process { .. }
         | Report::Finished { .. }
         | Report::Programs { .. }
+        | Report::Omitted { .. }
         | Report::Stepped { .. } => None,
     }
 }

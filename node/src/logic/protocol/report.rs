@@ -92,6 +92,11 @@ pub enum Report {
         #[serde(with = "comms::logic::human::seconds")]
         at: Duration,
     },
+    /// So many reports came here, and the home has not kept them: it keeps the first ones and the latest.
+    Omitted {
+        /// How many.
+        count: u64,
+    },
 }
 
 /// A change of one process that a person may want to see.
