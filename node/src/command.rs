@@ -1,10 +1,11 @@
-//! `dca-node`: runs the agent of a host until SIGTERM or SIGINT.
+//! `dca-node`: runs the agent of a host until SIGTERM, SIGINT or SIGHUP.
 
 mod arguments;
 mod install;
 
 use crate::console::{self, Failure, block_on, ended, finish, parsed};
 use crate::io::driver::{self, Config};
+use crate::io::leave::Leave;
 use crate::io::logging::{self, Log};
 use crate::io::service_manager::ServiceManager;
 use crate::io::{cgroup, programs, state_dir};
@@ -17,7 +18,6 @@ use rustix::process::{Resource, getrlimit};
 use std::process::ExitCode;
 use std::sync::Arc;
 use team::member::Member;
-use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::watch;
 
 /// The agent of a host: starts programs, supervises them, and finds the other agents.
@@ -147,8 +147,8 @@ fn run(arguments: Arguments, log: Log) -> Result<(), Failure> {
         tokio::pin!(announcing);
         let mut announced = false;
         let mut node = tokio::task::JoinSet::new();
+        let mut leave_asked = Leave::new()?;
         node.spawn(driver::run(config, leave.subscribe(), ready));
-        let (mut terminate, mut interrupt) = (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
         loop {
             tokio::select! {
                 ended = ended(&mut node) => return Ok(ended?),
@@ -156,8 +156,7 @@ fn run(arguments: Arguments, log: Log) -> Result<(), Failure> {
                     announced = true;
                     continue;
                 }
-                _ = terminate.recv() => {}
-                _ = interrupt.recv() => {}
+                signal = leave_asked.asked() => tracing::info!(signal, "the node was asked to leave"),
             }
             service.leaving();
             leave.send_replace(true);

@@ -325,6 +325,17 @@ impl Host {
         Program::start(command)
     }
 
+    /// Starts a node of this machine under another command, such as `nohup`, and waits until it can be called.
+    pub fn node_under(&self, launcher: &[&str], name: &str) -> Program {
+        let mut command = Command::new("env");
+        command.args(launcher).arg(executable("dca-node")).args(["--name", name]);
+        command.arg("--run-dir").arg(&self.run_dir).arg("--state").arg(self.state());
+        command.current_dir(&self.folder).env("TMPDIR", &self.folder).env_remove("RUST_LOG");
+        let node = Program::start(command);
+        node.wait_for(Stream::Out, &format!("node `{name}` is ready"), SOON);
+        node
+    }
+
     /// Starts a node and waits until it can be called.
     pub fn node(&self, name: &str, arguments: &[&str]) -> Program {
         let node = self.start_node(name, arguments);

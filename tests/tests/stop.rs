@@ -7,6 +7,10 @@ use std::time::Duration;
 
 /// How long anything may last once nobody holds it.
 const ORPHAN_MAX: Duration = Duration::from_secs(10);
+const SLEEP: &str = "
+module Sleep(host) { exec \"sleep 600\"; plain; done; }
+process main() { host { c1 } instantiated_processes { p instof Sleep(c1); } internal_event_actions { p } }
+";
 const SERVOING: &str = "▸ (visualserv # distdetect)";
 
 /// Starts a mission and waits until it has been servoing for a while.
@@ -99,6 +103,30 @@ fn a_node_that_leaves_takes_its_programs_along() {
     let ended = mission.ended(SOON);
     assert!(ended.code == Some(1) || ended.code == Some(3), "{ended}");
     cluster.expect_nothing_left(Duration::from_secs(2));
+}
+
+/// A node whose terminal goes away leaves as one that is told to; whoever starts it with `nohup` wants it to stay.
+#[test]
+fn a_node_leaves_with_its_terminal() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    // Whatever has started this test may have it ignored.
+    let bound = here.node_under(&["--default-signal=HUP"], "c1");
+    let mission = here.mission(&cluster.file("sleep.dca", SLEEP));
+    bound.signal(Signal::HUP);
+    let ended = bound.ended(SOON);
+    assert_eq!(ended.code, Some(0), "{ended}");
+    assert!(!mission.ended(SOON).out.is_empty());
+    cluster.expect_nothing_left(Duration::from_secs(2));
+
+    let free = here.node_under(&["nohup"], "c1");
+    let mission = here.mission(&cluster.file("sleep.dca", SLEEP));
+    free.signal(Signal::HUP);
+    assert_eq!(here.ask(&["status", "sleep"]).code, Some(0), "it answers");
+    assert!(free.is_running() && mission.is_running());
+    free.signal(Signal::TERM);
+    let ended = free.ended(SOON);
+    assert_eq!(ended.code, Some(0), "{ended}");
 }
 
 /// A process that may run on a lost host is reported until the host has said that nothing is left, or a person has.
