@@ -4,6 +4,7 @@
 use crate::client::{ANSWER_WITHIN, Client, Clients, unasked};
 use crate::follow::Spec;
 use crate::io::user;
+use crate::reader::Leave;
 use crate::stop::{Located, locate};
 use crate::{ConnectArgs, Controllers, check, stored};
 use anyhow::anyhow;
@@ -232,8 +233,13 @@ pub(crate) async fn change(
     let (name, epoch, revision) = (plan.name.clone(), running.epoch, running.revision);
     let (probation, by) = (probation.span(), user::name_and_host());
     let request = ChangeRequest { name: name.clone(), epoch, revision, plan, again, probation, by };
+    let mut left = Leave::new()?;
     let mut answers = client.order_on(home, Request::Change(Box::new(request)), epoch).await?;
-    let answer = match answers.next().await {
+    let answer = tokio::select! {
+        answer = answers.next() => answer,
+        () = left.asked() => return Err(left_alone(&name).into()),
+    };
+    let answer = match answer {
         Some(Ok(answer)) => answer,
         Some(Err(Failure::Unreachable(why))) => return Err(Failure::Unreachable(unknown(&name, why))),
         Some(Err(failure)) => return Err(failure),
@@ -247,6 +253,14 @@ pub(crate) async fn change(
     };
     console::say(&format!("`{name}@{epoch}` is changed ({}, revision {revision})", counted(changes.len(), "change")));
     Ok(())
+}
+
+/// Returns what a person is told who does not wait for the end of a change.
+fn left_alone(name: &str) -> anyhow::Error {
+    anyhow!(
+        "left before the home said what became of the change of `{name}`, which goes on without this command; `dca plan` shows \
+         what differs, `dca events {name}` what happened"
+    )
 }
 
 fn unknown(name: &str, why: anyhow::Error) -> anyhow::Error {

@@ -8,11 +8,38 @@ use std::io;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::oneshot;
 
+/// A person who may end the command: by Ctrl-C or SIGTERM.
+#[derive(Debug)]
+pub(crate) struct Leave {
+    interrupt: Signal,
+    terminate: Signal,
+}
+
+impl Leave {
+    /// Takes these signals over from now on.
+    ///
+    /// # Errors
+    /// The system gives no signals.
+    pub(crate) fn new() -> io::Result<Self> {
+        Ok(Self { interrupt: signal(SignalKind::interrupt())?, terminate: signal(SignalKind::terminate())? })
+    }
+
+    /// Waits until somebody wants the command to end.
+    ///
+    /// # Cancellation
+    /// Safe.
+    pub(crate) async fn asked(&mut self) {
+        tokio::select! {
+            _ = self.interrupt.recv() => {}
+            _ = self.terminate.recv() => {}
+        }
+    }
+}
+
 /// A person at a terminal, or a program at the other end of a pipe.
 #[derive(Debug)]
 pub(crate) struct Reader {
-    interrupt: Signal,
-    terminate: Signal,
+    leave: Leave,
     /// Has a word once nobody reads standard output any more.
     hung_up: oneshot::Receiver<()>,
 }
@@ -23,11 +50,11 @@ impl Reader {
     /// # Errors
     /// The system gives no signals, or no thread.
     pub(crate) fn new() -> io::Result<Self> {
-        let (interrupt, terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
+        let leave = Leave::new()?;
         let (hung_up_tx, hung_up) = oneshot::channel();
         // The thread ends with the process, or with the reader.
         std::thread::Builder::new().name("dca-reader".to_owned()).spawn(|| wait_for_hang_up(hung_up_tx))?;
-        Ok(Self { interrupt, terminate, hung_up })
+        Ok(Self { leave, hung_up })
     }
 
     /// Waits until the reader has ended the command, by Ctrl-C or SIGTERM, reads it no more, or cannot be told anything.
@@ -36,8 +63,7 @@ impl Reader {
     /// Safe.
     pub(crate) async fn left(&mut self) {
         tokio::select! {
-            _ = self.interrupt.recv() => {}
-            _ = self.terminate.recv() => {}
+            () = self.leave.asked() => {}
             Ok(()) = &mut self.hung_up => {}
             () = console::write_failed() => {}
         }

@@ -2,6 +2,7 @@
 
 use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, wait_until};
 use dca_tests::hit_detector;
+use rustix::process::Signal;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -206,4 +207,20 @@ fn a_canary_goes_first_and_back_if_the_rest_cannot_follow() {
     assert!(mission.is_running());
     let stop = here.ask(&["stop", "push"]);
     assert_eq!(stop.code, Some(0), "{stop}");
+}
+
+/// Who does not wait for the end of a change is told that it goes on without.
+#[test]
+fn who_leaves_a_change_is_told_that_it_goes_on() {
+    let cluster = Cluster::new();
+    let (here, _nodes, mission, before) = deploy(&cluster);
+    let file = cluster.file("push.dca", &SPEC.replace("sleep 1000", "sleep 2000"));
+    let change = here.dca(&["deploy", "--probation", "600", &file]);
+    let is_another = || here.pids().get("main/beside").is_some_and(|pid| *pid != before["main/beside"]);
+    assert!(wait_until(SOON, is_another).is_some(), "{:?}", here.pids());
+    change.signal(Signal::INT);
+    let left = change.ended(SOON);
+    assert!(left.code == Some(1) && left.err.contains("which goes on without this command"), "{left}");
+    assert!(mission.is_running());
+    assert_eq!(others(&here, &before), ["main/beside"], "the new program is still there");
 }
