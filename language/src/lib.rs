@@ -37,6 +37,7 @@ mod fix;
 mod format;
 mod gather;
 mod graph;
+mod host;
 pub mod ide;
 mod message;
 pub mod plan;
@@ -52,6 +53,7 @@ pub use fix::fix;
 pub use format::format;
 pub use gather::{Content, gather, without_groups};
 pub use graph::{Graph, graph};
+pub use host::host_name_problem;
 pub use message::{Layout, Message};
 pub use similar::nearest;
 pub use simulate::{

@@ -1,5 +1,6 @@
 //! The holders of names: `dca names`, and the fate of a name that two want, or that nobody has any more.
 
+use comms::logic::key::HostName;
 use dca_tests::cluster::{Cluster, Host, SOON, Stream, wait_until};
 use serde_json::Value;
 use std::time::Duration;
@@ -28,6 +29,19 @@ fn names(host: &Host) -> Value {
 fn all<'a>(names: &'a Value, list: &str, field: &str) -> Vec<&'a str> {
     assert_eq!(names.as_array().map(Vec::len), Some(1), "{names:#}");
     names[0][list].as_array().into_iter().flatten().filter_map(|one| one[field].as_str()).collect()
+}
+
+/// A spec names a host as its node takes it, and for the same reason no other name.
+#[test]
+fn specs_and_nodes_take_the_same_names() {
+    let long = ["a".repeat(63), "a".repeat(64)];
+    let names = ["c1", "192.168.0.7", "arm-left_2", "", "a/b", "*", "-a", ".a", "_a", "a@b", "a b", "\u{e9}", "a\n"];
+    for name in names.into_iter().chain(long.iter().map(String::as_str)) {
+        let by_node = HostName::parse(name).err().map(|error| error.to_string());
+        let by_spec = language::host_name_problem(name);
+        assert_eq!(by_spec.is_some(), by_node.is_some(), "{name:?}");
+        assert!(by_node.unwrap_or_default().contains(by_spec.unwrap_or_default()), "{name:?}");
+    }
 }
 
 /// The second deployment wants the arm that the first has, on the same host: it is refused, and told who has it.

@@ -99,7 +99,7 @@ codes! {
     W0106 Warning "not a parameter"
         "A name in an argument or a host section is a parameter of the group. Any other name stands for itself, as text."
     E0107 Error "not a host"
-        "A host is a name or a string; a group's parameter that is used as a host must be given one."
+        "A host is a name or a string, as the node of that host takes it: letters, digits, `_`, `-` and `.`, at most 63 of them, the first a letter or a digit. A group's parameter that is used as a host must be given one."
     E0108 Error "not an interface"
         "The interfaces that a program prints consist of `module` blocks and `type`s only."
     E0110 Error "defined twice"

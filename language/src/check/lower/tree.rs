@@ -5,6 +5,7 @@ use crate::check::diagnostics::{Diagnostics, key};
 use crate::check::spec::{Arg, Instance, Module, Param, Process, Spec, Target, Value};
 use crate::check::types::without_host;
 use crate::diagnostic::{Code, Diagnostic};
+use crate::host::host_name_problem;
 use crate::plan::{Argument, Claim, Constant, Expression, Group, Leaf, LeafKind, Member, MemberKind, Policy, Restart};
 use crate::source::Span;
 use std::collections::{BTreeMap, BTreeSet};
@@ -59,6 +60,8 @@ pub(super) struct Builder<'a> {
     hostless: BTreeSet<usize>,
     /// Places reported for being no host.
     hostless_spans: BTreeSet<Span>,
+    /// Names reported because no node takes them.
+    refused_hosts: BTreeSet<String>,
 }
 
 impl Tree {
@@ -83,6 +86,7 @@ impl Tree {
             hosts: BTreeMap::new(),
             hostless,
             hostless_spans,
+            refused_hosts: BTreeSet::new(),
         };
         // A root without `main` has parameters without values: they stand for themselves.
         let values = bind(spec, &spec.processes[root], &[], &[]);
@@ -169,7 +173,7 @@ impl Builder<'_> {
     /// The place that a value names; anything but a text is reported.
     fn named(&mut self, value: &Value, values: &[Data], path: &str) -> Option<Place> {
         match data(value, values)? {
-            Data::Plain(Constant::Text(host), _) if !host.is_empty() => {
+            Data::Plain(Constant::Text(host), _) if host_name_problem(&host).is_none() => {
                 let next = number(self.hosts.len());
                 self.hosts.entry(host.clone()).or_insert_with(|| {
                     self.tree.hosts.push(host.clone());
@@ -177,9 +181,14 @@ impl Builder<'_> {
                 });
                 Some(Place::Named(host))
             }
-            Data::Plain(..) | Data::Record(_) => {
-                if self.hostless_spans.insert(value.span) {
-                    self.diagnostics.push(not_a_host(value.span, path));
+            other @ (Data::Plain(..) | Data::Record(_)) => {
+                let is_new = match &other {
+                    // A name is told where it stands first.
+                    Data::Plain(Constant::Text(host), _) => self.refused_hosts.insert(host.clone()),
+                    Data::Plain(..) | Data::Record(_) => true,
+                };
+                if self.hostless_spans.insert(value.span) && is_new {
+                    self.diagnostics.push(not_a_host(value.span, path, &other));
                 }
                 None
             }
@@ -316,9 +325,16 @@ fn nameless(span: Span) -> Diagnostic {
         .help("give them by name, `name = { ... }` or `name = [ ... ]`: they become arguments such as `name.field`")
 }
 
-fn not_a_host(span: Span, path: &str) -> Diagnostic {
-    Diagnostic::new(Code::E0107, span, format!("the host of `{path}` is not a name"))
-        .help("write a name or a string: `c1`, `\"c1.example\"`")
+fn not_a_host(span: Span, path: &str, found: &Data) -> Diagnostic {
+    let problem = match found {
+        Data::Plain(Constant::Text(host), _) => host_name_problem(host).filter(|_| !host.is_empty()),
+        Data::Plain(..) | Data::Record(_) => None,
+    };
+    let message = match problem {
+        Some(problem) => format!("no node can have the name of the host of `{path}`: {problem}"),
+        None => format!("the host of `{path}` is not a name"),
+    };
+    Diagnostic::new(Code::E0107, span, message).help("write a name or a string: `c1`, `\"c1.example\"`")
 }
 
 fn number(index: usize) -> u32 {
