@@ -194,6 +194,9 @@ fn a_program_that_does_not_exist() {
         cluster.file("data.dca", &IDLE.replace("sleep 3600", &file))
     };
     check_run(&no_program, 1, &["`main/idle` cannot take part", "/data`"]);
+    let words = format!("sh -c {}", "x".repeat(200_000));
+    let too_long = |cluster: &Cluster| cluster.file("long.dca", &IDLE.replace("sleep 3600", &words));
+    check_run(&too_long, 1, &["its arguments and environment are longer than the system takes"]);
 }
 
 /// A program that fails says so itself: its last lines stand with the abort, all of them in the report and in the record,

@@ -14,9 +14,11 @@ use crate::logic::effect::{ProcessId, SpawnOrder};
 use crate::logic::protocol::Deployment;
 use anyhow::Context;
 use comms::io::control::Listener;
+use rustix::io::Errno;
 use shim::protocol::{ShimOrder, ShimReport, ShimStart};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::io;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 use tokio::sync::mpsc::{self, Receiver, Sender};
@@ -218,7 +220,7 @@ impl Starter {
             run_dir::make_process(&start.dir).context("making its folder")?;
             let listener = unbound.map(|path| Listener::bind(&path)).transpose();
             let listener = listener.context("opening its control socket")?;
-            let started = child::start(&shim, &start).with_context(|| format!("starting {}", shim.display()))?;
+            let started = child::start(&shim, &start).map_err(|error| not_started(error, &shim))?;
             anyhow::Ok((listener, started))
         });
         let (listener, (shim, reports)) = starting.await??;
@@ -227,6 +229,16 @@ impl Starter {
         }
         Ok((shim.with(secrets), reports))
     }
+}
+
+/// Returns why a program was not started: its shim has the arguments and the environment of the program as its own.
+fn not_started(error: io::Error, shim: &Path) -> anyhow::Error {
+    let is_too_long = error.raw_os_error() == Some(Errno::TOOBIG.raw_os_error());
+    let error = anyhow::Error::from(error);
+    if is_too_long {
+        return error.context("its arguments and environment are longer than the system takes (an argument: 128 kB)");
+    }
+    error.context(format!("starting {}", shim.display()))
 }
 
 /// Passes on what a shim says, until it is gone.
