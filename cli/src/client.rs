@@ -256,6 +256,8 @@ impl Client {
         let deadline = clock::now() + within;
         let mut hosts_heard = Box::pin(self.heard_here(clock::now()));
         loop {
+            // The node at the other end is there, also if it is too busy to say so in time.
+            heard.extend(self.linked_node());
             if !wanted.is_empty() && wanted.iter().all(|host| tokens.contains(host) || heard.contains(host)) {
                 return Ok(&tokens | &heard);
             }
@@ -274,6 +276,12 @@ impl Client {
                 None => return Ok(&tokens | &heard),
             }
         }
+    }
+
+    /// Returns the node of this machine that it goes through, while the link to it holds.
+    fn linked_node(&self) -> Option<String> {
+        let local = self.local.as_ref()?;
+        self.session.at_the_other_end(&key::rpc(local, VERB)).map(|_| local.clone())
     }
 
     /// Asks the node of this machine, at some time, whom it reaches: nobody if it does not answer. Without one it never says.
@@ -339,10 +347,15 @@ impl Client {
         found.silent.extend(silent);
         found.nodes.sort_by(|a, b| a.host.cmp(&b.host));
         if found.nodes.is_empty() {
-            let none = anyhow!(
-                "no node answers; start one with `dca-node --name NAME`, in your team or with `--insecure-lan`"
-            );
-            return Err(Failure::Unreachable(none));
+            let none = match &found.silent[..] {
+                [] => "no node answers; start one with `dca-node --name NAME`, in your team or with `--insecure-lan`"
+                    .to_owned(),
+                silent => format!(
+                    "`{}` can be reached and does not answer: it may be suspended, or short of processor time; try again",
+                    silent.join("`, `")
+                ),
+            };
+            return Err(Failure::Unreachable(anyhow!(none)));
         }
         Ok(found)
     }

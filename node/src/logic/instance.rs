@@ -203,7 +203,12 @@ impl Instance {
                 );
             }
             Stage::Dead => {
-                return self.cause.as_ref().map_or_else(|| "ended".to_owned(), |cause| format!("dead: {cause}"));
+                return match (&self.failed, &self.cause) {
+                    // Why it was stopped says more than how its program left then.
+                    (Some(failed @ FailureCause::HostLost(_)), _) => format!("ended, aborted: {failed}"),
+                    (_, Some(cause)) => format!("dead: {cause}"),
+                    (_, None) => "ended".to_owned(),
+                };
             }
         };
         word.to_owned()
