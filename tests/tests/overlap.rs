@@ -4,8 +4,10 @@
 
 #![expect(clippy::print_stdout, reason = "a test says how many numbers were lost")]
 
-use dca_tests::cluster::{Cluster, Ended, Host, Network, Program, SOON, Stream, executable, rounds, wait_until};
+use comms::logic::random::Random;
+use dca_tests::cluster::{Cluster, Ended, Host, Network, Program, SOON, Stream, executable, pass, rounds, wait_until};
 use std::collections::BTreeMap;
+use std::time::Duration;
 
 /// A source, a program that passes its numbers on, and a sink.
 fn spec(cluster: &Cluster, pass: &str, arguments: &str, policy: &str) -> String {
@@ -53,8 +55,8 @@ fn replace(here: &Host) -> Ended {
 }
 
 /// Replaces a program again and again, and once by a changed spec. Every number comes.
-fn overlaps(cluster: &Cluster, here: &Host, (pass, what): (&str, &str)) {
-    let mission = here.mission(&spec(cluster, pass, "", "replace overlap;"));
+fn overlaps(cluster: &Cluster, here: &Host, (host, what): (&str, &str)) {
+    let mission = here.mission(&spec(cluster, host, "", "replace overlap;"));
     let mut before = pids(here);
     for round in 0..rounds(5) {
         let replaced = replace(here);
@@ -65,7 +67,7 @@ fn overlaps(cluster: &Cluster, here: &Host, (pass, what): (&str, &str)) {
         before = now;
     }
     let changed =
-        here.ask(&["deploy", "--probation", "0.3", &spec(cluster, pass, ", fails_at = 1000000", "replace overlap;")]);
+        here.ask(&["deploy", "--probation", "0.3", &spec(cluster, host, ", fails_at = 1000000", "replace overlap;")]);
     let told = "replace    main/through: `fails_at` is 1000000, was 0; the two overlap";
     assert!(changed.code == Some(0) && changed.err.contains(told), "{changed}");
     assert!(pids(here)["main/through"] != before["main/through"]);
@@ -115,6 +117,41 @@ fn a_bad_version_is_taken_back_and_the_mission_goes_on() {
     assert!(runs.len() <= 2 && runs.windows(2).all(|pair| pair[0].1 < pair[1].0), "{runs:?}");
     let lost: u64 = runs.windows(2).map(|pair| pair[1].0 - pair[0].1 - 1).sum();
     println!("a bad version: {lost} numbers lost until the one before was back");
+}
+
+/// The node is killed at any moment of a replacement: one of the two programs stays, with its connections, and the mission goes on.
+#[test]
+fn a_node_that_is_killed_while_programs_overlap_leaves_one_of_them() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let mut node = here.node("c1", &[]);
+    let mission = here.mission(&spec(&cluster, "c1", "", "replace overlap;"));
+    pids(&here);
+    let mut random = Random::new(7);
+    let programs = || cluster.left().into_iter().filter(|process| process.command.iter().any(|word| word == "Pass"));
+    for round in 0..rounds(5) {
+        let change = here.dca(&["replace", "count", "through", "--probation", "0.3"]);
+        let at = Duration::from_millis(random.below(600));
+        pass(at);
+        node.kill();
+        node = here.node("c1", &[]);
+        let told = change.ended(2 * SOON);
+        assert!(matches!(told.code, Some(0 | 1 | 3)), "round {round}, killed after {at:?}: {told}");
+        let is_one = || here.pids().len() == 3 && programs().count() == 1;
+        let left = || (here.pids(), programs().collect::<Vec<_>>());
+        assert!(wait_until(SOON, is_one).is_some(), "round {round}, killed after {at:?}: {:?}; {told}", left());
+        assert!(mission.is_running(), "round {round}: {}", mission.text(Stream::Err));
+        println!("killed after {at:?}: exit code {:?}, {}", told.code, told.err.trim());
+    }
+    // Another one follows as if nothing had been, and loses nothing.
+    let last = replace(&here);
+    assert_eq!(last.code, Some(0), "{last}");
+    pass(Duration::from_secs(1));
+    let runs = end(&cluster, &here, &mission);
+    assert!(runs.windows(2).all(|pair| pair[0].1 < pair[1].0), "numbers are doubled: {runs:?}");
+    assert!(runs.last().is_some_and(|(from, to)| to - from > 500), "nothing came after the last change: {runs:?}");
+    let lost: u64 = runs.windows(2).map(|pair| pair[1].0 - pair[0].1 - 1).sum();
+    println!("{lost} numbers lost of {}", runs.last().map_or(0, |last| last.1));
 }
 
 /// Without overlap there is a gap, of the stop of the one and the start of the other.
