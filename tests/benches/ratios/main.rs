@@ -2,11 +2,12 @@
 //! dca-tests`.
 //!
 //! A hop between two controllers, one to many, as fast as it goes, a call and a message to a queue, a row of stages, the way from the end
-//! of one process to the run of the next, and the start of a whole deployment. The programs that are measured are this executable again, started with other arguments.
+//! of one process to the run of the next, what becomes of a program that is killed, and the start of a whole deployment. The programs that are measured are this executable again, started with other arguments.
 
 mod call;
 mod caterpillar;
 mod event;
+mod faults;
 mod figures;
 mod hop;
 mod node;
@@ -44,7 +45,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Measures everything, or only what is named: `hop`, `fan`, `rate`, `call`, `caterpillar`, `event` or `start`.
+/// Measures everything, or only what is named: `hop`, `fan`, `rate`, `call`, `caterpillar`, `event`, `faults` or `start`.
 fn bench(only: Option<&str>) -> anyhow::Result<()> {
     let folder = Folder::new()?;
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
@@ -74,6 +75,10 @@ fn bench(only: Option<&str>) -> anyhow::Result<()> {
         if wanted("event") {
             say("from the end of one process to the run of the next …")?;
             event::measure(&folder.0, &mut table).await?;
+        }
+        if wanted("faults") {
+            say("programs are killed; a loop of 1 kHz …")?;
+            faults::measure(&folder.0, &mut table).await?;
         }
         if wanted("start") {
             say("from PREPARE to GO …")?;

@@ -69,6 +69,7 @@ pub(crate) fn registry() -> Registry {
     registry.add::<Ping>();
     registry.add::<Echo>();
     registry.add::<Turn>();
+    registry.add::<Beat>();
     registry.add::<Link>();
     registry.add::<Callee>();
     registry.add::<Shout<PACED>>();
@@ -226,6 +227,45 @@ impl Controller for Turn {
 }
 
 impl Drop for Turn {
+    fn drop(&mut self) {
+        // The reader says that the file is missing.
+        std::fs::write(&self.file, value_of(&self.times)).unwrap_or_default();
+    }
+}
+
+/// The period of a [`Beat`].
+pub(crate) const TICK: Duration = Duration::from_millis(1);
+
+/// Calculates at 1 kHz. Writes by how much each interval between two calculations differs from its period to a file when its program ends.
+#[derive(Debug)]
+pub(crate) struct Beat {
+    file: PathBuf,
+    last: Option<Time>,
+    times: Vec<Duration>,
+}
+
+impl Controller for Beat {
+    type Inputs = ();
+    type Outputs = ();
+    const TYPE: &'static str = "Beat";
+
+    fn about() -> About {
+        const PARAMETERS: &[Parameter] = &[Parameter { name: "file", kind: Kind::Text(&[]), default: None }];
+        About::service("Calculates at 1 kHz.").every(TICK).with(PARAMETERS)
+    }
+
+    fn new(arguments: &Arguments) -> Result<Self, String> {
+        Ok(Self { file: arguments.text("file").into(), last: None, times: Vec::new() })
+    }
+
+    fn main_calc(&mut self, tick: Tick, (): &(), (): &mut ()) -> Progress {
+        self.times.extend(self.last.map(|last| tick.now.since(last).abs_diff(TICK)));
+        self.last = Some(tick.now);
+        Progress::Continue
+    }
+}
+
+impl Drop for Beat {
     fn drop(&mut self) {
         // The reader says that the file is missing.
         std::fs::write(&self.file, value_of(&self.times)).unwrap_or_default();
