@@ -1,0 +1,80 @@
+//! The nodes that can be reached, asked how they are.
+
+use super::{ANSWER_WITHIN, Answers, Client, unasked, words};
+use anyhow::anyhow;
+use comms::io::clock;
+use comms::logic::time::Time;
+use node::console::{self, Failure};
+use node::logic::protocol::{Answer, NodeStatus, Request};
+use std::collections::BTreeSet;
+
+/// The answers of the nodes about themselves.
+#[derive(Debug)]
+pub(crate) struct Statuses {
+    /// The state of every node that answers, in order of name.
+    pub(crate) nodes: Vec<NodeStatus>,
+    /// The nodes that are there and do not answer.
+    pub(crate) silent: Vec<String>,
+}
+
+impl Client {
+    /// Asks every node at once how it is, and then those that only others have named; those that do not answer are noted.
+    pub(crate) async fn statuses(&self) -> Result<Statuses, Failure> {
+        self.statuses_noted(console::note).await
+    }
+
+    pub(super) async fn statuses_noted(&self, note: fn(&str)) -> Result<Statuses, Failure> {
+        let hosts = self.all().await?;
+        let mut found = self.statuses_of(&hosts, note).await;
+        // Who has vanished from the network a moment ago is missed by the others a little later.
+        let named: BTreeSet<String> = found.nodes.iter().flat_map(|node| node.peers.iter().cloned()).collect();
+        let Statuses { nodes, silent } = self.statuses_of(&(&named - &hosts), note).await;
+        found.nodes.extend(nodes);
+        found.silent.extend(silent);
+        found.nodes.sort_by(|a, b| a.host.cmp(&b.host));
+        if found.nodes.is_empty() {
+            let none = match &found.silent[..] {
+                [] => "no node answers; start one with `dca-node --name NAME`, in your team or with `--insecure-lan`"
+                    .to_owned(),
+                silent => format!(
+                    "`{}` can be reached and does not answer: it may be suspended, or short of processor time; try again",
+                    silent.join("`, `")
+                ),
+            };
+            return Err(Failure::Unreachable(anyhow!(none)));
+        }
+        Ok(found)
+    }
+
+    async fn statuses_of(&self, hosts: &BTreeSet<String>, note: fn(&str)) -> Statuses {
+        let asked: Vec<_> = hosts.iter().map(|host| (self.ask_on(host, &Request::Status), host)).collect();
+        let deadline = clock::now() + ANSWER_WITHIN;
+        let (mut nodes, mut silent) = (Vec::new(), Vec::new());
+        for (answers, host) in asked {
+            let status = match answers {
+                Ok(answers) => status(answers, deadline).await,
+                Err(failure) => Err(failure),
+            };
+            match status {
+                Ok(status) => nodes.push(status),
+                Err(failure) => {
+                    note(&format!("warning: {}: what runs there is not known", words(&failure)));
+                    silent.push(host.clone());
+                }
+            }
+        }
+        Statuses { nodes, silent }
+    }
+}
+
+/// Waits for a node to say how it is.
+async fn status(mut answers: Answers, deadline: Time) -> Result<NodeStatus, Failure> {
+    let answer = answers.next_by(deadline).await;
+    let host = &answers.host;
+    match answer {
+        Some(Ok(Answer::Status(status))) => Ok(status),
+        Some(Ok(other)) => Err(unasked(host, &other)),
+        Some(Err(failure)) => Err(failure),
+        None => Err(Failure::Unreachable(anyhow!("the node `{host}` does not answer"))),
+    }
+}
