@@ -64,7 +64,7 @@ impl Program {
 
     /// Waits as a loop does, until so much has come.
     fn wait_for(&self, came: &Receiver<Arrived>, count: usize) -> Vec<Arrived> {
-        let (mut all, until) = (Vec::new(), now() + LONG);
+        let (mut all, until): (Vec<Arrived>, _) = (came.try_iter().collect(), now() + LONG);
         while all.len() < count {
             assert!(now() < until, "{} of {count} have come", all.len());
             self.path.inlets().wait(Some(now() + LONG / 100));
@@ -205,6 +205,29 @@ fn a_consumer_that_does_not_read_delays_nobody() {
         }
     }
     assert!(last == MANY && values < MANY && values > 1, "{values} have come");
+}
+
+/// Two consumers have what is encoded once, and the producer can read it back for others.
+#[test]
+fn a_long_value_is_encoded_right_into_the_memory_of_its_output() {
+    let (producer, consumer) = (Program::new(), Program::new());
+    let memory = Memory::default();
+    let outlets = ["a", "b"].map(|key| producer.outlet(key, &memory).0);
+    let heard = ["a", "b"].map(|key| consumer.hear(&producer, key, None));
+    outlets.iter().for_each(wait_connected);
+    assert!(Parcel::filled(&memory, |_| true).is_none(), "the last one was short");
+    memory.note(100_000);
+    assert!(Parcel::filled(&memory, |filler| filler.put(&vec![0; 1 << 20])).is_none(), "there is no room");
+    let (rest, value) = (vec![9; 100_000], [&[7][..], &[9; 100_000]].concat());
+    for number in 1..=50 {
+        let mut parcel = Parcel::filled(&memory, |filler| filler.put(&[7]) && filler.put(&rest)).unwrap();
+        assert!(outlets.iter().all(|outlet| outlet.send(&mut parcel, number)));
+        assert!(parcel.to_vec(&memory) == value);
+        for (_, came) in &heard {
+            let (arrival, sequence) = consumer.wait_for(came, 1).remove(0);
+            assert!(arrival == Arrival::Value(value.clone()) && sequence.number == number);
+        }
+    }
 }
 
 /// What goes over several wires of a producer comes in the order in which it was sent, also when all of it waits in their sockets.

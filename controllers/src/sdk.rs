@@ -110,7 +110,7 @@ pub use database::{
 pub use export::{Activity, CallInterface, ExportInterface, Exports, RawReply, Reply};
 pub use interface::{Binding, Device, Direction, Interface, PortInterface};
 pub use key_ports::{KeyAnswer, KeyNews, KeyPut, KeyResult};
-pub use module::{Delivery, DeliveryError, Module};
+pub use module::{Delivery, DeliveryError, Module, Outlets};
 pub use port::{AnyIn, AnyOut, Every, In, InputPort, InputSet, Message, Out, OutputPort, OutputSet};
 pub use quantity::Quantity;
 pub use random::Random;

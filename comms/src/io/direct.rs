@@ -13,6 +13,7 @@ mod pool;
 mod server;
 
 pub use inlet::{Inlet, Inlets};
+pub use memory::Filler;
 pub use outlet::{Memory, Outlet, Parcel};
 
 use crate::io::data::Publisher;

@@ -137,6 +137,11 @@ impl KeyPorts {
         }
     }
 
+    /// Returns whether an output writes keys.
+    pub(super) fn writes(&self, output: &str) -> bool {
+        self.ports.iter().any(|port| port.is_write && port.port == output)
+    }
+
     /// Takes what an output has sent, if it is connected.
     pub(super) fn sent(&mut self, output: &str, bytes: &[u8]) {
         let mut own = self.ports.iter().filter(|port| port.is_write && port.port == output).peekable();

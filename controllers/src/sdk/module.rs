@@ -8,6 +8,7 @@ use super::export::{Activity, Exports, RawReply};
 use super::interface::{Direction, Interface};
 use super::key_ports::KeyPorts;
 use super::port::{InputSet, OutputSet};
+use comms::io::direct::Filler;
 use comms::logic::control::KeyPort;
 use comms::logic::database::DatabaseAnswer;
 use comms::logic::object::ObjectError;
@@ -55,6 +56,12 @@ pub trait Module: Send {
     /// Takes what the last call sent, as (port, bytes), in order of declaration.
     fn drain(&mut self, send: &mut dyn FnMut(&'static str, Vec<u8>));
 
+    /// Takes what the last call sent, as [`Module::drain`] does. A value is encoded right into the memory that its consumers share, if there
+    /// is such.
+    fn drain_to(&mut self, outlets: &mut dyn Outlets) {
+        self.drain(&mut |port, bytes| outlets.send(port, bytes));
+    }
+
     /// Returns what a recorder would like to see.
     fn signals(&self) -> Vec<Signal>;
 
@@ -88,6 +95,15 @@ pub trait Module: Send {
         drop(answer);
         Delivery::Stored
     }
+}
+
+/// Where outputs lead.
+pub trait Outlets {
+    /// Sends an encoded value.
+    fn send(&mut self, port: &'static str, bytes: Vec<u8>);
+
+    /// Sends a value that `fill` encodes, if all that it goes to share memory; says whether it is sent. `fill` says whether it found room.
+    fn send_filled(&mut self, port: &'static str, fill: &mut dyn FnMut(&mut Filler<'_>) -> bool) -> bool;
 }
 
 /// The answer of a module to a delivered sample.
@@ -271,6 +287,20 @@ impl<C: Controller> Module for Instance<C> {
             if let (Some(bytes), Some(port)) = (output.take(), ports.get(at)) {
                 key_ports.sent(port.name, &bytes);
                 send(port.name, bytes);
+            }
+        });
+    }
+
+    fn drain_to(&mut self, outlets: &mut dyn Outlets) {
+        let (ports, key_ports) = (&self.interface.ports[self.input_count..], &mut self.key_ports);
+        self.outputs.visit(&mut |at, output| {
+            let Some(port) = ports.get(at).filter(|_| output.is_pending()) else { return };
+            if !key_ports.writes(port.name) && outlets.send_filled(port.name, &mut |filler| output.fill(filler)) {
+                return;
+            }
+            if let Some(bytes) = output.take() {
+                key_ports.sent(port.name, &bytes);
+                outlets.send(port.name, bytes);
             }
         });
     }

@@ -4,7 +4,9 @@ use super::calls::AnyCalls;
 use super::database::Database;
 use super::export::CallInterface;
 use super::port_interface::PortInterface;
+use comms::io::direct::Filler;
 use comms::logic::time::Time;
+use postcard::ser_flavors::Flavor;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::collections::VecDeque;
@@ -224,12 +226,52 @@ impl<T: Message> AnyIn for Every<T> {
 pub trait AnyOut {
     /// Takes the encoded value that waits, if any.
     fn take(&mut self) -> Option<Vec<u8>>;
+
+    /// Returns whether a value waits.
+    fn is_pending(&self) -> bool;
+
+    /// Encodes the value that waits right into memory, and says whether there is room; then it waits no more.
+    fn fill(&mut self, filler: &mut Filler<'_>) -> bool;
 }
 
 impl<T: Message> AnyOut for Out<T> {
     fn take(&mut self) -> Option<Vec<u8>> {
         let value = self.pending.take()?;
         Some(postcard::to_stdvec(&value).expect("a message is plain data, which postcard always encodes"))
+    }
+
+    fn is_pending(&self) -> bool {
+        self.pending.is_some()
+    }
+
+    fn fill(&mut self, filler: &mut Filler<'_>) -> bool {
+        let value = self.pending.as_ref();
+        let is_filled = value.is_some_and(|value| postcard::serialize_with_flavor(value, Memory(filler)).is_ok());
+        if is_filled {
+            self.pending = None;
+        }
+        is_filled
+    }
+}
+
+/// Memory that a value is encoded into.
+struct Memory<'a, 'b>(&'a mut Filler<'b>);
+
+impl Flavor for Memory<'_, '_> {
+    type Output = ();
+
+    #[inline]
+    fn try_extend(&mut self, bytes: &[u8]) -> postcard::Result<()> {
+        if self.0.put(bytes) { Ok(()) } else { Err(postcard::Error::SerializeBufferFull) }
+    }
+
+    #[inline]
+    fn try_push(&mut self, byte: u8) -> postcard::Result<()> {
+        self.try_extend(&[byte])
+    }
+
+    fn finalize(self) -> postcard::Result<()> {
+        Ok(())
     }
 }
 

@@ -15,6 +15,7 @@
 mod agreement;
 mod cycle;
 mod database;
+mod devices;
 mod heartbeat;
 mod inbox;
 mod keyring;

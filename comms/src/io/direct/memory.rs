@@ -23,6 +23,14 @@ pub struct Buffer {
     mapping: Mapping,
 }
 
+/// Fills a buffer, piece by piece.
+#[derive(Debug)]
+pub struct Filler<'a> {
+    buffer: &'a mut Buffer,
+    /// At most as many as the buffer has room for.
+    size: usize,
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Access {
     Read,
@@ -66,15 +74,42 @@ impl Buffer {
     }
 
     /// Puts bytes at the beginning; says whether there is room.
-    #[expect(unsafe_code, reason = "writes to mapped memory")]
     pub fn write(&mut self, bytes: &[u8]) -> bool {
-        if bytes.len() > self.mapping.size {
+        self.filler().put(bytes)
+    }
+
+    /// Returns what fills it anew, from its beginning.
+    pub fn filler(&mut self) -> Filler<'_> {
+        Filler { buffer: self, size: 0 }
+    }
+
+    /// Returns a copy of the first `size` bytes; none if it is not so long.
+    pub fn read(&self, size: usize) -> Option<Vec<u8>> {
+        self.mapping.read(size)
+    }
+}
+
+impl Filler<'_> {
+    /// Puts bytes behind those that are there; says whether there is room.
+    #[inline]
+    #[expect(unsafe_code, reason = "writes to mapped memory")]
+    pub fn put(&mut self, bytes: &[u8]) -> bool {
+        let mapping = &self.buffer.mapping;
+        if bytes.len() > mapping.size - self.size {
             return false;
         }
-        let to = self.mapping.start.cast::<u8>();
-        // SAFETY: the mapping is writable and at least so long, and no Rust reference leads to it.
-        unsafe { std::ptr::copy_nonoverlapping(bytes.as_ptr(), to.as_ptr(), bytes.len()) };
+        // SAFETY: the mapping is writable, and behind `size` bytes of it there is room for these; no Rust reference leads to it.
+        unsafe {
+            let to = mapping.start.cast::<u8>().as_ptr().add(self.size);
+            std::ptr::copy_nonoverlapping(bytes.as_ptr(), to, bytes.len());
+        }
+        self.size += bytes.len();
         true
+    }
+
+    /// Returns how many bytes it has put.
+    pub fn size(&self) -> usize {
+        self.size
     }
 }
 
@@ -141,8 +176,12 @@ mod tests {
         assert_eq!((other.read(3), other.read(10_001)), (Some(b"abc".to_vec()), None));
         assert!(buffer.write(b"xy"));
         assert_eq!(other.read(3), Some(b"xyc".to_vec()));
+        let mut filler = buffer.filler();
+        assert!(filler.put(b"1") && filler.put(b"") && filler.put(b"23"));
+        assert_eq!((filler.size(), filler.put(&[0; 9998]), filler.put(&[0; 9997])), (3, false, true));
+        assert_eq!((other.read(4), buffer.read(4)), (Some(b"123\0".to_vec()), Some(b"123\0".to_vec())));
         drop(buffer);
-        assert_eq!(other.read(2), Some(b"xy".to_vec()), "it stays for as long as somebody has it");
+        assert_eq!(other.read(2), Some(b"12".to_vec()), "it stays for as long as somebody has it");
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The producer's end of wires: sends without waiting, to the one consumer that each of them has.
 
+use super::memory::Filler;
 use super::packet::{Sent, Waits, receive, send};
 use super::pool::{Pool, leases_max};
 use super::server::Shared;
@@ -32,7 +33,9 @@ pub struct Memory(Arc<Mutex<Pool>>);
 /// A value on its way to the consumers of one output.
 #[derive(Debug)]
 pub struct Parcel<'a> {
+    /// Nothing, if it was encoded into the buffer.
     bytes: &'a [u8],
+    size: usize,
     /// The buffer that it lies in by now.
     buffer: Option<u32>,
 }
@@ -61,6 +64,11 @@ pub(super) struct Connection {
 }
 
 impl Memory {
+    /// Notes how long a value was: the next one is likely to be as long.
+    pub fn note(&self, size: usize) {
+        self.lock().size_last = size;
+    }
+
     fn lock(&self) -> MutexGuard<'_, Pool> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -69,7 +77,28 @@ impl Memory {
 impl<'a> Parcel<'a> {
     /// Returns a value that is sent to nobody yet.
     pub fn new(bytes: &'a [u8]) -> Self {
-        Self { bytes, buffer: None }
+        Self { bytes, size: bytes.len(), buffer: None }
+    }
+
+    /// Returns a value that `fill` encodes right into the memory of its output, which is expected to be about as long as the last one. None if the last
+    /// one was short, it found no room, or there is no memory.
+    pub fn filled(memory: &Memory, fill: impl FnOnce(&mut Filler<'_>) -> bool) -> Option<Self> {
+        let mut pool = memory.lock();
+        let room = pool.size_last;
+        if room + direct::HEADER_SIZE <= INLINE_MAX {
+            return None;
+        }
+        let (buffer, size) = pool.fill(room, fill).ok().flatten()?;
+        pool.size_last = size;
+        Some(Self { bytes: &[], size, buffer: Some(buffer) })
+    }
+
+    /// Returns a copy of its bytes, for those who do not share this memory.
+    pub fn to_vec(&self, memory: &Memory) -> Vec<u8> {
+        match self.buffer {
+            Some(buffer) if self.bytes.is_empty() => memory.lock().read(buffer, self.size).unwrap_or_default(),
+            _ => self.bytes.to_vec(),
+        }
     }
 }
 
@@ -189,8 +218,8 @@ impl Connection {
             Sent::Whole => {}
             other => return self.told(other, 0),
         }
-        let size = parcel.bytes.len();
-        if size + direct::HEADER_SIZE <= INLINE_MAX {
+        let size = parcel.size;
+        if parcel.buffer.is_none() && size + direct::HEADER_SIZE <= INLINE_MAX {
             let sent = send(&self.stream, &[&header.value(), parcel.bytes], None);
             return self.told(sent, size);
         }
@@ -204,7 +233,7 @@ impl Connection {
     /// Sends a value in shared memory. A consumer that keeps too many gets no more.
     fn share(&mut self, header: Header, parcel: &mut Parcel<'_>, pool: &mut Pool) -> Sent {
         self.take_releases(pool);
-        let size = parcel.bytes.len();
+        let size = parcel.size;
         let Ok(length) = u32::try_from(size) else { return Sent::NoRoom };
         if self.leased.len() >= leases_max(size) {
             return Sent::NoRoom;

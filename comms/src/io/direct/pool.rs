@@ -1,6 +1,6 @@
 //! The shared buffers of one output: each value lies in one of them for all consumers of the host, until all have released it.
 
-use super::memory::Buffer;
+use super::memory::{Buffer, Filler};
 use std::collections::BTreeMap;
 use std::io;
 use std::os::fd::BorrowedFd;
@@ -17,6 +17,8 @@ const SIZE_MIN: usize = 64 << 10;
 pub(super) struct Pool {
     slots: BTreeMap<u32, Slot>,
     next: u32,
+    /// How long the last value was.
+    pub(super) size_last: usize,
 }
 
 #[derive(Debug)]
@@ -37,16 +39,35 @@ impl Pool {
     /// # Errors
     /// The system has no memory for another one.
     pub(super) fn put(&mut self, bytes: &[u8]) -> io::Result<u32> {
-        let is_free = |slot: &Slot| slot.leases == 0 && slot.buffer.size() >= bytes.len();
+        let filled = self.fill(bytes.len(), |filler| filler.put(bytes))?;
+        // A buffer that was chosen by its size has room.
+        filled.map(|(number, _)| number).ok_or_else(|| io::ErrorKind::StorageFull.into())
+    }
+
+    /// Has a value put into a buffer that nobody uses, with room for so many bytes or more. Returns its number and how long the value is; none
+    /// if `fill` says that it found no room.
+    ///
+    /// # Errors
+    /// The system has no memory for another one.
+    pub(super) fn fill(
+        &mut self,
+        room: usize,
+        fill: impl FnOnce(&mut Filler<'_>) -> bool,
+    ) -> io::Result<Option<(u32, usize)>> {
+        let is_free = |slot: &Slot| slot.leases == 0 && slot.buffer.size() >= room;
         let free = self.slots.iter().find(|(_, slot)| is_free(slot)).map(|(number, _)| *number);
         let number = match free {
             Some(number) => number,
-            None => self.add(bytes.len())?,
+            None => self.add(room)?,
         };
-        if let Some(slot) = self.slots.get_mut(&number) {
-            slot.buffer.write(bytes);
-        }
-        Ok(number)
+        let Some(slot) = self.slots.get_mut(&number) else { return Ok(None) };
+        let mut filler = slot.buffer.filler();
+        Ok(fill(&mut filler).then(|| (number, filler.size())))
+    }
+
+    /// Returns a copy of a value.
+    pub(super) fn read(&self, number: u32, size: usize) -> Option<Vec<u8>> {
+        self.slots.get(&number)?.buffer.read(size)
     }
 
     /// Makes a buffer; those that are too small for values of now and that nobody uses go.

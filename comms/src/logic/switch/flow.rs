@@ -30,6 +30,16 @@ impl Flow {
         if self.shape.latch {
             self.last = Some(bytes.to_vec());
         }
+        self.pass(now)
+    }
+
+    /// Returns whether the last value is kept for who comes later.
+    pub fn is_latched(&self) -> bool {
+        self.shape.latch
+    }
+
+    /// Takes note of a value that is to be sent, on a wire that is not latched; says whether it passes.
+    pub fn pass(&mut self, now: Time) -> bool {
         let is_soon = |period| self.passed.is_some_and(|passed| now.since(passed) < period);
         let passes = self.open && !self.shape.period_min.is_some_and(is_soon);
         if passes {

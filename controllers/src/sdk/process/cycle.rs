@@ -401,12 +401,11 @@ impl Cycle {
     }
 
     fn send(&mut self) {
-        let links = Arc::clone(&self.links);
-        self.call(|module| module.drain(&mut |port, bytes| links.send(port, bytes)));
-        let (activation, inbox) = (self.activation, Arc::clone(&self.inbox));
+        let (activation, links) = (self.activation, Arc::clone(&self.links));
+        let (inbox, database) = (Arc::clone(&self.inbox), Arc::clone(&self.database));
+        self.call(|module| module.drain_to(&mut &*links));
         let order = &mut |call, order| links.callers().order(activation, call, order, &inbox);
         self.call(|module| module.drain_calls(order));
-        let (database, inbox) = (Arc::clone(&self.database), Arc::clone(&self.inbox));
         self.call(|module| module.drain_database(&mut |order| database.order(activation, order, &inbox)));
     }
 

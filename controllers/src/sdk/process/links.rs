@@ -1,19 +1,19 @@
 //! The data links of one program: dials the producers of its inputs, and opens and closes the wires of its outputs.
 
 use super::agreement;
+use super::devices::Devices;
 use super::inbox::{Hold, Inbox};
 use super::keyring::{Keyring, Use};
-use super::objects::{Callers, Serving};
-use super::taps::Taps;
-use super::wire::{Fetch, Hearing, Push, Transport, Ways, Wire, port, put, subscribe, wire};
-use crate::sdk::interface::{Binding, Direction, Interface, PortInterface};
+use super::objects::Callers;
+use super::wire::{Fetch, Hearing, Push, Transport, Ways, Wire, port, wire};
+use crate::sdk::interface::{Direction, Interface};
+use crate::sdk::module::Outlets;
 use comms::io::clock::now;
-use comms::io::data::{DataError, DataSession, Payload, Priority, Publisher, Responder, Subscription, Voucher};
-use comms::io::direct::{DirectPath, Memory, Parcel};
-use comms::logic::codec::{self, Enveloped};
+use comms::io::data::{DataError, DataSession, Payload, Responder};
+use comms::io::direct::{DirectPath, Filler, Memory, Parcel};
+use comms::logic::codec::Enveloped;
 use comms::logic::control::{CallRoute, Device, Dial, Incoming, Outgoing, Partner, Shape};
 use comms::logic::human::span;
-use comms::logic::key::{self, Channel};
 use comms::logic::switch::{Boundary, Flip, Opening};
 use comms::logic::time::Time;
 use std::collections::{BTreeMap, BTreeSet};
@@ -45,39 +45,6 @@ struct Made {
     /// By output, the memory that it shares with consumers of this host.
     memories: BTreeMap<&'static str, Memory>,
     devices: Devices,
-}
-
-/// The links of a program to devices and to people, from its first links on.
-#[derive(Debug, Default)]
-struct Devices {
-    outputs: Vec<DeviceOutput>,
-    inputs: Vec<Subscription>,
-    signals: Option<Publisher>,
-    taps: Taps,
-    /// Held for as long as calls are to arrive.
-    serving: Serving,
-}
-
-/// An output to a device, or of one.
-#[derive(Debug)]
-struct DeviceOutput {
-    port: &'static str,
-    publisher: Publisher,
-    /// In a team.
-    voucher: Option<Arc<Voucher>>,
-}
-
-impl DeviceOutput {
-    fn put(&self, payload: Payload) {
-        match &self.voucher {
-            None => put(&self.publisher, payload),
-            Some(voucher) => {
-                if let Err(error) = self.publisher.put_vouched(payload, voucher) {
-                    tracing::debug!(%error, "a sample was not sent");
-                }
-            }
-        }
-    }
 }
 
 /// Every link of the program. Flags are flipped by the listener while the cycle sends.
@@ -294,23 +261,39 @@ impl Links {
                 }
             }
         }
+        made.memories.get(port).into_iter().for_each(|memory| memory.note(bytes.len()));
         let mut parcel = Parcel::new(&bytes);
         passing.retain(|number| !made.wires.get(number).is_some_and(|wire| wire.send_directly(&mut parcel)));
         let payload = Payload::from(bytes);
-        for device in made.devices.outputs.iter().filter(|device| device.port == port) {
-            device.put(payload.clone());
-        }
+        made.devices.send(port, &payload);
         for wire in passing.iter().filter_map(|number| made.wires.get(number)) {
             wire.send(&payload);
         }
     }
 
+    /// Sends a long value of an output that is encoded right into memory, if all who are to have it now share that.
+    fn send_filled(&self, port: &str, fill: &mut dyn FnMut(&mut Filler<'_>) -> bool) -> bool {
+        let (mut made, now) = (self.lock(), now());
+        let Made { wires, memories, devices, .. } = &mut *made;
+        let mut own: Vec<&mut Wire> = wires.values_mut().filter(|wire| wire.port == port).collect();
+        let Some(memory) = memories.get(port) else { return false };
+        if devices.hears(port) || !own.iter().all(|wire| wire.is_direct()) {
+            return false;
+        }
+        let Some(mut parcel) = Parcel::filled(memory, fill) else { return false };
+        devices.taps.count(port);
+        for wire in &mut own {
+            // A consumer may have gone just now.
+            if wire.flow.pass(now) && !wire.send_directly(&mut parcel) {
+                wire.send(&parcel.to_vec(memory).into());
+            }
+        }
+        true
+    }
+
     /// Publishes signals, or what they do not show.
     pub(super) fn show(&self, signals: &impl Enveloped) {
-        let made = self.lock();
-        if let (Some(publisher), Ok(bytes)) = (&made.devices.signals, codec::encode(signals)) {
-            put(publisher, bytes.into());
-        }
+        self.lock().devices.show(signals);
     }
 
     /// Returns the inputs that have to be fetched before each calculation.
@@ -400,50 +383,13 @@ impl Made {
     }
 }
 
-impl Devices {
-    fn make(
-        (session, keyring): (&Arc<DataSession>, Option<&Keyring>),
-        interface: &Interface,
-        orders: &LinkOrders,
-        inbox: &Arc<Inbox>,
-    ) -> Result<Self, String> {
-        let mut devices = Self::default();
-        for port in interface.ports.iter().filter(|port| port.binding != Binding::Wire) {
-            devices.port((session, keyring), &orders.robot, port, inbox)?;
-        }
-        if interface.about.signals_every.is_some() {
-            let key = key::signals(&orders.robot, &orders.instance);
-            devices.signals = Some(session.publisher(&key, Priority::Background).map_err(|error| error.to_string())?);
-        }
-        let taps = Taps::make(session, interface, (&orders.robot, &orders.instance));
-        devices.taps = taps.map_err(|error| error.to_string())?;
-        let serving = Serving::make((session, keyring), interface, (&orders.robot, &orders.instance), inbox);
-        devices.serving = serving.map_err(|error| error.to_string())?;
-        Ok(devices)
+impl Outlets for &Links {
+    fn send(&mut self, port: &'static str, bytes: Vec<u8>) {
+        Links::send(self, port, bytes);
     }
 
-    fn port(
-        &mut self,
-        (session, keyring): (&DataSession, Option<&Keyring>),
-        robot: &str,
-        port: &PortInterface,
-        inbox: &Arc<Inbox>,
-    ) -> Result<(), String> {
-        let device = port.device_key().ok_or_else(|| format!("`{}` is no device key", port.name))?;
-        let channel = if device.channel == "state" { Channel::State } else { Channel::Command };
-        let key = key::hardware(robot, device.name, channel);
-        match port.direction {
-            Direction::In => {
-                let gate = keyring.map(|keyring| keyring.device_gate(device.name, &key));
-                self.inputs.push(subscribe((session, gate), &key, (port.name, Hold::default()), inbox)?);
-            }
-            Direction::Out => {
-                let publisher = session.publisher(&key, Priority::Device).map_err(|error| error.to_string())?;
-                let voucher = keyring.map(|keyring| keyring.voucher(device.name, &key));
-                self.outputs.push(DeviceOutput { port: port.name, publisher, voucher });
-            }
-        }
-        Ok(())
+    fn send_filled(&mut self, port: &'static str, fill: &mut dyn FnMut(&mut Filler<'_>) -> bool) -> bool {
+        Links::send_filled(self, port, fill)
     }
 }
 
@@ -452,7 +398,9 @@ mod tests {
     use super::super::wire::fetch_all;
     use super::*;
     use comms::io::clock::Wakeup;
+    use comms::io::data::Priority;
     use comms::io::session::Reach;
+    use comms::logic::key;
     use std::io::{Read, Write};
     use std::net::Shutdown;
     use std::os::unix::net::{UnixListener, UnixStream};

@@ -43,6 +43,16 @@ impl Taps {
         Ok(Self { taps, _describing: Some(describing) })
     }
 
+    /// Returns whether somebody looks at an output.
+    pub(super) fn is_heard(&self, output: &str) -> bool {
+        self.taps.iter().any(|tap| tap.output == output && tap.publisher.is_heard())
+    }
+
+    /// Counts a value of an output at which nobody looks.
+    pub(super) fn count(&mut self, output: &str) {
+        self.taps.iter_mut().filter(|tap| tap.output == output).for_each(|tap| tap.number += 1);
+    }
+
     /// Counts a value of an output, and shows it to whoever listens. One that is too long to be shown is counted all the same.
     pub(super) fn pass(&mut self, output: &str, bytes: &[u8]) {
         let Some(tap) = self.taps.iter_mut().find(|tap| tap.output == output) else { return };

@@ -40,6 +40,13 @@ impl Wire {
         }
     }
 
+    /// Returns whether all that its values go to is a consumer on this host.
+    pub(super) fn is_direct(&self) -> bool {
+        let Transport::Push(Push { publisher, outlet }) = &self.way else { return false };
+        let is_connected = outlet.as_ref().is_some_and(Outlet::is_connected);
+        is_connected && !publisher.is_heard_over_zenoh() && !self.flow.is_latched()
+    }
+
     /// Sends a value that has passed, over zenoh.
     pub(super) fn send(&self, payload: &Payload) {
         let Transport::Push(Push { publisher, .. }) = &self.way else { return };
