@@ -27,19 +27,14 @@ pub(in crate::logic::view) mod text;
 pub use text::{TextError, quote};
 
 use crate::logic::txn::{Encoding, VALUE_SIZE_MAX, Value};
+pub use comms::logic::database::DEPTH_MAX;
+use comms::logic::database::{Stored, Value as Typed};
 use std::collections::BTreeMap;
 use std::fmt;
 use thiserror::Error;
 
-/// How deep lists and tables may lie in each other.
-pub const DEPTH_MAX: usize = 32;
-
-const BOOL: Encoding = Encoding(2);
-const INTEGER: Encoding = Encoding(3);
-const SEALED: Encoding = Encoding(4);
-const FLOAT: Encoding = Encoding(5);
-const LIST: Encoding = Encoding(6);
-const TABLE: Encoding = Encoding(7);
+/// The tag of an envelope. Those of all others are in `comms::logic::database::value`, which writes and reads them.
+const SEALED: u8 = 4;
 
 /// A typed value.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -121,10 +116,14 @@ impl Datum {
 
     /// Reads a stored value.
     pub fn of(value: &Value) -> Self {
-        let datum = read(value, DEPTH_MAX);
+        let (tag, bytes) = (value.encoding.0, value.bytes.to_vec());
+        let datum = Self::from(Stored { tag, bytes: bytes.into() }.value());
         // There is more than one way to write a length; what was not written by `encode` must not be changed by
         // reading.
-        if datum.to_value() == *value { datum } else { opaque(value) }
+        if datum.to_value() == *value {
+            return datum;
+        }
+        Self::Opaque { tag: value.encoding.0, bytes: value.bytes.to_vec() }
     }
 
     /// Returns the value to store.
@@ -167,60 +166,46 @@ impl Datum {
     }
 
     fn to_value(&self) -> Value {
-        // Encoding to memory fails for lengths that are not known beforehand only, and these are known.
-        let (encoding, bytes) = match self {
-            Self::Bool(yes) => (BOOL, vec![u8::from(*yes)]),
-            Self::Integer(number) => (INTEGER, number.to_le_bytes().to_vec()),
-            Self::Float(number) => (FLOAT, number.0.to_bits().to_le_bytes().to_vec()),
-            Self::Text(text) => (Encoding::TEXT, text.as_bytes().to_vec()),
-            Self::Bytes(bytes) => (Encoding::BYTES, bytes.clone()),
-            Self::Sealed(bytes) => (SEALED, bytes.clone()),
-            Self::Opaque { tag, bytes } => (Encoding(*tag), bytes.clone()),
-            Self::List(items) => {
-                let items: Vec<Value> = items.iter().map(Self::to_value).collect();
-                (LIST, postcard::to_stdvec(&items).unwrap_or_default())
-            }
-            Self::Table(fields) => {
-                let fields: BTreeMap<&str, Value> =
-                    fields.iter().map(|(name, field)| (name.as_str(), field.to_value())).collect();
-                (TABLE, postcard::to_stdvec(&fields).unwrap_or_default())
-            }
-        };
-        Value { encoding, bytes: bytes.into() }
+        let Stored { tag, bytes } = Stored::from(&Typed::from(self));
+        Value { encoding: Encoding(tag), bytes: bytes.0.into() }
     }
 }
 
-fn opaque(value: &Value) -> Datum {
-    Datum::Opaque { tag: value.encoding.0, bytes: value.bytes.to_vec() }
+/// The same as a program has it: there nobody reads what is sealed, and floats are those of Rust.
+impl From<&Datum> for Typed {
+    fn from(datum: &Datum) -> Self {
+        match datum {
+            Datum::Bool(yes) => Self::Bool(*yes),
+            Datum::Integer(number) => Self::Integer(*number),
+            Datum::Float(number) => Self::Float(number.0),
+            Datum::Text(text) => Self::Text(text.clone()),
+            Datum::Bytes(bytes) => Self::Bytes(bytes.clone()),
+            Datum::Sealed(bytes) => Self::Opaque { tag: SEALED, bytes: bytes.clone() },
+            Datum::Opaque { tag, bytes } => Self::Opaque { tag: *tag, bytes: bytes.clone() },
+            Datum::List(items) => Self::List(items.iter().map(Self::from).collect()),
+            Datum::Table(fields) => {
+                Self::Table(fields.iter().map(|(name, field)| (name.clone(), Self::from(field))).collect())
+            }
+        }
+    }
 }
 
-/// Reads a value in which lists and tables lie up to `depth` deep.
-fn read(value: &Value, depth: usize) -> Datum {
-    let bytes = &*value.bytes;
-    let number = <[u8; 8]>::try_from(bytes).map(u64::from_le_bytes);
-    let datum = match (value.encoding, depth.checked_sub(1)) {
-        (Encoding::BYTES, _) => Some(Datum::Bytes(bytes.to_vec())),
-        (Encoding::TEXT, _) => std::str::from_utf8(bytes).ok().map(|text| Datum::Text(text.to_owned())),
-        (BOOL, _) => match bytes {
-            [0] => Some(Datum::Bool(false)),
-            [1] => Some(Datum::Bool(true)),
-            _ => None,
-        },
-        (INTEGER, _) => number.ok().map(|bits| Datum::Integer(bits.cast_signed())),
-        (FLOAT, _) => number.ok().map(|bits| Datum::float(f64::from_bits(bits))),
-        (SEALED, _) => Some(Datum::Sealed(bytes.to_vec())),
-        (LIST, Some(below)) => {
-            let items = postcard::from_bytes::<Vec<Value>>(bytes).ok();
-            items.map(|items| Datum::List(items.iter().map(|item| read(item, below)).collect()))
+impl From<Typed> for Datum {
+    fn from(value: Typed) -> Self {
+        match value {
+            Typed::Bool(yes) => Self::Bool(yes),
+            Typed::Integer(number) => Self::Integer(number),
+            Typed::Float(number) => Self::float(number),
+            Typed::Text(text) => Self::Text(text),
+            Typed::Bytes(bytes) => Self::Bytes(bytes),
+            Typed::Opaque { tag: SEALED, bytes } => Self::Sealed(bytes),
+            Typed::Opaque { tag, bytes } => Self::Opaque { tag, bytes },
+            Typed::List(items) => Self::List(items.into_iter().map(Self::from).collect()),
+            Typed::Table(fields) => {
+                Self::Table(fields.into_iter().map(|(name, field)| (name, Self::from(field))).collect())
+            }
         }
-        (TABLE, Some(below)) => {
-            let fields = postcard::from_bytes::<BTreeMap<String, Value>>(bytes).ok();
-            let read = |(name, field): (String, Value)| (name, read(&field, below));
-            fields.map(|fields| Datum::Table(fields.into_iter().map(read).collect()))
-        }
-        _ => None,
-    };
-    datum.unwrap_or_else(|| opaque(value))
+    }
 }
 
 impl From<&str> for Datum {
