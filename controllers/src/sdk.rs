@@ -80,6 +80,7 @@ mod calls;
 mod controller;
 mod database;
 mod export;
+mod group;
 pub mod harness;
 mod interface;
 mod key_ports;
@@ -108,6 +109,7 @@ pub use database::{
     Unknown, Value, ValueError, WatchEvent,
 };
 pub use export::{Activity, CallInterface, ExportInterface, Exports, RawReply, Reply};
+pub use group::{GroupError, InProcessGroup};
 pub use interface::{Binding, Device, Direction, Interface, PortInterface};
 pub use key_ports::{KeyAnswer, KeyNews, KeyPut, KeyResult};
 pub use module::{Delivery, DeliveryError, Module, Outlets};

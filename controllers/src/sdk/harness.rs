@@ -333,8 +333,10 @@ impl Harness {
         let (now, armed) = (self.now, &mut self.slots[slot]);
         let schedule = armed.module.interface().about.schedule;
         let next = armed.deadline + schedule.period;
-        // A trigger restarts the wait; a deadline that has passed is skipped, not caught up.
-        armed.deadline = if schedule.trigger.is_some() || next <= now { now + schedule.period } else { next };
+        // A trigger restarts the wait, but that of a member of a group; a deadline that has passed is skipped, not caught up.
+        if schedule.trigger.is_some() || armed.deadline <= now {
+            armed.deadline = if schedule.trigger.is_some() || next <= now { now + schedule.period } else { next };
+        }
         let due = armed.deadline;
         self.arm(slot, due);
     }

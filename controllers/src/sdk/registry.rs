@@ -2,6 +2,7 @@
 
 use super::arguments::{ArgumentError, Arguments};
 use super::controller::Controller;
+use super::group::{GroupError, InProcessGroup};
 use super::interface::Interface;
 use super::module::{Instance, Module, interface};
 use std::collections::BTreeMap;
@@ -78,6 +79,16 @@ impl Registry {
         let create = move |arguments: &Arguments| Ok(create(&own, arguments));
         self.types.insert(type_name, Entry { interface, create: Box::new(create) });
         self
+    }
+
+    /// Adds a group of controllers that share a process and a loop, see [`InProcessGroup`]; a type of the same name is replaced.
+    ///
+    /// # Errors
+    /// Its members or wires do not fit.
+    pub fn add_group(&mut self, group: InProcessGroup) -> Result<&mut Self, GroupError> {
+        let (interface, create) = group.checked()?;
+        self.types.insert(interface.type_name, Entry { interface, create: Box::new(create) });
+        Ok(self)
     }
 
     /// Returns the interface of a type.

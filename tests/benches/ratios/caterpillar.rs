@@ -1,12 +1,14 @@
-//! A source at 1 kHz, eight stages one behind the other, and a sink at each: 17 programs, started by a node from a spec. Nothing may be
-//! missed.
+//! A source at 1 kHz, eight stages one behind the other, and a sink at each: 17 programs, started by a node from a spec, and once more one
+//! program with all of them as an in-process group. Nothing may be missed.
 
-use crate::figures::{Round, Subject, Table};
+use crate::figures::{Round, Subject, Table, cell};
 use crate::node::{HOST, Node};
 use crate::programs::times_of;
 use anyhow::Context;
+use comms::io::clock::now;
 use controllers::sdk::{
-    About, Arguments, Controller, Every, Inputs, Kind, Message, Out, Outputs, Parameter, Progress, Registry, Tick,
+    About, Arguments, Controller, Every, InProcessGroup, Inputs, Kind, Message, Out, Outputs, Parameter, Progress,
+    Registry, Tick, Time,
 };
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -19,6 +21,9 @@ const PERIOD: Duration = Duration::from_millis(1);
 /// How many values it sends, and how many periods it rests before and after them.
 const VALUES: u64 = 10_000;
 const REST: u64 = 500;
+
+/// The most that a hop in one process may take, in microseconds.
+const HOP_MAX: f64 = 2.0;
 
 /// Values, each with its number and when it was sent, in nanoseconds. Several if a stage has had several at once.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -40,10 +45,15 @@ struct Onward {
     out: Out<Steps>,
 }
 
-/// Sends, and is done some time after its last value.
-struct Head(u64);
+/// In a group all calculations of a turn are at one time, so there its members that measure read the clock.
+fn time<const IN_GROUP: bool>(tick: Tick) -> Time {
+    if IN_GROUP { now() } else { tick.now }
+}
 
-impl Controller for Head {
+/// Sends, and is done some time after its last value.
+struct Head<const IN_GROUP: bool>(u64);
+
+impl<const IN_GROUP: bool> Controller for Head<IN_GROUP> {
     type Inputs = ();
     type Outputs = Onward;
     const TYPE: &'static str = "Head";
@@ -59,7 +69,7 @@ impl Controller for Head {
     fn main_calc(&mut self, tick: Tick, (): &(), outputs: &mut Onward) -> Progress {
         self.0 += 1;
         if (REST + 1..=REST + VALUES).contains(&self.0) {
-            outputs.out.send(Steps(vec![(self.0 - REST, tick.now.nanos())]));
+            outputs.out.send(Steps(vec![(self.0 - REST, time::<IN_GROUP>(tick).nanos())]));
         }
         if self.0 > VALUES + 2 * REST { Progress::Done(Vec::new()) } else { Progress::Continue }
     }
@@ -91,12 +101,12 @@ impl Controller for Stage {
 }
 
 /// Keeps how old each value was that came; writes them to a file when its program ends.
-struct Sink {
+struct Sink<const IN_GROUP: bool> {
     file: PathBuf,
     ages: Vec<u64>,
 }
 
-impl Controller for Sink {
+impl<const IN_GROUP: bool> Controller for Sink<IN_GROUP> {
     type Inputs = In;
     type Outputs = ();
     const TYPE: &'static str = "Sink";
@@ -111,13 +121,13 @@ impl Controller for Sink {
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &In, (): &mut ()) -> Progress {
-        let steps = inputs.steps.iter().flat_map(|steps| &steps.0);
-        self.ages.extend(steps.map(|(_, sent)| tick.now.nanos().saturating_sub(*sent)));
+        let (steps, now) = (inputs.steps.iter().flat_map(|steps| &steps.0), time::<IN_GROUP>(tick));
+        self.ages.extend(steps.map(|(_, sent)| now.nanos().saturating_sub(*sent)));
         Progress::Continue
     }
 }
 
-impl Drop for Sink {
+impl<const IN_GROUP: bool> Drop for Sink<IN_GROUP> {
     fn drop(&mut self) {
         let bytes: Vec<u8> = self.ages.iter().flat_map(|age| age.to_le_bytes()).collect();
         // The reader says that the file is missing.
@@ -127,9 +137,26 @@ impl Drop for Sink {
 
 /// Adds the controllers.
 pub(crate) fn add(registry: &mut Registry) {
-    registry.add::<Head>();
-    registry.add::<Stage>();
-    registry.add::<Sink>();
+    registry.add::<Head<false>>().add::<Stage>().add::<Sink<false>>();
+    registry.add_group(group()).expect("its wires fit");
+}
+
+/// Returns all of them as one type.
+fn group() -> InProcessGroup {
+    const FILE: &[Parameter] = &[Parameter::new("file", Kind::Text(&[]))];
+    let mut group = InProcessGroup::new("Caterpillar", "A head, stages, and a sink at each of them.").with(FILE);
+    group = group.member::<Head<true>>("head", |_| Vec::new());
+    for number in 1..=STAGES {
+        let file = move |of: &Arguments| vec![format!("{}{number}", of.text("file"))];
+        let (before, stage, sink) = (name(number - 1), name(number), format!("sink{number}"));
+        group = group.member::<Stage>(&*stage, |_| Vec::new()).member::<Sink<true>>(&*sink, file);
+        group = group.wire((&before, "Out"), (&stage, "In")).wire((&stage, "Out"), (&sink, "In"));
+    }
+    group
+}
+
+fn name(stage: u32) -> String {
+    if stage == 0 { "head".to_owned() } else { format!("stage{stage}") }
 }
 
 /// Measures, and adds its lines.
@@ -138,8 +165,10 @@ pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()>
     std::fs::create_dir(&dir)?;
     let mut node = Node::start(&dir).await?;
     let file = |number: u32| dir.join(format!("sink{number}"));
-    let mut deployment = node.deploy(&spec(file))?;
-    while deployment.next().await?.is_some() {}
+    for spec in [spec(file), spec_of_group(&dir.join("group"))] {
+        let mut deployment = node.deploy(&spec)?;
+        while deployment.next().await?.is_some() {}
+    }
     node.end().await?;
     table.heading("caterpillar, 1 kHz, from the source to each sink", "missed", "most");
     for number in 1..=STAGES {
@@ -151,14 +180,35 @@ pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()>
         let verdict = if missed == 0 { "0 (reached: 0)".to_owned() } else { format!("{missed} (missed: 0)") };
         table.line(&format!("over {} wires", number + 1), &subject, [verdict, format!("{most:.1?}")]);
     }
+    table.heading("caterpillar, 1 kHz, one process", "missed", "a hop");
+    for number in 1..=STAGES {
+        let path = dir.join(format!("group{number}"));
+        let times = times_of(&std::fs::read(&path).with_context(|| format!("sink {number} of the group"))?);
+        let missed = VALUES.saturating_sub(u64::try_from(times.len())?);
+        let mut subject = Subject::default();
+        subject.push(Round::of(times).context("nothing came")?);
+        let verdict = if missed == 0 { "0 (reached: 0)".to_owned() } else { format!("{missed} (missed: 0)") };
+        let hop = subject.figures().p50.as_secs_f64() * 1e6 / f64::from(number + 1);
+        table.line(&format!("over {} wires", number + 1), &subject, [verdict, cell(hop, Some(HOP_MAX))]);
+    }
     Ok(())
+}
+
+fn spec_of_group(file: &Path) -> String {
+    format!(
+        "process main() {{
+            host {{ \"{HOST}\" }}
+            instantiated_processes {{ all instof Caterpillar(\"{HOST}\", {file:?}); }}
+            internal_event_actions {{ all }}
+        }}"
+    )
 }
 
 fn spec(file: impl Fn(u32) -> PathBuf) -> String {
     let (mut instances, mut wires) = (format!("head instof Head(\"{HOST}\");"), String::new());
     let mut all = vec!["head".to_owned()];
     for number in 1..=STAGES {
-        let before = if number == 1 { "head".to_owned() } else { format!("stage{}", number - 1) };
+        let before = name(number - 1);
         let path = file(number);
         instances +=
             &format!("stage{number} instof Stage(\"{HOST}\"); sink{number} instof Sink(\"{HOST}\", {path:?});");

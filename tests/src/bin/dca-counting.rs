@@ -3,8 +3,8 @@
 
 use comms::logic::time::Time;
 use controllers::sdk::{
-    About, Arguments, Controller, Every, In, Inputs, Kind, Message, Out, Outputs, Parameter, Progress, Registry,
-    Stopping, Tick, process,
+    About, Arguments, Controller, Every, In, InProcessGroup, Inputs, Kind, Message, Out, Outputs, Parameter, Progress,
+    Registry, Stopping, Tick, process,
 };
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
@@ -61,7 +61,7 @@ impl Controller for Source {
 struct SinkInputs {
     #[port("In")]
     first: Every<Numbers>,
-    #[port("Other")]
+    #[port("Other", optional)]
     second: Every<Numbers>,
 }
 
@@ -356,6 +356,30 @@ impl Controller for Eye {
     }
 }
 
+/// A source, eight that pass on, one behind the other, and a sink at each, all in one process.
+fn caterpillar() -> InProcessGroup {
+    const FILE: &[Parameter] = &[Parameter::new("file", Kind::Text(&[]))];
+    let nothing = |_: &Arguments| Vec::new();
+    let mut group = InProcessGroup::new("Caterpillar", "Counts through eight stages.").with(FILE);
+    group = group.member::<Source>("stage0", nothing);
+    for number in 1..=8 {
+        let file = move |of: &Arguments| vec![format!("{}{number}", of.text("file"))];
+        let (before, stage, sink) = (format!("stage{}", number - 1), format!("stage{number}"), format!("sink{number}"));
+        group = group.member::<Pass>(&*stage, |_| vec!["0".to_owned()]).member::<Sink>(&*sink, file);
+        group = group.wire((&before, "Out"), (&stage, "In")).wire((&stage, "Out"), (&sink, "In"));
+    }
+    group
+}
+
+/// Two that pass on, one behind the other, in one process.
+fn twice() -> InProcessGroup {
+    let pass = |_: &Arguments| vec!["0".to_owned()];
+    let group =
+        InProcessGroup::new("Twice", "Passes on twice.").member::<Pass>("first", pass).member::<Pass>("second", pass);
+    let group = group.wire(("first", "Out"), ("second", "In"));
+    group.expose(("first", "In"), "In").expose(("second", "Out"), "Out")
+}
+
 fn main() -> ExitCode {
     let mut registry = Registry::default();
     registry.add::<Source>();
@@ -366,5 +390,8 @@ fn main() -> ExitCode {
     registry.add::<Heart<LONG_PADDING>>();
     registry.add::<Ear>();
     registry.add::<Eye>();
+    for group in [caterpillar(), twice()] {
+        registry.add_group(group).expect("its wires fit");
+    }
     process::run(&registry)
 }

@@ -140,7 +140,7 @@ impl Cycle {
                 self.wait(Some(given_up.map_or(self.due, |at| at.min(self.due))));
                 continue;
             }
-            self.arm(time, triggered);
+            self.arm(time);
             self.work(time);
         }
     }
@@ -234,9 +234,8 @@ impl Cycle {
     /// Begins to stop; a second reason to end changes nothing.
     fn end(&mut self, ending: Ending) {
         if matches!(self.phase, Phase::Running) {
-            let time = now();
-            self.phase = Phase::Stopping { ending, until: time + self.stop_within };
-            self.due = time;
+            self.due = now();
+            self.phase = Phase::Stopping { ending, until: self.due + self.stop_within };
         }
     }
 
@@ -260,7 +259,7 @@ impl Cycle {
                     if triggered && matches!(self.phase, Phase::Running) {
                         // What came before the switch has its calculation before anything that comes after it.
                         let time = now();
-                        self.arm(time, true);
+                        self.arm(time);
                         self.work(time);
                         triggered = false;
                     }
@@ -315,11 +314,13 @@ impl Cycle {
         }
     }
 
-    /// Sets the next deadline: on the grid of the period, or one period after a trigger. Missed deadlines are counted.
-    fn arm(&mut self, time: Time, triggered: bool) {
+    /// Sets the next deadline: one period after a trigger, or on the grid, which a trigger inside a group leaves alone. Missed ones are counted.
+    fn arm(&mut self, time: Time) {
         let period = self.schedule.period;
-        if triggered || self.schedule.trigger.is_some() {
+        if self.schedule.trigger.is_some() {
             self.due = time + period;
+        }
+        if time < self.due {
             return;
         }
         self.due = self.due + period;

@@ -1,0 +1,361 @@
+//! In-process groups on virtual time: what a turn is, how they end, and what is refused.
+
+#![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
+
+use controllers::sdk::harness::{Disturbance, Ending, Harness, ModuleId};
+use controllers::sdk::{
+    About, Arguments, Configured, Controller, Every, GroupError, InProcessGroup, Inputs, Kind, Message, Module, Out,
+    Outcome, Outputs, Parameter, PortInterface, Progress, Registry, Signal, Stopping, Tick, Time,
+};
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+const PERIOD: Duration = Duration::from_millis(1);
+
+/// Its number, and when it was sent in ns.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Step(u64, u64);
+
+impl Message for Step {
+    const TYPE: &'static str = "Step";
+}
+
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Other(u64);
+
+impl Message for Other {
+    const TYPE: &'static str = "Other";
+}
+
+#[derive(Inputs)]
+struct Hears {
+    #[port("In")]
+    heard: Every<Step>,
+}
+
+#[derive(Inputs)]
+struct HearsAtWill {
+    #[port("In", optional)]
+    heard: Every<Step>,
+}
+
+#[derive(Inputs)]
+struct HearsOther {
+    #[port("In")]
+    _heard: Every<Other>,
+}
+
+#[derive(Outputs)]
+struct Says {
+    #[port("Out")]
+    said: Out<Step>,
+}
+
+/// Counts on the grid of its period; is done after so many, or aborts.
+struct Head {
+    number: u64,
+    done_at: u64,
+}
+
+impl Controller for Head {
+    type Inputs = ();
+    type Outputs = Says;
+    const TYPE: &'static str = "Head";
+
+    fn about() -> About {
+        const DONE: &[Parameter] = &[Parameter::new("done_at", Kind::Number(0.0, 1e9)).or("1000000")];
+        About::task("Counts.").every(PERIOD).with(DONE)
+    }
+
+    fn new(arguments: &Arguments) -> Result<Self, String> {
+        let done_at = arguments.number("done_at");
+        if done_at < 1.0 {
+            return Err("it would be done before it begins".to_owned());
+        }
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "it is small and positive")]
+        Ok(Self { number: 0, done_at: done_at as u64 })
+    }
+
+    fn init(&mut self, _: &[u8]) -> Result<(), String> {
+        self.number = 0;
+        Ok(())
+    }
+
+    fn main_calc(&mut self, tick: Tick, (): &(), outputs: &mut Says) -> Progress {
+        self.number += 1;
+        outputs.said.send(Step(self.number, tick.now.nanos()));
+        if self.number >= self.done_at { Progress::Done(b"end".to_vec()) } else { Progress::Continue }
+    }
+
+    fn signals(&self) -> Vec<Signal> {
+        #[expect(clippy::cast_precision_loss, reason = "it is small")]
+        let value = self.number as f64;
+        vec![Signal { name: "number".into(), unit: String::new(), value, headline: false }]
+    }
+}
+
+/// Passes on the last of what it gets.
+struct Stage;
+
+impl Controller for Stage {
+    type Inputs = Hears;
+    type Outputs = Says;
+    const TYPE: &'static str = "Stage";
+
+    fn about() -> About {
+        About::service("Passes on.").every(PERIOD * 1000).triggered_by("In")
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self)
+    }
+
+    fn main_calc(&mut self, _: Tick, inputs: &Hears, outputs: &mut Says) -> Progress {
+        inputs.heard.iter().last().into_iter().for_each(|step| outputs.said.send(step.clone()));
+        Progress::Continue
+    }
+}
+
+/// Shows how many it has got in order, how many not, and how old the oldest was; takes two turns to stop.
+#[derive(Default)]
+struct Sink {
+    next: u64,
+    missed: u64,
+    age_max: u64,
+    stops: u32,
+}
+
+impl Controller for Sink {
+    type Inputs = HearsAtWill;
+    type Outputs = ();
+    const TYPE: &'static str = "Sink";
+
+    fn about() -> About {
+        About::service("Keeps count.").every(PERIOD * 1000).triggered_by("In")
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self::default())
+    }
+
+    fn init(&mut self, _: &[u8]) -> Result<(), String> {
+        *self = Self { next: 1, ..Self::default() };
+        Ok(())
+    }
+
+    fn main_calc(&mut self, tick: Tick, inputs: &HearsAtWill, (): &mut ()) -> Progress {
+        for Step(number, sent) in inputs.heard.iter() {
+            self.missed += number - self.next;
+            self.next = number + 1;
+            self.age_max = self.age_max.max(tick.now.nanos() - sent);
+        }
+        Progress::Continue
+    }
+
+    fn stop(&mut self, _: Tick, _: &HearsAtWill, (): &mut ()) -> Stopping {
+        self.stops += 1;
+        if self.stops < 2 { Stopping::Again } else { Stopping::Finished }
+    }
+
+    fn signals(&self) -> Vec<Signal> {
+        #[expect(clippy::cast_precision_loss, reason = "they are small")]
+        let show = |name: &str, value: u64| {
+            let (name, unit) = (name.to_owned(), String::new());
+            Signal { name, unit, value: value as f64, headline: false }
+        };
+        vec![show("got", self.next - 1), show("missed", self.missed), show("age", self.age_max)]
+    }
+}
+
+/// Takes something else.
+struct Stranger;
+
+impl Controller for Stranger {
+    type Inputs = HearsOther;
+    type Outputs = ();
+    const TYPE: &'static str = "Stranger";
+
+    fn about() -> About {
+        const ENDS: &[Outcome] = &[Outcome { tag: "found", type_name: None }];
+        About::task("Is of another type.").ends_with(ENDS)
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self)
+    }
+
+    fn main_calc(&mut self, _: Tick, _: &HearsOther, (): &mut ()) -> Progress {
+        Progress::Continue
+    }
+}
+
+fn nothing(_: &Arguments) -> Vec<String> {
+    Vec::new()
+}
+
+/// A head, stages one behind the other, and a sink at each; added in this order, or the other way round.
+fn caterpillar(stages: usize, is_reversed: bool) -> InProcessGroup {
+    const DONE: &[Parameter] = &[Parameter::new("done_at", Kind::Number(0.0, 1e9)).or("1000000")];
+    let name = |stage: usize| if stage == 0 { "head".to_owned() } else { format!("stage{stage}") };
+    let mut group = InProcessGroup::new("Caterpillar", "Counts through stages.").with(DONE);
+    let add = |group: InProcessGroup, stage: usize| match stage {
+        0 => group.member::<Head>("head", |of| vec![of.number("done_at").to_string()]),
+        _ => group.member::<Stage>(name(stage), nothing).member::<Sink>(format!("sink{stage}"), nothing),
+    };
+    for at in 0..=stages {
+        group = add(group, if is_reversed { stages - at } else { at });
+    }
+    for stage in 1..=stages {
+        group = group.wire((&name(stage - 1), "Out"), (&name(stage), "In"));
+        group = group.wire((&name(stage), "Out"), (&format!("sink{stage}"), "In"));
+    }
+    group
+}
+
+fn create(group: InProcessGroup, arguments: &[&str]) -> Box<dyn Module> {
+    let mut registry = Registry::default();
+    registry.add_group(group).unwrap();
+    let type_name = registry.interfaces().next().unwrap().type_name;
+    registry.create(type_name, arguments).unwrap()
+}
+
+fn signal(harness: &Harness, module: ModuleId, name: &str) -> f64 {
+    harness.signals(module).into_iter().find(|signal| signal.name == name).unwrap().value
+}
+
+#[track_caller]
+fn same(one: f64, other: f64) {
+    assert!((one - other).abs() < 1e-9, "{one} is not {other}");
+}
+
+#[test]
+fn every_value_is_at_every_sink_in_the_turn_that_it_was_sent_in() {
+    let mut harness = Harness::new(Disturbance { transfer: Duration::ZERO, ..Disturbance::NONE });
+    let group = harness.add(create(caterpillar(8, false), &["2000"]));
+    harness.activate(group, b"");
+    let report = harness.run(Time::ZERO + PERIOD * 3000).unwrap();
+    // Nothing of the last turn is lost, and the sinks, which take two turns to stop, get them.
+    assert_eq!((report.ending, report.at), (Ending::Done(b"end".to_vec()), Time::ZERO + PERIOD * 2000));
+    for sink in 1..=8 {
+        for (of, value) in [("got", 2000.0), ("missed", 0.0), ("age", 0.0)] {
+            same(signal(&harness, group, &format!("sink{sink} {of}")), value);
+        }
+    }
+    same(signal(&harness, group, "head number"), 2000.0);
+}
+
+#[test]
+fn what_is_sent_to_a_member_before_is_there_in_the_next_turn() {
+    let mut harness = Harness::new(Disturbance { transfer: Duration::ZERO, ..Disturbance::NONE });
+    let group = harness.add(create(caterpillar(3, true), &[]));
+    harness.activate(group, b"");
+    assert_eq!(harness.run(Time::ZERO + PERIOD * 100), None);
+    for (sink, turns) in [(1, 1.0), (2, 2.0), (3, 3.0)] {
+        same(signal(&harness, group, &format!("sink{sink} missed")), 0.0);
+        same(signal(&harness, group, &format!("sink{sink} age")), turns * 1e6);
+    }
+}
+
+/// Values from outside trigger a member at once, and the grid of the others stays.
+#[test]
+fn a_trigger_from_outside_does_not_shift_the_period_of_others() {
+    let mut harness = Harness::new(Disturbance { transfer: Duration::ZERO, ..Disturbance::NONE });
+    let group = caterpillar(1, false)
+        .member::<Stage>("gate", nothing)
+        .member::<Sink>("after", nothing)
+        .wire(("gate", "Out"), ("after", "In"))
+        .expose(("gate", "In"), "In")
+        .expose(("gate", "Out"), "Out");
+    let group = harness.add(create(group, &[]));
+    let (mut registry, period) = (Registry::default(), Duration::from_micros(300));
+    let fast =
+        InProcessGroup::new("Fast", "Counts faster.").member::<Metronome>("one", nothing).expose(("one", "Out"), "Out");
+    registry.add_group(fast).unwrap().add::<Sink>();
+    let fast = harness.add(registry.create::<&str>("Fast", &[]).unwrap());
+    let sink = harness.add(registry.create::<&str>("Sink", &[]).unwrap());
+    for (from, to) in [(fast, group), (group, sink)] {
+        let wire = harness.connect((from, "Out"), (to, "In")).unwrap();
+        harness.open(wire);
+    }
+    [sink, group, fast].into_iter().for_each(|module| harness.activate(module, b""));
+    assert_eq!(harness.run(Time::ZERO + PERIOD * 600), None);
+    same(signal(&harness, group, "head number"), 601.0);
+    same(signal(&harness, group, "sink1 missed"), 0.0);
+    for (module, of) in [(group, "after "), (sink, "")] {
+        let got = (PERIOD * 600).as_nanos() / period.as_nanos() + 1;
+        same(signal(&harness, module, &format!("{of}got")), f64::from(u32::try_from(got).unwrap()));
+        same(signal(&harness, module, &format!("{of}age")), 0.0);
+    }
+}
+
+/// Counts every 0.3 ms.
+struct Metronome(Head);
+
+impl Controller for Metronome {
+    type Inputs = ();
+    type Outputs = Says;
+    const TYPE: &'static str = "Metronome";
+
+    fn about() -> About {
+        About::service("Counts.").every(Duration::from_micros(300))
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self(Head { number: 0, done_at: u64::MAX }))
+    }
+
+    fn main_calc(&mut self, tick: Tick, (): &(), outputs: &mut Says) -> Progress {
+        self.0.main_calc(tick, &(), outputs)
+    }
+}
+
+#[test]
+fn other_arguments_are_for_all_members_or_for_none() {
+    let mut group = create(caterpillar(1, false), &["5"]);
+    let parameters = group.interface().about.parameters;
+    let arguments = |text: &str| Arguments::parse(parameters, &[text]).unwrap();
+    let refused = group.configure(arguments("0"), true);
+    assert_eq!(refused, Err("`head`: it would be done before it begins".to_owned()));
+    assert_eq!(group.configure(arguments("2"), true), Ok(Configured::Later));
+    group.init(b"", Time::ZERO).unwrap();
+    assert_eq!(group.calculate(Time::ZERO), Progress::Continue);
+    assert_eq!(group.calculate(Time::ZERO + PERIOD), Progress::Done(b"end".to_vec()));
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    let one = || InProcessGroup::new("G", "One.").member::<Head>("a", nothing);
+    let two = || one().member::<Stage>("b", nothing);
+    let no_port = |direction, member: &str, port: &str| GroupError::NoPort {
+        group: "G",
+        direction,
+        member: member.into(),
+        port: port.into(),
+    };
+    let twice = |name: &str| GroupError::Twice { group: "G", name: name.into() };
+    let types = |from: &str, to: &str| GroupError::Types { group: "G", from: from.into(), to: to.into() };
+    let wired = || two().wire(("a", "Out"), ("b", "In"));
+    let table = [
+        (InProcessGroup::new("G", "Empty."), GroupError::Count { group: "G", count: 0 }),
+        (one().member::<Head>("a", nothing), twice("a")),
+        (two(), GroupError::Unconnected { group: "G", member: "b".into(), port: "In" }),
+        (two().wire(("c", "Out"), ("b", "In")), no_port("output", "c", "Out")),
+        (two().wire(("a", "Out"), ("b", "Out")), no_port("input", "b", "Out")),
+        (one().expose(("a", "In"), "In"), no_port("port", "a", "In")),
+        (wired().wire(("a", "Out"), ("b", "In")), twice("a.Out -> b.In")),
+        (wired().expose(("a", "Out"), "X").expose(("b", "Out"), "X"), twice("X")),
+        (one().member::<Stranger>("s", nothing).wire(("a", "Out"), ("s", "In")), types("a.Out", "s.In")),
+        (two().member::<Stranger>("s", nothing).expose(("b", "In"), "X").expose(("s", "In"), "X"), types("X", "s.In")),
+        (
+            one().member::<Stranger>("s", nothing).expose(("s", "In"), "X"),
+            GroupError::Outcomes { group: "G", member: "s".into() },
+        ),
+    ];
+    for (group, error) in table {
+        assert_eq!(Registry::default().add_group(group).map(|_| ()), Err(error));
+    }
+    let group = create(wired().expose(("b", "Out"), "Onward"), &[]);
+    let interface = group.interface();
+    let ports: Vec<&str> = interface.ports.iter().map(|port: &PortInterface| port.name).collect();
+    assert_eq!((ports, interface.about.service, interface.about.schedule.period), (vec!["Onward"], false, PERIOD));
+}
