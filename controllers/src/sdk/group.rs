@@ -219,15 +219,13 @@ impl InProcessGroup {
     ///
     /// # Errors
     /// Its members or wires do not fit.
-    pub(super) fn checked(
-        self,
-    ) -> Result<(Interface, impl Fn(&Arguments) -> Result<Box<dyn Module>, String> + Send + Sync), GroupError> {
+    pub(super) fn checked(self) -> Result<(Interface, Box<Make>), GroupError> {
         let layout = Arc::new(Layout::of(self)?);
         let interface = layout.interface.clone();
         let make = move |arguments: &Arguments| {
             let module = GroupModule::new(Arc::clone(&layout), arguments)?;
             Ok(Box::new(module) as Box<dyn Module>)
         };
-        Ok((interface, make))
+        Ok((interface, Box::new(make)))
     }
 }

@@ -87,7 +87,7 @@ impl Registry {
     /// Its members or wires do not fit.
     pub fn add_group(&mut self, group: InProcessGroup) -> Result<&mut Self, GroupError> {
         let (interface, create) = group.checked()?;
-        self.types.insert(interface.type_name, Entry { interface, create: Box::new(create) });
+        self.types.insert(interface.type_name, Entry { interface, create });
         Ok(self)
     }
 

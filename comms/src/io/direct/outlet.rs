@@ -216,7 +216,7 @@ impl Connection {
     fn value(&mut self, header: Header, parcel: &mut Parcel<'_>, memory: &Memory) -> Sent {
         match self.flush() {
             Sent::Whole => {}
-            other => return self.told(other, 0),
+            other @ (Sent::NoRoom | Sent::Gone) => return self.told(other, 0),
         }
         let size = parcel.size;
         if parcel.buffer.is_none() && size + direct::HEADER_SIZE <= INLINE_MAX {
@@ -279,7 +279,7 @@ impl Connection {
     fn word(&mut self, packet: Vec<u8>) -> Sent {
         let sent = match self.flush() {
             Sent::Whole => send(&self.stream, &[&packet], None),
-            other => other,
+            other @ (Sent::NoRoom | Sent::Gone) => other,
         };
         if sent == Sent::NoRoom {
             if self.words.len() >= WORDS_MAX {
@@ -295,7 +295,7 @@ impl Connection {
         while let Some(packet) = self.words.front() {
             match send(&self.stream, &[packet], None) {
                 Sent::Whole => drop(self.words.pop_front()),
-                other => return other,
+                other @ (Sent::NoRoom | Sent::Gone) => return other,
             }
         }
         Sent::Whole

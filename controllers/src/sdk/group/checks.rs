@@ -198,7 +198,8 @@ impl<'a> Joints<'a> {
         let exposed = |at, port| self.inputs.values().flatten().any(|to| *to == (at, port));
         for (at, member) in self.members.iter().enumerate() {
             let needed = member.interface.ports.iter().filter(|port| port.direction == Direction::In && port.required);
-            for port in needed.map(|port| port.name).filter(|port| !wired(at, port) && !exposed(at, port)) {
+            let mut needed = needed.map(|port| port.name);
+            if let Some(port) = needed.find(|port| !wired(at, port) && !exposed(at, port)) {
                 return Err(GroupError::Unconnected { group: self.group, member: member.name.clone(), port });
             }
         }
