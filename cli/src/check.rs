@@ -5,6 +5,7 @@ mod sarif;
 
 use crate::follow::Spec;
 use crate::io::{named_file, whole_file};
+use crate::logic::externals;
 use crate::{Controllers, output};
 use anyhow::{Context, anyhow};
 use language::plan::Plan;
@@ -32,6 +33,9 @@ pub struct Arguments {
     /// The form of the diagnostics: text goes to standard error, the others to standard output
     #[arg(long, value_enum, default_value_t = Format::Text)]
     format: Format,
+    /// The spec of another deployment whose processes the spec uses (`runs_in`): are they there, and what do they export?
+    #[arg(long, value_name = "SPEC")]
+    with: Vec<PathBuf>,
     #[command(flatten)]
     controllers: Controllers,
 }
@@ -84,11 +88,28 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let checked = Checked::read(&arguments.file, &arguments.controllers, arguments.deny.is_some())?;
     console::say(&print(&checked));
-    if checked.plan.is_some() { Ok(()) } else { Err(Failure::Reported) }
+    let Some(plan) = checked.plan else { return Err(Failure::Reported) };
+    compare(&as_spec(&arguments.file, (checked.spec, checked.interfaces), plan), arguments)
+}
+
+/// Compares what the spec uses of other deployments with their specs.
+fn compare(spec: &Spec, arguments: &Arguments) -> Result<(), Failure> {
+    let mut problems = Vec::new();
+    for file in &arguments.with {
+        let other = load(file, &arguments.controllers, arguments.deny.is_some())?;
+        let uses = |plan: &Plan| plan.leaves.iter().filter_map(|leaf| leaf.external.clone()).collect::<Vec<_>>();
+        if !uses(&spec.plan).iter().any(|external| external.deployment == other.plan.name) {
+            problems.push(format!("nothing of `{}` is used: no process has `runs_in {0}`", other.plan.name));
+        }
+        problems.extend(externals::against((&spec.plan, &spec.modules), (&other.plan, &other.modules)));
+    }
+    if problems.is_empty() { Ok(()) } else { Err(anyhow!(problems.join("\n")).into()) }
 }
 
 fn check(arguments: &Arguments) -> Result<(), Failure> {
-    let plan = load(&arguments.file, &arguments.controllers, arguments.deny.is_some())?.plan;
+    let spec = load(&arguments.file, &arguments.controllers, arguments.deny.is_some())?;
+    compare(&spec, arguments)?;
+    let plan = spec.plan;
     let (groups, programs) = (counted(plan.groups.len(), "group"), counted(plan.leaves.len(), "program"));
     let is_input = is_standard_input(&arguments.file);
     let file = if is_input { "<stdin>".into() } else { arguments.file.display().to_string() };
@@ -112,9 +133,13 @@ pub(crate) fn load(file: &Path, controllers: &Controllers, deny_lenient_names: b
         console::note(&format!("{}: {at_least}{errors}, {warnings}", spec.name));
     }
     let plan = plan.ok_or(Failure::Reported)?;
+    Ok(as_spec(file, (spec, interfaces), plan))
+}
+
+fn as_spec(file: &Path, (spec, interfaces): (Source, Vec<Source>), plan: Plan) -> Spec {
     let text = spec.text.clone();
     let modules = std::iter::once(spec).chain(interfaces).collect();
-    Ok(Spec { file: file.to_owned(), text, plan, modules })
+    Spec { file: file.to_owned(), text, plan, modules }
 }
 
 /// Rewrites the file if there is something to fix.

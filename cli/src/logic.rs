@@ -2,6 +2,7 @@
 
 pub mod checkup;
 pub(crate) mod clock;
+pub(crate) mod externals;
 pub mod mission;
 pub mod names;
 pub(crate) mod object;

@@ -1,5 +1,7 @@
 //! The controllers of all examples in one program; the folder of each example has its spec, its page and its source.
 
+#[path = "../hardware/hardware.rs"]
+mod hardware;
 #[path = "../levels/levels.rs"]
 mod levels;
 #[path = "../machines/machines.rs"]
@@ -24,6 +26,7 @@ fn headline(name: &str, unit: &str, value: f64) -> Signal {
 
 fn main() -> std::process::ExitCode {
     let mut registry = Registry::default();
+    hardware::add(&mut registry);
     levels::add(&mut registry);
     machines::add(&mut registry);
     mujoco::add(&mut registry);

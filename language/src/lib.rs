@@ -114,6 +114,14 @@ pub fn port_types(
     check::port_types(interfaces)
 }
 
+/// Returns the procedures and states of each module, each with what it is called with and what it answers, `proc Drive(Speed) -> Place`:
+/// by module, then by name.
+pub fn exports(
+    interfaces: &[Source],
+) -> std::collections::BTreeMap<String, std::collections::BTreeMap<String, String>> {
+    check::exports(interfaces)
+}
+
 /// Compiles a spec for a verifier: besides what [`compile`] returns, where everything stands in the text, and what the spec
 /// wants to be proved. The sites are absent exactly when the plan is.
 pub fn compile_with_sites(spec: &Source, interfaces: &[Source], options: &Options) -> (Compiled, Option<sites::Sites>) {

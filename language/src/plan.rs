@@ -9,6 +9,7 @@
 mod component;
 mod difference;
 mod exec;
+mod external;
 mod nested;
 mod on_boot;
 mod parameter;
@@ -22,6 +23,7 @@ use std::time::Duration;
 pub use component::Failing;
 pub use difference::{Difference, PlanChange, difference, difference_with};
 pub use exec::{ExecError, words};
+pub use external::External;
 pub use on_boot::OnBoot;
 pub use parameter::{Accepts, Parameter};
 pub use policy::{
@@ -167,6 +169,8 @@ pub struct Leaf {
     pub policy: Policy,
     /// The keys of the database that its ports are connected with.
     pub keys: Vec<KeyBinding>,
+    /// The process of another deployment that it stands for; then no program is started for it.
+    pub external: Option<External>,
 }
 
 /// A port that is connected with keys of the database for as long as its process runs.

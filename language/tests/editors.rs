@@ -50,6 +50,7 @@ const WORDS: &[&str] = &[
     "backoff",
     "on_boot",
     "resume",
+    "runs_in",
     "restart",
     "temporary",
     "transient",

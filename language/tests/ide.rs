@@ -92,7 +92,7 @@ fn completion_knows_supervision() {
     completes("process P() { supervision { strategy $0 } }", "one_for_one one_for_all rest_for_one");
 }
 
-const POLICIES: &str = "restart backoff replace watchdog ready on_agent_loss on_link_loss memory cpu cores pids files file_size nice realtime";
+const POLICIES: &str = "runs_in restart backoff replace watchdog ready on_agent_loss on_link_loss memory cpu cores pids files file_size nice realtime";
 const ALL_UNITS: &str = "s ms us ns min h s2 m cm mm um km rad deg Hz kHz N kN Nm kg g A mA V mV W B kB MB";
 const VALUE_TYPES: &str = "Host Text Number Truth Secret Time Length Angle Speed AngularSpeed Acceleration Frequency Mass Force Torque Stiffness Power Current Voltage Size";
 

@@ -18,6 +18,8 @@ mod detours;
 mod devices;
 #[path = "agents/estop.rs"]
 mod estop;
+#[path = "agents/externals.rs"]
+mod externals;
 #[path = "agents/golden.rs"]
 mod golden;
 #[path = "agents/large.rs"]

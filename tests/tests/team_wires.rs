@@ -311,3 +311,30 @@ fn programs_that_are_started_again_go_on_with_new_keys() {
     assert_eq!(team.ask(&["stop", "beats"]), 0);
     drop(deployed.ended(SOON));
 }
+
+/// A mission calls what another deployment runs, from two hosts: both ends seal for each other, whichever mission it is, and nobody is refused.
+#[test]
+fn calls_of_another_deployment_are_sealed_too() {
+    let program = executable("dca-examples").display().to_string();
+    let Some(team) = Team::new(&["--controllers", &program]) else { return };
+    let folder = format!("{}/../examples/hardware", env!("CARGO_MANIFEST_DIR"));
+    let file = |name: &str, pilot: &str| {
+        let text =
+            fs::read_to_string(format!("{folder}/{}.dca", if pilot.is_empty() { "hardware" } else { "mission" }));
+        let text = text.expect("the example is there").replace("Base(c1", "Base(c3");
+        team.cluster.file(&format!("{name}.dca"), &text.replace("Pilot(c1", &format!("Pilot({pilot}")))
+    };
+    let deploy = |file: &str| {
+        let deploy = ["deploy", "--no-record", "--controllers", program.as_str(), file];
+        team.host(1).dca(&team.with(&deploy))
+    };
+    let hardware = deploy(&file("hardware", ""));
+    hardware.wait_for(Stream::Err, "▸", SOON);
+    for (name, pilot) in [("near", "c3"), ("far", "c2"), ("again", "c2")] {
+        let ended = deploy(&file(name, pilot)).ended(2 * SOON);
+        assert_eq!(ended.code, Some(0), "{name}: {ended}");
+    }
+    assert_eq!((team.refusals(2), team.refusals(3)), (vec![], vec![]));
+    assert_eq!(team.ask(&["stop", "hardware"]), 0);
+    drop(hardware.ended(SOON));
+}

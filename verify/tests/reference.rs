@@ -35,6 +35,7 @@ fn plan(expr: &Expr, services: &[bool]) -> Plan {
         outcomes: Vec::new(),
         policy: Policy::default(),
         keys: Vec::new(),
+        external: None,
     };
     let member = |(index, &service): (usize, &bool)| Member {
         name: format!("p{index}"),

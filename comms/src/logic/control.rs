@@ -22,7 +22,7 @@ use std::time::Duration;
 
 /// Version of this protocol: one more with every order, notice or field that is appended, and with every kind of locator. Node and program must be of the
 /// same one. Of any other they understand no more than [`Notice::Hello`] and [`Notice::Resume`] say at their beginning, so that each can be told.
-pub const VERSION: u16 = 11;
+pub const VERSION: u16 = 12;
 
 /// Where a program's data session can be dialled.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -115,6 +115,10 @@ pub struct CallRoute {
     pub path: String,
     /// The procedure or state there.
     pub name: String,
+    /// The deployment of that program.
+    pub deployment: String,
+    /// The number under which both ends make the seals of the wire, in a team.
+    pub seal: u32,
 }
 
 /// A port that is connected with keys of the database.

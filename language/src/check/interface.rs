@@ -3,7 +3,7 @@
 use super::declare::{ItemCollector, Templates, Tree};
 use super::diagnostics::Diagnostics;
 use super::range::Values;
-use super::spec::{Direction, Kind, Module, Param, Port, Shape, Spec, Value, ValueKind};
+use super::spec::{CallRole, Direction, Kind, Module, Param, Port, Shape, Spec, Value, ValueKind};
 use super::types;
 use crate::message::{Layout, Message};
 use crate::plan::{Accepts, Constant, Parameter};
@@ -46,6 +46,27 @@ pub(crate) fn port_types(interfaces: &[Source]) -> BTreeMap<String, BTreeMap<Str
         (module.name.text, module.ports.into_iter().filter_map(typed).collect())
     };
     read(interfaces).modules.into_iter().map(of_module).collect()
+}
+
+/// The procedures and states of each module, with their signatures.
+pub(crate) fn exports(interfaces: &[Source]) -> BTreeMap<String, BTreeMap<String, String>> {
+    let of_module = |module: Module| (module.name.text, module.ports.into_iter().filter_map(signature).collect());
+    read(interfaces).modules.into_iter().map(of_module).collect()
+}
+
+fn signature(port: Port) -> Option<(String, String)> {
+    let (name, call) = (port.name.text, port.call?);
+    let answer = port.kind.map(|kind| kind.text).unwrap_or_default();
+    let text = match call.role {
+        CallRole::Procedure => {
+            let argument = call.argument.map(|kind| kind.text).unwrap_or_default();
+            let answer = if answer.is_empty() { answer } else { format!(" -> {answer}") };
+            format!("proc {name}({argument}){answer}")
+        }
+        CallRole::State => format!("state {name}: {answer}"),
+        CallRole::Caller => return None,
+    };
+    Some((name, text))
 }
 
 fn layout(spec: &Spec, kind: &Kind) -> Option<Layout> {

@@ -3,6 +3,7 @@
 mod data;
 pub(crate) mod exclusivity;
 mod expression;
+mod external;
 mod on_boot;
 mod overlap;
 mod places;
@@ -54,6 +55,7 @@ pub(super) fn lower(
     check_inputs(spec, &tree, &wires.all, diagnostics);
     exclusivity::check(spec, &tree, diagnostics);
     overlap::check(spec, &tree, &wires.all, diagnostics);
+    external::check(spec, &tree, (name, &wires.all), diagnostics);
     let claims = tree.claims(spec);
     let tree::Tree { hosts, groups, leaves, process_of, .. } = tree;
     let on_boot = spec.processes[root].on_boot.map(|(on_boot, _)| on_boot).unwrap_or_default();
@@ -121,7 +123,11 @@ fn unused<'s>(
     let mut unused: BTreeMap<usize, BTreeSet<(usize, &str)>> = BTreeMap::new();
     for (leaf, &(group, slot)) in (0_u32..).zip(&tree.place_of) {
         let process = tree.process_of[group];
-        let Target::Module(module) = spec.processes[process].instances[slot].target else { continue };
+        let instance = &spec.processes[process].instances[slot];
+        let Target::Module(module) = instance.target else { continue };
+        if instance.policies.runs_in.is_some() {
+            continue;
+        }
         let ports = spec.modules[module].ports.iter().filter(|port| is_meant(port) && !port.is_optional);
         for port in ports.filter(|port| !wired.contains(&(leaf, port.name.text.clone()))) {
             unused.entry(process).or_default().insert((slot, &port.name.text));

@@ -127,6 +127,19 @@ pub(crate) struct Policies {
     pub(crate) overlap: Option<Span>,
     /// The statement that says how long it stays away.
     pub(crate) backoff: Option<Span>,
+    /// The deployment that it belongs to, where that is another one.
+    pub(crate) runs_in: Option<RunsIn>,
+}
+
+/// The deployment that an instance belongs to.
+#[derive(Clone, Debug)]
+pub(crate) struct RunsIn {
+    pub(crate) deployment: String,
+    /// The absolute path of the process there; without it, that of the same name in `main`.
+    pub(crate) path: Option<String>,
+    pub(crate) span: Span,
+    /// Whether it has other policies, too.
+    pub(crate) is_alone: bool,
 }
 
 /// An instance in a group.

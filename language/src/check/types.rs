@@ -187,6 +187,8 @@ impl<'a> Call<'a> {
         let (params, args) = match instance.target {
             Target::Process(target) if spec.processes[target].damage.header => return None,
             Target::Process(target) => (spec.processes[target].params.as_slice(), instance.args.as_slice()),
+            // Its arguments are those of the deployment that starts it.
+            Target::Module(_) if instance.policies.runs_in.is_some() => return None,
             Target::Module(target) => (spec.modules[target].params.as_deref()?, without_host(&instance.args)),
             Target::Unknown => return None,
         };
@@ -271,7 +273,8 @@ fn check_actions(process: &Process, diagnostics: &mut Diagnostics) {
     if process.damage.names {
         return;
     }
-    let idle = process.instances.iter().filter(|instance| !instance.is_run);
+    // What another deployment runs is called, whether this one watches it or not.
+    let idle = process.instances.iter().filter(|instance| !instance.is_run && instance.policies.runs_in.is_none());
     for instance in idle {
         let message = format!("`{}` is never run", instance.name.text);
         diagnostics.push(Diagnostic::new(Code::W0120, instance.name.span, message));

@@ -144,6 +144,7 @@ words! {
     Rule "strategy" "strategy ${1:one_for_all};" "Who is started again with a program that has died: `one_for_one` (nobody), `one_for_all` (all of the group) or `rest_for_one` (all that are declared after it)."
     Rule "restarts" "restarts ${1:3} within ${2:10 s};" "How many restarts the group bears within this time; at the next one it aborts."
     Rule "backoff" "backoff ${1:100 ms} to ${2:30 s};" "How long its programs stay away that have died again and again: the first pause, which doubles, and the longest."
+    Policy "runs_in" "runs_in ${1:hardware};" "The deployment that runs it, where that is another one: it is used here, and not started."
     Policy "restart" "restart ${1:transient};" "When it is started again: `temporary` (never), `transient` (after a failure) or `permanent`."
     Policy "backoff" "backoff ${1:100 ms} to ${2:30 s};" "How long it stays away when it has died again and again: the first pause, which doubles, and the longest. The first time it is started again at once."
     Policy "replace" "replace ${1:overlap};" "How another program takes its place while it runs: `overlap`, beside it and without a lost value, or `break_before_make`."

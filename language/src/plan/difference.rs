@@ -145,6 +145,7 @@ pub fn difference_with(running: &Plan, wanted: &Plan, again: &BTreeSet<u32>) -> 
             continue;
         };
         obstacles.extend(moved(&before.path, host(running, before.host), host(wanted, after.host)));
+        obstacles.extend(elsewhere(before, after, numbers.added.contains(number)));
         if numbers.added.contains(number) {
             continue;
         }
@@ -178,6 +179,18 @@ pub fn difference_with(running: &Plan, wanted: &Plan, again: &BTreeSet<u32>) -> 
     changes.extend(wires.changes);
     overlap::forget_same_wires(&mut changes, running, &plan, &numbers);
     Ok(Difference { plan, changes })
+}
+
+/// Returns why a process cannot become one of another deployment, or be one no more: its node looks for it while everything is prepared.
+fn elsewhere(before: &Leaf, after: &Leaf, is_added: bool) -> Option<String> {
+    let (before, after, path) = (&before.external, &after.external, &before.path);
+    if !is_added && before == after || is_added && after.is_none() {
+        return None;
+    }
+    let name = after.as_ref().or(before.as_ref())?;
+    Some(format!(
+        "`{path}` stands for {name}: what another deployment runs is looked for while this one is prepared, and not later"
+    ))
 }
 
 /// Gives a group the sets, the event actions and the supervision that are wanted.

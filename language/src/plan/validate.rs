@@ -1,6 +1,6 @@
 //! Checks the invariants of a plan. Plans also arrive over a network.
 
-use super::{Arm, DEPTH_MAX, Expression, Group, KEYS_MAX, LEAVES_MAX, MemberKind, Plan, RESTARTS_MAX};
+use super::{Arm, DEPTH_MAX, Expression, Group, KEYS_MAX, LEAVES_MAX, MemberKind, Plan, RESTARTS_MAX, Transfer};
 use crate::algebra::TAG_MAX;
 use std::collections::BTreeSet;
 
@@ -73,6 +73,18 @@ pub enum PlanError {
         /// Path of the leaf.
         path: String,
     },
+    /// A process of another deployment that is one of this, or none.
+    #[error("`{path}` stands for no process of another deployment")]
+    External {
+        /// Path of the leaf.
+        path: String,
+    },
+    /// A wire that a process of another deployment cannot have.
+    #[error("only calls reach a process of another deployment: `{wire}`")]
+    ExternalData {
+        /// The ends of the wire.
+        wire: String,
+    },
     /// An operator without operands, or a count that its operands cannot reach.
     #[error("the event actions of `{group}` have an operator with a wrong number of operands")]
     Operands {
@@ -100,6 +112,13 @@ impl Plan {
             if leaf.policy.backoff.is_some_and(|backoff| !backoff.is_valid()) {
                 return Err(PlanError::Backoff { path: leaf.path.clone() });
             }
+            if leaf
+                .external
+                .as_ref()
+                .is_some_and(|external| external.deployment == self.name || external.path.is_empty())
+            {
+                return Err(PlanError::External { path: leaf.path.clone() });
+            }
             if leaf.keys.len() > KEYS_MAX {
                 return Err(PlanError::TooLarge {
                     what: "keys of one process",
@@ -111,6 +130,10 @@ impl Plan {
         for wire in &self.wires {
             for end in [&wire.from, &wire.to] {
                 in_range(end.leaf, self.leaves.len(), "leaf", &format!("wire at port {}", end.port))?;
+            }
+            let is_called = wire.transfer == Transfer::Call && self.external(wire.from.leaf).is_none();
+            if !is_called && [&wire.from, &wire.to].iter().any(|end| self.external(end.leaf).is_some()) {
+                return Err(PlanError::ExternalData { wire: self.ends(wire) });
             }
         }
         for claim in &self.claims {

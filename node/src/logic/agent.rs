@@ -5,6 +5,7 @@ mod calls;
 mod crash_loop;
 mod delivery;
 mod estop;
+mod external;
 mod input;
 mod namesakes;
 mod orders;
@@ -183,15 +184,22 @@ impl Agent {
         self.tick(&mut out);
         // Messages to this node may cause more of them; each is handled after the one that caused it.
         let mut messages = VecDeque::from(std::mem::take(&mut more));
-        while let Some((to, message)) = messages.pop_front() {
-            let mut out = Out { now, effects, messages: &mut more };
-            if to == self.identity.host {
-                self.deliver_own(message, &mut out);
-            } else {
-                self.note_outcome(&to, &message, out.effects);
-                self.transmit(&to, message, &mut out);
+        loop {
+            while let Some((to, message)) = messages.pop_front() {
+                let mut out = Out { now, effects, messages: &mut more };
+                if to == self.identity.host {
+                    self.deliver_own(message, &mut out);
+                } else {
+                    self.note_outcome(&to, &message, out.effects);
+                    self.transmit(&to, message, &mut out);
+                }
+                messages.extend(more.drain(..));
             }
+            self.look_at_externals(&mut Out { now, effects, messages: &mut more });
             messages.extend(more.drain(..));
+            if messages.is_empty() {
+                break;
+            }
         }
         self.tidy_up(now, effects);
     }

@@ -6,27 +6,31 @@
 
 mod change;
 mod coming;
+mod external;
 mod leaving;
 mod links;
 mod loss;
 mod report;
+mod starting;
 mod status;
 mod succession;
 mod switching;
 mod unended;
 
 use crate::logic::claims::Claims;
-use crate::logic::effect::{Out, ProcessId, earliest};
+use crate::logic::effect::{Out, earliest};
 use crate::logic::executer::{ExecContext, Executer, below_using, group_host, leaf_host};
 use crate::logic::instance::{Instance, InstanceContext, Note};
-use crate::logic::programs::{self, Programs};
+use crate::logic::programs::Programs;
 use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, LeafFacts, Target, ToParticipant};
 use crate::logic::timed::TimedMap;
 use crate::logic::wiring::Registrations;
 use change::Changing;
 use coming::supervisors;
-use comms::logic::control::Notice;
+use comms::logic::control::{Notice, Partner};
 use comms::logic::time::Time;
+use external::ExternalProcess;
+pub use external::{Seen, Wanted};
 use language::plan::Plan;
 use links::Switching;
 use loss::Loss;
@@ -81,15 +85,19 @@ pub struct Participant {
     succeeding: BTreeMap<u32, Succeeding>,
     /// Whether its host was lost or has left, and its programs are not all up again.
     rejoining: bool,
+    /// Processes of other deployments that it uses on this host, by the leaves that stand for them.
+    externals: BTreeMap<u32, ExternalProcess>,
+    /// Programs of other deployments that call programs of this one, by who is called, in a team.
+    clients: BTreeMap<u32, Vec<Partner>>,
 }
 
 impl Participant {
-    /// Starts every program of `host`, idle; answers with `Prepared` or `Refused` when all have reported.
+    /// Starts every program of `host`, idle. `seen` is what runs here of the processes of other deployments that it uses. Answers with `Prepared` or `Refused` when all have reported.
     pub fn prepare(
         deployment: Deployment,
         plan: Arc<Plan>,
         (host, machine): (&str, &str),
-        programs: &Programs,
+        (programs, seen): (&Programs, BTreeMap<u32, Result<Seen, String>>),
         out: &mut Out<'_>,
     ) -> Self {
         let home = plan.home().unwrap_or(host).to_owned();
@@ -106,6 +114,8 @@ impl Participant {
             change: None,
             succeeding: BTreeMap::new(),
             rejoining: false,
+            externals: BTreeMap::new(),
+            clients: BTreeMap::new(),
             deployment,
             plan,
             home,
@@ -126,6 +136,7 @@ impl Participant {
             ticket: 0,
             loss: Loss::default(),
         };
+        participant.find_externals(seen);
         participant.start_programs(host, programs, out);
         participant.report_prepared(out);
         participant
@@ -271,32 +282,6 @@ impl Participant {
         [self.instances.deadline(), self.executers.deadline()].into_iter().fold(self.loss_deadline(), earliest)
     }
 
-    fn start_programs(&mut self, host: &str, offered: &Programs, out: &mut Out<'_>) {
-        let live = self.plan.live_leaves();
-        let mine = |(number, _): &(u32, _)| live.contains(number) && leaf_host(&self.plan, *number) == Some(host);
-        let plan = Arc::clone(&self.plan);
-        let mut orders = Vec::new();
-        for (number, leaf) in (0_u32..).zip(&plan.leaves).filter(mine) {
-            match offered.command(leaf) {
-                Ok(command) => {
-                    let process = ProcessId { deployment: self.deployment.clone(), leaf: number };
-                    orders.push((number, programs::order(process, command, (&plan, leaf)), leaf.stop_within));
-                }
-                Err(why) => self.reasons.push(format!("host `{host}`: {why}")),
-            }
-        }
-        self.reasons.dedup();
-        if !self.reasons.is_empty() {
-            return;
-        }
-        for (number, order, stop_within) in orders {
-            let (mut notes, since_go) = (Vec::new(), Duration::ZERO);
-            let mut context = InstanceContext { now: out.now, since_go, effects: out.effects, notes: &mut notes };
-            self.waiting.insert(number);
-            self.instances.insert(number, Instance::spawn(order, stop_within, &mut context));
-        }
-    }
-
     fn go(&mut self, now: Time) {
         if self.phase == Phase::Connecting {
             self.phase = Phase::Running;
@@ -306,6 +291,7 @@ impl Participant {
 
     fn activate(&mut self, target: Target, activation: u32, value: Vec<u8>, out: &mut Out<'_>) {
         match target {
+            Target::Leaf(leaf) if self.externals.contains_key(&leaf) => self.attach(leaf, activation, out),
             Target::Leaf(leaf) if self.refuse_held(leaf, activation, out) => {}
             Target::Leaf(leaf) => {
                 self.with_instance(leaf, out, |instance, context| instance.activate(activation, value, context));
@@ -328,6 +314,7 @@ impl Participant {
 
     fn stop(&mut self, target: Target, activation: u32, out: &mut Out<'_>) {
         match target {
+            Target::Leaf(leaf) if self.externals.contains_key(&leaf) => self.detach(leaf, activation, out),
             Target::Leaf(leaf) => self.with_instance(leaf, out, |instance, context| instance.stop(activation, context)),
             Target::Group(group) => {
                 self.happened(target, Change::Stopping, out);

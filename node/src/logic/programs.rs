@@ -14,6 +14,8 @@ pub struct Programs {
     parameters: BTreeMap<String, Vec<Parameter>>,
     /// The types of their ports, by port.
     ports: BTreeMap<String, BTreeMap<String, String>>,
+    /// What the types export: procedures and states, with their signatures.
+    exports: BTreeMap<String, BTreeMap<String, String>>,
 }
 
 impl Programs {
@@ -27,6 +29,11 @@ impl Programs {
     /// Notes that `executable` offers the types whose interfaces these are.
     pub fn declare(&mut self, executable: &str, interface: String) {
         let interface = [Source::new(executable, interface)];
+        for (name, exports) in language::exports(&interface) {
+            if !self.types.contains_key(&name) {
+                self.exports.insert(name, exports);
+            }
+        }
         for (name, ports) in language::port_types(&interface) {
             if !self.types.contains_key(&name) {
                 self.ports.insert(name, ports);
@@ -48,6 +55,11 @@ impl Programs {
     /// Returns the type of a port of a controller type, as far as its program says it.
     pub fn port_type(&self, module: &str, port: &str) -> Option<&str> {
         self.ports.get(module)?.get(port).map(String::as_str)
+    }
+
+    /// Returns the procedures and states of a controller type; none if no program here says what they are.
+    pub fn exports(&self, module: &str) -> Option<&BTreeMap<String, String>> {
+        self.exports.get(module)
     }
 
     /// Returns the executable and its arguments for a leaf: `EXECUTABLE TYPE [NAME=]VALUE...`, or the leaf's own `exec`

@@ -67,6 +67,7 @@ pub fn links(
 /// Sentences for a person: a program without a data session, or out of reach.
 pub fn calls(
     plan: &Plan,
+    deployment: &Deployment,
     registrations: &Registrations,
     (leaf, live): (u32, &BTreeSet<u32>),
 ) -> Result<Option<Order>, Vec<String>> {
@@ -76,8 +77,11 @@ pub fn calls(
     for (wire, Wire { from, to, .. }) in wires {
         match dial(plan, registrations, leaf, to.leaf) {
             Ok(server) => {
-                let (call, path, name) = (from.port.clone(), path(plan, to.leaf).to_owned(), to.port.clone());
-                calls.push(CallRoute { wire, call, server, path, name });
+                let (external, seal) = (plan.external(to.leaf), seal(plan, deployment, wire));
+                let path = external.map_or_else(|| path(plan, to.leaf), |external| &external.path).to_owned();
+                let of = external.map_or(&deployment.name, |external| &external.deployment).clone();
+                let (call, name) = (from.port.clone(), to.port.clone());
+                calls.push(CallRoute { wire, call, server, path, name, deployment: of, seal });
             }
             Err(why) => problems.push(why),
         }
@@ -102,8 +106,25 @@ pub fn shapes(plan: &Plan, leaf: u32) -> Option<Order> {
     (!wires.is_empty()).then_some(Order::Shape { wires })
 }
 
-/// Returns the order that tells `leaf` which programs are at the other ends of its wires, by their keys; none if it has no keys.
-pub fn partners(plan: &Plan, registrations: &Registrations, leaf: u32) -> Option<Order> {
+/// Returns the number under which both ends of a wire make its seals. A program that serves other deployments has wires of its own:
+/// those of a call from outside get a number of the upper half, by the deployment that calls.
+fn seal(plan: &Plan, Deployment { name, epoch }: &Deployment, wire: u32) -> u32 {
+    if plan.wires.get(wire as usize).is_none_or(|wire| plan.external(wire.to.leaf).is_none()) {
+        return wire;
+    }
+    // FNV-1a. Two numbers that are the same only mean that one of the two calls is refused.
+    let bytes = name.bytes().chain(epoch.to_le_bytes()).chain(wire.to_le_bytes());
+    let hash = bytes.fold(0x811c_9dc5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
+    (1 << 31) | (hash & (u32::MAX >> 2))
+}
+
+/// Returns which programs are at the other ends of the wires of `leaf`, by their keys; none if it has no keys.
+pub fn partners(
+    plan: &Plan,
+    deployment: &Deployment,
+    registrations: &Registrations,
+    leaf: u32,
+) -> Option<Vec<Partner>> {
     let location = |leaf: u32| registrations.facts.get(&leaf)?.location.as_ref();
     location(leaf).filter(|own| !own.keys.is_empty())?;
     let mut shared: BTreeMap<u32, (Vec<u32>, Vec<String>)> = BTreeMap::new();
@@ -113,7 +134,7 @@ pub fn partners(plan: &Plan, registrations: &Registrations, leaf: u32) -> Option
             (false, true) => wire.from.leaf,
             (false, false) => continue,
         };
-        shared.entry(other).or_default().0.push(number);
+        shared.entry(other).or_default().0.push(seal(plan, deployment, number));
     }
     for (other, device) in sharing(registrations, leaf) {
         shared.entry(other).or_default().1.push(device.clone());
@@ -123,7 +144,7 @@ pub fn partners(plan: &Plan, registrations: &Registrations, leaf: u32) -> Option
         let is_near = machine(plan, registrations, leaf) == machine(plan, registrations, other);
         Some(Partner { session: at.session.clone(), keys: at.keys.clone(), is_near, wires, devices })
     };
-    Some(Order::Partners { partners: shared.into_iter().filter_map(partner).collect() })
+    Some(shared.into_iter().filter_map(partner).collect())
 }
 
 /// Returns the devices that `leaf` owns and others need, or needs and others own, each with who that is.
@@ -308,11 +329,13 @@ process main() {
             wires: wires.to_vec(),
             devices: vec![],
         };
-        let order = |partners: &[Partner]| Some(Order::Partners { partners: partners.to_vec() });
+        let order = |partners: &[Partner]| Some(partners.to_vec());
+        let deployment = Deployment { name: "d".into(), epoch: 1 };
+        let partners = |registrations: &Registrations, leaf| partners(&plan, &deployment, registrations, leaf);
         let both = [partner("b", &[2], true, &[0]), partner("c", &[3], false, &[1, 2])];
-        assert_eq!(partners(&plan, &registrations, 0), order(&both));
-        assert_eq!(partners(&plan, &registrations, 1), order(&[partner("a", &[1], true, &[0])]));
-        assert_eq!(partners(&plan, &registrations, 2), order(&[partner("a", &[1], false, &[1, 2])]));
+        assert_eq!(partners(&registrations, 0), order(&both));
+        assert_eq!(partners(&registrations, 1), order(&[partner("a", &[1], true, &[0])]));
+        assert_eq!(partners(&registrations, 2), order(&[partner("a", &[1], false, &[1, 2])]));
         let partnered = |leaf| partnered(&plan, &registrations, leaf);
         assert_eq!((partnered(0), partnered(2)), (BTreeSet::from([1, 2]), BTreeSet::from([0])));
         // Who shares a device knows the other, too.
@@ -322,11 +345,11 @@ process main() {
         let arm =
             |session: &str, keys: &[u8]| Partner { devices: vec!["arm".into()], ..partner(session, keys, false, &[]) };
         let of_b = [partner("a", &[1], true, &[0]), arm("c", &[3])];
-        assert_eq!(partners(&plan, &sharing, 1), order(&of_b));
+        assert_eq!(partners(&sharing, 1), order(&of_b));
         let of_c = [partner("a", &[1], false, &[1, 2]), arm("b", &[2])];
-        assert_eq!(partners(&plan, &sharing, 2), order(&of_c));
+        assert_eq!(partners(&sharing, 2), order(&of_c));
         let open = Registrations { facts: [(0, facts(0, "a")), keyed(1, "b", &[2])].into(), ..registrations };
-        assert_eq!(partners(&plan, &open, 0), None, "who has no keys is in no team");
+        assert_eq!(partners(&open, 0), None, "who has no keys is in no team");
     }
 
     /// A call is dialled by who calls, and is no input of who is called; one that calls nothing is told nothing.
@@ -351,14 +374,16 @@ process main() {
             machines: vec!["one".into(), "other".into()],
         };
         let server = Dial { session: "b".into(), locators: vec!["tcp".into()] };
-        let route = CallRoute { wire: 0, call: "Push".into(), server, path: "main/b".into(), name: "Grip".into() };
+        let (path, name, seal) = ("main/b".into(), "Grip".into(), 0);
+        let route = CallRoute { wire: 0, call: "Push".into(), server, path, name, deployment: "d".into(), seal };
+        let deployment = Deployment { name: "d".into(), epoch: 1 };
+        let calls = |at: (u32, &BTreeSet<u32>)| calls(&plan, &deployment, &registrations, at);
         let live = BTreeSet::from([0]);
-        assert_eq!(calls(&plan, &registrations, (a, &live)), Ok(Some(Order::Calls { calls: vec![route] })));
-        assert_eq!(calls(&plan, &registrations, (a, &BTreeSet::new())), Ok(Some(Order::Calls { calls: vec![] })));
-        assert_eq!(calls(&plan, &registrations, (b, &live)), Ok(None));
+        assert_eq!(calls((a, &live)), Ok(Some(Order::Calls { calls: vec![route] })));
+        assert_eq!(calls((a, &BTreeSet::new())), Ok(Some(Order::Calls { calls: vec![] })));
+        assert_eq!(calls((b, &live)), Ok(None));
         assert_eq!(dialers(&plan, &registrations, b), BTreeSet::from([a]));
         assert_eq!(dialers(&plan, &registrations, a), BTreeSet::new());
-        let deployment = Deployment { name: "d".into(), epoch: 1 };
         for leaf in [a, b] {
             let Ok(Order::Connect { incoming, outgoing, .. }) =
                 links(&plan, &deployment, &registrations, (leaf, &live))
@@ -367,5 +392,47 @@ process main() {
             };
             assert!(incoming.is_empty() && outgoing.is_empty());
         }
+    }
+
+    /// What another deployment runs is called there, under a number that no wire has there.
+    #[test]
+    fn a_call_of_another_deployment_goes_to_its_process() {
+        let text = r#"
+module Server(host) { proc Grip(Number) -> Number; service; }
+module Client(host) { calls Push(Number) -> Number; done; }
+process main() {
+    host { "c1" }
+    instantiated_processes { a instof Client("c1"); b instof Server("c2"){ runs_in hardware "main/arm/hand"; } }
+    internal_connections { a, Push -> b, Grip; }
+    internal_event_actions { b, a }
+}
+"#;
+        let compiled = compile(&Source::new("calls", text), &[], &Options::named("calls"));
+        let plan = compiled.plan.unwrap_or_else(|| panic!("{:#?}", compiled.diagnostics));
+        let leaf = |name: &str| (0_u32..).zip(&plan.leaves).find(|(_, leaf)| leaf.path == name).unwrap().0;
+        let (a, b) = (leaf("main/a"), leaf("main/b"));
+        let keyed = |leaf, session: &str| {
+            let mut facts = facts(leaf, session);
+            facts.location.iter_mut().for_each(|location| location.keys = vec![1]);
+            facts
+        };
+        let registrations = Registrations {
+            facts: [keyed(a, "a"), keyed(b, "b")].map(|facts| (facts.leaf, facts)).into(),
+            machines: vec!["one".into(), "other".into()],
+        };
+        let deployment = Deployment { name: "d".into(), epoch: 1 };
+        let Ok(Some(Order::Calls { calls })) = calls(&plan, &deployment, &registrations, (a, &BTreeSet::from([0])))
+        else {
+            panic!("it calls nothing")
+        };
+        let [route] = &calls[..] else { panic!("{calls:?}") };
+        assert_eq!((route.wire, route.path.as_str(), route.deployment.as_str()), (0, "main/arm/hand", "hardware"));
+        assert!(route.seal >= 1 << 31 && route.seal < u32::MAX - 1);
+        for leaf in [a, b] {
+            let partners = partners(&plan, &deployment, &registrations, leaf).unwrap();
+            assert_eq!(partners.iter().flat_map(|partner| partner.wires.clone()).collect::<Vec<_>>(), [route.seal]);
+        }
+        let later = Deployment { epoch: 2, ..deployment };
+        assert_ne!(seal(&plan, &later, 0), route.seal, "each epoch has its own");
     }
 }

@@ -27,6 +27,8 @@ module Stubborn(host) { done; stop within 100 ms; }
 module Arm(host) { done; claims arm; }
 module Eye(host) { done; claims arm(read); }
 module Owner(host) { done; }
+module Server(host) { proc Drive(Number) -> Number; service; claims wheels; }
+module Client(host) { calls Go(Number) -> Number; service; }
 module Tuned(host, way: Text = good) { in In: Number; in Other: Number; out Out: Number; service; }
 module Script(host) { exec \"sh Script\"; plain; done; }
 ";
@@ -415,7 +417,7 @@ impl World {
 /// The programs that every host offers.
 pub(super) fn offered() -> Programs {
     let mut programs = Programs::default();
-    let types = ["Step", "Long", "Sensor", "Stubborn", "Arm", "Eye", "Owner", "Tuned"];
+    let types = ["Step", "Long", "Sensor", "Stubborn", "Arm", "Eye", "Owner", "Tuned", "Server", "Client"];
     programs.offer("controllers", types.map(str::to_owned));
     programs
 }

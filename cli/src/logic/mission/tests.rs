@@ -31,6 +31,7 @@ pub(crate) fn plan(names: &[&str], expression: Expression) -> Plan {
             outcomes: Vec::new(),
             policy: Policy::default(),
             keys: Vec::new(),
+            external: None,
         });
     }
     let group = |path: &str, members, expression| Group {

@@ -185,7 +185,7 @@ impl Links {
             dial(&call.server).map_err(|why| format!("call `{}`: {why}", call.call))?;
         }
         let names = (&*orders.robot, &*orders.instance);
-        self.callers.take((session, keyring), names, interface, (&calls, inbox))?;
+        self.callers.take((session, keyring), names.1, interface, (&calls, inbox))?;
         // Consumers have their inputs before anybody sends: a value that is sent once must not find nobody there.
         for wire in made.wires.values() {
             if let Transport::Push(Push { publisher, .. }) = &wire.way

@@ -103,7 +103,7 @@ impl Callers {
     pub(super) fn take(
         &self,
         (session, keyring): (&Arc<DataSession>, Option<&Keyring>),
-        (robot, instance): (&str, &str),
+        instance: &str,
         interface: &Interface,
         (routes, inbox): (&[CallRoute], &Arc<Inbox>),
     ) -> Result<(), String> {
@@ -113,9 +113,9 @@ impl Callers {
             let declared = interface.calls.iter().find(|call| call.name == route.call);
             let declared = declared.ok_or_else(|| format!("`{}` calls no `{}`", interface.type_name, route.call))?;
             let is_open = known.get(&route.wire).is_some_and(|before| before.is_open);
-            let (keys, signature) = (key::object(robot, &route.path), declared.signature.clone());
+            let (keys, signature) = (key::object(&route.deployment, &route.path), declared.signature.clone());
             let (name, wire) = (route.name.clone(), route.wire);
-            let way = keyring.map_or(CallWay::Open, |keyring| keyring.way(wire, (&keys.0, &keys.1)));
+            let way = keyring.map_or(CallWay::Open, |keyring| keyring.way(route.seal, (&keys.0, &keys.1)));
             next.insert(wire, Route { call: declared.name, keys, name, signature, way, is_open });
         }
         *known = next;

@@ -280,7 +280,11 @@ impl<'a> Exclusivity<'a> {
     fn check_claims(&'a self, diagnostics: &mut Diagnostics) {
         let mut owners: BTreeMap<(u32, &str), Vec<Owner<'_>>> = BTreeMap::new();
         for (leaf, &(group, slot)) in self.tree.leaves.iter().zip(&self.tree.place_of) {
-            let Target::Module(module) = self.process(group).instances[slot].target else { continue };
+            let instance = &self.process(group).instances[slot];
+            let Target::Module(module) = instance.target else { continue };
+            if instance.policies.runs_in.is_some() {
+                continue;
+            }
             let module = &self.spec.modules[module];
             for claim in &module.claims {
                 let owner = Owner { group, slot, module, claim };

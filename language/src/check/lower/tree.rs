@@ -6,7 +6,9 @@ use crate::check::spec::{Arg, Instance, Module, Param, Process, Spec, Target, Va
 use crate::check::types::without_host;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::host::host_name_problem;
-use crate::plan::{Argument, Claim, Constant, Expression, Group, Leaf, LeafKind, Member, MemberKind, Policy, Restart};
+use crate::plan::{
+    Argument, Claim, Constant, Expression, External, Group, Leaf, LeafKind, Member, MemberKind, Policy, Restart,
+};
 use crate::source::Span;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -100,6 +102,9 @@ impl Tree {
         for (leaf, &(group, slot)) in (0..).zip(&self.place_of) {
             let instance = &spec.processes[self.process_of[group]].instances[slot];
             let Target::Module(module) = instance.target else { continue };
+            if instance.policies.runs_in.is_some() {
+                continue;
+            }
             claims.extend(spec.modules[module].claims.iter().map(|claim| Claim {
                 leaf,
                 device: claim.name.text.clone(),
@@ -218,6 +223,10 @@ impl Builder<'_> {
             outcomes: outcomes.collect(),
             policy: policy(instance, module, &self.spec.processes[self.tree.process_of[group]]),
             keys: Vec::new(),
+            external: instance.policies.runs_in.as_ref().map(|runs_in| External {
+                deployment: runs_in.deployment.clone(),
+                path: runs_in.path.clone().unwrap_or_else(|| format!("main/{}", instance.name.text)),
+            }),
         });
         self.tree.place_of.push((group, slot));
         self.leaf_places.push(place);

@@ -6,7 +6,8 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Returns the change from one program to another, if they differ.
 pub(super) fn change_of_leaf(leaf: u32, before: &Leaf, after: &Leaf, claims_differ: bool) -> Option<PlanChange> {
     // Every field by its name, so that one that is added is not forgotten here.
-    let Leaf { path, module, host: _, arguments: given, exec, kind, stop_within, outcomes, policy, keys } = before;
+    let Leaf { path, module, host: _, arguments: given, exec, kind, stop_within, outcomes, policy, keys, external: _ } =
+        before;
     let Policy { restart, agent_loss, link_loss, usage, watchdog, ready_within, backoff, replacement } = policy;
     let mut why = Vec::new();
     let mut differs = |is_different: bool, words: &str| why.extend(is_different.then(|| words.to_owned()));

@@ -3,10 +3,11 @@
 use super::Parser;
 use crate::diagnostic::{Edit, Fix};
 use crate::similar;
-use crate::syntax::SyntaxKind::{self, Ident, Minus, Number};
+use crate::syntax::SyntaxKind::{self, Ident, Minus, Number, Text};
 
 /// The words that open a policy.
-const POLICIES: [&str; 15] = [
+const POLICIES: [&str; 16] = [
+    "runs_in",
     "restart",
     "replace",
     "backoff",
@@ -49,8 +50,17 @@ impl Parser<'_> {
             }
             return self.skip_statement();
         }
+        // `runs_in "my-base" "main/wheels";`
+        let takes_texts = self.word(0) == "runs_in";
         self.start(SyntaxKind::Policy);
         self.bump();
+        while takes_texts && self.at_any(&[Ident, Text]) && !self.ends_block() {
+            if self.at(Ident) {
+                self.bump();
+            } else {
+                self.constant();
+            }
+        }
         if self.at(Number) && self.kind(1) == Ident && self.word(1) == "within" {
             // A count; else the word would be its unit.
             self.bump();

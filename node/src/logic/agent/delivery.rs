@@ -173,9 +173,9 @@ impl Agent {
         if let Some(why) = self.conflicts(&deployment, &Claims::of(&plan, host)).first() {
             return refuse(why.clone(), out);
         }
-        let machine = self.identity.machine.clone();
-        let participant =
-            Participant::prepare(deployment.clone(), Arc::new(plan), (host, &machine), &self.programs, out);
+        let (machine, seen) = (self.identity.machine.clone(), self.externals(&plan));
+        let place = (host.as_str(), machine.as_str());
+        let participant = Participant::prepare(deployment.clone(), Arc::new(plan), place, (&self.programs, seen), out);
         self.participants.insert(deployment, participant);
     }
 

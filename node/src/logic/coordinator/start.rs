@@ -106,7 +106,9 @@ impl Coordinator {
         });
         let signals = signals.collect();
         self.report(Report::Go { took: out.now - self.begun, signals }, out);
-        let programs = self.registrations.facts.keys().filter_map(|leaf| {
+        // What other deployments run is looked at there.
+        let own = self.registrations.facts.keys().filter(|leaf| self.plan.external(**leaf).is_none());
+        let programs = own.filter_map(|leaf| {
             let path = self.plan.leaves.get(*leaf as usize)?.path.clone();
             Some((path, observe(&self.registrations, *leaf)?))
         });

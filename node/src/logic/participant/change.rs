@@ -128,7 +128,8 @@ impl Participant {
     fn starts(&self, plan: &Plan, host: &str, offered: &Programs) -> Result<Vec<(u32, Start)>, Vec<String>> {
         let (mut starts, mut problems, live) = (Vec::new(), Vec::new(), plan.live_leaves());
         let is_mine = |number: &u32| live.contains(number) && leaf_host(plan, *number) == Some(host);
-        for (number, leaf) in (0_u32..).zip(&plan.leaves).filter(|(number, _)| is_mine(number)) {
+        let started = (0_u32..).zip(&plan.leaves).filter(|(_, leaf)| leaf.external.is_none());
+        for (number, leaf) in started.filter(|(number, _)| is_mine(number)) {
             let process = ProcessId { deployment: self.deployment.clone(), leaf: number };
             match offered.command(leaf) {
                 Ok(command) => {

@@ -111,6 +111,7 @@ impl Participant {
         self.supervisors = supervisors(&self.plan);
         let live = self.plan.live_leaves();
         self.registrations.facts.retain(|leaf, _| live.contains(leaf));
+        self.externals.retain(|leaf, _| live.contains(leaf));
         for leaf in self.instances.numbers().into_iter().filter(|leaf| !live.contains(leaf)) {
             self.with_instance(leaf, out, Instance::leave);
         }

@@ -11,7 +11,7 @@ use crate::logic::effect::Out;
 use crate::logic::executer::leaf_host;
 use crate::logic::instance::Instance;
 use crate::logic::protocol::{LeafFacts, ToParticipant};
-use crate::logic::wiring::{calls, dialers, links, partnered, partners, relink, shapes};
+use crate::logic::wiring::{calls, dialers, links, partnered, relink, shapes};
 use comms::logic::control::Order;
 use comms::logic::switch::{Flip, Opening};
 use language::plan::LeafKind;
@@ -44,8 +44,11 @@ impl Participant {
             self.registrations.facts.entry(facts.leaf).or_insert(facts);
         }
         if self.rejoining {
-            let own = |facts: &&LeafFacts| self.instances.contains(facts.leaf);
-            self.registrations.facts.values().filter(own).for_each(|facts| self.tell_where(facts, out));
+            self.registrations
+                .facts
+                .values()
+                .filter(|facts| self.is_own(facts))
+                .for_each(|facts| self.tell_where(facts, out));
         }
         for leaf in self.instances.numbers() {
             match self.orders(leaf) {
@@ -70,8 +73,8 @@ impl Participant {
     /// Sentences for a person.
     pub(super) fn orders(&self, leaf: u32) -> Result<impl Iterator<Item = Order> + use<>, Vec<String>> {
         let links = links(&self.plan, &self.deployment, &self.registrations, (leaf, &self.live))?;
-        let calls = calls(&self.plan, &self.registrations, (leaf, &self.live))?;
-        let partners = partners(&self.plan, &self.registrations, leaf);
+        let calls = calls(&self.plan, &self.deployment, &self.registrations, (leaf, &self.live))?;
+        let partners = self.partners(leaf);
         Ok(partners.into_iter().chain(shapes(&self.plan, leaf)).chain(calls).chain([links]))
     }
 
@@ -88,7 +91,7 @@ impl Participant {
     }
 
     /// Tells the hosts of those who dial a program, or have wires to it, where it is now, and the home, which tells a host that rejoins.
-    fn tell_where(&self, facts: &LeafFacts, out: &mut Out<'_>) {
+    pub(super) fn tell_where(&self, facts: &LeafFacts, out: &mut Out<'_>) {
         let here = leaf_host(&self.plan, facts.leaf);
         let mut concerned = dialers(&self.plan, &self.registrations, facts.leaf);
         if facts.location.as_ref().is_some_and(|location| !location.keys.is_empty()) {
@@ -109,7 +112,7 @@ impl Participant {
         }
         let before = self.registrations.facts.insert(moved, facts);
         for other in partnered(&self.plan, &self.registrations, moved) {
-            if let Some(order) = partners(&self.plan, &self.registrations, other) {
+            if let Some(order) = self.partners(other) {
                 self.with_instance(other, out, |instance, moment| instance.relink(order, moment));
             }
         }

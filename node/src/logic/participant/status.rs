@@ -37,6 +37,7 @@ impl Participant {
         };
         let mut processes: Vec<ProcessStatus> =
             self.executers.iter().filter_map(group).chain(self.instances.iter().filter_map(leaf)).collect();
+        processes.extend(self.external_status());
         processes.sort_by(|a, b| a.path.cmp(&b.path));
         let phase = match self.phase {
             Phase::Preparing => "preparing",

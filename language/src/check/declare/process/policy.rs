@@ -2,10 +2,12 @@
 
 use super::backoff::backoff;
 use crate::check::names::twice;
-use crate::check::spec::Policies;
+use crate::check::spec::{Policies, RunsIn, ValueKind};
 use crate::check::value::{Reader, quantity};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::plan::{LinkLoss, Policy, REALTIME_MAX, Realtime, Replacement, Restart, Usage, Watchdog};
+use crate::plan::{
+    Constant as PlanConstant, LinkLoss, Policy, REALTIME_MAX, Realtime, Replacement, Restart, Usage, Watchdog,
+};
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Constant};
 use crate::syntax::ast::{Name, Node};
@@ -42,6 +44,10 @@ pub(super) fn policies(instance: &Node, reader: &mut Reader<'_>) -> Policies {
             policies.backoff = policies.policy.backoff.map(|_| item.span());
             continue;
         }
+        if name.text == "runs_in" {
+            policies.runs_in = runs_in(&item, &words, reader);
+            continue;
+        }
         if name.text == "restart" {
             policies.restart = words.first().map(|word| word.span);
         }
@@ -52,8 +58,46 @@ pub(super) fn policies(instance: &Node, reader: &mut Reader<'_>) -> Policies {
         let written = PolicyValue { node: &item, words, value: item.child(Constant) };
         read(&mut policies.policy, &name, &written, reader);
     }
+    if let Some(runs_in) = &mut policies.runs_in {
+        runs_in.is_alone = first.len() == 1;
+    }
     policies.span = Some(node.span());
     policies
+}
+
+/// Reads `runs_in hardware;`, `runs_in "my-base" "main/arm/wheels";`.
+fn runs_in(node: &Node, words: &[Name], reader: &mut Reader<'_>) -> Option<RunsIn> {
+    let texts: Vec<Option<String>> = node.children_of(Constant).map(|value| text(&value, reader)).collect();
+    let names = words.iter().map(|word| Some(word.text.clone()));
+    let given: Option<Vec<String>> = names.chain(texts).collect();
+    let is_path = |path: &String| path.starts_with("main/") && !path.ends_with('/');
+    match given.as_deref() {
+        Some([deployment]) if !deployment.is_empty() => {
+            Some(RunsIn { deployment: deployment.clone(), path: None, span: node.span(), is_alone: true })
+        }
+        Some([deployment, path]) if words.len() < 2 && !deployment.is_empty() && is_path(path) => {
+            let (deployment, path) = (deployment.clone(), Some(path.clone()));
+            Some(RunsIn { deployment, path, span: node.span(), is_alone: true })
+        }
+        Some(_) | None => {
+            let help = "write the name of a deployment, `runs_in hardware`, and the path of the process there if it has another name: \
+                        `runs_in hardware \"main/arm/wheels\"`";
+            let message = "`runs_in` cannot be read so";
+            reader.diagnostics.push(Diagnostic::new(Code::E0009, node.span(), message).help(help));
+            None
+        }
+    }
+}
+
+fn text(node: &Node, reader: &mut Reader<'_>) -> Option<String> {
+    match reader.value(node).kind {
+        ValueKind::Constant(PlanConstant::Text(text)) => Some(text),
+        ValueKind::Constant(_)
+        | ValueKind::Record(_)
+        | ValueKind::List(_)
+        | ValueKind::Param(_)
+        | ValueKind::Broken => None,
+    }
 }
 
 fn read(policy: &mut Policy, name: &Name, written: &PolicyValue<'_>, reader: &mut Reader<'_>) {

@@ -1,0 +1,70 @@
+//! What an instance cannot have whose program another deployment runs.
+
+use super::tree::Tree;
+use crate::check::diagnostics::Diagnostics;
+use crate::check::spec::{Instance, RunsIn, Spec, Target};
+use crate::check::types::without_host;
+use crate::diagnostic::{Code, Diagnostic};
+use crate::plan::{Leaf, Transfer, Wire};
+use std::collections::BTreeSet;
+
+/// Reports each instance with `runs_in` that cannot stand for a process of another deployment than `name`.
+pub(super) fn check(spec: &Spec, tree: &Tree, (name, wires): (&str, &[Wire]), diagnostics: &mut Diagnostics) {
+    let mut told = BTreeSet::new();
+    for (number, leaf) in (0_u32..).zip(&tree.leaves) {
+        let (group, slot) = tree.place_of[number as usize];
+        let instance = &spec.processes[tree.process_of[group]].instances[slot];
+        let Some(runs_in) = &instance.policies.runs_in else { continue };
+        let found = own(spec, instance, (runs_in, name)).or_else(|| connected(wires, (number, leaf)));
+        let Some((why, help)) = found else { continue };
+        // One text may stand for several leaves.
+        if told.insert(runs_in.span) {
+            let message = format!("`{}` cannot run in `{}`: {why}", instance.name.text, runs_in.deployment);
+            diagnostics.push(Diagnostic::new(Code::E0116, runs_in.span, message).help(help));
+        }
+    }
+}
+
+/// Returns what is wrong with the instance itself, and what helps.
+fn own(spec: &Spec, instance: &Instance, (runs_in, name): (&RunsIn, &str)) -> Option<(String, &'static str)> {
+    if runs_in.deployment == name {
+        return Some(("that is this deployment".to_owned(), "leave `runs_in` away: its program is started here"));
+    }
+    if !runs_in.is_alone {
+        let help = "write the other policies in the spec of that deployment";
+        return Some(("its other policies are for that deployment to say".to_owned(), help));
+    }
+    let is_host = |name: &str| name == "host";
+    let rest = without_host(&instance.args);
+    if rest.iter().any(|arg| arg.name.as_ref().is_none_or(|name| !is_host(&name.text))) {
+        return Some(("its arguments are for that deployment to say".to_owned(), "give its host alone"));
+    }
+    let Target::Module(module) = instance.target else {
+        let help = "declare its `module`, or deploy with the program that has it";
+        return Some(("no interface of its type is known".to_owned(), help));
+    };
+    let module = &spec.modules[module];
+    (!module.is_service).then(|| {
+        let why = format!("`{}` is no service, and comes to its end there", module.name.text);
+        (why, "only a service is there for several missions")
+    })
+}
+
+/// Returns what is wrong with its connections, and what helps.
+fn connected(wires: &[Wire], (number, leaf): (u32, &Leaf)) -> Option<(String, &'static str)> {
+    if let Some(keys) = leaf.keys.first() {
+        let why = format!("its `{}` is connected with keys of the database", keys.port);
+        return Some((why, "connect them in the spec of that deployment"));
+    }
+    let help = "only its procedures and states can be connected: `task, Drive -> base, Drive;`";
+    wires.iter().find_map(|wire| {
+        if wire.from.leaf == number {
+            return Some((
+                format!("`{}` is connected from it, and it sends and calls for its own deployment", wire.from.port),
+                help,
+            ));
+        }
+        let is_data = wire.to.leaf == number && wire.transfer != Transfer::Call;
+        is_data.then(|| (format!("`{}` is connected with it, and takes no data of others", wire.to.port), help))
+    })
+}
