@@ -168,7 +168,7 @@ impl Controller for Customer {
                 // The clerk is busy: the order is handed in once more.
                 SendEnd::Rejected(_) => self.sent -= 1,
                 SendEnd::Unknown(error) => return Progress::Aborted(format!("there is no clerk: {error}")),
-                SendEnd::Deadline => return Progress::Aborted("the clerk does not answer".to_owned()),
+                SendEnd::Deadline | SendEnd::Gone => return Progress::Aborted("the clerk does not answer".to_owned()),
             }
         }
         // A customer who hears no news would miss what is ready before it hears them.

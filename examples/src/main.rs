@@ -14,6 +14,8 @@ mod patrol;
 mod pid;
 #[path = "../post/post.rs"]
 mod post;
+#[path = "../requests/requests.rs"]
+mod requests;
 #[path = "../serial/serial.rs"]
 mod serial;
 
@@ -33,6 +35,7 @@ fn main() -> std::process::ExitCode {
     patrol::add(&mut registry);
     pid::add(&mut registry);
     post::add(&mut registry);
+    requests::add(&mut registry);
     serial::add(&mut registry);
     process::run(&registry)
 }

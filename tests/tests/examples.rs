@@ -55,6 +55,24 @@ fn a_pid_loop_brings_a_motor_to_its_speeds() {
     assert_eq!(stands.code, Some(1), "{stands}");
 }
 
+/// Each question has its own answer; and the reasons why one has none, by real processes.
+#[test]
+fn questions_have_their_answers() {
+    check_done(&run("requests", |text, _| text), "requests");
+    let slow = run("requests", |text, _| {
+        let text = changed(&text, "pace = 10 ms", "pace = 100 s");
+        changed(&text, "count = 5);", "count = 5, patience = 0.5 s);")
+    });
+    assert!(slow.code == Some(1) && slow.err.contains("there was no answer in time"), "{slow}");
+    let unheard = run("requests", |text, _| {
+        let text = changed(&text, "        planner, Answers -> ann, Answers;\n", "");
+        changed(&text, "count = 5);", "count = 5, patience = 0.5 s);")
+    });
+    assert!(unheard.code == Some(1) && unheard.err.contains("there was no answer in time"), "{unheard}");
+    let unasked = run("requests", |text, _| changed(&text, "        ann, Questions -> planner, Questions;\n", ""));
+    assert!(unasked.code == Some(1) && unasked.err.contains("there is no queue"), "{unasked}");
+}
+
 /// The queue is smaller than what is ordered: what it rejects is handed in again, and all of it is taken once.
 #[test]
 fn orders_wait_in_a_queue() {

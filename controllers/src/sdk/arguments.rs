@@ -40,6 +40,7 @@ pub enum Kind {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Arguments {
     values: BTreeMap<&'static str, Value>,
+    instance: String,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -266,7 +267,18 @@ impl Arguments {
                 values.insert(parameter.name, parameter.value(default)?);
             }
         }
-        Ok(Self { values })
+        Ok(Self { values, instance: String::new() })
+    }
+
+    /// Returns the same for the process of this path.
+    #[must_use]
+    pub fn of(self, instance: &str) -> Self {
+        Self { instance: instance.to_owned(), ..self }
+    }
+
+    /// Returns the path of the process in its deployment, `main/arm/hand`; empty where it has none, as in a test.
+    pub fn instance(&self) -> &str {
+        &self.instance
     }
 
     /// Puts values from elsewhere over these: parameter names, and values spelt as in a spec. A value that is not of its

@@ -33,6 +33,8 @@ pub enum CallOrder {
     Make {
         /// Its number.
         number: u64,
+        /// The path of the process to call, where the spec connects several; else the first of them.
+        to: Option<String>,
         /// The encoded argument.
         argument: Vec<u8>,
         /// How long it may take.
@@ -55,6 +57,16 @@ impl<A: Message, R: Message> Calls<A, R> {
     /// Calls after this calculation; returns the number of the call. Whatever happens, there is one answer to it, unless it
     /// is cancelled or the activation ends before.
     pub fn call(&mut self, argument: A, within: Duration) -> u64 {
+        self.make(None, argument, within)
+    }
+
+    /// Calls the process of this path, of those that the spec connects with this call. If it is none of them, the answer is
+    /// [`ObjectError::NotConnected`].
+    pub fn call_to(&mut self, process: &str, argument: A, within: Duration) -> u64 {
+        self.make(Some(process.to_owned()), argument, within)
+    }
+
+    fn make(&mut self, to: Option<String>, argument: A, within: Duration) -> u64 {
         self.made += 1;
         let number = self.made;
         let waiting = u32::try_from(self.pending.len()).unwrap_or(u32::MAX);
@@ -65,7 +77,7 @@ impl<A: Message, R: Message> Calls<A, R> {
         {
             Ok(argument) => {
                 self.pending.insert(number);
-                self.orders.push(CallOrder::Make { number, argument, within });
+                self.orders.push(CallOrder::Make { number, to, argument, within });
             }
             Err(error) => self.answers.push_back((number, Err(error))),
         }

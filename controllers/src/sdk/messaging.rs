@@ -1,10 +1,11 @@
-//! Queues and locks of a controller: the second paper's messaging level and synchronisation layer, over exports and calls.
+//! Queues, requests, routers and locks of a controller: the second paper's messaging level and synchronisation layer, over exports and calls.
 //!
 //! A queue is exported as a procedure that takes a `QueueMessage` and answers a `Receipt`, a lock as one that takes a `LockRequest`
 //! and answers a `LockAnswer`, a router as one that takes a `Subscription` and answers a `Delivery`. So a spec connects, checks and switches them as it does any call.
 
 mod lock;
 mod queue;
+mod request;
 mod router;
 
 pub use comms::logic::messaging::fencing::Refusal;
@@ -18,6 +19,7 @@ pub use comms::logic::messaging::wire::{
 
 pub use lock::{Lock, LockUser};
 pub use queue::{Queue, QueueClient, SendEnd, Taken};
+pub use request::{Answered, Replier, RequestFailure, Requester};
 pub use router::{Delivery, Dropped, Router, RouterUser, Subscribed, Subscription};
 
 use super::port::Message;

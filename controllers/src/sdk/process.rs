@@ -114,12 +114,12 @@ fn tell(text: &str, code: ExitCode) -> ExitCode {
 
 fn take_part(registry: &Registry, name: &str, arguments: &[String]) -> Result<ExitCode, ProcessError> {
     let parent = parent_id();
-    let module = registry.create(name, arguments)?;
-    let variable = |variable| std::env::var_os(variable).ok_or(ProcessError::NoNode { variable });
-    let (socket, word) = (PathBuf::from(variable("DCA_CONTROL")?), variable("DCA_INSTANCE")?);
-    let word = word.to_string_lossy().into_owned();
+    let word = std::env::var_os("DCA_INSTANCE").unwrap_or_default().to_string_lossy().into_owned();
     // A number behind the path tells it from another program of the same process.
     let instance = word.split('#').next().unwrap_or_default().to_owned();
+    let module = registry.create_at(&instance, name, arguments)?;
+    let variable = |variable| std::env::var_os(variable).ok_or(ProcessError::NoNode { variable });
+    let (socket, _) = (PathBuf::from(variable("DCA_CONTROL")?), variable("DCA_INSTANCE")?);
     let interface = module.interface().clone();
     let (inbox, mut keyring, mut direct) = (Arc::new(Inbox::default()), None, None);
     let session = if needs_session(&interface) {
@@ -151,7 +151,7 @@ fn take_part(registry: &Registry, name: &str, arguments: &[String]) -> Result<Ex
     notices.send(&hello(&interface, &word, location))?;
     let parameters = interface.about.parameters;
     // The registry has made a controller of them already, so they fit.
-    let arguments = Arguments::parse(parameters, arguments).unwrap_or_default();
+    let arguments = Arguments::parse(parameters, arguments).unwrap_or_default().of(&instance);
     let program = Program { interface, instance, arguments, overlay: Vec::new(), session, notices };
     program.serve(module, (inbox, links), orders)
 }

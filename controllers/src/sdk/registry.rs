@@ -114,12 +114,25 @@ impl Registry {
     /// # Errors
     /// If there is no such type, or the arguments do not fit it.
     pub fn create<S: AsRef<str>>(&self, type_name: &str, given: &[S]) -> Result<Box<dyn Module>, CreateError> {
+        self.create_at("", type_name, given)
+    }
+
+    /// Makes an idle instance for the process of this path.
+    ///
+    /// # Errors
+    /// As [`Registry::create`].
+    pub fn create_at<S: AsRef<str>>(
+        &self,
+        instance: &str,
+        type_name: &str,
+        given: &[S],
+    ) -> Result<Box<dyn Module>, CreateError> {
         let (&type_name, entry) = self.types.get_key_value(type_name).ok_or_else(|| CreateError::UnknownType {
             type_name: type_name.to_owned(),
             known: self.types.keys().copied().collect(),
         })?;
         let arguments = Arguments::parse(entry.interface.about.parameters, given)
             .map_err(|cause| CreateError::Argument { type_name, cause })?;
-        (entry.create)(&arguments).map_err(|reason| CreateError::Refused { type_name, reason })
+        (entry.create)(&arguments.of(instance)).map_err(|reason| CreateError::Refused { type_name, reason })
     }
 }

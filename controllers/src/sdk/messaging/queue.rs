@@ -112,6 +112,8 @@ pub enum SendEnd {
     Unknown(ObjectError),
     /// Nobody has answered in time: whether it is in the queue is not known.
     Deadline,
+    /// The same, and the last word was that its program is gone.
+    Gone,
 }
 
 /// Sends to the queue that the spec connects: beside a field `#[calls("Orders")] orders: Calls<QueueMessage, Receipt>`.
@@ -136,6 +138,8 @@ struct Sending {
     /// When it is sent again, unless a call is open.
     due: Time,
     is_open: bool,
+    /// Whether its program was gone at the last try.
+    is_gone: bool,
 }
 
 impl<T: Message> QueueClient<T> {
@@ -161,16 +165,42 @@ impl<T: Message> QueueClient<T> {
         (data, fence): (&T, Option<u64>),
         within: Duration,
     ) -> Result<u64, String> {
+        self.put(now, (category, priority, marker, ""), (data, fence), within)
+    }
+
+    /// Sends a message to the process of this path, of those that the spec connects; else as [`QueueClient::send`].
+    ///
+    /// # Errors
+    /// If too many are on their way, or the data is too long.
+    pub fn send_to(
+        &mut self,
+        now: Time,
+        (category, priority, marker): (&str, u8, u64),
+        process: &str,
+        data: &T,
+        within: Duration,
+    ) -> Result<u64, String> {
+        self.put(now, (category, priority, marker, process), (data, None), within)
+    }
+
+    fn put(
+        &mut self,
+        now: Time,
+        (category, priority, marker, recipient): (&str, u8, u64, &str),
+        (data, fence): (&T, Option<u64>),
+        within: Duration,
+    ) -> Result<u64, String> {
         if self.sending.len() >= SENDING_MAX {
             return Err(format!("{SENDING_MAX} messages are on their way already"));
         }
         let data = postcard::to_stdvec(data).map_err(|cause| format!("a `{}` cannot be written: {cause}", T::TYPE))?;
         let id = self.numbering.next();
-        let (category, sender, recipient) = (category.to_owned(), self.sender.clone(), String::new());
+        let (category, sender, recipient) = (category.to_owned(), self.sender.clone(), recipient.to_owned());
         let header = Header { category, id, sender, recipient, priority, marker };
         let message = QueueMessage { header, type_name: T::TYPE.to_owned(), fence, data };
         message.check().map_err(|malformed| malformed.to_string())?;
-        self.sending.insert(id.number, Sending { message, until: now + within, due: now, is_open: false });
+        self.sending
+            .insert(id.number, Sending { message, until: now + within, due: now, is_open: false, is_gone: false });
         Ok(id.number)
     }
 
@@ -183,10 +213,15 @@ impl<T: Message> QueueClient<T> {
         }
         let late: Vec<u64> =
             self.sending.iter().filter(|(_, one)| one.until <= now).map(|(&number, _)| number).collect();
-        late.into_iter().for_each(|number| self.end(number, SendEnd::Deadline));
+        for number in late {
+            let is_gone = self.sending.get(&number).is_some_and(|one| one.is_gone);
+            self.end(number, if is_gone { SendEnd::Gone } else { SendEnd::Deadline });
+        }
         for (&number, one) in self.sending.iter_mut().filter(|(_, one)| !one.is_open && one.due <= now) {
             let within = TRY_WITHIN.min(one.until.since(now));
-            self.calls.insert(calls.call(one.message.clone(), within), number);
+            let (message, to) = (one.message.clone(), &one.message.header.recipient);
+            let call = if to.is_empty() { calls.call(message, within) } else { calls.call_to(to, message, within) };
+            self.calls.insert(call, number);
             one.is_open = true;
         }
     }
@@ -200,9 +235,9 @@ impl<T: Message> QueueClient<T> {
         let end = match answer {
             Ok(Receipt::Accepted) => SendEnd::Accepted,
             Ok(Receipt::Rejected(rejected)) => SendEnd::Rejected(rejected),
-            Err(ObjectError::Deadline { .. } | ObjectError::Gone | ObjectError::Busy { .. }) => {
+            Err(error @ (ObjectError::Deadline { .. } | ObjectError::Gone | ObjectError::Busy { .. })) => {
                 if let Some(one) = self.sending.get_mut(&number) {
-                    (one.is_open, one.due) = (false, now + TRY_WITHIN / 8);
+                    (one.is_open, one.due, one.is_gone) = (false, now + TRY_WITHIN / 8, error == ObjectError::Gone);
                 }
                 return;
             }

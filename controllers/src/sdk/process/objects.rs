@@ -50,6 +50,8 @@ pub(super) type Call = (u32, &'static str, u64);
 struct Route {
     call: &'static str,
     keys: (String, String),
+    /// The process that is called.
+    path: String,
     /// The procedure or state there.
     name: String,
     signature: Signature,
@@ -114,9 +116,9 @@ impl Callers {
             let declared = declared.ok_or_else(|| format!("`{}` calls no `{}`", interface.type_name, route.call))?;
             let is_open = known.get(&route.wire).is_some_and(|before| before.is_open);
             let (keys, signature) = (key::object(&route.deployment, &route.path), declared.signature.clone());
-            let (name, wire) = (route.name.clone(), route.wire);
+            let (path, name, wire) = (route.path.clone(), route.name.clone(), route.wire);
             let way = keyring.map_or(CallWay::Open, |keyring| keyring.way(route.seal, (&keys.0, &keys.1)));
-            next.insert(wire, Route { call: declared.name, keys, name, signature, way, is_open });
+            next.insert(wire, Route { call: declared.name, keys, path, name, signature, way, is_open });
         }
         *known = next;
         drop(known);
@@ -144,8 +146,12 @@ impl Callers {
     pub(super) fn order(&self, activation: u32, call: &'static str, order: CallOrder, inbox: &Inbox) {
         let (job, number) = match order {
             CallOrder::Cancel { number } => (Job::Cancel((activation, call, number)), number),
-            CallOrder::Make { number, argument, within } => {
-                let route = self.shared.routes().values().find(|route| route.call == call && route.is_open).cloned();
+            CallOrder::Make { number, to, argument, within } => {
+                let is_meant = |route: &&Route| {
+                    let is_there = to.as_ref().is_none_or(|to| route.path == *to);
+                    route.call == call && route.is_open && is_there
+                };
+                let route = self.shared.routes().values().find(is_meant).cloned();
                 let Some(route) = route else {
                     let error = ObjectError::NotConnected { name: call.to_owned() };
                     return inbox.answered((activation, call, number), Err(error));

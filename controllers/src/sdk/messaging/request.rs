@@ -1,0 +1,181 @@
+//! Requests over queues: a question to one queue, its answer in another, joined by a marker.
+
+use super::queue::{Queue, QueueClient, SendEnd, Taken};
+use super::{Full, Header, QueueMessage, QueueStatus, Receipt, Rejected};
+use crate::sdk::calls::Calls;
+use crate::sdk::port::Message;
+use comms::logic::messaging::request::{OPEN_MAX, RequestEnd, Requests};
+use comms::logic::object::ObjectError;
+use comms::logic::time::Time;
+use std::collections::{BTreeMap, VecDeque};
+use std::io;
+use std::time::Duration;
+use thiserror::Error;
+
+/// Why a request has no answer.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+pub enum RequestFailure {
+    /// The queue has turned it away: it was not carried out.
+    #[error("the queue has turned it away: {0}")]
+    Rejected(Rejected),
+    /// There is no queue to be had: it was not carried out.
+    #[error("there is no queue: {0}")]
+    Unknown(ObjectError),
+    /// Its program was gone, whenever it was to be handed in: whether it was received is not known.
+    #[error("who answers is gone")]
+    Gone,
+    /// The time is over. Whether it was carried out is not known.
+    #[error("there was no answer in time")]
+    Deadline,
+    /// Too many are open, or it is too long: it was not sent.
+    #[error("it was not sent: {0}")]
+    NotSent(String),
+}
+
+/// How a request ended: with its answer, or with the reason why there is none.
+pub type Answered<R> = Result<Taken<R>, RequestFailure>;
+
+/// Asks who has a queue of requests, and takes the answers in a queue of its own. A field of a controller, beside
+/// `#[calls("Questions")] questions: Calls<QueueMessage, Receipt>`; the answers come through a procedure that it exports:
+/// `exports.procedure("Answers", "...", |robot: &mut Robot, message| Ok(robot.planner.receive(message)))`.
+///
+/// Each request ends once. A request that has no receipt is handed in again with the same identifier, so that it is taken once.
+#[derive(Debug)]
+pub struct Requester<Q, R> {
+    client: QueueClient<Q>,
+    open: Requests,
+    /// The markers of requests by the numbers of their messages.
+    markers: BTreeMap<u64, u64>,
+    answers: Queue<R>,
+    ends: VecDeque<(u64, Answered<R>)>,
+}
+
+impl<Q: Message, R: Message> Requester<Q, R> {
+    /// Returns one that has asked nothing. `instance` is the path of this process ([`crate::sdk::Arguments::instance`]), to which answers
+    /// go. As many answers wait as there may be requests.
+    ///
+    /// # Errors
+    /// If the system gives no random number for its life.
+    pub fn new(instance: &str) -> io::Result<Self> {
+        let client = QueueClient::new(instance)?;
+        let answers = Queue::new(OPEN_MAX, Full::Reject);
+        Ok(Self { client, open: Requests::default(), markers: BTreeMap::new(), answers, ends: VecDeque::new() })
+    }
+
+    /// Asks with the next [`Requester::work`]; returns the marker, with which the request ends.
+    ///
+    /// # Errors
+    /// If too many are open or on their way, or the question is too long.
+    pub fn ask(
+        &mut self,
+        now: Time,
+        (category, priority): (&str, u8),
+        question: &Q,
+        within: Duration,
+    ) -> Result<u64, RequestFailure> {
+        let not_sent = |why: String| RequestFailure::NotSent(why);
+        let marker = self.open.begin(now, within).map_err(|why| not_sent(why.to_string()))?;
+        match self.client.send(now, (category, priority, marker), (question, None), within) {
+            Ok(number) => {
+                self.markers.insert(number, marker);
+                Ok(marker)
+            }
+            Err(why) => {
+                // It has not begun: nobody hears of its end.
+                self.open.received(marker, None);
+                Err(not_sent(why))
+            }
+        }
+    }
+
+    /// Receives an answer: the procedure that this process exports.
+    pub fn receive(&mut self, message: QueueMessage) -> Receipt {
+        self.answers.receive(message)
+    }
+
+    /// Sends what is due, and takes answers. Called once in each calculation.
+    pub fn work(&mut self, now: Time, calls: &mut Calls<QueueMessage, Receipt>) {
+        self.client.work(now, calls);
+        while let Some((number, end)) = self.client.end_of() {
+            let Some(marker) = self.markers.remove(&number) else { continue };
+            let failure = match end {
+                // Its answer, or its time, ends it.
+                SendEnd::Accepted | SendEnd::Deadline => continue,
+                SendEnd::Rejected(rejected) => RequestFailure::Rejected(rejected),
+                SendEnd::Unknown(error) => RequestFailure::Unknown(error),
+                SendEnd::Gone => RequestFailure::Gone,
+            };
+            // An answer that has come says more.
+            if self.open.received(marker, None).is_some() {
+                self.ends.push_back((marker, Err(failure)));
+            }
+        }
+        while let Some(taken) = self.answers.take(now) {
+            let header = taken.header.clone();
+            let reply = QueueMessage { header, type_name: String::new(), fence: None, data: Vec::new() };
+            match self.open.replied(now, reply) {
+                Some((marker, RequestEnd::Reply(_))) => self.ends.push_back((marker, Ok(taken))),
+                Some((marker, RequestEnd::Failed(_))) => self.ends.push_back((marker, Err(RequestFailure::Deadline))),
+                // Too late, or twice.
+                None => {}
+            }
+        }
+        while let Some((marker, _)) = self.open.time_out(now) {
+            self.ends.push_back((marker, Err(RequestFailure::Deadline)));
+        }
+    }
+
+    /// Returns how a request ended, with its marker; called until there is none.
+    pub fn end_of(&mut self) -> Option<(u64, Answered<R>)> {
+        self.ends.pop_front()
+    }
+
+    /// Returns how many answers came too late, or twice.
+    pub const fn late(&self) -> u64 {
+        self.open.late()
+    }
+
+    /// Returns what people see of the queue of answers.
+    pub fn status(&self) -> QueueStatus {
+        self.answers.status()
+    }
+}
+
+/// Sends answers to those who have asked: beside a field `#[calls("Answers")] answers: Calls<QueueMessage, Receipt>`, which the spec
+/// connects with the queue of answers of each of them.
+#[derive(Debug)]
+pub struct Replier<R> {
+    client: QueueClient<R>,
+}
+
+impl<R: Message> Replier<R> {
+    /// Returns one that has answered nothing. `instance` is the path of this process.
+    ///
+    /// # Errors
+    /// If the system gives no random number for its life.
+    pub fn new(instance: &str) -> io::Result<Self> {
+        Ok(Self { client: QueueClient::new(instance)? })
+    }
+
+    /// Answers a request with the next [`Replier::work`]; returns the number of the answer. `to` is the header of the request.
+    ///
+    /// # Errors
+    /// If too many are on their way, or the answer is too long.
+    pub fn reply(&mut self, now: Time, to: &Header, answer: &R, within: Duration) -> Result<u64, String> {
+        self.client.send_to(now, (&to.category, to.priority, to.marker), &to.sender, answer, within)
+    }
+
+    /// Sends what is due, and takes receipts. Called once in each calculation.
+    pub fn work(&mut self, now: Time, calls: &mut Calls<QueueMessage, Receipt>) {
+        self.client.work(now, calls);
+    }
+
+    /// Returns how the sending of an answer ended, with its number; called until there is none. [`SendEnd::Unknown`] with
+    /// [`ObjectError::NotConnected`] is an answer to somebody that the spec does not connect.
+    pub fn end_of(&mut self) -> Option<(u64, SendEnd)> {
+        self.client.end_of()
+    }
+}
+
+#[cfg(test)]
+mod tests;
