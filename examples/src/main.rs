@@ -1,5 +1,7 @@
 //! The controllers of all examples in one program; the folder of each example has its spec, its page and its source.
 
+#[path = "../claims/claims.rs"]
+mod claims;
 #[path = "../hardware/hardware.rs"]
 mod hardware;
 #[path = "../levels/levels.rs"]
@@ -28,6 +30,7 @@ fn headline(name: &str, unit: &str, value: f64) -> Signal {
 
 fn main() -> std::process::ExitCode {
     let mut registry = Registry::default();
+    claims::add(&mut registry);
     hardware::add(&mut registry);
     levels::add(&mut registry);
     machines::add(&mut registry);

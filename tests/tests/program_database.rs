@@ -191,6 +191,24 @@ fn ports_that_are_connected_with_keys_claim_each_key_once() {
     println!("{COUNT} keys claimed, {} refused to one of two", of("refused").concat().len());
 }
 
+/// `specs/claims.dca`: two explorers share out six rooms through ports; who was quicker has the room, and both know it.
+#[test]
+fn explorers_claim_each_room_once() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    let program = format!("'{}'", executable("dca-examples").display());
+    let text = include_str!("../../specs/claims.dca").replace("target/release/dca-examples", &program);
+    let ended = here.dca(&["deploy", "--no-record", &cluster.file("claims.dca", &text)]).ended(4 * SOON);
+    assert_eq!(ended.code, Some(0), "{ended}");
+    let by = |room: u32| here.ask(&["db", "get", &format!("team/flat/claim/{room}")]).out;
+    let all: Vec<String> = (1..=6).map(by).collect();
+    assert!(all.iter().all(|by| by.contains("main/ann") || by.contains("main/bob")), "{all:?}");
+    // What is claimed stays so: who comes later finds nothing to do, and says so.
+    let again = here.dca(&["deploy", "--no-record", &cluster.file("claims.dca", &text)]).ended(4 * SOON);
+    assert_eq!((again.code, (1..=6).map(by).collect()), (Some(0), all), "{again}");
+}
+
 /// In a team with keys two programs write the same keys: one that the spec connects with them, and one that it does not.
 #[test]
 fn in_a_team_a_program_writes_what_its_spec_connects() {
