@@ -198,7 +198,7 @@ fn explorers_claim_each_room_once() {
     let here = cluster.here();
     let _node = here.node("c1", &[]);
     let program = format!("'{}'", executable("dca-examples").display());
-    let text = include_str!("../../specs/claims.dca").replace("target/release/dca-examples", &program);
+    let text = include_str!("../../specs/claims.dca").replace("target/debug/dca-examples", &program);
     let ended = here.dca(&["deploy", "--no-record", &cluster.file("claims.dca", &text)]).ended(4 * SOON);
     assert_eq!(ended.code, Some(0), "{ended}");
     let by = |room: u32| here.ask(&["db", "get", &format!("team/flat/claim/{room}")]).out;

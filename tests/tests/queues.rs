@@ -130,7 +130,7 @@ fn a_router_drops_who_is_gone_and_delays_nobody() {
 fn the_spec_with_a_router_runs() {
     let cluster = Cluster::new();
     let program = executable("dca-examples").display().to_string();
-    let text = include_str!("../../specs/news.dca").replace("target/release/dca-examples", &program);
+    let text = include_str!("../../specs/news.dca").replace("target/debug/dca-examples", &program);
     let ended = cluster.here().ask(&["run", &cluster.file("news.dca", &text)]);
     assert!(ended.code == Some(0) && ended.out.starts_with("news: done"), "{ended}");
 }
