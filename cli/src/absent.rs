@@ -23,6 +23,8 @@ pub(crate) struct Absences {
     pub(crate) duplicates: Vec<Duplicate>,
     /// Hosts that were asked and did not answer, and that no node misses yet.
     pub(crate) silent: BTreeSet<String>,
+    /// Hosts that are not waited for: their keys are revoked.
+    pub(crate) revoked: BTreeSet<String>,
 }
 
 /// Asks every node that has said how it is. One of an older version knows of nobody.
@@ -59,7 +61,20 @@ pub(crate) async fn ask(found: &[(&Client, Statuses)]) -> Absences {
     away.duplicates = duplicates.into_values().map(|(_, one)| one).collect();
     let silent = found.iter().flat_map(|(_, statuses)| &statuses.silent);
     away.silent = silent.filter(|host| away.hosts.iter().all(|one| one.host != **host)).cloned().collect();
+    away.leave_out(&revoked(found, &away).await);
     away
+}
+
+/// Returns the hosts whose keys are revoked, as the nodes that answer have met them. Nobody is asked where all hosts answer.
+async fn revoked(found: &[(&Client, Statuses)], away: &Absences) -> BTreeSet<String> {
+    let mut revoked = BTreeSet::new();
+    if away.hosts.is_empty() && away.silent.is_empty() {
+        return revoked;
+    }
+    for (client, statuses) in found {
+        revoked.extend(client.revoked(statuses.nodes.iter().map(|node| node.host.as_str())).await);
+    }
+    revoked
 }
 
 /// Says that no node that answers has something; hosts that do not answer may have it.
@@ -112,11 +127,22 @@ impl Absences {
         let hosts = hosts.into_values().cloned().collect();
         let ends = ends.into_values().map(|(_, end)| end.clone()).collect();
         let processes = processes.into_values().cloned().collect();
-        Self { hosts, ends, processes, told, duplicates: Vec::new(), silent: BTreeSet::new() }
+        Self { hosts, ends, processes, told, duplicates: Vec::new(), silent: BTreeSet::new(), revoked: BTreeSet::new() }
+    }
+
+    /// Counts hosts as revoked that would count as absent.
+    fn leave_out(&mut self, revoked: &BTreeSet<String>) {
+        let absent = self.hosts.iter().map(|one| &one.host).chain(&self.silent);
+        self.revoked = absent.filter(|host| revoked.contains(*host)).cloned().collect();
+        self.hosts.retain(|one| !revoked.contains(&one.host));
+        self.silent.retain(|host| !revoked.contains(host));
     }
 
     /// Returns how it is with a host: `c2 is lost`.
     pub(crate) fn word(&self, host: &str) -> String {
+        if self.revoked.contains(host) {
+            return format!("{host} is revoked");
+        }
         match self.hosts.iter().find(|one| one.host == host) {
             Some(AbsentHost { lost: true, .. }) => format!("{host} is lost"),
             _ => format!("{host} does not answer"),
@@ -150,7 +176,10 @@ impl Absences {
                 end.deployment
             )
         };
-        let twice = self.duplicates.iter().map(duplicate);
+        let revoked = |host: &String| {
+            format!("warning: `{host}` is revoked: what runs there is not known, and no node of the team ends it")
+        };
+        let twice = self.duplicates.iter().map(duplicate).chain(self.revoked.iter().map(revoked));
         twice.chain(self.hosts.iter().map(host)).chain(self.ends.iter().map(end)).collect()
     }
 }
@@ -226,6 +255,21 @@ mod tests {
         // Without its home, who took part speaks for it.
         let away = Absences::new(BTreeMap::from([("c3".to_owned(), c3)]), &there(&["c3"]));
         assert_eq!((away.hosts.len(), away.ends), (2, vec![end("c1", "c1")]));
+    }
+
+    #[test]
+    fn who_is_revoked_is_not_absent() {
+        let hosts = [lost("c2", 50), lost("c3", 40)];
+        let mut away = Absences { hosts: hosts.into(), silent: ["c4".to_owned()].into(), ..Absences::default() };
+        away.leave_out(&["c3", "c4", "c5"].map(str::to_owned).into());
+        assert_eq!((away.hosts.len(), away.silent.len()), (1, 0));
+        assert_eq!(away.revoked, ["c3", "c4"].map(str::to_owned).into());
+        assert_eq!(away.word("c3"), "c3 is revoked");
+        let Some(Failure::Unreachable(why)) = away.may_have("deployment `door`") else { panic!("c2 may have it") };
+        assert_eq!(
+            why.to_string(),
+            "no node that answers has the deployment `door`; `c2` does not answer, where it may run"
+        );
     }
 
     #[test]

@@ -8,6 +8,7 @@ use anyhow::{Context as _, anyhow, ensure};
 use dbmanager::logic::view::{date, table};
 use node::console::{self, Failure};
 use node::io::{run_dir, state_dir};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use team::{audit, member};
 use trust::audit::{Head, Log, Verifier};
@@ -100,7 +101,8 @@ fn verified(path: &Path, text: &str, signed: &Signed) -> anyhow::Result<Log> {
     let heads = signed.0.iter().map(|(_, head)| head.clone()).collect();
     let verifier = Verifier::new(heads)?;
     let read = |mut verifier: Verifier| {
-        text.lines().try_for_each(|line| verifier.line(line))?;
+        // Not `lines`, which would take a carriage return off: that is a changed record.
+        text.split_terminator('\n').try_for_each(|line| verifier.line(line))?;
         verifier.finish()
     };
     read(verifier).with_context(|| {
@@ -125,7 +127,7 @@ impl Signed {
     fn of(text: &str, named: &[PathBuf], found: &[PathBuf]) -> anyhow::Result<Self> {
         // What is no log is said by who reads all of it.
         let Some(log) = text.lines().next().and_then(Log::node_of) else { return Ok(Self(Vec::new())) };
-        let mut all = Vec::new();
+        let (mut all, mut known) = (Vec::new(), BTreeSet::new());
         for (path, is_named) in named.iter().map(|path| (path, true)).chain(found.iter().map(|path| (path, false))) {
             let heads = match heads(path) {
                 Err(error) if !is_named => {
@@ -134,9 +136,10 @@ impl Signed {
                 }
                 heads => heads?,
             };
-            let before = all.len();
-            all.extend(heads.into_iter().filter(|(_, head)| head.position().log == log));
-            ensure!(!is_named || all.len() > before, "`{}` has no signed head of this log", path.display());
+            let mut of_log = heads.into_iter().filter(|(_, head)| head.position().log == log).peekable();
+            ensure!(!is_named || of_log.peek().is_some(), "`{}` has no signed head of this log", path.display());
+            // One may be in several files: with who has signed it, and with whose log it is of.
+            all.extend(of_log.filter(|(_, head)| known.insert(head.to_bytes())));
         }
         Ok(Self(all))
     }

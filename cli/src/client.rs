@@ -2,6 +2,7 @@
 
 mod failure;
 pub(crate) mod feed;
+mod revoked;
 pub(crate) mod signer;
 mod statuses;
 
@@ -312,14 +313,18 @@ impl Client {
         Ok(Answers { host: host.to_owned(), replies: replies.map_err(|error| call_failure(host, error))? })
     }
 
-    /// Returns every node that can be reached: the node of this machine knows at once, unless it has just begun to look.
+    /// Returns every node that can be reached: the node of this machine knows at once, unless it has just begun to look. Those that it
+    /// knows to be revoked are left out, which it lists until it counts them as lost.
     pub(crate) async fn all(&self) -> Result<BTreeSet<String>, Failure> {
         if let Some(local) = &self.local
             && let Some((hosts, up)) = self.reached_by(local).await
         {
             return match KNOWS_AFTER.checked_sub(up) {
                 Some(left) => self.look(&[], left.min(FIND_WITHIN)).await,
-                None => Ok(hosts),
+                None => {
+                    let revoked = self.revoked(std::iter::once(local.as_str())).await;
+                    Ok(hosts.into_iter().filter(|host| host == local || !revoked.contains(host)).collect())
+                }
             };
         }
         self.hosts(&[]).await

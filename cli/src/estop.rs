@@ -45,6 +45,8 @@ enum Outcome {
     Refused(String),
     /// What runs there nobody knows.
     Unknown(String),
+    /// Its keys are revoked: no node of the team links to it.
+    Revoked,
 }
 
 /// Runs the verb.
@@ -106,6 +108,12 @@ async fn everywhere(clients: &Clients, request: &Request) -> Result<BTreeMap<Str
     for host in away.hosts.iter().map(|one| &one.host).chain(&away.silent) {
         hosts.entry(host.clone()).or_insert_with(|| Outcome::Unknown("does not answer".to_owned()));
     }
+    let answers = |outcome: &Outcome| !matches!(outcome, Outcome::Unknown(_));
+    for host in away.revoked {
+        if !hosts.get(&host).is_some_and(answers) {
+            hosts.insert(host, Outcome::Revoked);
+        }
+    }
     if let Some(why) = clients.hanging() {
         hosts.insert("this machine".to_owned(), Outcome::Unknown(why));
     }
@@ -156,6 +164,7 @@ fn in_words(outcome: &Outcome) -> String {
         Outcome::Released(true) => "released: programs may begin again".to_owned(),
         Outcome::Released(false) => "was not stopped: programs may begin".to_owned(),
         Outcome::Refused(why) | Outcome::Unknown(why) => why.clone(),
+        Outcome::Revoked => "its keys are revoked: it is not asked, and what runs there is not known".to_owned(),
     }
 }
 
@@ -165,5 +174,6 @@ fn in_json(host: &str, outcome: &Outcome) -> serde_json::Value {
         Outcome::Released(was_stopped) => json!({ "host": host, "released": true, "was_stopped": was_stopped }),
         Outcome::Refused(why) => json!({ "host": host, "refused": why }),
         Outcome::Unknown(why) => json!({ "host": host, "unknown": why }),
+        Outcome::Revoked => json!({ "host": host, "revoked": true }),
     }
 }

@@ -67,6 +67,7 @@ fn away_rows(away: &Absences, there: &BTreeSet<String>) -> Vec<Vec<String>> {
     };
     let mut rows: Vec<Vec<String>> = away.hosts.iter().map(gone).collect();
     rows.extend(away.silent.iter().map(|host| row(host, "does not answer".to_owned())));
+    rows.extend(away.revoked.iter().map(|host| row(host, "revoked".to_owned())));
     // One of which this home has only read in its journal.
     let named: BTreeSet<&str> = away.ends.iter().flat_map(|end| &end.hosts).map(|one| one.host.as_str()).collect();
     let listed: BTreeSet<String> = rows.iter().map(|row| row[0].clone()).collect();

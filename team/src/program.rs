@@ -9,13 +9,14 @@ use crate::member::{REVOKED_BYTES_MAX, judge, revocations};
 use anyhow::Context as _;
 use comms::io::session::{Authenticator, Author, Digest, Identity, PublicKey};
 use comms::logic::proof::Proof;
+use std::collections::BTreeSet;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use trust::delegation::Delegation;
 use trust::identity::{SECRET_LEN, SecretKeys};
 use trust::revocation::Revocations;
 use trust::statement;
-use trust::team::Team;
+use trust::team::{Credential, Team};
 pub use trust::wire_key::{ProgramKeys, Sealing};
 use zeroize::Zeroizing;
 
@@ -80,6 +81,23 @@ impl ProgramIdentity {
             Err(why) => return Some(why),
         };
         (!delegation.has_signed(digest, &proof.signature)).then(|| "its signature is not that of its key".to_owned())
+    }
+
+    /// Returns the names of nodes whose keys are all revoked, by what nodes have shown: one that has been given new keys is not among
+    /// them. Nobody is, if it cannot be read who is revoked.
+    pub fn revoked(&self, shown: &[Vec<u8>]) -> BTreeSet<String> {
+        let Ok(revoked) = self.revocations_now() else { return BTreeSet::new() };
+        let (mut gone, mut there) = (BTreeSet::new(), BTreeSet::new());
+        for credential in shown.iter().filter_map(|bytes| Credential::from_bytes(bytes).ok()) {
+            let certificate = credential.certificate();
+            let name = certificate.claims().name.to_string();
+            if credential.check(&judge(&self.team, &revoked)).is_ok() {
+                there.insert(name);
+            } else if revoked.has(&certificate.subject()) {
+                gone.insert(name);
+            }
+        }
+        &gone - &there
     }
 
     /// Returns what shows that a node of the team vouches for a key.

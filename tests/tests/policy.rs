@@ -108,7 +108,9 @@ fn a_program_runs_as_the_policy_of_its_node_says_or_is_refused_in_a_sentence() {
     let shown = host.ask(&["status"]);
     assert!(shown.out.contains(&format!("policy {}, sandbox standard", file.display())), "{shown}");
     let in_use = host.statuses(&[])[0].policy.clone().expect("one holds");
-    assert_eq!((in_use.file, &*in_use.sandbox), (file.display().to_string(), "standard"));
+    // Its programs run as who owns it.
+    let weak = format!("standard; `{}`, as whom programs run, could change it", own_name());
+    assert_eq!((in_use.file, in_use.sandbox), (file.display().to_string(), weak));
     fs::remove_file(&file).expect("a file of ours");
     assert_eq!(deploy(&cluster, &spec("true", "", "")).code, Some(0), "without a policy anything runs, as before");
     assert_eq!(host.statuses(&[])[0].policy, None);
@@ -139,7 +141,24 @@ fn a_node_with_a_damaged_policy_does_not_begin_and_the_doctor_says_why() {
     assert!(said.contains("FAILED   policy") && said.contains(&why), "{said}");
     put(&host, "c1", "root = true\nrealtime = 49\n");
     let said = doctor();
-    assert!(said.contains(&format!("ok       policy       `{}` says what may run", file.display())), "{said}");
+    let weak =
+        format!("warning  policy       `{}`, as whom programs run, could change `{}`", own_name(), file.display());
+    assert!(said.contains(&weak), "{said}");
+    if rustix::process::getuid().is_root() {
+        put(&host, "c1", "user = \"nobody\"");
+        let said = doctor();
+        assert!(said.contains(&format!("ok       policy       `{}` says what may run", file.display())), "{said}");
+    }
+    // What nobody writes by hand is said to be too long, and how long it may be.
+    put(&host, "c1", &"# much\n".repeat(5_000_000));
+    let said = doctor();
+    assert!(said.contains("cannot be used: it is longer than 256 KiB"), "{said}");
+}
+
+/// The name of the user of this test.
+fn own_name() -> String {
+    let name = Command::new("id").arg("-un").output().expect("it is part of every system");
+    String::from_utf8_lossy(&name.stdout).trim().to_owned()
 }
 
 /// A node of root starts programs as somebody without rights; what cannot be so is refused.
@@ -178,7 +197,8 @@ fn programs_run_as_the_user_of_the_policy_without_rights() {
     let ran = deploy(&cluster, &spec(&format!("sh -c \\\"{script}\\\""), "", ""));
     assert_eq!(ran.code, Some(0), "{ran}");
     assert_eq!(fs::read_to_string(&told).expect("it ran"), "NoNewPrivs:\t0\n", "who says so gets no sandbox");
-    assert_eq!(host.statuses(&[])[0].policy.as_ref().map(|policy| &*policy.sandbox), Some("none"));
+    let sandbox = host.statuses(&[])[0].policy.as_ref().map(|policy| policy.sandbox.clone());
+    assert_eq!(sandbox.as_deref(), Some("none; `root`, as whom programs run, could change it"));
 }
 
 /// A program that runs keeps on running when the policy gets stricter, and is not started again.

@@ -182,6 +182,13 @@ fn an_audit_log_is_verified() {
     let fits = verify(&[&log, "--heads", &heads]);
     assert_eq!(fits.code, Some(0), "{fits}");
     assert!(fits.out.contains("complete up to record 1") && fits.out.contains("1 signed head fits"), "{fits}");
+    // One head in two files is one, and a line of another system's end is not the line that was written.
+    let twice = verify(&[&log, "--heads", &heads, "--heads", &heads]);
+    assert!(twice.code == Some(0) && twice.out.contains("1 signed head fits"), "{twice}");
+    for text in [format!("{}\n", lines.join("\r\n")), format!("{}\r\n", lines.join("\n"))] {
+        let refused = verify(&[&desk.cluster.file("crlf.audit", &text)]);
+        assert!(refused.code == Some(1) && refused.err.contains("is not as it was written"), "{refused}");
+    }
     let cut = desk.cluster.file("cut.audit", &format!("{}\n", lines[0]));
     let missing = verify(&[&cut, "--heads", &heads]);
     assert_eq!(missing.code, Some(1), "{missing}");

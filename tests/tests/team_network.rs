@@ -287,6 +287,13 @@ fn a_revoked_robot_is_cut_off() {
     assert_eq!(revoked.code, Some(0), "{revoked}");
     assert!(revoked.err.contains("the node `c1` knows"), "{revoked}");
     assert!(wait_until(SOON, || !sees(2, "c3")).is_some(), "host 2 hears of it from host 1");
+    // Nobody waits for it, and it is not passed over in silence.
+    let nothing = team.host(2).ask(&with(&["stop", "nothing"], &team.keys));
+    assert!(nothing.code == Some(1) && nothing.err.contains("no deployment `nothing` is running"), "{nothing}");
+    let stopped = team.host(2).ask(&["estop", "test"]);
+    assert_eq!(stopped.code, Some(0), "{stopped}");
+    let expected = ["c1: stopped; no program runs", "c2: stopped; no program runs", "c3: its keys are revoked"];
+    assert!(expected.iter().all(|line| stopped.out.contains(line)), "{stopped}");
     let is_alone = wait_until(SOON, || !sees(3, "c2"));
     assert!(is_alone.is_some(), "{}{}", team.host(3).ask(&["status"]), team.host(3).ask(&["nodes"]));
     team.nodes[2].kill();
@@ -311,7 +318,8 @@ fn a_revocation_travels_over_two_meetings_without_the_operator() {
     let knows = |number: usize| wait_until(SOON, || log(number).contains("\trevoke: number 1")).is_some();
     let sees_c4 = || {
         let nodes = team.host(3).ask(&["nodes"]);
-        nodes.out.lines().any(|line| line.starts_with("c4") && !line.contains("lost"))
+        let is_away = |line: &str| line.contains("lost") || line.contains("revoked");
+        nodes.out.lines().any(|line| line.starts_with("c4") && !is_away(line))
     };
     assert!(wait_until(SOON, sees_c4).is_some(), "{}", team.host(3).ask(&["nodes"]));
     [3, 4].into_iter().for_each(|number| team.network.cut(number));

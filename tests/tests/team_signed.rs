@@ -279,6 +279,9 @@ fn a_mission_of_a_revoked_user_does_not_come_back_after_a_reboot() {
     let runs = |at: &Attacked| at.cluster.leaf("main/there").map(|process| process.pid);
     let begins = wait_until(SOON, || runs(&at).is_some());
     assert!(begins.is_some(), "{:?}", at.records());
+    // Whoever asked for it has gone after the first answer: what became of it is in the log all the same.
+    let done = "done|dan|deploy `test`|".to_owned();
+    assert!(wait_until(SOON, || at.records().contains(&done)).is_some(), "{:?}", at.records());
     let first = runs(&at);
     at.reboot("second");
     assert!(wait_until(SOON, || runs(&at).is_some_and(|pid| Some(pid) != first)).is_some(), "{:?}", at.records());

@@ -22,7 +22,8 @@ const BEGIN: &str = "dca-audit 1";
 const HEAD: &str = "dca audit head 1";
 const HEAD_TEXT: &str = "dca-head1-";
 const HEAD_LEN_MAX: usize = 512;
-const DECISIONS: [Decision; 4] = [Decision::Done, Decision::Refused, Decision::Accepted, Decision::Failed];
+const DECISIONS: [Decision; 5] =
+    [Decision::Done, Decision::Refused, Decision::Accepted, Decision::Failed, Decision::Unknown];
 
 /// What became of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,6 +36,8 @@ pub enum Decision {
     Accepted,
     /// It was accepted, and not done.
     Failed,
+    /// It was accepted, and the node does not know what became of it.
+    Unknown,
 }
 
 impl Decision {
@@ -44,6 +47,7 @@ impl Decision {
             Self::Refused => "refused",
             Self::Accepted => "accepted",
             Self::Failed => "failed",
+            Self::Unknown => "unknown",
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Looks at the machine that this command runs on.
 
-use crate::logic::checkup::{Folder, Machine};
+use crate::logic::checkup::{Folder, FoundPolicy, Machine};
 use comms::io::clock;
 use comms::io::session;
 use comms::logic::human::cause;
@@ -39,10 +39,13 @@ pub async fn look(run: &Path, state: Option<&Path>) -> Machine {
 }
 
 /// Returns the policy of this machine, or those of the nodes whose states are below this folder.
-fn policies(state: Option<&Path>) -> Vec<Result<String, String>> {
+fn policies(state: Option<&Path>) -> Vec<Result<FoundPolicy, String>> {
     let found = |node: Option<&Path>| {
-        let found = policy::find(node).map_err(|error| format!("{error:#}"));
-        found.map(|found| found.map(|found| found.path.display().to_string())).transpose()
+        let found = policy::find(node).map_err(|error| format!("{error:#}")).transpose()?;
+        Some(found.map(|found| FoundPolicy {
+            path: found.path.display().to_string(),
+            could_be_changed_by: found.could_be_changed_by(),
+        }))
     };
     let own = found(None);
     if own.is_some() {

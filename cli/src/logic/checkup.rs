@@ -77,7 +77,16 @@ pub struct Machine {
     /// The nodes that run on this machine, of this user.
     pub nodes: Vec<String>,
     /// The execution policies of this machine and its nodes: their files, or why one cannot be used.
-    pub policies: Vec<Result<String, String>>,
+    pub policies: Vec<Result<FoundPolicy, String>>,
+}
+
+/// An execution policy that can be used.
+#[derive(Clone, Debug)]
+pub struct FoundPolicy {
+    /// Its file.
+    pub path: String,
+    /// The user as whom programs run, if that one could change it.
+    pub could_be_changed_by: Option<String>,
 }
 
 /// A folder, or the place where it would be made.
@@ -231,7 +240,16 @@ fn controllers(machine: &Machine) -> Check {
 
 fn policy(machine: &Machine) -> Check {
     let wrong: Vec<&str> = machine.policies.iter().filter_map(|one| one.as_ref().err().map(String::as_str)).collect();
-    let files: Vec<&str> = machine.policies.iter().flatten().map(String::as_str).collect();
+    let files: Vec<&str> = machine.policies.iter().flatten().map(|one| one.path.as_str()).collect();
+    let weak = |one: &FoundPolicy| {
+        let user = one.could_be_changed_by.as_ref()?;
+        Some(format!("`{user}`, as whom programs run, could change `{}`", one.path))
+    };
+    let weak: Vec<String> = machine.policies.iter().flatten().filter_map(weak).collect();
+    if wrong.is_empty() && !weak.is_empty() {
+        let hint = "keep the policy in `/etc/dca`, to which only root can write, and run programs as another user";
+        return check("policy", Level::Warning, weak.join("; "), hint);
+    }
     let (level, finding) = if !wrong.is_empty() {
         (Level::Failed, wrong.join("; "))
     } else if files.is_empty() {
@@ -274,7 +292,7 @@ mod tests {
             version: "1".into(),
             controllers: Ok(20),
             nodes: vec!["c1".into()],
-            policies: vec![Ok("/etc/dca/policy.toml".into())],
+            policies: vec![Ok(FoundPolicy { path: "/etc/dca/policy.toml".into(), could_be_changed_by: None })],
         }
     }
 
@@ -315,5 +333,12 @@ mod tests {
         check_flaw(|it| it.shim = Err("it is not there".into()), Level::Failed, "shim", "it is not there");
         check_flaw(|it| it.controllers = Err("no".into()), Level::Warning, "controllers", "no");
         check_flaw(|it| it.policies.push(Err("line 3: no".into())), Level::Failed, "policy", "line 3: no");
+        let weak = || Ok(FoundPolicy { path: "p".into(), could_be_changed_by: Some("ann".into()) });
+        check_flaw(
+            |it| it.policies.push(weak()),
+            Level::Warning,
+            "policy",
+            "`ann`, as whom programs run, could change `p`",
+        );
     }
 }

@@ -159,7 +159,8 @@ impl View {
             let what = format!("{}  {}  {}", process.host, process.deployment, process.path);
             lines.insert(what, format!("unknown ({})", self.away.word(&process.host)));
         }
-        for host in self.away.silent.iter().chain(self.away.hosts.iter().map(|one| &one.host)) {
+        let away = self.away.silent.iter().chain(&self.away.revoked);
+        for host in away.chain(self.away.hosts.iter().map(|one| &one.host)) {
             lines.insert(format!("{host}  node"), self.away.word(host));
         }
         lines

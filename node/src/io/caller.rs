@@ -3,12 +3,14 @@
 //! Whoever answers must not wait for a caller that takes nothing, so there is room for so many answers. The first one that
 //! finds no room ends the call, and the caller is told that what it has is not everything. It is told the same when
 //! whoever answers is gone before [`Caller::end`].
+//!
+//! A call may have a witness, who hears what became of the request also when its caller is gone.
 
 use crate::logic::gate::{Outcome, outcome};
 use crate::logic::protocol::Answer;
 use std::borrow::Cow;
 use std::fmt;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use tokio::sync::mpsc::error::TrySendError;
 use tokio::sync::mpsc::{self, Receiver, Sender};
 
@@ -30,8 +32,8 @@ pub struct Caller {
     witness: Mutex<Option<Witness>>,
 }
 
-/// Hears once what became of a request.
-struct Witness(Box<dyn FnOnce(Outcome) + Send>);
+/// Hears once what became of a request; nothing if nobody has said that.
+struct Witness(Box<dyn FnOnce(Option<Outcome>) + Send>);
 
 impl fmt::Debug for Witness {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -53,25 +55,33 @@ pub fn answers() -> (Caller, Answers) {
 }
 
 impl Caller {
-    /// Has somebody hear what became of the request, once an answer says so. Whose caller goes away before that hears nothing.
+    /// Has somebody hear what became of the request, once an answer says so, or that no answer has.
     #[must_use]
-    pub(crate) fn witnessed(mut self, witness: impl FnOnce(Outcome) + Send + 'static) -> Self {
+    pub(crate) fn witnessed(mut self, witness: impl FnOnce(Option<Outcome>) + Send + 'static) -> Self {
         self.witness = Mutex::new(Some(Witness(Box::new(witness))));
         self
     }
 
-    fn tell(&self, outcome: Outcome) {
-        let witness = self.witness.lock().unwrap_or_else(PoisonError::into_inner).take();
+    fn witness(&self) -> MutexGuard<'_, Option<Witness>> {
+        self.witness.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn tell(&self, outcome: Option<Outcome>) {
+        let witness = self.witness().take();
         witness.into_iter().for_each(|witness| (witness.0)(outcome.clone()));
     }
 
+    fn tell_of(&self, answer: &Answer) {
+        outcome(answer).into_iter().for_each(|outcome| self.tell(Some(outcome)));
+    }
+
     /// Answers without waiting. Returns whether there was room, and somebody who still takes answers; if not, there will be
-    /// no more.
+    /// no more. A witness takes answers, too, up to the one that says what became of the request.
     pub fn offer(&self, answer: Answer) -> bool {
-        outcome(&answer).into_iter().for_each(|outcome| self.tell(outcome));
+        self.tell_of(&answer);
         match self.answers.try_send(answer) {
             Ok(()) => true,
-            Err(TrySendError::Closed(_)) => false,
+            Err(TrySendError::Closed(_)) => self.witness().is_some(),
             Err(TrySendError::Full(_)) => {
                 self.settle(Err(SLOW.into()));
                 false
@@ -84,7 +94,7 @@ impl Caller {
     /// # Cancellation
     /// The answer is lost.
     pub async fn send(&self, answer: Answer) -> bool {
-        outcome(&answer).into_iter().for_each(|outcome| self.tell(outcome));
+        self.tell_of(&answer);
         self.answers.send(answer).await.is_ok()
     }
 
@@ -108,13 +118,19 @@ impl Caller {
 
     /// Says that there is more, which cannot be had, and why, for a person.
     pub fn fail(self, why: String) {
-        self.tell(Err(why.clone()));
+        self.tell(Some(Err(why.clone())));
         self.settle(Err(why.into()));
     }
 
     fn settle(&self, end: Result<(), Cow<'static, str>>) {
         // What was said first stays.
         self.end.set(end).unwrap_or_default();
+    }
+}
+
+impl Drop for Caller {
+    fn drop(&mut self) {
+        self.tell(None);
     }
 }
 
@@ -176,11 +192,26 @@ mod tests {
         };
         let told = |report| Answer::Report(report);
         let go = || told(Report::Go { took: Duration::ZERO, signals: Vec::new() });
-        assert_eq!(heard(vec![told(Report::Connected { host: "c1".into() })]), []);
-        assert_eq!(heard(vec![told(Report::Connected { host: "c1".into() }), go(), go()]), [Ok(())]);
+        let connected = || told(Report::Connected { host: "c1".into() });
+        assert_eq!(heard(vec![connected()]), [None]);
+        assert_eq!(heard(vec![connected(), go(), go()]), [Some(Ok(()))]);
         let refused = Report::Refused { reasons: vec!["one".into(), "two".into()] };
-        assert_eq!(heard(vec![told(refused), answer()]), [Err("one; two".to_owned())]);
-        assert_eq!(heard(vec![answer()]), [Err(String::new())]);
+        assert_eq!(heard(vec![told(refused), answer()]), [Some(Err("one; two".to_owned()))]);
+        assert_eq!(heard(vec![answer()]), [Some(Err(String::new()))]);
+    }
+
+    /// Whoever asked was killed: what it has asked for goes on, and its end is known.
+    #[tokio::test]
+    async fn a_witness_takes_answers_when_the_caller_is_gone() {
+        let (told, hears) = std::sync::mpsc::sync_channel(8);
+        let (caller, rest) = answers();
+        let caller = caller.witnessed(move |outcome| told.send(outcome).unwrap());
+        drop(rest);
+        let report = |report| caller.offer(Answer::Report(report));
+        assert!(report(Report::Connected { host: "c1".into() }), "there is somebody who hears");
+        assert!(!report(Report::Go { took: Duration::ZERO, signals: Vec::new() }), "there is nobody any more");
+        drop(caller);
+        assert_eq!(hears.iter().collect::<Vec<_>>(), [Some(Ok(()))]);
     }
 
     #[tokio::test]

@@ -435,14 +435,14 @@ impl Driver {
     }
 
     async fn close(mut self) -> anyhow::Result<()> {
+        self.leave_orders();
         let deadline = clock::now() + SETTLE_WITHIN;
         while let Some(_settled) = tokio::select! {
             settled = self.settling.join_next() => settled,
             () = clock::sleep_until(deadline) => None,
         } {}
         self.peers.answered().await;
-        self.tasks.abort_all();
-        while self.tasks.join_next().await.is_some() {}
+        self.tasks.shutdown().await;
         self.database.close().await;
         self.peers.close().await;
         Ok(())

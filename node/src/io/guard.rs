@@ -96,11 +96,12 @@ impl Guard {
         self.record(attempt, Decision::Done, "");
     }
 
-    /// Puts into the audit log what became of something that was accepted.
-    pub(crate) fn ended(&self, attempt: &Attempt, outcome: &Outcome) {
+    /// Puts into the audit log what became of something that was accepted; nothing if nobody has said that.
+    pub(crate) fn ended(&self, attempt: &Attempt, outcome: Option<&Outcome>) {
         match outcome {
-            Ok(()) => self.record(attempt, Decision::Done, ""),
-            Err(why) => self.record(attempt, Decision::Failed, why),
+            Some(Ok(())) => self.record(attempt, Decision::Done, ""),
+            Some(Err(why)) => self.record(attempt, Decision::Failed, why),
+            None => self.record(attempt, Decision::Unknown, "nobody waited for its end"),
         }
     }
 

@@ -4,6 +4,8 @@
 //! The file is read anew each time that a program is started, so a change of it holds from the next start on, also for a program that
 //! is started again. Nothing else says what may run here, and nobody changes it from afar.
 
+mod place;
+
 use crate::io::users::{self, User};
 use crate::io::{child, programs};
 use crate::logic::effect::SpawnOrder;
@@ -109,6 +111,12 @@ impl ExecutionPolicy {
         let found = find(state.as_deref())?;
         if let Some(PolicyFile { path, .. }) = &found {
             tracing::info!(path = %path.display(), "an execution policy holds here");
+        }
+        if let Some(user) = found.as_ref().and_then(PolicyFile::could_be_changed_by) {
+            tracing::warn!(
+                user,
+                "the programs that the execution policy governs could change it; keep it in `/etc/dca`, and run them as another user"
+            );
         }
         let in_use = Mutex::new(found.as_ref().map(in_use));
         Ok(Self(Arc::new(Inner { state, member, hashes: Mutex::default(), in_use })))
@@ -235,10 +243,14 @@ const fn level(sandbox: policy::Sandbox) -> SandboxLevel {
 
 fn in_use(found: &PolicyFile) -> PolicyInUse {
     let is_confined = found.policy.sandbox() == policy::Sandbox::Standard;
-    PolicyInUse {
-        file: found.path.display().to_string(),
-        sandbox: if is_confined { standard().to_owned() } else { "none".to_owned() },
-    }
+    let sandbox = if is_confined { standard() } else { "none" };
+    let weakness = found.could_be_changed_by().map(|user| format!("; `{user}`, as whom programs run, could change it"));
+    PolicyInUse { file: found.path.display().to_string(), sandbox: sandbox.to_owned() + &weakness.unwrap_or_default() }
+}
+
+/// Returns whether the sandbox closes folders of the system on this machine.
+fn has_landlock() -> bool {
+    !standard().contains("landlock")
 }
 
 /// Returns the standard sandbox as this machine has it, for a person.

@@ -38,7 +38,7 @@ impl Driver {
                     let written = keep(move || keeper.keep(&wanted)).await;
                     let event = match written {
                         Ok(()) => {
-                            let caller = caller.witnessed(move |outcome| guard.ended(&attempt, &outcome));
+                            let caller = caller.witnessed(move |outcome| guard.ended(&attempt, outcome.as_ref()));
                             Event::Admitted(call, Request::Signed(signed), caller)
                         }
                         Err(why) => {
@@ -77,8 +77,10 @@ impl Driver {
             (Ok(attempt), Some(guard)) => {
                 let events = self.events.clone();
                 self.accepted.insert(number, attempt.clone());
-                while self.accepted.len() > ACCEPTED_MAX {
-                    self.accepted.pop_first();
+                while self.accepted.len() > ACCEPTED_MAX
+                    && let Some((_, oldest)) = self.accepted.pop_first()
+                {
+                    guard.ended(&oldest, None);
                 }
                 self.tasks.spawn(async move {
                     let verdict = keep(move || guard.keep(&attempt)).await;
@@ -99,8 +101,15 @@ impl Driver {
     /// Puts into the audit log what became of an order that was accepted.
     pub(super) fn order_ended(&mut self, number: u64, outcome: &Outcome) {
         if let Some((attempt, guard)) = self.accepted.remove(&number).zip(self.guard.as_ref()) {
-            guard.ended(&attempt, outcome);
+            guard.ended(&attempt, Some(outcome));
         }
+    }
+
+    /// Puts into the audit log that the node leaves before orders that were accepted are answered.
+    pub(super) fn leave_orders(&mut self) {
+        let guard = self.guard.iter();
+        guard.for_each(|guard| self.accepted.values().for_each(|attempt| guard.ended(attempt, None)));
+        self.accepted.clear();
     }
 }
 

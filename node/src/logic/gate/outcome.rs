@@ -62,11 +62,12 @@ fn of_report(report: &Report) -> Option<Outcome> {
     match report {
         Report::Go { .. } | Report::Changed { .. } => Some(Ok(())),
         Report::Refused { reasons } | Report::Unchanged { reasons, .. } => Some(Err(reasons.join("; "))),
+        // Whatever was asked for had not been done by then.
+        Report::Finished { .. } => Some(Err("the deployment has ended before".to_owned())),
         Report::Accepted { .. }
         | Report::Prepared { .. }
         | Report::Connected { .. }
         | Report::Process { .. }
-        | Report::Finished { .. }
         | Report::Programs { .. }
         | Report::Omitted { .. }
         | Report::Stepped { .. } => None,

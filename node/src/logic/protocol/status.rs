@@ -41,7 +41,7 @@ pub struct NodeStatus {
 pub struct PolicyInUse {
     /// Its file.
     pub file: String,
-    /// The sandbox of programs: `standard` or `none`.
+    /// The sandbox of programs: `standard` or `none`, and what weakens it or the policy, for a person.
     pub sandbox: String,
 }
 
