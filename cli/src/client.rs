@@ -22,7 +22,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
-use team::program::ProgramIdentity;
+use team::visitor::VisitorIdentity;
 use tokio::task::JoinSet;
 
 /// How long a node has to answer a question that it can answer at once: the longest way there and back is 3 s.
@@ -225,7 +225,7 @@ impl Client {
 
     /// Returns the file with what somebody of this machine shows to programs on other hosts of the team, if there is a team.
     pub(crate) fn team(&self) -> Option<PathBuf> {
-        run_dir::programs_identity(self.base.as_deref()?, self.local.as_deref()?)
+        run_dir::visitors_identity(self.base.as_deref()?, self.local.as_deref()?)
     }
 
     /// Returns what shows the node `host` that this command runs on its machine, if it does.
@@ -362,11 +362,11 @@ impl Answers {
 
 /// Has answers of nodes in a team checked by what the node with this socket gives to all of its machine.
 fn authenticated(session: Session, socket: &Path) -> anyhow::Result<Session> {
-    let file = socket.with_file_name(run_dir::PROGRAMS);
+    let file = socket.with_file_name(run_dir::VISITORS);
     if !file.is_file() {
         return Ok(session);
     }
-    let identity = ProgramIdentity::open(&file).context("reading what shows who is in the team")?;
+    let identity = VisitorIdentity::open(&file).context("reading what shows who is in the team")?;
     Ok(session.authenticated_by(Arc::new(identity)))
 }
 

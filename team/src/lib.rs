@@ -1,8 +1,8 @@
 //! A process as a member of a team: what `trust` decides, on the disk and on the network of `comms`.
 //!
-//! A node is a [`member::Member`]: its keys and its certificate are in the folder of its state. It gives each of its programs a
-//! [`program::ProgramIdentity`], so that none has the node's key. Both are identities of tunnels
-//! ([`comms::io::session::Identity`]). [`join`] is how a robot comes into a team.
+//! A node is a [`member::Member`]: its keys and its certificate are in the folder of its state. It vouches for each of its programs,
+//! a [`program::ProgramIdentity`], and for those who look from its machine, a [`visitor::VisitorIdentity`]; none of them has the node's key.
+//! All are identities of tunnels ([`comms::io::session::Identity`]). [`join`] is how a robot comes into a team.
 
 pub mod audit;
 mod cards;
@@ -10,6 +10,7 @@ pub mod folder;
 pub mod join;
 pub mod member;
 pub mod program;
+pub mod visitor;
 
 use comms::io::{clock, entropy};
 use trust::identity::Entropy;

@@ -1,107 +1,65 @@
-//! A program as somebody whom a node of the team vouches for: what its data session shows to those of other hosts.
+//! What the data sessions of programs show to those of other hosts, and whom they let in: a program that has a wire with this one, and
+//! who looks at programs from a machine of the team ([`crate::visitor`]).
 //!
-//! The node writes it to a file of its run folder; each program of the node reads it. It has a key that was made when the node
-//! started, and never the node's own.
+//! A program makes its keys when it starts; they never leave it. Its node vouches for the public one, and names the program. The node
+//! writes what else a program needs to a file of its run folder, in which nothing is secret.
 
-use crate::cards::Cards;
 use crate::folder;
 use crate::member::{REVOKED_BYTES_MAX, judge, revocations};
 use anyhow::Context as _;
-use comms::io::session::{Authenticator, Author, Digest, Identity, PublicKey};
+use comms::io::session::{Digest, Identity, PublicKey};
 use comms::logic::proof::Proof;
 use std::collections::BTreeSet;
+use std::fmt;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use tokio::sync::watch;
 use trust::delegation::Delegation;
-use trust::identity::{SECRET_LEN, SecretKeys};
 use trust::revocation::Revocations;
-use trust::statement;
 use trust::team::{Credential, Team};
 pub use trust::wire_key::{ProgramKeys, Sealing};
 use zeroize::Zeroizing;
 
 /// The longest file.
 const FILE_MAX: usize = 16 << 10;
+/// How many keys of others a program remembers: each start of a program at the other end of a wire is another one.
+const PARTNERS_MAX: usize = 1 << 16;
+/// Why somebody is refused who has no wire with this program.
+const NO_WIRE: &str = "it has no wire with this program";
 
-/// The identity of the programs of a node.
+/// What a node tells its programs about the team.
 #[derive(Debug)]
-pub struct ProgramIdentity {
-    /// Where it was read, and is read again: its node's certificate may be renewed.
-    path: PathBuf,
-    keys: SecretKeys,
-    team: Team,
-    delegation: Delegation,
+pub(crate) struct Circle {
+    pub(crate) team: Team,
+    /// The credential of the node.
+    node: Credential,
     /// Where the node writes down who is revoked.
     revoked: PathBuf,
-    /// What nodes have shown.
-    cards: Cards,
 }
 
-impl ProgramIdentity {
-    /// Writes what programs of a node read: their keys, what shows that the node vouches for them, and where it writes who is revoked.
-    pub(crate) fn keep(
-        path: &Path,
-        keys: &SecretKeys,
-        (team, delegation): (&Team, &Delegation),
-        revoked: &Path,
-    ) -> anyhow::Result<()> {
-        let secret = keys.to_bytes();
+impl Circle {
+    /// Writes it to a file that programs are told of.
+    pub(crate) fn keep(path: &Path, team: &Team, node: &Credential, revoked: &Path) -> anyhow::Result<()> {
         let revoked = revoked.to_str().context("a folder has a name that is no text")?;
-        let fields = (&secret[..], team.to_bytes(), delegation.to_bytes(), revoked);
-        folder::write(path, &Zeroizing::new(postcard::to_stdvec(&fields)?))
+        folder::write(path, &postcard::to_stdvec(&(team.to_bytes(), node.to_bytes(), revoked))?)
     }
 
-    /// Reads what a node has written for its programs.
-    ///
-    /// # Errors
-    /// There is no such file, or it is not what it should be.
-    pub fn open(path: &Path) -> anyhow::Result<Self> {
+    /// Reads it.
+    fn open(path: &Path) -> anyhow::Result<Self> {
         let bytes = folder::read(path, FILE_MAX)?.with_context(|| format!("`{}` is not there", path.display()))?;
         let broken = || format!("`{}` is broken", path.display());
-        let fields: (Vec<u8>, Vec<u8>, Vec<u8>, String) = postcard::from_bytes(&bytes).with_context(broken)?;
-        let secret = Zeroizing::new(fields.0);
-        let keys = SecretKeys::from_bytes(<&[u8; SECRET_LEN]>::try_from(&secret[..]).with_context(broken)?);
-        let team = Team::from_bytes(&fields.1).with_context(broken)?;
-        let delegation = Delegation::from_bytes(&fields.2).with_context(broken)?;
-        let (path, revoked, cards) = (path.to_owned(), fields.3.into(), Cards::default());
-        Ok(Self { path, keys, team, delegation, revoked, cards })
+        let (team, node, revoked): (Vec<u8>, Vec<u8>, String) = postcard::from_bytes(&bytes).with_context(broken)?;
+        let team = Team::from_bytes(&team).with_context(broken)?;
+        Ok(Self::new(team, Credential::from_bytes(&node).with_context(broken)?, revoked.into()))
     }
 
-    /// Signs what somebody says who looks at programs, or calls them, by way of the node of this machine.
-    pub fn sign_visit(&self, digest: &Digest) -> Proof {
-        let signature = statement::sign(digest, &self.keys).to_vec();
-        Proof { key: *self.delegation.key(), signature, credential: Some(self.credential()) }
-    }
-
-    /// Returns why a digest is not signed by who may visit programs; nothing if it is.
-    pub fn visit_problem(&self, proof: &Proof, digest: &Digest) -> Option<String> {
-        let Some(credential) = &proof.credential else { return Some("it shows no credential".to_owned()) };
-        let delegation = match self.delegation(&proof.key, credential) {
-            Ok(delegation) => delegation,
-            Err(why) => return Some(why),
-        };
-        (!delegation.has_signed(digest, &proof.signature)).then(|| "its signature is not that of its key".to_owned())
-    }
-
-    /// Returns the names of nodes whose keys are all revoked, by what nodes have shown: one that has been given new keys is not among
-    /// them. Nobody is, if it cannot be read who is revoked.
-    pub fn revoked(&self, shown: &[Vec<u8>]) -> BTreeSet<String> {
-        let Ok(revoked) = self.revocations_now() else { return BTreeSet::new() };
-        let (mut gone, mut there) = (BTreeSet::new(), BTreeSet::new());
-        for credential in shown.iter().filter_map(|bytes| Credential::from_bytes(bytes).ok()) {
-            let certificate = credential.certificate();
-            let name = certificate.claims().name.to_string();
-            if credential.check(&judge(&self.team, &revoked)).is_ok() {
-                there.insert(name);
-            } else if revoked.has(&certificate.subject()) {
-                gone.insert(name);
-            }
-        }
-        &gone - &there
+    pub(crate) const fn new(team: Team, node: Credential, revoked: PathBuf) -> Self {
+        Self { team, node, revoked }
     }
 
     /// Returns what shows that a node of the team vouches for a key.
-    fn delegation(&self, key: &PublicKey, credential: &[u8]) -> Result<Delegation, String> {
+    pub(crate) fn delegation(&self, key: &PublicKey, credential: &[u8]) -> Result<Delegation, String> {
         let delegation = Delegation::from_bytes(credential).map_err(|error| format!("its credential: {error}"))?;
         if delegation.key() != key {
             return Err("its credential is that of another key".to_owned());
@@ -112,27 +70,138 @@ impl ProgramIdentity {
     }
 
     /// Returns who is revoked, as the node has written it down last. Somebody must not be trusted because that cannot be read.
-    fn revocations_now(&self) -> Result<Revocations, String> {
+    pub(crate) fn revocations_now(&self) -> Result<Revocations, String> {
         let read = folder::read(&self.revoked, REVOKED_BYTES_MAX);
         let read = read.and_then(|sets| sets.map_or(Ok(Revocations::default()), |sets| revocations(&sets, &self.team)));
         read.map_err(|error| format!("who is revoked cannot be read: {error:#}"))
     }
 }
 
+/// Hears who was refused, because it has no wire with this program.
+type OnStranger = Box<dyn Fn(String) + Send + Sync>;
+
+/// A program of a team, as others see it.
+pub struct ProgramIdentity {
+    /// Where its circle was read, and is read again: the certificate of its node may be renewed.
+    path: PathBuf,
+    circle: Circle,
+    keys: ProgramKeys,
+    /// What its node has signed; none before it has.
+    delegation: Mutex<Option<Delegation>>,
+    /// The keys of programs that have, or had, wires with this one. Who has lost its wire is told nothing any more, and its link is
+    /// left to end by itself: it may still be needed for a value under way.
+    partners: Mutex<BTreeSet<PublicKey>>,
+    /// Says that there are more of them.
+    news: watch::Sender<()>,
+    on_stranger: OnStranger,
+}
+
+impl fmt::Debug for ProgramIdentity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("ProgramIdentity").field("keys", &self.keys).finish_non_exhaustive()
+    }
+}
+
+impl ProgramIdentity {
+    /// Makes keys, and reads what the node has written for its programs. `on_stranger` hears who was refused because it has no wire with
+    /// this program, for a person.
+    ///
+    /// # Errors
+    /// There is no such file, or it is not what it should be; or the system has no random bytes.
+    pub fn open(path: &Path, on_stranger: impl Fn(String) + Send + Sync + 'static) -> anyhow::Result<Self> {
+        Ok(Self {
+            path: path.to_owned(),
+            circle: Circle::open(path)?,
+            keys: ProgramKeys::generate(&mut crate::random()?),
+            delegation: Mutex::default(),
+            partners: Mutex::default(),
+            news: watch::Sender::new(()),
+            on_stranger: Box::new(on_stranger),
+        })
+    }
+
+    /// Returns its keys.
+    pub const fn keys(&self) -> &ProgramKeys {
+        &self.keys
+    }
+
+    /// Takes what its node has signed for its key.
+    pub fn take_delegation(&self, bytes: &[u8]) {
+        match Delegation::from_bytes(bytes) {
+            Ok(delegation) if *delegation.key() == self.keys.signing().1 => *self.delegation() = Some(delegation),
+            Ok(_) => tracing::warn!("the node vouches for another key"),
+            Err(error) => tracing::warn!(%error, "what the node has signed cannot be read"),
+        }
+    }
+
+    /// Lets programs with these public keys link, too.
+    pub fn let_in<'a>(&self, keys: impl Iterator<Item = &'a [u8]>) {
+        let mut partners = self.partners();
+        partners.extend(keys.filter_map(ProgramKeys::signing_of).take(PARTNERS_MAX));
+        while partners.len() > PARTNERS_MAX {
+            partners.pop_first();
+        }
+        drop(partners);
+        self.news.send_replace(());
+    }
+
+    /// Returns why a digest is not signed by who may visit programs; nothing if it is.
+    pub fn visit_problem(&self, proof: &Proof, digest: &Digest) -> Option<String> {
+        let Some(credential) = &proof.credential else { return Some("it shows no credential".to_owned()) };
+        match self.circle.delegation(&proof.key, credential) {
+            Err(why) => Some(why),
+            Ok(delegation) if delegation.program().is_some() => Some("it is a program".to_owned()),
+            Ok(delegation) if delegation.has_signed(digest, &proof.signature) => None,
+            Ok(_) => Some("its signature is not that of its key".to_owned()),
+        }
+    }
+
+    fn delegation(&self) -> MutexGuard<'_, Option<Delegation>> {
+        // It is exchanged as a whole.
+        self.delegation.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn partners(&self) -> MutexGuard<'_, BTreeSet<PublicKey>> {
+        self.partners.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn may_link(&self, delegation: &Delegation) -> bool {
+        delegation.program().is_none() || self.partners().contains(delegation.key())
+    }
+}
+
+/// Returns who a node vouches for, for a person.
+fn named(delegation: &Delegation) -> String {
+    let node = &delegation.node().certificate().claims().name;
+    delegation.program().map_or_else(|| format!("a visitor from {node}"), |program| format!("{program} on {node}"))
+}
+
 impl Identity for ProgramIdentity {
     fn key(&self) -> (Zeroizing<[u8; 32]>, PublicKey) {
-        (self.keys.signing(), *self.delegation.key())
+        self.keys.signing()
     }
 
     fn credential(&self) -> Vec<u8> {
-        // The one that it was started with is good for a while, if that cannot be read.
-        let newest = Self::open(&self.path).ok().filter(|newest| newest.delegation.key() == self.delegation.key());
-        newest.as_ref().unwrap_or(self).delegation.to_bytes()
+        let Some(delegation) = self.delegation().clone() else { return Vec::new() };
+        // The one that it was given is good for a while, if the newest cannot be read.
+        let newest = Circle::open(&self.path).ok().and_then(|circle| delegation.renewed(circle.node));
+        newest.as_ref().unwrap_or(&delegation).to_bytes()
     }
 
     fn judge(&self, key: &PublicKey, credential: &[u8]) -> Result<String, String> {
-        let delegation = self.delegation(key, credential)?;
-        Ok(format!("a program of {}", delegation.node().certificate().claims().name))
+        let delegation = self.circle.delegation(key, credential)?;
+        if self.may_link(&delegation) {
+            Ok(named(&delegation))
+        } else {
+            Err(format!("{NO_WIRE}: {}", named(&delegation)))
+        }
+    }
+
+    fn awaits(&self, key: &PublicKey, credential: &[u8]) -> Option<watch::Receiver<()>> {
+        // Before the look: what changes after it is heard.
+        let news = self.news.subscribe();
+        let delegation = self.circle.delegation(key, credential).ok()?;
+        (!self.may_link(&delegation)).then_some(news)
     }
 
     fn revocations(&self) -> Vec<u8> {
@@ -145,23 +214,8 @@ impl Identity for ProgramIdentity {
 
     fn refused(&self, from: SocketAddr, why: &str) {
         tracing::warn!(%from, why, "somebody was refused");
-    }
-}
-
-/// A command line speaks for no node, and checks what nodes answer as a program of its machine would.
-impl Authenticator for ProgramIdentity {
-    fn sign(&self, _: &Digest, _: bool) -> Option<Proof> {
-        None
-    }
-
-    fn check(&self, proof: &Proof, digest: &Digest) -> Author {
-        self.cards.check(self.delegation.node().certificate(), (proof, digest), |credential| {
-            let revoked = self.revocations_now()?;
-            credential.check(&judge(&self.team, &revoked)).map(drop).map_err(|error| error.to_string())
-        })
-    }
-
-    fn forged(&self, claimed: &str, why: &str) {
-        tracing::debug!(claimed, why, "an answer was refused");
+        if let Some(who) = why.strip_prefix(NO_WIRE) {
+            (self.on_stranger)(format!("{} at {}", who.trim_start_matches(": "), from.ip()));
+        }
     }
 }

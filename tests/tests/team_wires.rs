@@ -3,7 +3,7 @@
 
 use comms::io::clock::now;
 use comms::io::data::{CallWay, Cover, DataSession, Opener, Priority, SealCounter, SealKey, Sealer};
-use comms::io::session::Session;
+use comms::io::session::{Reach, Session};
 use comms::logic::bytes::Bytes;
 use comms::logic::codec;
 use comms::logic::control::Dial;
@@ -22,6 +22,10 @@ use std::sync::Arc;
 use std::sync::mpsc::sync_channel;
 use std::time::Duration;
 use team::program::ProgramIdentity;
+use team::visitor::VisitorIdentity;
+use trust::delegation::Delegation;
+use trust::identity::SecretKeys;
+use trust::team::Credential;
 use zeroize::Zeroizing;
 
 /// A key that nobody else has.
@@ -118,8 +122,8 @@ impl Team {
         let log = fs::read_to_string(self.host(number).state().join(name).join("team/audit")).unwrap_or_default();
         let fields = |line: &str| {
             let fields: Vec<&str> = line.split('\t').collect();
-            let is_meant =
-                fields.get(2) == Some(&"refused") && ["send on", "call"].iter().any(|what| fields[4].starts_with(what));
+            let is_meant = fields.get(2) == Some(&"refused")
+                && ["send on", "call", "link to"].iter().any(|what| fields[4].starts_with(what));
             is_meant.then(|| format!("{}|{}", fields[4], fields[6]))
         };
         log.lines().filter_map(fields).collect()
@@ -128,13 +132,38 @@ impl Team {
 
 /// A session with the credentials that a node gives those who look at programs, linked to these.
 fn intrude(file: &Path, folder: &Path, dials: &[Dial]) -> DataSession {
-    let identity = Arc::new(ProgramIdentity::open(file).expect("the node has written it"));
+    let identity = Arc::new(VisitorIdentity::open(file).expect("the node has written it"));
     let session = DataSession::open_observer(Some((identity, folder.to_owned()))).expect("it opens");
     for dial in dials {
         let remote = dial.locators.iter().filter(|place| place.starts_with("tcp/")).cloned().collect();
         session.dial(&Dial { session: dial.session.clone(), locators: remote }, SOON).expect("it is in the team");
     }
     session
+}
+
+/// The identity of a program that the fourth host has started, as its node would vouch for it.
+fn third_program(team: &Team) -> Arc<ProgramIdentity> {
+    let host = team.host(4);
+    let file = |name: &str| fs::read(host.state().join("c4/team").join(name)).expect("it is a member");
+    let keys = SecretKeys::from_bytes(file("keys")[..].try_into().expect("keys"));
+    let credential = Credential::from_bytes(&file("credential")).expect("a credential");
+    let identity = ProgramIdentity::open(&host.run_dir().join("c4/programs"), |_| ()).expect("the node has written it");
+    let key = identity.keys().signing().1;
+    let delegation = Delegation::sign((key, "`main/third` of `spy@1`"), team::now(), (&keys, credential));
+    identity.take_delegation(&delegation.to_bytes());
+    Arc::new(identity)
+}
+
+/// A program of the same team that has no wire with these wants to link to them: it comes no further than the tunnel.
+fn links_in_vain(identity: &Arc<ProgramIdentity>, folder: &Path, dials: &[Dial]) {
+    let session = DataSession::open(&folder.join("third"), Reach::Team(Arc::clone(identity) as _)).expect("it opens");
+    for dial in dials {
+        let remote = dial.locators.iter().filter(|place| place.starts_with("tcp/")).cloned().collect();
+        let to = Dial { session: dial.session.clone(), locators: remote };
+        // Who may get a wire is kept waiting for 2 s, and then refused.
+        assert!(session.dial(&to, Duration::from_millis(3500)).is_err(), "it has no wire");
+    }
+    session.close();
 }
 
 /// A fourth host is a member of the team, and somebody on it uses the credentials that its node gives those who look at programs.
@@ -157,8 +186,10 @@ fn sends_on_a_wire_in_vain(team: &Team) {
     let dials: Vec<Dial> =
         [2, 3].iter().flat_map(|number| team.locations(*number, ("rates", 1))).map(|(_, dial)| dial).collect();
     assert_eq!(dials.len(), 2);
-    let (file, folder) = (team.host(4).run_dir().join("c4/programs"), team.cluster.folder().to_owned());
+    let (file, folder) = (team.host(4).run_dir().join("c4/visitors"), team.cluster.folder().to_owned());
+    let third = third_program(team);
     let attack = move || {
+        links_in_vain(&third, &folder, &dials);
         let session = intrude(&file, &folder, &dials);
         let wire = key::wire("rates", 1, 0);
         let (tx, overheard) = sync_channel(1000);
@@ -189,13 +220,20 @@ fn sends_on_a_wire_in_vain(team: &Team) {
             "it reads"
         );
     });
-    let told = wait_until(SOON, || !team.refusals(3).is_empty());
-    let lines = team.refusals(3);
-    assert!(told.is_some() && lines.len() <= 2, "one line a minute: {lines:#?}");
-    assert!(
-        lines[0].starts_with("send on the wire `main/source, Out -> main/monitor, In` of `rates@1`|"),
-        "{lines:#?}"
-    );
+    let of = |number: usize, what: &str| {
+        let lines = team.refusals(number);
+        lines.into_iter().filter(|line| line.starts_with(what)).collect::<Vec<_>>()
+    };
+    let wire = "send on the wire `main/source, Out -> main/monitor, In` of `rates@1`|";
+    let told = wait_until(SOON, || !of(3, wire).is_empty());
+    assert!(told.is_some() && of(3, "send on").len() <= 2, "one line a minute: {:#?}", team.refusals(3));
+    // Both ends have refused the program that has no wire with them.
+    for (number, name) in [(2, "source"), (3, "monitor")] {
+        let told = wait_until(SOON, || !of(number, "link to").is_empty());
+        let who = "it has no wire with this program: `main/third` of `spy@1` on c4 at 10.77.0.4";
+        let expected = format!("link to `main/{name}` of `rates@1`|{who}");
+        assert!(told.is_some() && of(number, "link to") == [expected], "{:#?}", team.refusals(number));
+    }
     assert_eq!(team.ask(&["stop", "rates"]), 0);
     drop(deployed.ended(SOON));
     let trace = Trace::read(&team.cluster.folder().join("runs/rates-1"));
@@ -203,7 +241,8 @@ fn sends_on_a_wire_in_vain(team: &Team) {
     let [before, meanwhile] = [quiet, attacked].map(|window| rate(&received, window));
     assert!(meanwhile > 0.9 * before && meanwhile < 1.1 * before, "{before} {meanwhile}");
     let lost = trace.signal("main/monitor", "lost").last().expect("signals came").value;
-    assert!(lost < 100.0, "no number of the intruder was believed: {lost}");
+    // Its numbers begin with a million; a busy machine loses some by itself.
+    assert!(lost < 100_000.0, "no number of the intruder was believed: {lost}");
 }
 
 const LEVELS: &str = "
@@ -238,7 +277,7 @@ fn calls_in_vain(team: &Team, program: &str) {
     assert_eq!(asked.code, Some(0), "{asked}");
     let locations = team.locations(3, ("levels", 2));
     let dial = locations.into_iter().find(|(path, _)| path == "main/wheels").expect("it is there").1;
-    let (file, folder) = (team.host(4).run_dir().join("c4/programs"), team.cluster.folder().to_owned());
+    let (file, folder) = (team.host(4).run_dir().join("c4/visitors"), team.cluster.folder().to_owned());
     let attack = move || {
         let session = intrude(&file, &folder, &[dial]);
         let (key, cancel_key) = key::object("levels", "main/wheels");

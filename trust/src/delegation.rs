@@ -1,4 +1,5 @@
-//! A node vouches for a program that it has started: so a program has a key of its own, and never that of its node.
+//! A node vouches for a key: that of a program that it has started, which it names, or that of those who look at programs from its
+//! machine. So neither has the key of the node.
 
 use crate::certificate::DAY;
 use crate::identity::{KeyId, SIGNATURE_LEN, SecretKeys};
@@ -9,18 +10,22 @@ use crate::team::{CREDENTIAL_MAX, Credential, Judge, TrustError};
 use crate::wire::{FormError, Reader, Writer};
 use thiserror::Error;
 
+/// The most bytes of the name of a program.
+pub const PROGRAM_MAX: usize = 255;
 /// The most bytes of a delegation.
-pub const DELEGATION_MAX: usize = 256 + CREDENTIAL_MAX;
+pub const DELEGATION_MAX: usize = 512 + CREDENTIAL_MAX;
 /// For how long a node can vouch for a program, in seconds. The node's own certificate ends earlier, mostly.
 pub const DELEGATION_LIFE: u64 = 366 * DAY;
 
-const DELEGATION: &str = "dca delegation 1";
+const DELEGATION: &str = "dca delegation 2";
 
-/// A key, signed by the node that has started the program which has it.
+/// A key, signed by the node that vouches for who has it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Delegation {
-    /// The program's public Ed25519 key.
+    /// The public Ed25519 key.
     key: [u8; 32],
+    /// The program that has it; empty for those who look at programs.
+    program: String,
     not_after: UnixTime,
     signature: [u8; SIGNATURE_LEN],
     /// The node's.
@@ -45,16 +50,34 @@ pub enum DelegationError {
 }
 
 impl Delegation {
-    /// Vouches for a key as the node that has these keys and this credential.
-    pub fn sign(key: [u8; 32], now: UnixTime, node: &SecretKeys, credential: Credential) -> Self {
+    /// Vouches for a key as the node that has these keys and this credential. `program` names the program that has it, and is cut where
+    /// it is too long; it is empty for those who look at programs.
+    pub fn sign(
+        (key, program): ([u8; 32], &str),
+        now: UnixTime,
+        (node, credential): (&SecretKeys, Credential),
+    ) -> Self {
         let not_after = now.plus(DELEGATION_LIFE);
-        let signature = node.sign(&form(&key, not_after, &node.public().id()));
-        Self { key, not_after, signature, node: credential }
+        let program = program[..program.floor_char_boundary(PROGRAM_MAX)].to_owned();
+        let signature = node.sign(&form((&key, &program), not_after, &node.public().id()));
+        Self { key, program, not_after, signature, node: credential }
     }
 
-    /// Returns the program's key.
+    /// Returns the key.
     pub const fn key(&self) -> &[u8; 32] {
         &self.key
+    }
+
+    /// Returns the program that has the key; none if it is that of those who look at programs.
+    pub fn program(&self) -> Option<&str> {
+        Some(self.program.as_str()).filter(|program| !program.is_empty())
+    }
+
+    /// Returns the same with another credential of the node, which may have been renewed; nothing if it is that of another node.
+    #[must_use]
+    pub fn renewed(&self, node: Credential) -> Option<Self> {
+        let is_same = node.certificate().subject() == self.node.certificate().subject();
+        is_same.then(|| Self { node, ..self.clone() })
     }
 
     /// Returns the credential of the node, which is not checked.
@@ -80,7 +103,7 @@ impl Delegation {
         if !certificate
             .claims()
             .keys
-            .has_signed(&form(&self.key, self.not_after, &certificate.subject()), &self.signature)
+            .has_signed(&form((&self.key, &self.program), self.not_after, &certificate.subject()), &self.signature)
         {
             return Err(DelegationError::Signature);
         }
@@ -89,7 +112,7 @@ impl Delegation {
 
     /// Returns its form.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let mut bytes = form(&self.key, self.not_after, &self.node.certificate().subject());
+        let mut bytes = form((&self.key, &self.program), self.not_after, &self.node.certificate().subject());
         bytes.extend_from_slice(&self.signature);
         bytes.extend(self.node.to_bytes());
         bytes
@@ -101,20 +124,23 @@ impl Delegation {
     /// The bytes are no delegation.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormError> {
         let mut reader = Reader::new(bytes, DELEGATION, DELEGATION_MAX)?;
-        let (key, not_after) = (reader.fixed()?, UnixTime(reader.u64()?));
+        let (key, program) = (reader.fixed()?, String::from_utf8(reader.short()?.to_vec()));
+        let program = program.map_err(|_no_text| FormError::Field("program"))?;
+        let not_after = UnixTime(reader.u64()?);
         let node = KeyId(reader.fixed()?);
         let signature = reader.fixed()?;
         let credential = Credential::from_bytes(reader.rest())?;
         if credential.certificate().subject() != node {
             return Err(FormError::Field("node"));
         }
-        Ok(Self { key, not_after, signature, node: credential })
+        Ok(Self { key, program, not_after, signature, node: credential })
     }
 }
 
-fn form(key: &[u8; 32], not_after: UnixTime, node: &KeyId) -> Vec<u8> {
+fn form((key, program): (&[u8; 32], &str), not_after: UnixTime, node: &KeyId) -> Vec<u8> {
     let mut writer = Writer::new(DELEGATION);
     writer.fixed(key);
+    writer.short(program.as_bytes());
     writer.u64(not_after.0);
     writer.fixed(&node.0);
     writer.finish()
@@ -152,16 +178,28 @@ mod tests {
         let team = Team::found("acme".parse().unwrap(), &root);
         let revoked = Revocations::default();
         let judge = Judge { team: &team, revoked: &revoked, now: NOW, grace: 0 };
-        let good = Delegation::sign([7; 32], NOW, &node, credential(&team, &root, &node, Role::Member));
+        let sign = |by: &SecretKeys, role| {
+            let credential = credential(&team, &root, &node, role);
+            Delegation::sign(([7; 32], "`main/a` of `d@1`"), NOW, (by, credential))
+        };
+        let good = sign(&node, Role::Member);
+        assert_eq!(good.program(), Some("`main/a` of `d@1`"));
+        assert_eq!(good.renewed(credential(&team, &root, &other, Role::Member)), None);
         assert_eq!(good.check(&judge), Ok(()));
         assert_eq!(Delegation::from_bytes(&good.to_bytes()), Ok(good.clone()));
-        let of_user = Delegation::sign([7; 32], NOW, &node, credential(&team, &root, &node, Role::Admin));
+        let of_user = sign(&node, Role::Admin);
         assert_eq!(of_user.check(&judge), Err(DelegationError::Kind));
-        let forged = Delegation::sign([7; 32], NOW, &other, credential(&team, &root, &node, Role::Member));
+        let forged = sign(&other, Role::Member);
         assert_eq!(forged.check(&judge), Err(DelegationError::Signature));
         let mut moved = good.clone();
         moved.key = [8; 32];
         assert_eq!(moved.check(&judge), Err(DelegationError::Signature));
+        let mut visitor = good.clone();
+        visitor.program.clear();
+        assert_eq!(visitor.check(&judge), Err(DelegationError::Signature), "no program becomes somebody who looks");
+        let long = "é".repeat(PROGRAM_MAX);
+        let long = Delegation::sign(([7; 32], &long), NOW, (&node, credential(&team, &root, &node, Role::Member)));
+        assert_eq!((long.program.len(), Delegation::from_bytes(&long.to_bytes())), (PROGRAM_MAX - 1, Ok(long.clone())));
         let late = Judge { now: NOW.plus(LIFE_MAX + 10_000), ..judge };
         assert!(matches!(good.check(&late), Err(DelegationError::Node(TrustError::Expired(_)))));
         let set = RevokedSet::sign(&team, 1, [(node.public().id(), NOW)].into(), &root, None).unwrap();

@@ -37,6 +37,17 @@ impl ProgramKeys {
         self.0.public().to_bytes()
     }
 
+    /// Returns the secret Ed25519 key by which the program is known to those that it links to, and its public one.
+    pub fn signing(&self) -> (Zeroizing<[u8; 32]>, [u8; 32]) {
+        (self.0.signing(), *self.0.public().signing())
+    }
+
+    /// Returns the public Ed25519 key among the public keys of a program; nothing if they are none.
+    pub fn signing_of(public: &[u8]) -> Option<[u8; 32]> {
+        let public = <&[u8; PUBLIC_LEN]>::try_from(public).ok()?;
+        PublicKeys::from_bytes(public).ok().map(|keys| *keys.signing())
+    }
+
     /// Returns the key with which what is `about` something is sealed for another program, or by it. `about` names the wire and the
     /// use; each has a key of its own.
     ///

@@ -11,7 +11,7 @@ use node::logic::protocol::Deployment;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
-use team::program::ProgramIdentity;
+use team::visitor::VisitorIdentity;
 use tokio::sync::mpsc::Sender;
 use tokio::task::JoinSet;
 
@@ -141,7 +141,7 @@ impl Observer {
 /// those who look at programs.
 pub(crate) fn open(team: Option<&Path>) -> anyhow::Result<(DataSession, CallWay)> {
     let Some(file) = team else { return Ok((DataSession::open_observer(None)?, CallWay::Open)) };
-    let identity = Arc::new(ProgramIdentity::open(file)?);
+    let identity = Arc::new(VisitorIdentity::open(file)?);
     let signs = Arc::clone(&identity);
     let way = CallWay::Signed(Visitor(Arc::new(move |digest| Some(signs.sign_visit(digest)))));
     // The node's own folder, which only this user can enter.

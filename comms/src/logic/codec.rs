@@ -347,6 +347,7 @@ mod tests {
         check(&Order::Partners { partners: vec![partner] }, "44430c000100100102613101070101ac02010361726d");
         let secret = Order::Secret { parameter: "p".into(), value: SecretBytes::new(vec![1, 2]) };
         check(&secret, "44430c000100110170020102");
+        check(&Order::Vouch { delegation: vec![7] }, "44430c000100120107");
         check(&Order::Expect { ticket: 2, expect, then: Some(flip) }, "44430c0001000d02ac020103010401ac02010301040103");
     }
 
@@ -383,6 +384,7 @@ mod tests {
         assert!(hello.is_counted() && !resume.is_counted());
         assert!(Order::Exit.is_counted() && !Order::Resumed { notices: 0 }.is_counted());
         assert!(!Order::Configure { parameters: vec![] }.is_counted());
+        assert!(!Order::Vouch { delegation: vec![] }.is_counted());
     }
 
     #[test]

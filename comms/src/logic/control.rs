@@ -274,6 +274,11 @@ pub enum Order {
         /// The value.
         value: SecretBytes,
     },
+    /// What shows programs of other hosts that the node has started this one, in a team: signed, for the keys of its [`Location`].
+    Vouch {
+        /// A delegation, in the form of the room `trust`.
+        delegation: Vec<u8>,
+    },
 }
 
 impl Order {
@@ -287,6 +292,7 @@ impl Order {
                 | Self::Database { .. }
                 | Self::Keys { .. }
                 | Self::Secret { .. }
+                | Self::Vouch { .. }
         )
     }
 }

@@ -26,6 +26,8 @@ const WIRES_MAX: usize = 256;
 pub const NO_WIRE: u32 = u32::MAX;
 /// The same for a sample of a device.
 pub const DEVICE: u32 = u32::MAX - 1;
+/// The same for a link of a program that has no wire.
+pub const LINK: u32 = u32::MAX - 2;
 
 /// What is sealed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -94,6 +96,9 @@ pub enum Refusal {
     /// Who has signed it is no visitor from the team.
     #[error("no node of the team vouches for who has signed it")]
     Stranger,
+    /// A program that has no wire wants to link.
+    #[error("it has no wire with this program")]
+    NoWire,
 }
 
 /// What a program has refused on one of its wires.
@@ -105,7 +110,7 @@ pub struct Refused {
     pub count: u64,
     /// Why the last of it was.
     pub why: Refusal,
-    /// The session that it says to be from, if it says so.
+    /// The session that it says to be from, if it says so; of a link who that is, for a person.
     pub from: Option<String>,
 }
 

@@ -36,6 +36,7 @@ use comms::io::data::DataSession;
 use comms::io::direct::DirectPath;
 use comms::io::session::{OpenError, Reach, Role, prepare_process};
 use comms::logic::control::{Dial, Location, Notice, Order, VERSION};
+use comms::logic::seal::{LINK, Refusal};
 use cycle::Cycle;
 use heartbeat::Watcher;
 use inbox::{Command, Inbox};
@@ -124,10 +125,9 @@ fn take_part(registry: &Registry, name: &str, arguments: &[String]) -> Result<Ex
     let (inbox, mut keyring, mut direct) = (Arc::new(Inbox::default()), None, None);
     let session = if needs_session(&interface) {
         let socket = PathBuf::from(variable("DCA_DATA_SOCKET")?);
-        let reach = match team()? {
+        let reach = match team(&inbox)? {
             Some(identity) => {
-                let made = Keyring::generate(&identity, &inbox);
-                keyring = Some(made.map_err(|error| ProcessError::Team(error.to_string()))?);
+                keyring = Some(Keyring::new(&identity, &inbox));
                 Reach::Team(identity)
             }
             None if std::env::var_os("DCA_REMOTE").is_some() => Reach::Lan,
@@ -156,10 +156,11 @@ fn take_part(registry: &Registry, name: &str, arguments: &[String]) -> Result<Ex
     program.serve(module, (inbox, links), orders)
 }
 
-/// Returns what shows others that a node of the team has started this program; nothing outside of a team.
-fn team() -> Result<Option<Arc<ProgramIdentity>>, ProcessError> {
+/// Returns what others see of this program; nothing outside of a team.
+fn team(inbox: &Arc<Inbox>) -> Result<Option<Arc<ProgramIdentity>>, ProcessError> {
     let Some(file) = std::env::var_os("DCA_TEAM") else { return Ok(None) };
-    let identity = ProgramIdentity::open(Path::new(&file));
+    let inbox = Arc::clone(inbox);
+    let identity = ProgramIdentity::open(Path::new(&file), move |who| inbox.refuse(LINK, Refusal::NoWire, Some(who)));
     identity.map(|identity| Some(Arc::new(identity))).map_err(|error| ProcessError::Team(format!("{error:#}")))
 }
 
@@ -336,7 +337,14 @@ impl Program {
             Order::Shape { wires } => links.shape(wires),
             Order::Calls { calls } => links.call(calls),
             Order::Rejoin => links.rejoin(),
-            Order::Partners { partners } => links.partners(partners),
+            Order::Partners { partners } => {
+                if let Some(keyring) = links.keyring() {
+                    keyring.take(partners);
+                }
+            }
+            Order::Vouch { delegation } => {
+                links.keyring().into_iter().for_each(|keyring| keyring.take_delegation(&delegation));
+            }
             Order::Relink { lost, found } => self.relink((lost, found), inbox, links)?,
             Order::Exit | Order::Resumed { .. } | Order::Database { .. } | Order::Keys { .. } => {}
         }

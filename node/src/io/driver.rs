@@ -315,7 +315,7 @@ impl Driver {
             Event::Control(Connection { deployment, instance, number }, notice) => {
                 let process = self.state.attachments.find(&deployment, &instance)?.clone();
                 let is_current = self.programs.get(&process).is_some_and(|(current, _)| *current == number);
-                is_current.then_some(Input::Control { process, notice })
+                is_current.then(|| self.said(process, notice))
             }
             Event::Losses(Connection { deployment, instance, .. }, wires) => {
                 let process = self.state.attachments.find(&deployment, &instance)?.clone();

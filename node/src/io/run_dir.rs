@@ -54,8 +54,10 @@ const PROOF: &str = "proof";
 /// The longest proof, in bytes.
 const PROOF_MAX: usize = 64;
 
-/// The file with what programs show to those of other hosts.
-pub const PROGRAMS: &str = "programs";
+/// The file with what programs know of the team.
+pub(crate) const PROGRAMS: &str = "programs";
+/// The file with what those show to programs of other hosts who look at them.
+pub const VISITORS: &str = "visitors";
 
 /// Why a folder cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -155,10 +157,10 @@ pub fn proof(base: &Path, name: &str) -> Option<String> {
     String::from_utf8(proof).ok()
 }
 
-/// Returns the file with what a node in a team gives its programs to show to those of other hosts; nothing if it is in none.
-pub fn programs_identity(base: &Path, name: &str) -> Option<PathBuf> {
+/// Returns the file with what a node in a team gives those who look at programs from its machine; nothing if it is in none.
+pub fn visitors_identity(base: &Path, name: &str) -> Option<PathBuf> {
     let plain = Path::new(name).components().eq([std::path::Component::Normal(name.as_ref())]);
-    Some(base.join(name).join(PROGRAMS)).filter(|file| plain && file.is_file())
+    Some(base.join(name).join(VISITORS)).filter(|file| plain && file.is_file())
 }
 
 /// Returns the folders of nodes that see each other: `base`, and one for each command that runs nodes of its own, oldest

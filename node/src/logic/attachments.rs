@@ -29,6 +29,8 @@ pub struct Attachment {
     pub is_gone: bool,
     /// How many notices of it were taken.
     pub notices: u64,
+    /// The public keys that it has made at its start, in a team.
+    pub keys: Vec<u8>,
     /// Whether its deployment is over, while something of it may run.
     is_buried: bool,
     /// Every order that its shim was given, as the line that the shim reads.
@@ -70,6 +72,9 @@ impl Attachments {
             Input::Control { process, notice } => {
                 if let Some(program) = self.programs.get_mut(process).filter(|_| notice.is_counted()) {
                     program.notices += 1;
+                    if let Notice::Hello { location: Some(location), .. } = notice {
+                        program.keys.clone_from(&location.keys);
+                    }
                     program.was_taken(notice);
                 }
             }
@@ -211,6 +216,7 @@ impl Attachment {
             has_ended: false,
             is_gone: false,
             notices: 0,
+            keys: Vec::new(),
             is_buried: false,
             shim_orders: Vec::new(),
             orders: 0,

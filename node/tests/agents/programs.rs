@@ -118,7 +118,8 @@ impl World {
             | Order::Database { .. }
             | Order::Keys { .. }
             | Order::Partners { .. }
-            | Order::Secret { .. } => {}
+            | Order::Secret { .. }
+            | Order::Vouch { .. } => {}
             Order::Exit if self.lingers => {}
             Order::Exit => self.die(host, process, ShimReport::Exited { code: 0 }),
         }

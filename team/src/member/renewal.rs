@@ -3,41 +3,55 @@
 use super::{CREDENTIAL, Member};
 use crate::audit::AuditEntry;
 use crate::folder;
-use crate::program::ProgramIdentity;
+use crate::program::{Circle, ProgramKeys};
+use crate::visitor::VisitorIdentity;
 use anyhow::{Context as _, ensure};
 use std::path::{Path, PathBuf};
 use std::sync::{MutexGuard, PoisonError};
 use trust::audit::Decision;
+use trust::delegation::Delegation;
 use trust::identity::SecretKeys;
 use trust::name::UnixTime;
 use trust::renewal;
 use trust::role::{Action, Kind};
 use trust::team::Credential;
 
-/// The identity of the programs of this node: their keys, and the file that they read.
-pub(super) type Vouched = (SecretKeys, PathBuf);
+/// What this node gives to others of its machine.
+#[derive(Debug)]
+pub(super) struct Vouched {
+    /// The keys of those who look at programs.
+    keys: SecretKeys,
+    /// The file that those read, and the one that programs read.
+    files: [PathBuf; 2],
+}
 
 impl Member {
-    /// Makes an identity for the programs of this node, and writes it to a file that they are told of. It is written anew when this
-    /// node's own certificate is renewed.
+    /// Makes an identity for those who look at programs from this machine, and writes it to a file that they are told of; what its
+    /// programs need it writes to another one. Both are written anew when this node's own certificate is renewed.
     ///
     /// # Errors
     /// The disk refuses, or the system has no random bytes.
-    pub fn vouch(&self, path: &Path) -> anyhow::Result<()> {
-        let keys = SecretKeys::generate(&mut crate::random()?);
-        self.vouch_for(&keys, path)?;
-        *self.vouched.lock().unwrap_or_else(PoisonError::into_inner) = Some((keys, path.to_owned()));
+    pub fn vouch(&self, visitors: &Path, programs: &Path) -> anyhow::Result<()> {
+        let files = [visitors.to_owned(), programs.to_owned()];
+        let vouched = Vouched { keys: SecretKeys::generate(&mut crate::random()?), files };
+        self.write(&vouched)?;
+        *self.vouched.lock().unwrap_or_else(PoisonError::into_inner) = Some(vouched);
         Ok(())
     }
 
-    fn vouch_for(&self, keys: &SecretKeys, path: &Path) -> anyhow::Result<()> {
-        let delegation = trust::delegation::Delegation::sign(
-            *keys.public().signing(),
-            crate::now(),
-            &self.keys,
-            self.newest().clone(),
-        );
-        ProgramIdentity::keep(path, keys, (&self.team, &delegation), &self.folder.join(super::REVOKED))
+    fn write(&self, Vouched { keys, files: [visitors, programs] }: &Vouched) -> anyhow::Result<()> {
+        let (newest, revoked) = (self.newest().clone(), self.folder.join(super::REVOKED));
+        let delegation = Delegation::sign((*keys.public().signing(), ""), crate::now(), (&self.keys, newest.clone()));
+        Circle::keep(programs, &self.team, &newest, &revoked)?;
+        VisitorIdentity::keep(visitors, keys, (&self.team, &delegation), &revoked)
+    }
+
+    /// Vouches for a program that this node has started, by the public keys that it has made; returns what shows that to others. Nothing
+    /// if they are none.
+    pub fn vouch_for(&self, keys: &[u8], program: &str) -> Option<Vec<u8>> {
+        let newest = self.newest().clone();
+        let key = ProgramKeys::signing_of(keys)?;
+        Some(Delegation::sign((key, program), crate::now(), (&self.keys, newest)).to_bytes())
     }
 
     /// Returns its credential, with the newest renewal.
@@ -99,7 +113,7 @@ impl Member {
         self.note_renewal(by, &offered);
         // What their programs show to others has this node's credential in it.
         let vouched = self.vouched.lock().unwrap_or_else(PoisonError::into_inner);
-        vouched.as_ref().map_or(Ok(()), |(keys, path)| self.vouch_for(keys, path))?;
+        vouched.as_ref().map_or(Ok(()), |vouched| self.write(vouched))?;
         Ok(true)
     }
 

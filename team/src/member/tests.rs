@@ -1,6 +1,8 @@
 use super::*;
 use crate::program::ProgramIdentity;
+use crate::visitor::VisitorIdentity;
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::mpsc::sync_channel;
 use trust::certificate::{Certificate, Claims, DAY};
 use trust::name::UnixTime;
 use trust::role::Role;
@@ -85,13 +87,56 @@ fn only_nodes_of_the_team_are_let_in_and_only_in_time() {
     let credential = acme.credential(&user, Role::Admin, (crate::now().0, crate::now().0 + DAY));
     let refused = own.judge(&keys_of(&user), &credential.to_bytes()).unwrap_err();
     assert!(refused.contains("is no node"), "{refused}");
-    friend.vouch(&acme.folder.join("programs")).unwrap();
-    let program = ProgramIdentity::open(&acme.folder.join("programs")).unwrap();
+    let program = of(&acme, &friend, "friend");
     assert!(own.judge(&program.key().1, &program.credential()).is_err(), "a program is no node");
-    own.vouch(&acme.folder.join("own-programs")).unwrap();
-    let own_program = ProgramIdentity::open(&acme.folder.join("own-programs")).unwrap();
-    assert_eq!(own_program.judge(&program.key().1, &program.credential()), Ok("a program of r1".to_owned()));
-    assert!(own_program.judge(&friend.key().1, &friend.credential()).is_err(), "a node is no program");
+    let visitor = VisitorIdentity::open(&acme.folder.join("friend.visitors")).unwrap();
+    assert!(own.judge(&visitor.key().1, &visitor.credential()).is_err(), "who looks is no node");
+    assert!(visitor.judge(&friend.key().1, &friend.credential()).is_err(), "a node is no program");
+}
+
+/// A program of a node, for which that has vouched.
+fn of(acme: &Desk, node: &Member, name: &str) -> ProgramIdentity {
+    let file = |what: &str| acme.folder.join(format!("{name}.{what}"));
+    node.vouch(&file("visitors"), &file("programs")).unwrap();
+    let program = ProgramIdentity::open(&file("programs"), |_| ()).unwrap();
+    program.take_delegation(&node.vouch_for(&program.keys().public(), name).unwrap());
+    program
+}
+
+/// Programs without a wire with this one are of the team, and come no further.
+#[test]
+fn a_program_lets_those_link_who_have_a_wire_with_it_and_those_who_look() {
+    let acme = Desk::new("acme");
+    let (here, there) = (acme.node("here", 0, 30), acme.node("there", 0, 30));
+    let (strangers, heard) = sync_channel(8);
+    let [partner, third] = ["partner", "third"].map(|name| of(&acme, &there, name));
+    here.vouch(&acme.folder.join("v"), &acme.folder.join("p")).unwrap();
+    let own = ProgramIdentity::open(&acme.folder.join("p"), move |who| strangers.send(who).unwrap()).unwrap();
+    let judged = |other: &dyn Identity| own.judge(&other.key().1, &other.credential());
+    let awaits = |other: &dyn Identity| own.awaits(&other.key().1, &other.credential());
+    let news = awaits(&partner).expect("it may get a wire");
+    own.let_in([&partner.keys().public()[..], b"nonsense"].into_iter());
+    assert!(news.has_changed().unwrap() && awaits(&partner).is_none());
+    assert_eq!(judged(&partner), Ok("partner on r1".to_owned()));
+    let why = judged(&third).unwrap_err();
+    assert_eq!(why, "it has no wire with this program: third on r1");
+    own.refused(([10, 0, 0, 4], 7).into(), &why);
+    own.refused(([10, 0, 0, 4], 7).into(), "nonsense");
+    assert_eq!(heard.try_iter().collect::<Vec<_>>(), ["third on r1 at 10.0.0.4"]);
+    // Its key with the words of another one, and a node itself.
+    assert!(own.judge(&third.key().1, &partner.credential()).unwrap_err().contains("of another key"));
+    assert!(judged(&there).is_err() && awaits(&there).is_none());
+    // Whoever looks comes from a machine, and calls with what the node there has given to all of it.
+    let visitor = VisitorIdentity::open(&acme.folder.join("third.visitors")).unwrap();
+    assert_eq!(judged(&visitor), Ok("a visitor from r1".to_owned()));
+    assert_eq!(own.visit_problem(&visitor.sign_visit(&[3; 32]), &[3; 32]), None);
+    assert!(own.visit_problem(&visitor.sign_visit(&[3; 32]), &[4; 32]).is_some());
+    assert!(visitor.judge(&third.key().1, &third.credential()).is_ok());
+    // Nobody has vouched for it yet, or for another key.
+    let unknown = ProgramIdentity::open(&acme.folder.join("p"), |_| ()).unwrap();
+    unknown.take_delegation(&here.vouch_for(&third.keys().public(), "unknown").unwrap());
+    own.let_in([&unknown.keys().public()[..]].into_iter());
+    assert!(judged(&unknown).is_err());
 }
 
 fn keys_of(keys: &SecretKeys) -> PublicKey {
@@ -116,10 +161,8 @@ fn what_is_revoked_is_kept_told_and_counts_for_programs() {
     drop(second);
     let second = Member::open(&acme.folder.join("second")).unwrap().unwrap();
     assert!(judged(&second, &third).unwrap_err().contains("is revoked"), "after a restart");
-    for (node, name) in [(&second, "of-second"), (&third, "of-third")] {
-        node.vouch(&acme.folder.join(name)).unwrap();
-    }
-    let [ours, theirs] = ["of-second", "of-third"].map(|name| ProgramIdentity::open(&acme.folder.join(name)).unwrap());
+    let [ours, theirs] = [(&second, "second"), (&third, "third")].map(|(node, name)| of(&acme, node, name));
+    ours.let_in([&theirs.keys().public()[..]].into_iter());
     assert!(ours.judge(&theirs.key().1, &theirs.credential()).unwrap_err().contains("is revoked"));
 }
 
@@ -130,11 +173,11 @@ fn who_works_at_a_revoked_robot_still_hears_its_node() {
     let gone = [(lost.credential.certificate().subject(), crate::now())].into();
     let set = RevokedSet::sign(&acme.team, 1, gone, &acme.root, None).unwrap();
     for (node, name) in [(&friend, "of-friend"), (&lost, "of-lost")] {
-        node.vouch(&acme.folder.join(name)).unwrap();
+        node.vouch(&acme.folder.join(name), &acme.folder.join("programs")).unwrap();
         node.revoke(set.clone()).unwrap();
     }
     let [elsewhere, here] =
-        ["of-friend", "of-lost"].map(|name| ProgramIdentity::open(&acme.folder.join(name)).unwrap());
+        ["of-friend", "of-lost"].map(|name| VisitorIdentity::open(&acme.folder.join(name)).unwrap());
     let proof = lost.sign(&[3; 32], true).unwrap();
     assert_eq!(here.check(&proof, &[3; 32]), Author::Member("r1".to_owned()));
     assert_ne!(here.check(&proof, &[4; 32]), Author::Member("r1".to_owned()), "it has not signed that");

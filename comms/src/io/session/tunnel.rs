@@ -32,7 +32,7 @@ use table::{Standing, Table};
 use tls::Tls;
 use tokio::io::{AsyncRead, AsyncWrite, copy_bidirectional_with_sizes};
 use tokio::net::{TcpListener, TcpStream, UnixListener, UnixStream};
-use tokio::sync::Notify;
+use tokio::sync::{Notify, watch};
 use tokio::task::JoinSet;
 use zeroize::Zeroizing;
 
@@ -64,6 +64,12 @@ pub trait Identity: fmt::Debug + Send + Sync {
     /// # Errors
     /// It is not trusted, and why, for a person.
     fn judge(&self, key: &PublicKey, credential: &[u8]) -> Result<String, String>;
+
+    /// Returns what tells when somebody is to be judged again who has come and is not let in yet, but may be in a moment; nothing if
+    /// it is as [`Identity::judge`] says.
+    fn awaits(&self, _key: &PublicKey, _credential: &[u8]) -> Option<watch::Receiver<()>> {
+        None
+    }
 
     /// Returns whom it has heard of as revoked.
     fn revocations(&self) -> Vec<u8>;

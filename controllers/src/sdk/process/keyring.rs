@@ -1,6 +1,7 @@
 //! The keys of a program in a team, and what it seals with them: values of wires, words between them, answers to who fetches, and calls.
 //!
-//! The keys are made at the start of the process and never leave it. The node tells the public keys of the programs at the other
+//! The keys are made at the start of the process and never leave it; the data session is known by them, too, and lets those link who are at
+//! the other ends of wires. The node tells the public keys of the programs at the other
 //! ends of wires, and tells them anew when one of them was started again; what is made already takes the new key then.
 
 use super::inbox::Inbox;
@@ -11,7 +12,7 @@ use comms::logic::proof::Proof;
 use comms::logic::seal::{DEVICE, NO_WIRE};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use team::program::{ProgramIdentity, ProgramKeys, Sealing};
+use team::program::{ProgramIdentity, Sealing};
 
 /// What is sealed with a key: the values that the producer of a wire sends, or what its consumer says of itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -43,8 +44,7 @@ impl Use {
 /// The keys, and what is sealed with them.
 #[derive(Debug)]
 pub(super) struct Keyring {
-    keys: ProgramKeys,
-    /// Judges who only visits.
+    /// Has the keys, and judges who only visits.
     identity: Arc<ProgramIdentity>,
     counter: SealCounter,
     inbox: Arc<Inbox>,
@@ -75,23 +75,25 @@ struct State {
 }
 
 impl Keyring {
-    /// Makes the keys.
-    ///
-    /// # Errors
-    /// The system has no random bytes.
-    pub(super) fn generate(identity: &Arc<ProgramIdentity>, inbox: &Arc<Inbox>) -> std::io::Result<Self> {
+    /// Seals with the keys of a program.
+    pub(super) fn new(identity: &Arc<ProgramIdentity>, inbox: &Arc<Inbox>) -> Self {
         let (identity, inbox) = (Arc::clone(identity), Arc::clone(inbox));
-        let (counter, state) = (SealCounter::default(), Mutex::default());
-        Ok(Self { keys: ProgramKeys::generate(&mut team::random()?), identity, counter, inbox, state })
+        Self { identity, counter: SealCounter::default(), inbox, state: Mutex::default() }
+    }
+
+    /// Takes what the node has signed for the keys.
+    pub(super) fn take_delegation(&self, delegation: &[u8]) {
+        self.identity.take_delegation(delegation);
     }
 
     /// Returns the public keys.
     pub(super) fn public(&self) -> Vec<u8> {
-        self.keys.public().to_vec()
+        self.identity.keys().public().to_vec()
     }
 
     /// Takes who is at the other ends of wires, in the place of those before.
     pub(super) fn take(&self, partners: Vec<Partner>) {
+        self.identity.let_in(partners.iter().map(|partner| &*partner.keys));
         let mut state = self.state();
         state.partners.clear();
         state.sharing.clear();
@@ -236,7 +238,7 @@ impl Keyring {
     }
 
     fn shared(&self, partner: &Partner, sealing: Sealing, about: &str) -> Option<SealKey> {
-        let secret = self.keys.wire(&partner.keys, sealing, about);
+        let secret = self.identity.keys().wire(&partner.keys, sealing, about);
         let secret = secret.inspect_err(|error| tracing::warn!(about, %error, "there is no key")).ok()?;
         // What goes from one program to another of the machine is nobody else's, so there it is enough to show who has sent it.
         Some(SealKey::new(&secret, if partner.is_near { Cover::Sender } else { Cover::Bytes }))

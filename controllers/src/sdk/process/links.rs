@@ -12,7 +12,7 @@ use comms::io::clock::now;
 use comms::io::data::{DataError, DataSession, Payload, Responder};
 use comms::io::direct::{DirectPath, Filler, Memory, Parcel};
 use comms::logic::codec::Enveloped;
-use comms::logic::control::{CallRoute, Device, Dial, Incoming, Outgoing, Partner, Shape};
+use comms::logic::control::{CallRoute, Device, Dial, Incoming, Outgoing, Shape};
 use comms::logic::human::span;
 use comms::logic::switch::{Boundary, Flip, Opening};
 use comms::logic::time::Time;
@@ -89,11 +89,9 @@ impl Links {
         Self { keyring, direct, ..Self::default() }
     }
 
-    /// Takes note of who is at the other ends of wires.
-    pub(super) fn partners(&self, partners: Vec<Partner>) {
-        if let Some(keyring) = &self.keyring {
-            keyring.take(partners);
-        }
+    /// Returns the keys, in a team.
+    pub(super) const fn keyring(&self) -> Option<&Keyring> {
+        self.keyring.as_ref()
     }
 
     /// Notes how data is to move on wires that are made later.

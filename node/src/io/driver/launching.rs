@@ -11,7 +11,7 @@ use crate::logic::protocol::Deployment;
 use comms::io::control::ControlSender;
 use comms::io::descriptors;
 use comms::io::session::Reach;
-use comms::logic::control::{Order, VERSION};
+use comms::logic::control::{Location, Notice, Order, VERSION};
 use language::plan::LeafKind;
 use shim::protocol::{Gate, Sandbox, ShimReport, ShimStart};
 use std::path::{Path, PathBuf};
@@ -79,6 +79,25 @@ impl Driver {
         Start { process, order, shim, control, orders }
     }
 
+    /// Takes what a program has said. When it says who it is, the node vouches for it: before anybody is told where it is.
+    pub(super) fn said(&self, process: ProcessId, notice: Notice) -> Input {
+        if let Notice::Hello { location: Some(Location { keys, .. }), .. } = &notice
+            && let Some((order, (_, sender))) = self.vouch(&process, keys).zip(self.programs.get(&process))
+            && let Err(error) = sender.send(&order)
+        {
+            tracing::debug!(%error, "a program is not told that its node vouches for it");
+        }
+        Input::Control { process, notice }
+    }
+
+    /// Returns the order that shows programs of other hosts that this node has started this one, in a team.
+    fn vouch(&self, process: &ProcessId, keys: &[u8]) -> Option<Order> {
+        let path = &self.state.attachments.program(process)?.order.path;
+        let delegation =
+            self.config.member.as_ref()?.vouch_for(keys, &format!("`{path}` of `{}`", process.deployment))?;
+        Some(Order::Vouch { delegation })
+    }
+
     /// Returns where a program of this kind talks to its node, if it does.
     fn control_socket(&self, kind: LeafKind, deployment: &Deployment) -> Option<PathBuf> {
         (kind == LeafKind::Controller).then(|| self.dir.control_socket(deployment))
@@ -129,7 +148,8 @@ impl Driver {
         let missed = program.orders(taken).ok_or("it has missed too many orders")?;
         let notices = program.notices;
         tracing::debug!(?process, taken, notices, missed = missed.len(), "a program is back");
-        for order in std::iter::once(Order::Resumed { notices }).chain(missed) {
+        let vouched = self.vouch(process, &program.keys);
+        for order in std::iter::once(Order::Resumed { notices }).chain(vouched).chain(missed) {
             sender.send(&order).map_err(|error| error.to_string())?;
         }
         Ok(())

@@ -5,7 +5,7 @@ use crate::io::event::Connection;
 use crate::logic::agent::{Agent, Input};
 use crate::logic::effect::ProcessId;
 use crate::logic::protocol::{LostValues, NodeStatus};
-use comms::logic::seal::{DEVICE, NO_WIRE, Refused};
+use comms::logic::seal::{DEVICE, LINK, NO_WIRE, Refused};
 use std::collections::BTreeMap;
 
 /// How many wires of one program are told at most.
@@ -52,6 +52,11 @@ impl Driver {
             let what = match self.state.agent.wire(deployment, wire) {
                 Some(ends) => format!("send on the wire `{ends}` of `{deployment}`"),
                 None if wire == DEVICE => format!("speak on a device to `{instance}` of `{deployment}`"),
+                None if wire == LINK => {
+                    let who = from.unwrap_or_else(|| "somebody".to_owned());
+                    member.refuse_message(&format!("link to `{instance}` of `{deployment}`"), &format!("{why}: {who}"));
+                    continue;
+                }
                 None if wire == NO_WIRE => format!("call `{instance}` of `{deployment}`"),
                 None => continue,
             };

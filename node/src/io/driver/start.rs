@@ -14,7 +14,7 @@ use crate::io::peers::Arrival;
 use crate::io::policy::ExecutionPolicy;
 use crate::io::program_database::ProgramDatabase;
 use crate::io::programs;
-use crate::io::run_dir::{self, PROGRAMS, RunDir};
+use crate::io::run_dir::{self, PROGRAMS, RunDir, VISITORS};
 use crate::io::secrets::Secrets;
 use crate::io::starter::Starter;
 use crate::io::state_dir;
@@ -79,16 +79,16 @@ pub(super) fn show_team(config: &Config, dir: &RunDir) -> anyhow::Result<()> {
         state_dir::tell(dir.path(), state)?;
     }
     match &config.member {
-        Some(member) => member.vouch(&programs_identity(dir)),
+        Some(member) => member.vouch(&dir.path().join(VISITORS), &programs_identity(dir)),
         None => {
             // What a node before this one has left.
-            drop(std::fs::remove_file(programs_identity(dir)));
+            [VISITORS, PROGRAMS].iter().for_each(|file| drop(std::fs::remove_file(dir.path().join(file))));
             Ok(())
         }
     }
 }
 
-/// Returns the file with what programs of a node in a team show to others.
+/// Returns the file with what programs of a node know of its team.
 pub(super) fn programs_identity(dir: &RunDir) -> PathBuf {
     dir.path().join(PROGRAMS)
 }

@@ -6,8 +6,12 @@ use super::{HUNG_UP, Identity, PublicKey};
 use crate::io::stream::{self, StreamError};
 use crate::logic::codec::{self, Enveloped};
 use crate::logic::tunnel::{Introduction, Revocations};
+use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::sync::Notify;
+
+/// How long somebody waits to be let in who may be in a moment.
+const LET_IN_WITHIN: Duration = Duration::from_secs(2);
 
 /// This end of a connection, and the key of the other one.
 #[derive(Clone, Copy)]
@@ -48,7 +52,9 @@ pub(super) async fn examine(
     stream: &mut (impl AsyncRead + AsyncWrite + Unpin),
     side: Side<'_>,
 ) -> Result<Peer, String> {
-    let peer = side.check(receive(stream).await?)?;
+    let introduction = receive(stream).await?;
+    side.wait_for(&introduction).await;
+    let peer = side.check(introduction)?;
     send(stream, &side.introduction()).await?;
     send(stream, &Revocations { sets: side.identity.revocations() }).await?;
     side.hear(receive(stream).await?, &peer)?;
@@ -58,6 +64,17 @@ pub(super) async fn examine(
 impl Side<'_> {
     fn introduction(&self) -> Introduction {
         Introduction { session: self.session.to_owned(), credential: self.identity.credential() }
+    }
+
+    /// Waits for a while until somebody may be let in. Both ends of a wire are told of each other at the same time, and one may dial
+    /// before the other has heard.
+    async fn wait_for(&self, introduction: &Introduction) {
+        let let_in = async {
+            while let Some(mut news) = self.identity.awaits(&self.key, &introduction.credential)
+                && news.changed().await.is_ok()
+            {}
+        };
+        drop(tokio::time::timeout(LET_IN_WITHIN, let_in).await);
     }
 
     fn check(&self, introduction: Introduction) -> Result<Peer, String> {
