@@ -2,9 +2,9 @@
 
 use anyhow::{Context as _, ensure};
 use rustix::fs::OFlags;
-use std::fs::{self, DirBuilder, File, OpenOptions};
-use std::io::{Read as _, Write as _};
-use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _};
+use std::fs::{self, DirBuilder, File, OpenOptions, Permissions};
+use std::io::{self, Read as _, Write as _};
+use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _, fchown};
 use std::path::{Path, PathBuf};
 use zeroize::Zeroizing;
 
@@ -22,12 +22,29 @@ pub fn make(folder: &Path) -> anyhow::Result<()> {
 /// # Errors
 /// The disk refuses.
 pub fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    write_with(path, bytes, |_| Ok(()))
+}
+
+/// Writes a file as [`write`] does, which a group may read.
+///
+/// # Errors
+/// As of [`write`], or this is not root.
+pub fn write_for_group(path: &Path, bytes: &[u8], gid: u32) -> anyhow::Result<()> {
+    write_with(path, bytes, |file| {
+        fchown(file, None, Some(gid))?;
+        file.set_permissions(Permissions::from_mode(0o640))
+    })
+}
+
+/// The file has its rights before it has its name: nobody finds one that cannot be read.
+fn write_with(path: &Path, bytes: &[u8], share: impl FnOnce(&File) -> io::Result<()>) -> anyhow::Result<()> {
     let part = path.with_extension(format!("part-{}", std::process::id()));
     let write = || {
         // What is left of a process with the same id may have another mode.
         drop(fs::remove_file(&part));
         let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(&part)?;
         file.write_all(bytes)?;
+        share(&file)?;
         file.sync_all()?;
         fs::rename(&part, path)?;
         File::open(path.parent().unwrap_or(Path::new("/")))?.sync_all()
@@ -63,18 +80,30 @@ impl Drop for Reserve {
 /// # Errors
 /// It cannot be read, is no file or longer, or somebody else may read or write it.
 pub fn read(path: &Path, bytes_max: usize) -> anyhow::Result<Option<Zeroizing<Vec<u8>>>> {
+    read_with(path, bytes_max, 0o077)
+}
+
+/// Reads a file in which nothing is secret, as [`read`] does: others may read it.
+///
+/// # Errors
+/// It cannot be read, is no file or longer, or somebody else may write it.
+pub fn read_open(path: &Path, bytes_max: usize) -> anyhow::Result<Option<Zeroizing<Vec<u8>>>> {
+    read_with(path, bytes_max, 0o022)
+}
+
+fn read_with(path: &Path, bytes_max: usize, closed: u32) -> anyhow::Result<Option<Zeroizing<Vec<u8>>>> {
     let reading = || format!("reading `{}`", path.display());
     // Whatever lies there is opened without a wait: a pipe has no end.
     let opened = OpenOptions::new().read(true).custom_flags(OFlags::NONBLOCK.bits().cast_signed()).open(path);
     let file = match opened {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
         opened => opened.with_context(reading)?,
     };
     let there = file.metadata().with_context(reading)?;
     ensure!(there.is_file(), "`{}` is no file", path.display());
     ensure!(there.len() <= bytes_max as u64, "`{}` is too long", path.display());
     let own = rustix::process::getuid().as_raw();
-    let is_private = there.mode() & 0o077 == 0 && (there.uid() == own || there.uid() == 0);
+    let is_private = there.mode() & closed == 0 && (there.uid() == own || there.uid() == 0);
     ensure!(
         is_private,
         "others may read or write `{0}`: it is not used; see who did, then `chmod 600 {0}`",
@@ -102,6 +131,12 @@ mod tests {
         assert_eq!(read(&path("keys"), 6).unwrap().unwrap().as_slice(), b"secret");
         assert!(read(&path("keys"), 5).unwrap_err().to_string().ends_with("is too long"));
         assert!(read(&path("none"), 5).unwrap().is_none());
+        // What others may read is no secret, and what they may write is nobody's.
+        let mode = |mode| fs::set_permissions(path("keys"), Permissions::from_mode(mode)).unwrap();
+        mode(0o644);
+        assert!(read(&path("keys"), 6).is_err() && read_open(&path("keys"), 6).unwrap().is_some());
+        mode(0o664);
+        assert!(read_open(&path("keys"), 6).is_err());
         // Nobody writes into this pipe: to wait for that would be for ever.
         rustix::fs::mknodat(rustix::fs::CWD, path("pipe"), rustix::fs::FileType::Fifo, 0o600.into(), 0).unwrap();
         assert!(read(&path("pipe"), 5).unwrap_err().to_string().ends_with("is no file"));

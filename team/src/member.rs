@@ -64,6 +64,8 @@ pub struct Member {
     newest: Mutex<Credential>,
     /// What its programs show to others, and where they read that.
     vouched: Mutex<Option<Vouched>>,
+    /// The file that programs of another user read, and the group of that.
+    shared: Mutex<Option<(PathBuf, u32)>>,
     revoked: Mutex<Revocations>,
     /// What others have shown.
     cards: Cards,
@@ -121,7 +123,7 @@ impl Member {
         let heads = Mutex::new(heads::open(&folder));
         let (revoked, changes) = (Mutex::new(revoked), watch::Sender::new(()));
         let (cards, told, forged) = (Cards::default(), Mutex::default(), Mutex::default());
-        let (newest, vouched) = (Mutex::new(credential.clone()), Mutex::default());
+        let (newest, vouched, shared) = (Mutex::new(credential.clone()), Mutex::default(), Mutex::default());
         let member = Self {
             folder,
             keys,
@@ -129,6 +131,7 @@ impl Member {
             credential,
             newest,
             vouched,
+            shared,
             revoked,
             cards,
             changes,
@@ -292,6 +295,9 @@ impl Member {
         *revoked = with;
         drop(revoked);
         self.cards.judge_again();
+        if let Err(error) = self.share_again() {
+            tracing::error!(error = format!("{error:#}"), "programs of another user are not told who is revoked");
+        }
         let what = format!("revoke: number {number}, keys {count}");
         self.record(AuditEntry { decision: Decision::Done, who: "the team".to_owned(), what, reason: String::new() });
         self.changes.send_replace(());

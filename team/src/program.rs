@@ -39,15 +39,15 @@ pub(crate) struct Circle {
 }
 
 impl Circle {
-    /// Writes it to a file that programs are told of.
-    pub(crate) fn keep(path: &Path, team: &Team, node: &Credential, revoked: &Path) -> anyhow::Result<()> {
+    /// Returns what stands in the file that programs are told of.
+    pub(crate) fn bytes(team: &Team, node: &Credential, revoked: &Path) -> anyhow::Result<Vec<u8>> {
         let revoked = revoked.to_str().context("a folder has a name that is no text")?;
-        folder::write(path, &postcard::to_stdvec(&(team.to_bytes(), node.to_bytes(), revoked))?)
+        Ok(postcard::to_stdvec(&(team.to_bytes(), node.to_bytes(), revoked))?)
     }
 
     /// Reads it.
     fn open(path: &Path) -> anyhow::Result<Self> {
-        let bytes = folder::read(path, FILE_MAX)?.with_context(|| format!("`{}` is not there", path.display()))?;
+        let bytes = folder::read_open(path, FILE_MAX)?.with_context(|| format!("`{}` is not there", path.display()))?;
         let broken = || format!("`{}` is broken", path.display());
         let (team, node, revoked): (Vec<u8>, Vec<u8>, String) = postcard::from_bytes(&bytes).with_context(broken)?;
         let team = Team::from_bytes(&team).with_context(broken)?;
@@ -71,7 +71,7 @@ impl Circle {
 
     /// Returns who is revoked, as the node has written it down last. Somebody must not be trusted because that cannot be read.
     pub(crate) fn revocations_now(&self) -> Result<Revocations, String> {
-        let read = folder::read(&self.revoked, REVOKED_BYTES_MAX);
+        let read = folder::read_open(&self.revoked, REVOKED_BYTES_MAX);
         let read = read.and_then(|sets| sets.map_or(Ok(Revocations::default()), |sets| revocations(&sets, &self.team)));
         read.map_err(|error| format!("who is revoked cannot be read: {error:#}"))
     }

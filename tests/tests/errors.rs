@@ -272,7 +272,7 @@ fn a_folder_that_cannot_be_used() {
     check_node(&cluster, node, &["/file` is a file, where a folder is expected", "`--run-dir`"]);
     let deep = cluster.folder().join("d".repeat(60));
     let node = cluster.here().with_run_dir(&deep).start_node("c1", &[]);
-    check_node(&cluster, node, &["is too deep for sockets", "may have 45 bytes", "a shorter one with `--run-dir`"]);
+    check_node(&cluster, node, &["is too deep for sockets", "may have 43 bytes", "a shorter one with `--run-dir`"]);
     assert!(!deep.exists(), "a start that is refused leaves nothing");
     let runs = cluster.here().ask(&["run", "--runs", &format!("{file}/runs"), &cluster.file("idle.dca", IDLE)]);
     check(&cluster, &runs, 1, &["/file` is a file, where a folder is expected", "`--runs`"]);

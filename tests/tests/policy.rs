@@ -1,9 +1,10 @@
 //! The execution policy of a node, with real programs: what it admits runs within its limits, and the rest is refused before anything
 //! runs, with the rule, the file and the line.
 
-use dca_tests::cluster::{Cluster, Ended, Host, Network, SOON, Stream, executable, wait_until};
+use dca_tests::cluster::{Cluster, Ended, Host, Network, SOON, Stream, Trace, executable, wait_until};
 use rustix::process::Signal;
-use std::fs;
+use std::fs::{self, Permissions};
+use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
 use std::path::PathBuf;
 use std::process::Command;
 
@@ -170,9 +171,9 @@ fn programs_run_as_the_user_of_the_policy_without_rights() {
     }
     let (cluster, open) = (Cluster::new(), Cluster::new());
     let host = cluster.here();
-    let file = put(&host, "c1", "user = \"nobody\"");
+    put(&host, "c1", "user = \"nobody\"");
     let _node = host.node("c1", &[]);
-    let mode = <fs::Permissions as std::os::unix::fs::PermissionsExt>::from_mode(0o777);
+    let mode = Permissions::from_mode(0o777);
     fs::set_permissions(open.folder(), mode).expect("a folder of ours");
     let told = open.folder().join("told");
     let script =
@@ -181,17 +182,6 @@ fn programs_run_as_the_user_of_the_policy_without_rights() {
     assert_eq!(ran.code, Some(0), "{ran}");
     let expected = "nobody\nnobody\nCapEff:\t0000000000000000\nNoNewPrivs:\t1\n";
     assert_eq!(fs::read_to_string(&told).expect("it ran"), expected);
-    let only = |kind: &str| {
-        format!(
-            "programs run as `nobody` on this node, and this one would run as `root`: {kind} runs as the user of its node; start the \
-             node as that user (rule `user`, `{}` line 1)",
-            file.display()
-        )
-    };
-    expect_refused(&deploy(&cluster, &spec("true", "", "watchdog 1 s;")), &only("one that gives signs of life"));
-    let controller = "process main() { host { c1 } instantiated_processes { laser instof LaserSensor(c1); }
-        internal_event_actions { laser } }";
-    expect_refused(&deploy(&cluster, controller), &only("a controller"));
     put(&host, "c1", "sandbox = \"none\"\nroot = true");
     let script = format!("grep NoNewPrivs: /proc/self/status > {}", told.display());
     let ran = deploy(&cluster, &spec(&format!("sh -c \\\"{script}\\\""), "", ""));
@@ -199,6 +189,61 @@ fn programs_run_as_the_user_of_the_policy_without_rights() {
     assert_eq!(fs::read_to_string(&told).expect("it ran"), "NoNewPrivs:\t0\n", "who says so gets no sandbox");
     let sandbox = host.statuses(&[])[0].policy.as_ref().map(|policy| policy.sandbox.clone());
     assert_eq!(sandbox.as_deref(), Some("none; `root`, as whom programs run, could change it"));
+}
+
+/// Controllers and what gives signs of life run as the user of the policy, too: they talk to their node and to each other, come back to a
+/// node that was killed, and read nothing of the node.
+#[test]
+fn controllers_run_as_the_user_of_the_policy() {
+    if !rustix::process::getuid().is_root() {
+        println!("skipped: needs root");
+        return;
+    }
+    let (cluster, open) = (Cluster::new(), Cluster::new());
+    let host = cluster.here();
+    for folder in [cluster.folder(), open.folder()] {
+        fs::set_permissions(folder, Permissions::from_mode(0o711)).expect("a folder of ours");
+    }
+    // Wherever this was built, `nobody` may execute it there.
+    let library = open.folder().join("dca-controller");
+    fs::copy(executable("dca-controller"), &library).expect("a folder of ours");
+    put(&host, "c1", "user = \"nobody\"");
+    let library = library.display().to_string();
+    let node = host.node("c1", &["--controllers", &library]);
+    let text = "
+        process main() {
+            host { c1 }
+            instantiated_processes { source instof RateSource(c1); monitor instof RateMonitor(c1); }
+            internal_connections(source, lbl1) { source, Out -> monitor, In; }
+            internal_event_actions { source[lbl1], monitor }
+        }";
+    let spec = cluster.file("beats.dca", text);
+    let mission = host.dca(&["deploy", &spec, "--controllers", &library]);
+    mission.wait_for(Stream::Err, "▸", SOON);
+    let runs = cluster.folder().join("runs/beats-1");
+    let beats = |count: f64| {
+        let received = || Trace::so_far(&runs).signal("main/monitor", "received").last().map_or(0.0, |last| last.value);
+        let began = received();
+        assert!(wait_until(SOON, || received() > began + count).is_some(), "{}", mission.text(Stream::Err));
+    };
+    beats(50.0);
+    let nobody = fs::read_to_string("/etc/passwd").expect("every system has it");
+    let nobody = nobody.lines().find_map(|line| line.strip_prefix("nobody:")?.split(':').nth(1)?.parse::<u32>().ok());
+    for path in ["main/source", "main/monitor"] {
+        let pid = cluster.leaf(path).expect("it runs").pid;
+        let found = fs::metadata(format!("/proc/{pid}")).expect("it runs").uid();
+        assert_eq!(Some(found), nobody, "{path}");
+    }
+    // What is the node's alone is so, and the folder of its programs is theirs.
+    let mode = |name: &str| fs::metadata(host.run_dir().join(name)).expect("it is there").mode() & 0o777;
+    assert_eq!([mode("c1"), mode("c1.u"), mode("c1.u/beats.1")], [0o700, 0o710, 0o710]);
+    // One that dies is started again as the same user; and all come back to a node that was killed.
+    node.kill();
+    let _again = host.node("c1", &["--controllers", &library]);
+    beats(50.0);
+    let stopped = host.ask(&["stop", "beats"]);
+    assert_eq!(stopped.code, Some(0), "{stopped}");
+    drop(mission.ended(SOON));
 }
 
 /// A program that runs keeps on running when the policy gets stricter, and is not started again.
@@ -224,7 +269,7 @@ fn each_refusal_is_in_the_audit_log() {
     let (cluster, Some(network)) = (Cluster::new(), Network::new(1)) else { return };
     let host = cluster.host(&network, 1);
     let passphrase = cluster.file("passphrase", "correct horse battery\n");
-    let mode = <fs::Permissions as std::os::unix::fs::PermissionsExt>::from_mode(0o600);
+    let mode = Permissions::from_mode(0o600);
     fs::set_permissions(&passphrase, mode).expect("a file of ours");
     let keys = cluster.folder().join("keys").display().to_string();
     let with = |arguments: &[&str]| {

@@ -1,6 +1,7 @@
 //! The control channel between a node and the programs on its host: frames of envelopes on a Unix socket.
 //!
-//! The node's side is asynchronous, the program's side blocks. Both refuse a peer that runs as another user.
+//! The node's side is asynchronous, the program's side blocks. Both refuse a peer that runs as another user: a node but for the one as
+//! whom it starts programs, a program but for root.
 
 mod program;
 
@@ -86,6 +87,8 @@ impl From<CodecError> for ControlError {
 #[derive(Debug)]
 pub struct Listener {
     listener: UnixListener,
+    /// Another user who may connect.
+    user: Option<u32>,
 }
 
 /// Sends orders to one program.
@@ -134,7 +137,18 @@ impl Listener {
         let listener = UnixListener::bind(path).map_err(failed)?;
         // Until here the directory's mode and the user check keep strangers out.
         std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o600)).map_err(failed)?;
-        Ok(Self { listener })
+        Ok(Self { listener, user: None })
+    }
+
+    /// The same for programs that run as another user: that one can connect, too.
+    ///
+    /// # Errors
+    /// If the system refuses.
+    pub fn bind_for(path: &Path, (uid, gid): (u32, u32)) -> Result<Self, ControlError> {
+        let bound = Self::bind(path)?;
+        let given = std::os::unix::fs::chown(path, Some(uid), Some(gid));
+        given.map_err(|cause| ControlError::Bind { path: path.to_owned(), cause })?;
+        Ok(Self { user: Some(uid), ..bound })
     }
 
     /// Waits for the next program.
@@ -146,7 +160,10 @@ impl Listener {
     /// Safe.
     pub async fn accept(&self) -> Result<(ControlSender, ControlReceiver), ControlError> {
         let (stream, _) = self.listener.accept().await?;
-        check_user(stream.peer_cred()?.uid())?;
+        let uid = stream.peer_cred()?.uid();
+        if self.user != Some(uid) {
+            check_user(uid)?;
+        }
         let stream = register(stream.into_std()?, Interest::READABLE)?;
         let channel = Arc::new(Channel { stream, outbox: Outbox::new(), filled: Notify::new() });
         let sender = ControlSender { channel: Arc::clone(&channel) };

@@ -9,8 +9,9 @@ use shim::processes;
 use shim::protocol::{BEAT_FILE, Gate, ShimStart};
 use std::fs::Permissions;
 use std::io;
-use std::os::unix::fs::PermissionsExt;
+use std::os::unix::fs::{PermissionsExt, chown};
 use std::os::unix::net::UnixDatagram;
+use std::path::PathBuf;
 use std::sync::mpsc::SyncSender;
 
 /// The longest datagram that is read whole, in bytes.
@@ -27,13 +28,16 @@ impl Beats {
         if start.watchdog.is_none() && start.ready_within.is_none() {
             return Ok(None);
         }
-        let path = start.dir.join(BEAT_FILE);
+        let path = path(start);
         match std::fs::remove_file(&path) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
             _ => {}
         }
         let socket = UnixDatagram::bind(&path)?;
         std::fs::set_permissions(&path, Permissions::from_mode(0o700))?;
+        if let Some(user) = &start.sandbox.user {
+            chown(&path, Some(user.uid), Some(user.gid))?;
+        }
         Ok(Some(Self { socket }))
     }
 
@@ -80,9 +84,13 @@ impl Beats {
     }
 }
 
+fn path(start: &ShimStart) -> PathBuf {
+    start.sandbox.own.as_ref().unwrap_or(&start.dir).join(BEAT_FILE)
+}
+
 /// The variables by which a program learns that it is watched. Source: sd_watchdog_enabled(3).
 pub(crate) fn environment(start: &ShimStart) -> Vec<(&'static str, String)> {
     let Some(bound) = start.watchdog.into_iter().chain(start.ready_within).min() else { return Vec::new() };
-    let socket = start.dir.join(BEAT_FILE).display().to_string();
+    let socket = path(start).display().to_string();
     vec![("NOTIFY_SOCKET", socket), ("WATCHDOG_USEC", bound.as_micros().to_string())]
 }

@@ -12,7 +12,6 @@ use crate::logic::effect::SpawnOrder;
 use crate::logic::protocol::PolicyInUse;
 use anyhow::{Context, anyhow, ensure};
 use comms::io::file;
-use language::plan::{LeafKind, Watchdog};
 use rustix::process::getuid;
 use shim::protocol::{Limits, Sandbox, SandboxLevel};
 use std::collections::BTreeMap;
@@ -122,6 +121,11 @@ impl ExecutionPolicy {
         Ok(Self(Arc::new(Inner { state, member, hashes: Mutex::default(), in_use })))
     }
 
+    /// Returns the node as a member of its team, if it is in one.
+    pub(crate) fn member(&self) -> Option<&Member> {
+        self.0.member.as_deref()
+    }
+
     /// Returns the policy that held when a program was started last, or the node.
     pub(crate) fn in_use(&self) -> Option<PolicyInUse> {
         self.0.in_use.lock().unwrap_or_else(PoisonError::into_inner).clone()
@@ -158,7 +162,7 @@ impl ExecutionPolicy {
             Some(user) if user.account.uid == own.as_raw() => (Some(user), None),
             other => (None, other),
         };
-        let only = only_own(order, own.is_root());
+        let only = only_own(own.is_root());
         let other = other.filter(|_| only.is_empty());
         let user = other.as_ref().or(mine.as_ref()).map_or_else(users::own_name, |user| user.name.clone());
         let admitted = policy.admit(&Start {
@@ -177,6 +181,7 @@ impl ExecutionPolicy {
                 sandbox: Sandbox {
                     level: level(policy.sandbox()),
                     user: other.as_ref().map(|user| user.account.clone()),
+                    own: None,
                 },
                 environment: other
                     .into_iter()
@@ -221,17 +226,8 @@ impl ExecutionPolicy {
 }
 
 /// Returns why a program can run only as the user of its node, for a sentence; empty if it can run as another.
-const fn only_own(order: &SpawnOrder, is_root: bool) -> &'static str {
-    if !is_root {
-        return ": the node is not root, and can start programs only as itself";
-    }
-    if matches!(order.kind, LeafKind::Controller) {
-        return ": a controller runs as the user of its node; start the node as that user";
-    }
-    if !matches!(order.policy.watchdog, Watchdog::Usual | Watchdog::Never) || order.policy.ready_within.is_some() {
-        return ": one that gives signs of life runs as the user of its node; start the node as that user";
-    }
-    ""
+const fn only_own(is_root: bool) -> &'static str {
+    if is_root { "" } else { ": the node is not root, and can start programs only as itself" }
 }
 
 const fn level(sandbox: policy::Sandbox) -> SandboxLevel {

@@ -15,7 +15,12 @@
 //!       control.sock        where its programs talk to the node
 //!       12/                 one program: out.log, exit (until its node knows), processes (while it runs), data.sock, data.wire,
 //!                           shim.sock, beat.sock
+//!   c1.u/                   0710, of the group of the user as whom the policy of c1 has programs run, if that is another one
+//!     team                  what they know of the team; `revoked` beside it
+//!     door_opening.1/       control.sock for them
+//!       12/                 0700, of that user: data.sock, data.wire, beat.sock
 //! ```
+//! With such programs whoever knows its name may enter BASE.
 
 use crate::io::child::leftovers;
 use crate::io::folder::{self, FolderError};
@@ -25,9 +30,9 @@ use comms::io::clock::{Wakeup, now};
 use comms::io::entropy;
 use comms::io::file::{self, Privacy};
 use rustix::fs::{FlockOperation, flock};
-use std::fs::{self, File};
+use std::fs::{self, File, Permissions};
 use std::io::{self, Write};
-use std::os::unix::fs::{DirBuilderExt, MetadataExt};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt, chown};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -58,6 +63,13 @@ const PROOF_MAX: usize = 64;
 pub(crate) const PROGRAMS: &str = "programs";
 /// The file with what those show to programs of other hosts who look at them.
 pub const VISITORS: &str = "visitors";
+
+/// What stands behind the name of a node in that of the folder with the sockets of programs that run as another user.
+const OTHERS: &str = ".u";
+/// The file there with what programs know of the team.
+pub(crate) const OTHERS_TEAM: &str = "team";
+/// Whoever may enter a folder and not look into it.
+const ENTER: u32 = 0o711;
 
 /// Why a folder cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -260,6 +272,7 @@ impl RunDir {
 
     /// Removes the deployments of an earlier run, whose programs have ended.
     pub fn clear(&self) {
+        drop(fs::remove_dir_all(of_others(&self.path)));
         for entry in fs::read_dir(&self.path).into_iter().flatten().flatten() {
             let folder = entry.path();
             if entry.file_name().to_string_lossy().contains('.') && folder.is_dir() {
@@ -314,7 +327,43 @@ impl RunDir {
 
 /// Returns the longest path of a socket below the folder of a node.
 fn deepest_socket() -> String {
-    format!("/{}.{}/10000/data.sock", "d".repeat(NAME_MAX), u64::MAX)
+    format!("{OTHERS}/{}.{}/10000/data.sock", "d".repeat(NAME_MAX), u64::MAX)
+}
+
+/// Returns the folder, beside that of a node, for programs that run as another user: nobody but the node enters its own.
+fn of_others(node: &Path) -> PathBuf {
+    let mut name = node.file_name().unwrap_or_default().to_owned();
+    name.push(OTHERS);
+    node.with_file_name(name)
+}
+
+/// Returns where a program, or a deployment, has its sockets if it runs as another user; `path` is its folder in that of the node, `node`.
+pub(crate) fn other(node: &Path, path: &Path) -> PathBuf {
+    of_others(node).join(path.strip_prefix(node).unwrap_or(path))
+}
+
+/// Makes the folder for the sockets of a program that runs as another user, who alone may look into it; the group of that user may enter
+/// those above it.
+///
+/// # Errors
+/// The file system refuses, or this is not root.
+pub(crate) fn make_other(node: &Path, process: &Path, (uid, gid): (u32, u32)) -> io::Result<PathBuf> {
+    let (others, own) = (of_others(node), other(node, process));
+    if let Some(base) = others.parent() {
+        let mode = fs::metadata(base)?.mode();
+        fs::set_permissions(base, Permissions::from_mode((mode & 0o777) | ENTER))?;
+    }
+    let deployment = own.parent().unwrap_or(&others);
+    for (folder, (owner, mode)) in [(&*others, (0, 0o710)), (deployment, (0, 0o710)), (&own, (uid, 0o700))] {
+        match fs::DirBuilder::new().mode(0o700).create(folder) {
+            Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(error),
+            _ => {}
+        }
+        chown(folder, Some(owner), Some(gid))?;
+        fs::set_permissions(folder, Permissions::from_mode(mode))?;
+    }
+    ["data.sock", "data.sock.lock", "data.wire"].iter().try_for_each(|name| remove_leftover(&own.join(name)))?;
+    Ok(own)
 }
 
 /// Makes the folder of a program.
@@ -374,7 +423,7 @@ fn remove_leftover(path: &Path) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::os::unix::fs::{PermissionsExt, chown, symlink};
+    use std::os::unix::fs::symlink;
 
     /// A stranger who makes the folder first must not answer for the nodes.
     #[test]
@@ -384,7 +433,7 @@ mod tests {
         fs::create_dir_all(&own).unwrap();
         fs::create_dir_all(&open).unwrap();
         symlink(&own, &link).unwrap();
-        fs::set_permissions(&open, fs::Permissions::from_mode(0o777)).unwrap();
+        fs::set_permissions(&open, Permissions::from_mode(0o777)).unwrap();
         let check = |path: &Path| {
             let taken = RunDir::take(path, "c1").map(|_| ()).map_err(|error| error.to_string());
             let asked = running(path).map(|_| ()).map_err(|error| error.to_string());

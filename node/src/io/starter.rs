@@ -1,6 +1,8 @@
 //! Starts programs, and closes and removes what they leave, one after the other and beside the loop of the node: a file system
 //! may take long.
 
+mod others;
+
 use crate::io::child::leftovers;
 use crate::io::child::reach::{Reached, reach};
 use crate::io::child::{self, ShimOrders, ShimReports};
@@ -52,6 +54,8 @@ pub(crate) struct Start {
     pub(crate) shim: ShimStart,
     /// Where programs of its deployment connect, if it does.
     pub(crate) control: Option<PathBuf>,
+    /// The folder of the node.
+    pub(crate) node: PathBuf,
     /// The first orders of its shim.
     pub(crate) orders: Receiver<ShimOrder>,
 }
@@ -75,7 +79,8 @@ pub(crate) struct Starter {
     events: Sender<Event>,
     /// How many programs have connected.
     connected: Arc<AtomicU64>,
-    listeners: BTreeMap<Deployment, AbortHandle>,
+    /// By the socket, too: programs that run as another user have their own.
+    listeners: BTreeMap<(Deployment, PathBuf), AbortHandle>,
     tasks: JoinSet<()>,
     /// Programs of a killed node that are being reached.
     attaching: JoinSet<(Adopted, Reached)>,
@@ -121,7 +126,8 @@ impl Starter {
                 Job::Adopt(adopted) => self.adopt(*adopted),
                 Job::Close(deployment) => {
                     self.database.forget(&deployment);
-                    self.listeners.remove(&deployment).into_iter().for_each(|listener| listener.abort());
+                    let ended = self.listeners.extract_if(.., |(of, _), _| *of == deployment);
+                    ended.for_each(|(_, listener)| listener.abort());
                 }
                 // Here, so that no other program is started in its folder meanwhile.
                 Job::Kill(dir) => {
@@ -140,11 +146,15 @@ impl Starter {
 
     /// Reaches a program again; one that never came to be is started.
     fn adopt(&mut self, adopted: Adopted) {
-        let Start { process, order, shim, control, .. } = &adopted.start;
+        let Start { process, order, shim, control, node, .. } = &adopted.start;
         self.database.connect(order);
-        if let Some(path) = control.as_ref().filter(|_| !self.listeners.contains_key(&process.deployment)) {
-            match Listener::bind(path) {
-                Ok(listener) => self.listen(listener, &process.deployment.clone()),
+        // Where it talks to its node it was told when it was started.
+        let user = others::user_of(node, &shim.dir);
+        let control = control.as_ref().map(|path| user.map_or_else(|| path.clone(), |_| run_dir::other(node, path)));
+        let at = (process.deployment.clone(), control.unwrap_or_default());
+        if adopted.start.control.is_some() && !self.listeners.contains_key(&at) {
+            match others::listener(&at.1, user) {
+                Ok(listener) => self.listen(listener, at),
                 Err(error) => tracing::error!(%error, "the programs of a killed node cannot come back"),
             }
         }
@@ -172,16 +182,16 @@ impl Starter {
         }
     }
 
-    fn listen(&mut self, listener: Listener, deployment: &Deployment) {
+    fn listen(&mut self, listener: Listener, at: (Deployment, PathBuf)) {
         let (connected, events) = (Arc::clone(&self.connected), self.events.clone());
-        let hearing = hear_programs(listener, deployment.clone(), (connected, self.database.clone()), events);
-        self.listeners.insert(deployment.clone(), self.tasks.spawn(hearing));
+        let hearing = hear_programs(listener, at.0.clone(), (connected, self.database.clone()), events);
+        self.listeners.insert(at, self.tasks.spawn(hearing));
     }
 
     async fn start(&mut self, start: Start) {
-        let Start { process, order, shim, control, orders } = start;
+        let Start { process, order, shim, control, node, orders } = start;
         self.database.connect(&order);
-        match self.try_start(order, shim, control).await {
+        match self.try_start(order, shim, (control, node)).await {
             Ok((shim, reports)) => {
                 self.tasks.spawn(shim.pass(Vec::new(), orders));
                 self.tasks.spawn(hear(process, reports, self.events.clone()));
@@ -200,7 +210,7 @@ impl Starter {
         &mut self,
         order: SpawnOrder,
         mut start: ShimStart,
-        control: Option<PathBuf>,
+        (control, node): (Option<PathBuf>, PathBuf),
     ) -> anyhow::Result<(ShimOrders, ShimReports)> {
         let keys: Vec<String> = order.secrets.iter().map(|secret| secret.key.clone()).collect();
         let deployment = order.process.deployment.clone();
@@ -210,22 +220,24 @@ impl Starter {
             (start.limits, start.sandbox) = (limits, sandbox);
             start.environment.retain(|(name, _)| environment.iter().all(|(other, _)| other != name));
             start.environment.extend(environment);
-            anyhow::Ok(start)
+            run_dir::make_process(&start.dir).context("making its folder")?;
+            let control = others::move_to_user(&mut start, control, (&node, policy.member()))?;
+            anyhow::Ok((start, control))
         });
-        let start = admitting.await??;
+        let (start, control) = admitting.await??;
         let secrets = self.secrets.open(&keys).await?;
-        let unbound = control.filter(|_| !self.listeners.contains_key(&deployment));
+        let at = control.map(|path| (deployment, path)).filter(|at| !self.listeners.contains_key(at));
         let shim = self.shim.clone();
         let starting = tokio::task::spawn_blocking(move || {
-            run_dir::make_process(&start.dir).context("making its folder")?;
-            let listener = unbound.map(|path| Listener::bind(&path)).transpose();
+            let user = start.sandbox.user.as_ref().map(|user| (user.uid, user.gid));
+            let listener = at.map(|at| anyhow::Ok((others::listener(&at.1, user)?, at))).transpose();
             let listener = listener.context("opening its control socket")?;
             let started = child::start(&shim, &start).map_err(|error| not_started(error, &shim))?;
             anyhow::Ok((listener, started))
         });
         let (listener, (shim, reports)) = starting.await??;
-        if let Some(listener) = listener {
-            self.listen(listener, &deployment);
+        if let Some((listener, at)) = listener {
+            self.listen(listener, at);
         }
         Ok((shim.with(secrets), reports))
     }

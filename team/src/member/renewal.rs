@@ -42,8 +42,33 @@ impl Member {
     fn write(&self, Vouched { keys, files: [visitors, programs] }: &Vouched) -> anyhow::Result<()> {
         let (newest, revoked) = (self.newest().clone(), self.folder.join(super::REVOKED));
         let delegation = Delegation::sign((*keys.public().signing(), ""), crate::now(), (&self.keys, newest.clone()));
-        Circle::keep(programs, &self.team, &newest, &revoked)?;
+        folder::write(programs, &Circle::bytes(&self.team, &newest, &revoked)?)?;
+        self.share_again()?;
         VisitorIdentity::keep(visitors, keys, (&self.team, &delegation), &revoked)
+    }
+
+    /// Writes what programs need also to this file, and who is revoked beside it, for the group of the user as whom they run: that one does
+    /// not enter the folders of the node. From then on both are kept as new as they are here. Blocks.
+    ///
+    /// # Errors
+    /// The disk refuses, or this is not root.
+    pub fn share(&self, file: &Path, gid: u32) -> anyhow::Result<()> {
+        let shared = Some((file.to_owned(), gid));
+        let is_known = *self.shared() == shared && file.is_file();
+        *self.shared() = shared;
+        if is_known { Ok(()) } else { self.share_again() }
+    }
+
+    /// Writes anew what is shared with programs of another user, if something is.
+    pub(super) fn share_again(&self) -> anyhow::Result<()> {
+        let Some((file, gid)) = self.shared().clone() else { return Ok(()) };
+        let (newest, revoked) = (self.newest().clone(), file.with_file_name(super::REVOKED));
+        folder::write_for_group(&revoked, &super::sets(&self.revoked()), gid)?;
+        folder::write_for_group(&file, &Circle::bytes(&self.team, &newest, &revoked)?, gid)
+    }
+
+    fn shared(&self) -> MutexGuard<'_, Option<(PathBuf, u32)>> {
+        self.shared.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Vouches for a program that this node has started, by the public keys that it has made; returns what shows that to others. Nothing

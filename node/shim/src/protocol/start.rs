@@ -71,6 +71,8 @@ pub struct Sandbox {
     pub level: SandboxLevel,
     /// As whom it runs, if not as the shim.
     pub user: Option<Account>,
+    /// The folder of that user where the sockets of the program are: the instance directory is the node's alone.
+    pub own: Option<PathBuf>,
 }
 
 /// How much is taken from a program.
@@ -131,6 +133,7 @@ impl ShimStart {
             let groups: String = groups.iter().map(|group| format!(":{group}")).collect();
             arguments.extend(["--user".into(), format!("{uid}:{gid}{groups}").into()]);
         }
+        arguments.extend(self.sandbox.own.iter().flat_map(|own| ["--own".into(), own.clone().into()]));
         for group in &self.groups {
             arguments.extend(["--group".into(), group.clone().into()]);
         }
@@ -212,6 +215,7 @@ impl ShimStart {
                 let count = value.to_str().and_then(|count| count.parse().ok());
                 self.descriptors = Some(count.ok_or("must be a number")?);
             }
+            "--own" => self.sandbox.own = Some(value.into()),
             "--group" => self.groups.push(value.into()),
             "--sandbox" => {
                 self.sandbox.level = match value.to_str() {
@@ -333,6 +337,7 @@ mod tests {
             sandbox: Sandbox {
                 level: SandboxLevel::Standard,
                 user: Some(Account { uid: 61184, gid: 61184, groups: vec![20, 44] }),
+                own: Some("/run/dca/c1.u/d/x".into()),
             },
             groups: vec!["/sys/fs/cgroup/pids/dca-program-7-70".into()],
             descriptors: Some(1024),

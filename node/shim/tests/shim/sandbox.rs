@@ -12,7 +12,7 @@ const NOBODY: u32 = 65534;
 fn confined(script: &str, adjust: impl FnOnce(&mut ShimStart)) -> String {
     let user = getuid().is_root().then(|| Account { uid: NOBODY, gid: NOBODY, groups: vec![20] });
     let shim = Shim::start_with(|start| {
-        start.sandbox = Sandbox { level: SandboxLevel::Standard, user };
+        start.sandbox = Sandbox { level: SandboxLevel::Standard, user, own: None };
         start.command = ["sh", "-c", script].map(str::to_owned).to_vec();
         adjust(start);
     });

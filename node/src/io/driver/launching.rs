@@ -1,9 +1,9 @@
 //! The programs of a node: how they are started, told where they were, and let go of.
 
 use super::{Driver, settings, start};
-use crate::io::child;
 use crate::io::event::Event;
 use crate::io::starter::{self, Job, Start};
+use crate::io::{child, run_dir};
 use crate::logic::agent::{Input, OVER_MAX};
 use crate::logic::effect::{ProcessId, SpawnOrder};
 use crate::logic::instance::watchdog::watched;
@@ -76,7 +76,8 @@ impl Driver {
             command: order.command.clone(),
             dir,
         };
-        Start { process, order, shim, control, orders }
+        let node = self.dir.path().to_owned();
+        Start { process, order, shim, control, node, orders }
     }
 
     /// Takes what a program has said. When it says who it is, the node vouches for it: before anybody is told where it is.
@@ -162,7 +163,9 @@ impl Driver {
         self.programs.retain(|process, _| process.deployment != *deployment);
         self.losses.forget(|process| process.deployment == *deployment);
         if let Some(oldest) = self.state.attachments.take_buried(OVER_MAX) {
-            self.later(Job::Remove(self.dir.deployment(&oldest)));
+            let folder = self.dir.deployment(&oldest);
+            self.later(Job::Remove(run_dir::other(self.dir.path(), &folder)));
+            self.later(Job::Remove(folder));
         }
     }
 

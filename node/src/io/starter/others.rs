@@ -1,0 +1,61 @@
+//! What is different for a program that runs as another user than its node: it enters no folder of the node, so its sockets, and what it
+//! knows of its team, are in one of its own.
+
+use crate::io::run_dir;
+use anyhow::Context;
+use comms::io::control::{ControlError, Listener};
+use rustix::process::getuid;
+use shim::protocol::ShimStart;
+use std::fs;
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+use team::member::Member;
+
+/// The variable that says where a program talks to its node.
+const CONTROL: &str = "DCA_CONTROL";
+/// The variable that says where its data session listens.
+const DATA: &str = "DCA_DATA_SOCKET";
+/// The variable that says what it knows of its team.
+const TEAM: &str = "DCA_TEAM";
+
+/// Moves what a program uses itself to a folder of its user, if that is another one; returns where it talks to its node, if it does. Blocks.
+///
+/// # Errors
+/// The file system refuses.
+pub(super) fn move_to_user(
+    start: &mut ShimStart,
+    control: Option<PathBuf>,
+    (node, member): (&Path, Option<&Member>),
+) -> anyhow::Result<Option<PathBuf>> {
+    let Some((uid, gid)) = start.sandbox.user.as_ref().map(|user| (user.uid, user.gid)) else { return Ok(control) };
+    let own = run_dir::make_other(node, &start.dir, (uid, gid)).context("making the folder of its user")?;
+    let control = control.map(|path| run_dir::other(node, &path));
+    for (name, value) in &mut start.environment {
+        let moved = match name.as_str() {
+            CONTROL => control.clone().unwrap_or_default(),
+            DATA => own.join("data.sock"),
+            TEAM => {
+                let file = run_dir::other(node, &node.join(run_dir::OTHERS_TEAM));
+                if let Some(member) = member {
+                    member.share(&file, gid).context("telling it what it has to know of the team")?;
+                }
+                file
+            }
+            _ => continue,
+        };
+        *value = moved.display().to_string();
+    }
+    start.sandbox.own = Some(own);
+    Ok(control)
+}
+
+/// Returns the user and the group of a program of an earlier node, if it runs as another user.
+pub(super) fn user_of(node: &Path, process: &Path) -> Option<(u32, u32)> {
+    let own = fs::symlink_metadata(run_dir::other(node, process)).ok().filter(fs::Metadata::is_dir)?;
+    (own.uid() != getuid().as_raw()).then(|| (own.uid(), own.gid()))
+}
+
+/// Listens for programs of this user, or of another one.
+pub(super) fn listener(path: &Path, user: Option<(u32, u32)>) -> Result<Listener, ControlError> {
+    user.map_or_else(|| Listener::bind(path), |user| Listener::bind_for(path, user))
+}
