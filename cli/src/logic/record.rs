@@ -138,10 +138,7 @@ impl Run {
             "it stops before the deployment ended: its recorder lost the mission or was ended, or its disk was full"
                 .to_owned()
         };
-        let omitted = |entry: &Entry| match entry {
-            Entry::Report(Report::Omitted { count }) => *count,
-            _ => 0,
-        };
+        let omitted = |entry: &Entry| if let Entry::Report(Report::Omitted { count }) = entry { *count } else { 0 };
         let missed: u64 = self.entries.iter().map(omitted).sum();
         let gap = || format!("it lacks {}, which came while it was cut off", counted(missed, "report"));
         let is_over = self.entries.iter().any(is_last);

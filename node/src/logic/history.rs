@@ -166,9 +166,9 @@ mod tests {
     fn told(tell: impl FnOnce(&mut Out<'_>)) -> Vec<Answer> {
         let (mut effects, mut messages) = (Vec::new(), Vec::new());
         tell(&mut Out { now: Time::from_nanos(1 << 40), effects: &mut effects, messages: &mut messages });
-        let answer = |effect| match effect {
-            Effect::Answer { answer, .. } => *answer,
-            other => panic!("{other:?}"),
+        let answer = |effect| {
+            let Effect::Answer { answer, .. } = effect else { panic!("{effect:?}") };
+            *answer
         };
         effects.into_iter().map(answer).collect()
     }
@@ -177,12 +177,11 @@ mod tests {
     fn missed(history: &History, seen: u64) -> Vec<(u64, u64)> {
         let (mut omitted, mut reports) = (0, Vec::new());
         for answer in told(|out| history.tell_missed(1, seen, out)) {
-            match answer {
-                Answer::Report(Report::Omitted { count }) => omitted += count,
-                Answer::Report(Report::Process { path, .. }) => {
-                    reports.push((path.parse().unwrap(), std::mem::take(&mut omitted)));
-                }
-                other => panic!("{other:?}"),
+            let Answer::Report(report) = answer else { panic!("{answer:?}") };
+            if let Report::Omitted { count } = report {
+                omitted += count;
+            } else if let Report::Process { path, .. } = report {
+                reports.push((path.parse().unwrap(), std::mem::take(&mut omitted)));
             }
         }
         reports
@@ -210,12 +209,10 @@ mod tests {
         let history = history(all + 500);
         let events: Vec<Event> = told(|out| history.tell(1, out))
             .into_iter()
-            .flat_map(|answer| match answer {
-                Answer::Events(events) => {
-                    assert!(events.len() <= EVENTS_IN_ONE + 1);
-                    events
-                }
-                other => panic!("{other:?}"),
+            .flat_map(|answer| {
+                let Answer::Events(events) = answer else { panic!("{answer:?}") };
+                assert!(events.len() <= EVENTS_IN_ONE + 1);
+                events
             })
             .collect();
         assert_eq!(events.len(), REPORTS_MAX + 1);
