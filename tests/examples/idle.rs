@@ -58,7 +58,7 @@ fn network(options: &Options) -> Result<()> {
     ensure!(found.is_some(), "the nodes do not find each other");
     pass(SETTLED_AFTER);
     let sent =
-        || -> Result<Vec<f64>> { network.hosts().map(|number| Ok(sent_bytes(&network.namespace(number))?)).collect() };
+        || -> Result<Vec<f64>> { network.hosts().map(|number| sent_bytes(&network.namespace(number))).collect() };
     let used = || -> Result<Vec<f64>> { nodes.iter().map(|node| processor_time(node.pid())).collect() };
     let (begun, sent_before, used_before) = (now(), sent()?, used()?);
     pass(Duration::from_secs(options.seconds));

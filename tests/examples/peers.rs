@@ -93,10 +93,7 @@ fn compare(network: &Network, options: &Options) -> Result<()> {
     Ok(())
 }
 
-fn median<T: Clone, V: Ord + Copy>(of: &[T], value: fn(&T) -> V) -> V
-where
-    V: Default,
-{
+fn median<T, V: Copy + Default + Ord>(of: &[T], value: fn(&T) -> V) -> V {
     let mut values: Vec<V> = of.iter().map(value).collect();
     values.sort_unstable();
     values.get(values.len() / 2).copied().unwrap_or_default()

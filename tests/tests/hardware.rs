@@ -1,6 +1,7 @@
 //! Hardware in a deployment of its own: missions come and go, the server of the base stays; and whatever becomes of a pilot, the wheels
 //! stop 100 ms after its last command.
 
+#![expect(clippy::print_stdout, reason = "a test says how long it took")]
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
 use comms::io::clock::now;

@@ -176,8 +176,7 @@ impl<T: Message> QueueClient<T> {
         &mut self,
         now: Time,
         (category, priority, marker): (&str, u8, u64),
-        process: &str,
-        data: &T,
+        (process, data): (&str, &T),
         within: Duration,
     ) -> Result<u64, String> {
         self.put(now, (category, priority, marker, process), (data, None), within)

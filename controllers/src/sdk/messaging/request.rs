@@ -162,7 +162,7 @@ impl<R: Message> Replier<R> {
     /// # Errors
     /// If too many are on their way, or the answer is too long.
     pub fn reply(&mut self, now: Time, to: &Header, answer: &R, within: Duration) -> Result<u64, String> {
-        self.client.send_to(now, (&to.category, to.priority, to.marker), &to.sender, answer, within)
+        self.client.send_to(now, (&to.category, to.priority, to.marker), (&to.sender, answer), within)
     }
 
     /// Sends what is due, and takes receipts. Called once in each calculation.

@@ -204,7 +204,7 @@ fn a_message_is_sent_again_until_it_is_received_and_taken_once() {
     for ms in (1800..2900).step_by(10) {
         driver.turn(&mut base, at(ms), true);
     }
-    assert_eq!(driver.ends(), [SendEnd::Deadline]);
+    assert_eq!(driver.ends(), [SendEnd::Gone], "the last word was that its program is gone");
 }
 
 #[test]
