@@ -73,12 +73,17 @@ pub(crate) fn check(model: &Model<'_>, limits: &Limits<'_>) -> Vec<Finding> {
     findings
 }
 
-/// The inputs that a program which can end does not work without.
+/// The inputs that a program which can end does not work without, and that other programs have to send: not those that keys of the
+/// database are sent to, nor those of a process that runs in another deployment.
 fn needs<'m>(model: &'m Model<'_>, leaf: u32) -> impl Iterator<Item = &'m str> {
     let is_service = place_of(model, leaf)
         .is_some_and(|(group, slot)| model.plan.groups[group as usize].members[slot as usize].service);
-    let facts = model.sites.leaves.get(leaf as usize).filter(|_| !is_service);
-    facts.into_iter().flat_map(|facts| facts.inputs.iter().map(String::as_str))
+    let of_plan = model.plan.leaves.get(leaf as usize).filter(|leaf| !is_service && leaf.external.is_none());
+    let inputs = of_plan.and_then(|of_plan| Some((of_plan, model.sites.leaves.get(leaf as usize)?)));
+    inputs.into_iter().flat_map(|(of_plan, facts)| {
+        let is_of_keys = |port: &str| of_plan.keys.iter().any(|binding| !binding.is_write && binding.port == port);
+        facts.inputs.iter().map(String::as_str).filter(move |port| !is_of_keys(port))
+    })
 }
 
 fn is_of(model: &Model<'_>, leaf: u32, group: u32) -> bool {
