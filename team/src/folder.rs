@@ -25,10 +25,10 @@ pub fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     write_with(path, bytes, |_| Ok(()))
 }
 
-/// Writes a file as [`write`] does, which a group may read.
+/// Writes a file as [`write()`] does, which a group may read.
 ///
 /// # Errors
-/// As of [`write`], or this is not root.
+/// As of [`write()`], or this is not root.
 pub fn write_for_group(path: &Path, bytes: &[u8], gid: u32) -> anyhow::Result<()> {
     write_with(path, bytes, |file| {
         fchown(file, None, Some(gid))?;
