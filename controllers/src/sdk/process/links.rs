@@ -5,7 +5,7 @@ use super::devices::Devices;
 use super::inbox::{Hold, Inbox};
 use super::keyring::{Keyring, Use};
 use super::objects::Callers;
-use super::wire::{Fetch, Hearing, Push, Transport, Ways, Wire, port, wire};
+use super::wire::{Fetch, Push, Transport, Ways, Wire, WireInput, port, wire};
 use crate::sdk::interface::{Direction, Interface};
 use crate::sdk::module::Outlets;
 use comms::io::clock::now;
@@ -41,7 +41,7 @@ struct Made {
     /// By the number of the wire, as are the fetches and the subscriptions of inputs.
     wires: BTreeMap<u32, Wire>,
     fetches: BTreeMap<u32, Arc<Fetch>>,
-    inputs: BTreeMap<u32, (Responder, Hearing)>,
+    inputs: BTreeMap<u32, (Responder, WireInput)>,
     /// By output, the memory that it shares with consumers of this host.
     memories: BTreeMap<&'static str, Memory>,
     devices: Devices,
@@ -174,7 +174,7 @@ impl Links {
                 inbox.link(number);
                 let declared = agreement::declare((session, keyring), (number, &incoming.key), input);
                 let declared = declared.map_err(|error| error.to_string())?;
-                let hearing = Hearing::of(self.ways(session, inbox), incoming, (input, hold), budget.left())?;
+                let hearing = WireInput::of(self.ways(session, inbox), incoming, (input, hold), budget.left())?;
                 made.inputs.insert(number, (declared, hearing));
             }
         }
@@ -306,7 +306,7 @@ impl Links {
 
     /// Hears anew what a program sends that was started again on this host. It takes some time; to be called in one's [`Links::turn`].
     pub(super) fn relink(&self, session: &DataSession, inbox: &Arc<Inbox>, (lost, found): (&str, &Dial)) {
-        let of_lost = |_: &u32, (_, hearing): &mut (Responder, Hearing)| hearing.of_producer(lost);
+        let of_lost = |_: &u32, (_, hearing): &mut (Responder, WireInput)| hearing.of_producer(lost);
         let moved: Vec<_> = self.lock().inputs.extract_if(.., of_lost).collect();
         for (wire, (declared, hearing)) in moved {
             match hearing.from(self.ways(session, inbox), found) {

@@ -179,21 +179,21 @@ pub(super) struct Ways<'a> {
 
 /// The consumer's end of a wire that is pushed. Dropping it ends it.
 #[derive(Debug)]
-pub(super) enum Hearing {
+pub(super) enum WireInput {
     Zenoh { _subscription: Subscription },
-    Direct(Box<DirectHearing>),
+    Direct(Box<DirectInput>),
 }
 
 /// One that has its producer on the same host.
 #[derive(Debug)]
-pub(super) struct DirectHearing {
+pub(super) struct DirectInput {
     incoming: Incoming,
     input: PortInterface,
     hold: Hold,
     inlet: Inlet,
 }
 
-impl Hearing {
+impl WireInput {
     /// Hears a wire: directly if its producer is on the same host and takes it within that time, else over zenoh.
     pub(super) fn of(
         ways: Ways<'_>,
@@ -204,7 +204,7 @@ impl Hearing {
         if let Some(inlet) = ways.directly(incoming, input, within.min(DIRECT_WITHIN), None) {
             let (incoming, (input, hold)) = (incoming.clone(), input);
             let input = input.clone();
-            return Ok(Self::Direct(Box::new(DirectHearing { incoming, input, hold, inlet })));
+            return Ok(Self::Direct(Box::new(DirectInput { incoming, input, hold, inlet })));
         }
         ways.over_zenoh(incoming, (input.0.name, input.1))
     }
@@ -217,10 +217,10 @@ impl Hearing {
     /// Hears the same wire from a producer that was started again.
     pub(super) fn from(self, ways: Ways<'_>, found: &Dial) -> Result<Self, String> {
         let Self::Direct(hearing) = self else { return Ok(self) };
-        let DirectHearing { mut incoming, input, hold, inlet } = *hearing;
+        let DirectInput { mut incoming, input, hold, inlet } = *hearing;
         incoming.producer = found.clone();
         match ways.directly(&incoming, (&input, hold), DIRECT_WITHIN, Some(inlet)) {
-            Some(inlet) => Ok(Self::Direct(Box::new(DirectHearing { incoming, input, hold, inlet }))),
+            Some(inlet) => Ok(Self::Direct(Box::new(DirectInput { incoming, input, hold, inlet }))),
             None => ways.over_zenoh(&incoming, (input.name, hold)),
         }
     }
@@ -242,7 +242,7 @@ impl Ways<'_> {
         connected.inspect_err(|error| tracing::debug!(%error, port = input.name, "a wire is not direct")).ok()
     }
 
-    fn over_zenoh(self, incoming: &Incoming, input: (&'static str, Hold)) -> Result<Hearing, String> {
+    fn over_zenoh(self, incoming: &Incoming, input: (&'static str, Hold)) -> Result<WireInput, String> {
         let (inbox, wire) = (Arc::clone(self.inbox), incoming.wire);
         let hear = move |arrival: Arrival<Cow<'_, [u8]>>, sequence: Option<Sequence>| {
             let arrival = match arrival {
@@ -256,7 +256,7 @@ impl Ways<'_> {
             None => self.session.on_wire(key, hear),
             Some(keyring) => self.session.on_sealed_wire(key, keyring.opener((wire, Use::Values), key), hear),
         };
-        heard.map(|subscription| Hearing::Zenoh { _subscription: subscription }).map_err(|error| error.to_string())
+        heard.map(|subscription| WireInput::Zenoh { _subscription: subscription }).map_err(|error| error.to_string())
     }
 }
 
