@@ -265,8 +265,17 @@ process main() {
 "#;
 
     fn plan() -> Plan {
-        let compiled = compile(&Source::new("shapes", SPEC), &[], &Options::named("shapes"));
+        plan_of(SPEC)
+    }
+
+    fn plan_of(text: &str) -> Plan {
+        let compiled = compile(&Source::new("wires", text), &[], &Options::named("wires"));
         compiled.plan.unwrap_or_else(|| panic!("{:#?}", compiled.diagnostics))
+    }
+
+    /// Returns the number of the leaf with this path.
+    fn leaf_of(plan: &Plan, path: &str) -> u32 {
+        (0_u32..).zip(&plan.leaves).find(|(_, leaf)| leaf.path == path).unwrap().0
     }
 
     fn facts(leaf: u32, session: &str) -> LeafFacts {
@@ -365,10 +374,8 @@ process main() {
     internal_event_actions { b, a }
 }
 "#;
-        let compiled = compile(&Source::new("calls", text), &[], &Options::named("calls"));
-        let plan = compiled.plan.unwrap_or_else(|| panic!("{:#?}", compiled.diagnostics));
-        let leaf = |name: &str| (0_u32..).zip(&plan.leaves).find(|(_, leaf)| leaf.path == name).unwrap().0;
-        let (a, b) = (leaf("main/a"), leaf("main/b"));
+        let plan = plan_of(text);
+        let (a, b) = (leaf_of(&plan, "main/a"), leaf_of(&plan, "main/b"));
         let registrations = Registrations {
             facts: [facts(a, "a"), facts(b, "b")].map(|facts| (facts.leaf, facts)).into(),
             machines: vec!["one".into(), "other".into()],
@@ -407,10 +414,8 @@ process main() {
     internal_event_actions { b, a }
 }
 "#;
-        let compiled = compile(&Source::new("calls", text), &[], &Options::named("calls"));
-        let plan = compiled.plan.unwrap_or_else(|| panic!("{:#?}", compiled.diagnostics));
-        let leaf = |name: &str| (0_u32..).zip(&plan.leaves).find(|(_, leaf)| leaf.path == name).unwrap().0;
-        let (a, b) = (leaf("main/a"), leaf("main/b"));
+        let plan = plan_of(text);
+        let (a, b) = (leaf_of(&plan, "main/a"), leaf_of(&plan, "main/b"));
         let keyed = |leaf, session: &str| {
             let mut facts = facts(leaf, session);
             facts.location.iter_mut().for_each(|location| location.keys = vec![1]);
