@@ -68,6 +68,16 @@ pub const VISITORS: &str = "visitors";
 const OTHERS: &str = ".u";
 /// The file there with what programs know of the team.
 pub(crate) const OTHERS_TEAM: &str = "team";
+/// The variable that tells a program where it talks to its node.
+pub(crate) const CONTROL_VARIABLE: &str = "DCA_CONTROL";
+/// The variable that tells it where its data session listens.
+pub(crate) const DATA_VARIABLE: &str = "DCA_DATA_SOCKET";
+/// The variable that tells it where the file is with what it knows of its team.
+pub(crate) const TEAM_VARIABLE: &str = "DCA_TEAM";
+/// The socket of a data session.
+pub(crate) const DATA_SOCKET: &str = "data.sock";
+/// What a data session leaves when it is killed.
+const DATA_FILES: [&str; 3] = [DATA_SOCKET, "data.sock.lock", "data.wire"];
 /// Whoever may enter a folder and not look into it.
 const ENTER: u32 = 0o711;
 
@@ -362,7 +372,7 @@ pub(crate) fn make_other(node: &Path, process: &Path, (uid, gid): (u32, u32)) ->
         chown(folder, Some(owner), Some(gid))?;
         fs::set_permissions(folder, Permissions::from_mode(mode))?;
     }
-    ["data.sock", "data.sock.lock", "data.wire"].iter().try_for_each(|name| remove_leftover(&own.join(name)))?;
+    DATA_FILES.iter().try_for_each(|name| remove_leftover(&own.join(name)))?;
     Ok(own)
 }
 
@@ -373,7 +383,7 @@ pub(crate) fn make_other(node: &Path, process: &Path, (uid, gid): (u32, u32)) ->
 pub fn make_process(path: &Path) -> io::Result<()> {
     fs::DirBuilder::new().recursive(true).mode(0o700).create(path)?;
     // A lock that is a pipe would hold the program.
-    ["data.sock", "data.sock.lock", "data.wire"].iter().try_for_each(|name| remove_leftover(&path.join(name)))
+    DATA_FILES.iter().try_for_each(|name| remove_leftover(&path.join(name)))
 }
 
 /// Writes a number that nobody can guess where nobody else can read it.

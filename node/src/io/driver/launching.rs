@@ -1,9 +1,10 @@
 //! The programs of a node: how they are started, told where they were, and let go of.
 
 use super::{Driver, settings, start};
+use crate::io::child;
 use crate::io::event::Event;
+use crate::io::run_dir::{self, CONTROL_VARIABLE, DATA_SOCKET, DATA_VARIABLE, TEAM_VARIABLE};
 use crate::io::starter::{self, Job, Start};
-use crate::io::{child, run_dir};
 use crate::logic::agent::{Input, OVER_MAX};
 use crate::logic::effect::{ProcessId, SpawnOrder};
 use crate::logic::instance::watchdog::watched;
@@ -112,12 +113,12 @@ impl Driver {
         environment.push(("DCA_INSTANCE".into(), instance));
         environment.push(("DCA_DIR".into(), path(dir)));
         if let Some(control) = control {
-            environment.push(("DCA_CONTROL".into(), path(control)));
-            environment.push(("DCA_DATA_SOCKET".into(), path(&dir.join("data.sock"))));
+            environment.push((CONTROL_VARIABLE.into(), path(control)));
+            environment.push((DATA_VARIABLE.into(), path(&dir.join(DATA_SOCKET))));
             match self.config.reach {
                 Reach::Host => {}
                 Reach::Lan => environment.push(("DCA_REMOTE".into(), "1".into())),
-                Reach::Team(_) => environment.push(("DCA_TEAM".into(), path(&start::programs_identity(&self.dir)))),
+                Reach::Team(_) => environment.push((TEAM_VARIABLE.into(), path(&start::programs_identity(&self.dir)))),
             }
         }
         environment

@@ -1,7 +1,7 @@
 //! What is different for a program that runs as another user than its node: it enters no folder of the node, so its sockets, and what it
 //! knows of its team, are in one of its own.
 
-use crate::io::run_dir;
+use crate::io::run_dir::{self, CONTROL_VARIABLE, DATA_SOCKET, DATA_VARIABLE, TEAM_VARIABLE};
 use anyhow::Context;
 use comms::io::control::{ControlError, Listener};
 use rustix::process::getuid;
@@ -10,13 +10,6 @@ use std::fs;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use team::member::Member;
-
-/// The variable that says where a program talks to its node.
-const CONTROL: &str = "DCA_CONTROL";
-/// The variable that says where its data session listens.
-const DATA: &str = "DCA_DATA_SOCKET";
-/// The variable that says what it knows of its team.
-const TEAM: &str = "DCA_TEAM";
 
 /// Moves what a program uses itself to a folder of its user, if that is another one; returns where it talks to its node, if it does. Blocks.
 ///
@@ -32,9 +25,9 @@ pub(super) fn move_to_user(
     let control = control.map(|path| run_dir::other(node, &path));
     for (name, value) in &mut start.environment {
         let moved = match name.as_str() {
-            CONTROL => control.clone().unwrap_or_default(),
-            DATA => own.join("data.sock"),
-            TEAM => {
+            CONTROL_VARIABLE => control.clone().unwrap_or_default(),
+            DATA_VARIABLE => own.join(DATA_SOCKET),
+            TEAM_VARIABLE => {
                 let file = run_dir::other(node, &node.join(run_dir::OTHERS_TEAM));
                 if let Some(member) = member {
                     member.share(&file, gid).context("telling it what it has to know of the team")?;
