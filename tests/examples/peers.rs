@@ -4,7 +4,7 @@ use anyhow::{Context as _, Result, bail, ensure};
 use clap::Parser;
 use comms::io::clock::now;
 use comms::logic::time::Time;
-use dca_tests::cluster::{Network, executable, wait_until};
+use dca_tests::cluster::{Network, executable, pass, wait_until};
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::fs;
@@ -17,7 +17,7 @@ use std::time::Duration;
 const WITHIN: Duration = Duration::from_secs(60);
 /// How long programs are watched once their supervisor is gone, and once another one has come.
 const WATCHED: Duration = Duration::from_secs(5);
-/// The wait of dora for its own nodes, which these programs are not, is not counted: a program counts once it runs.
+/// Whoever is compared. A program counts once it runs, whatever else its supervisor waits for.
 const KINDS: [Kind; 3] = [Kind::Dca, Kind::Supervisord, Kind::Dora];
 
 /// Has DCA, supervisord and dora run the same programs in turn, in a network namespace, and prints what each takes. What is not installed
@@ -176,6 +176,7 @@ impl Place {
         for process in self.supervisors()? {
             kill(process)?;
         }
+        // What happens to programs without a supervisor has no sign of its own.
         pass(WATCHED);
         let alone = self.running().intersection(&before).count();
         commands.extend(self.start()?);
@@ -355,9 +356,4 @@ fn pids(is_wanted: impl Fn(u32, &str) -> bool) -> BTreeSet<u32> {
 fn kill(pid: u32) -> Result<()> {
     let pid = rustix::process::Pid::from_raw(i32::try_from(pid)?).context("no process has the id 0")?;
     Ok(rustix::process::kill_process(pid, rustix::process::Signal::KILL)?)
-}
-
-/// Waits: what happens to programs without a supervisor has no sign of its own.
-fn pass(time: Duration) {
-    dca_tests::cluster::pass(time);
 }
