@@ -14,7 +14,7 @@ use comms::logic::control::Dial;
 use comms::logic::object::{ExportKind, Exported, Exports, ObjectError};
 use node::console::{self, Failure, block_on};
 use node::logic::printable::printable;
-use node::logic::protocol::{Deployment, leaves};
+use node::logic::protocol::{Deployment, ProcessStatus, leaves};
 use serde_json::{Value, json};
 use std::time::Duration;
 
@@ -55,6 +55,9 @@ pub struct GetArguments {
 
 /// How often a state is looked at.
 const WATCH_EVERY: Duration = Duration::from_millis(100);
+
+/// How often the node of a program that does not answer is asked whether it still runs.
+const LOOK_EVERY: Duration = Duration::from_millis(500);
 
 /// A program that is meant, with what it exports.
 struct Found {
@@ -126,36 +129,88 @@ async fn with_taps(
 /// Finds the one program that is meant, and asks it what it exports.
 async fn find(clients: &Clients, taps: &Taps, name: &ObjectName) -> Result<Found, Failure> {
     let all = clients.statuses().await?;
-    let mut meant: Vec<(&Client, Deployment, String, String)> = Vec::new();
+    let mut meant: Vec<(&Client, Deployment, String, ProcessStatus)> = Vec::new();
     for (client, statuses) in &all {
         let all = leaves(&statuses.nodes).into_iter();
         let leaves = all.filter(|leaf| name.is_process(&leaf.deployment.name, &leaf.process.path));
-        meant.extend(
-            leaves.map(|leaf| (*client, leaf.deployment.clone(), leaf.host.to_owned(), leaf.process.path.clone())),
-        );
+        meant.extend(leaves.map(|leaf| (*client, leaf.deployment.clone(), leaf.host.to_owned(), leaf.process.clone())));
     }
     // The whole of a path goes before the end of another.
-    if meant.iter().any(|(.., path)| *path == name.process) {
-        meant.retain(|(.., path)| *path == name.process);
+    if meant.iter().any(|(.., process)| process.path == name.process) {
+        meant.retain(|(.., process)| process.path == name.process);
     }
     let what = format!("process `{}`", name.process);
-    let (client, deployment, host, path) = match meant.as_slice() {
+    let (client, deployment, host, process) = match meant.as_slice() {
         [] => return Err(absent::missing(&what, &all).await),
         [one] => one,
         several => {
-            let names = several.iter().map(|(_, deployment, _, path)| format!("`{}:{path}`", deployment.name));
+            let names =
+                several.iter().map(|(_, deployment, _, process)| format!("`{}:{}`", deployment.name, process.path));
             let names = names.collect::<Vec<_>>().join(", ");
             return Err(
                 anyhow!("several processes are called `{}`: {names}; name one of them whole", name.process).into()
             );
         }
     };
-    let located = locations(client, host, deployment).await?;
+    let path = &process.path;
     let found = Found { deployment: deployment.name.clone(), path: path.clone(), exports: Exports::default() };
-    let Some((_, dial)) = located.into_iter().find(|(located, _)| located == path) else {
-        return Ok(found);
+    let Some(mut dial) = located(client, host, deployment, (process, taps.patience())).await? else { return Ok(found) };
+    let exports = loop {
+        let moved = tokio::select! {
+            exports = exports_of(taps, deployment, path, dial.clone()) => break exports?,
+            moved = moved(client, host, deployment, (path, &dial.session)) => moved,
+        };
+        taps.forget(&dial.session);
+        let ended = || anyhow!("`{path}` ended before it could be asked; `dca events {}` says why", deployment.name);
+        dial = moved.ok_or_else(ended)?;
     };
-    Ok(Found { exports: exports_of(taps, deployment, path, dial).await?, ..found })
+    Ok(Found { exports, ..found })
+}
+
+/// Returns where a program is; nowhere, if it runs and has no data session. One that begins is waited for.
+async fn located(
+    client: &Client,
+    host: &str,
+    deployment: &Deployment,
+    (process, within): (&ProcessStatus, Duration),
+) -> Result<Option<Dial>, Failure> {
+    let (path, state, until) = (&process.path, process.state.as_str(), clock::now() + within);
+    let is_coming = matches!(state, "starting" | "restarting" | "connecting" | "being replaced");
+    loop {
+        let located = locations(client, host, deployment).await?;
+        let dial = located.into_iter().find(|(located, _)| located == path).map(|(_, dial)| dial);
+        if dial.is_none() && ["ended", "dead", "refused"].iter().any(|word| state.starts_with(word)) {
+            return Err(anyhow!("`{path}` does not run: {state}").into());
+        }
+        if dial.is_some() || !is_coming {
+            return Ok(dial);
+        }
+        if clock::now() >= until {
+            return Err(Failure::Unreachable(anyhow!("`{path}` cannot be asked yet: it was {state}")));
+        }
+        clock::sleep_until(clock::now() + WATCH_EVERY).await;
+    }
+}
+
+/// Waits until a program is elsewhere than in this session: where it was started again, or nowhere since it has ended. A node that does
+/// not answer says neither.
+///
+/// # Cancellation
+/// Safe.
+async fn moved(client: &Client, host: &str, deployment: &Deployment, (path, session): (&str, &str)) -> Option<Dial> {
+    loop {
+        clock::sleep_until(clock::now() + LOOK_EVERY).await;
+        let located = match locations(client, host, deployment).await {
+            Ok(located) => located,
+            Err(Failure::Unreachable(_)) => continue,
+            // It knows nothing of the deployment any more.
+            Err(_) => return None,
+        };
+        let dial = located.into_iter().find(|(located, _)| located == path).map(|(_, dial)| dial);
+        if dial.as_ref().is_none_or(|dial| dial.session != session) {
+            return dial;
+        }
+    }
 }
 
 pub(crate) async fn exports_of(

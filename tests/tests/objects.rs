@@ -1,6 +1,6 @@
 //! What running programs export: `dca call` and `dca get`, from program to program and from the command line.
 
-use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, Stream, executable};
+use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, Stream, executable, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -20,11 +20,19 @@ process main() {
 }
 ";
 
+/// Wheels, and nothing else.
+const WHEELS: &str = "process main() { host { c1 } instantiated_processes { wheels instof Wheels(c1); }
+    internal_event_actions { wheels } }";
+
 fn deployed(cluster: &Cluster) -> (Host, [Program; 2]) {
+    deployed_spec(cluster, "levels", LEVELS)
+}
+
+fn deployed_spec(cluster: &Cluster, name: &str, text: &str) -> (Host, [Program; 2]) {
     let here = cluster.here();
     let program = executable("dca-examples").display().to_string();
     let node = here.node("c1", &["--controllers", &program]);
-    let file = cluster.file("levels.dca", LEVELS);
+    let file = cluster.file(&format!("{name}.dca"), text);
     let deploy = here.dca(&["deploy", "--no-record", "--controllers", &program, &file]);
     deploy.wait_for(Stream::Err, "▸", SOON);
     (here, [node, deploy])
@@ -85,12 +93,15 @@ fn what_cannot_be_called_says_why() {
     assert!(idle.code == Some(0) && idle.out.contains("\"speed\":0.0"), "{idle}");
 }
 
-/// Nobody knows what became of a call whose program is suspended, or dies in it: that is told, and not that nothing happened.
+/// Nobody knows what became of a call whose program is suspended: that is told, and not that nothing happened.
 #[test]
-fn a_program_that_is_suspended_or_killed_in_a_call() {
+fn a_program_that_is_suspended_in_a_call() {
     let cluster = Cluster::new();
-    let (here, _running) = deployed(&cluster);
+    // Nobody else calls them: a trip gives up after a second, and then all of it is stopped.
+    let (here, _running) = deployed_spec(&cluster, "wheels", WHEELS);
     let wheels = cluster.leaf("main/wheels").expect("it runs");
+    let first = here.ask(&["call", "wheels.Drive", "speed=0.1 m/s", "--within", "60"]);
+    assert_eq!(first.code, Some(0), "{first}");
     wheels.signal(Signal::STOP);
     let late = here.ask(&["call", "wheels.Drive", "speed=0.1 m/s", "--within", "1"]);
     let told = "no answer within 1 s; it may have been carried out all the same";
@@ -99,6 +110,51 @@ fn a_program_that_is_suspended_or_killed_in_a_call() {
     wheels.signal(Signal::CONT);
     let again = here.ask(&["call", "wheels.Drive", "speed=0.1 m/s", "--within", "60"]);
     assert_eq!(again.code, Some(0), "{again}");
+}
+
+/// Of a program that has only been started nobody says that it exports nothing; who has the time waits for it.
+#[test]
+fn a_program_that_has_not_begun_yet() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let program = executable("dca-examples").display().to_string();
+    let _node = here.node("c1", &["--controllers", &program]);
+    let file = cluster.file("wheels.dca", WHEELS);
+    let _deploy = here.dca(&["deploy", "--no-record", "--controllers", &program, &file]);
+    let mut wheels = None;
+    wait_until(SOON, || {
+        wheels = cluster.leaf("main/wheels");
+        wheels.is_some()
+    });
+    let wheels = wheels.expect("it is started");
+    wheels.signal(Signal::STOP);
+    let early = here.ask(&["call", "wheels.Drive", "speed=0.1 m/s", "--within", "1"]);
+    let told = ["`main/wheels` cannot be asked yet: it was", "cannot reach", "no answer within"];
+    assert!(early.code == Some(3) && told.iter().any(|told| early.err.contains(told)), "{early}");
+    wheels.signal(Signal::CONT);
+    let later = here.ask(&["call", "wheels.Drive", "speed=0.1 m/s", "--within", "60"]);
+    assert_eq!(later.code, Some(0), "{later}");
+}
+
+/// Who calls a program that is suspended, and then killed, hears that it has ended as soon as its node knows it.
+#[test]
+fn a_program_that_is_killed_before_it_answers() {
+    let cluster = Cluster::new();
+    let (here, _running) = deployed_spec(&cluster, "wheels", WHEELS);
+    let wheels = cluster.leaf("main/wheels").expect("it runs");
+    wheels.signal(Signal::STOP);
+    // A connection that nobody has accepted yet stands there under the name of the socket.
+    let folder = here.run_dir().display().to_string();
+    let dialled = || {
+        let sockets = std::fs::read_to_string("/proc/net/unix").expect("it can be read");
+        sockets.lines().filter(|line| line.contains(&folder) && line.ends_with("/data.sock")).count()
+    };
+    let before = dialled();
+    let call = here.dca(&["call", "wheels.Drive", "speed=0.1 m/s", "--within", "3600"]);
+    wait_until(SOON, || dialled() > before).expect("the call has found the program, and dials it");
+    wheels.signal(Signal::KILL);
+    let ended = call.ended(SOON);
+    assert!(ended.code == Some(1) && ended.err.contains("`main/wheels` ended before it could be asked"), "{ended}");
 }
 
 /// A program behind a link that is cut cannot be reached, and nobody says that nothing happened there.

@@ -57,11 +57,21 @@ impl Taps {
         self
     }
 
+    /// Returns how long a link may take.
+    pub(crate) fn patience(&self) -> Duration {
+        self.within.0
+    }
+
     /// Links to a program, and keeps linked to it.
     pub(crate) async fn dial(&self, dial: Dial) -> Result<(), Failure> {
         let (session, (within, _)) = (Arc::clone(&self.session), self.within);
         let dialled = tokio::task::spawn_blocking(move || session.dial(&dial, within)).await;
         dialled.map_err(anyhow::Error::from)?.map_err(|error| Failure::Unreachable(error.into()))
+    }
+
+    /// Dials a program no more.
+    pub(crate) fn forget(&self, session: &str) {
+        self.session.forget(session);
     }
 
     /// Asks a program which outputs it has; none if it does not say.

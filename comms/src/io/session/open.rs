@@ -229,7 +229,9 @@ impl Opened {
         linked.map_err(|_elapsed| {
             self.forget(session);
             let places: Vec<String> = locators.iter().map(ToString::to_string).collect();
-            format!("nobody answers at {} within {}", places.join(", "), span(within))
+            let why = lock(&self.dialler.links).troubles.remove(session);
+            let why = why.map(|why| format!(" ({why})")).unwrap_or_default();
+            format!("nobody answers at {} within {}{why}", places.join(", "), span(within))
         })
     }
 
