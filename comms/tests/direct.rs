@@ -4,15 +4,16 @@
 
 use comms::io::clock::now;
 use comms::io::data::{DataSession, Priority, Publisher};
-use comms::io::direct::{DirectPath, Inlet, Memory, Outlet, Parcel};
+use comms::io::direct::{DirectPath, Guard, Inlet, Memory, Outlet, Parcel, WireSecrets};
 use comms::logic::direct::Place;
 use comms::logic::object::TypeForm;
 use comms::logic::switch::{Arrival, Boundary, Sequence};
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
+use zeroize::Zeroizing;
 
 const LONG: Duration = Duration::from_secs(20);
 /// More small values than a socket has room for.
@@ -28,10 +29,15 @@ struct Program {
 
 impl Program {
     fn new() -> Self {
+        Self::with(None)
+    }
+
+    /// Returns one of a team.
+    fn with(guard: Option<Guard>) -> Self {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let name = format!("dca-direct-{}-{}.wire", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
         let file = std::env::temp_dir().join(name);
-        Self { path: DirectPath::open(&file).unwrap(), file }
+        Self { path: DirectPath::open(&file, guard).unwrap(), file }
     }
 
     fn outlet(&self, key: &str, memory: &Memory) -> (Outlet, Publisher) {
@@ -62,12 +68,20 @@ impl Program {
         self.path.inlet((&of.place(), LONG), (key, form()), replaced, on_arrival).unwrap()
     }
 
+    /// Connects with a producer that does not take it, or is not taken.
+    fn hear_in_vain(&self, of: &Self, key: &str) -> std::io::Error {
+        self.path.inlet((&of.place(), LONG), (key, form()), None, |_, _| ()).unwrap_err()
+    }
+
     /// Waits as a loop does, until so much has come.
     fn wait_for(&self, came: &Receiver<Arrived>, count: usize) -> Vec<Arrived> {
         let (mut all, until): (Vec<Arrived>, _) = (came.try_iter().collect(), now() + LONG);
         while all.len() < count {
             assert!(now() < until, "{} of {count} have come", all.len());
-            self.path.inlets().wait(Some(now() + LONG / 100));
+            if !self.path.inlets().wait(Some(now() + LONG / 100)) {
+                // What has been read, and waited for what was sent before it, is called for.
+                self.path.inlets().read();
+            }
             all.extend(came.try_iter());
         }
         all
@@ -301,4 +315,70 @@ fn a_wait_ends_with_a_call_or_at_its_deadline() {
     let caller = std::thread::spawn(move || other.wake());
     assert!(!inlets.wait(None));
     caller.join().unwrap();
+}
+
+/// Makes a guard that shows one secret and expects another one, on every wire that is open by then; and who hears whom it has refused.
+fn guard(shown: u8, expected: u8, is_known: &Arc<AtomicBool>) -> (Guard, Receiver<String>) {
+    let (refused_tx, refused) = sync_channel(16);
+    let is_known = Arc::clone(is_known);
+    let secret = |byte| Zeroizing::new([byte; 32]);
+    let secrets = move |_: &str| {
+        let secrets = WireSecrets { shown: secret(shown), expected: secret(expected) };
+        is_known.load(Ordering::SeqCst).then_some(secrets)
+    };
+    (Guard::new(secrets, move |who| refused_tx.try_send(who).unwrap_or_default()), refused)
+}
+
+/// Returns a program of a team, and who hears whom it has refused.
+fn member(shown: u8, expected: u8) -> (Program, Receiver<String>) {
+    let (guard, refused) = guard(shown, expected, &Arc::new(AtomicBool::new(true)));
+    (Program::with(Some(guard)), refused)
+}
+
+/// Each end shows that it has the secret of its direction; nobody else comes to the wire, nor takes the place of its producer.
+#[test]
+fn in_a_team_a_wire_is_for_its_two_ends_alone() {
+    let ((producer, refused), (consumer, _)) = (member(1, 2), member(2, 1));
+    let (outlet, _) = producer.outlet("k", &Memory::default());
+    // One of the same user that has even the token, and no keys; another program of the team; and one that shows what the producer does.
+    let who = format!("process {} of user {} on this machine", std::process::id(), rustix::process::getuid().as_raw());
+    for stranger in [Program::new(), member(3, 1).0, member(1, 1).0] {
+        stranger.hear_in_vain(&producer, "k");
+        assert!(!outlet.is_connected());
+    }
+    assert_eq!([(); 2].map(|()| refused.recv_timeout(LONG).unwrap()), [who.as_str(), &who]);
+    // Who listens in the place of the producer, and takes everybody.
+    let (impostor, _) = member(3, 2);
+    let _impostor = impostor.outlet("k", &Memory::default());
+    assert_eq!(consumer.hear_in_vain(&impostor, "k").kind(), std::io::ErrorKind::PermissionDenied);
+    consumer.hear_in_vain(&Program::new(), "k");
+    let guessed = Place { token: "guessed".into(), ..producer.place() };
+    assert!(consumer.path.inlet((&guessed, LONG), ("k", form()), None, |_, _| ()).is_err());
+    assert_eq!(refused.recv_timeout(LONG).unwrap(), who);
+    let (_inlet, came) = consumer.hear(&producer, "k", None);
+    wait_connected(&outlet);
+    for (number, size) in [(1, 5), (2, 100_000)] {
+        send(&outlet, &vec![7; size], number);
+        assert!(consumer.wait_for(&came, 1)[0].0 == Arrival::Value(vec![7; size]));
+    }
+    assert!(refused.try_recv().is_err());
+}
+
+/// The node tells each end of the other one, and not at the same time.
+#[test]
+fn a_consumer_waits_until_its_producer_has_heard_of_it() {
+    let is_known = Arc::new(AtomicBool::new(false));
+    let (of_producer, refused) = guard(1, 2, &is_known);
+    let (producer, (consumer, _)) = (Program::with(Some(of_producer)), member(2, 1));
+    let (outlet, _) = producer.outlet("k", &Memory::default());
+    // Nobody can be told apart from one who comes too early, so it is not told of.
+    consumer.hear_in_vain(&producer, "k");
+    std::thread::scope(|scope| {
+        let connecting = scope.spawn(|| consumer.hear(&producer, "k", None));
+        is_known.store(true, Ordering::SeqCst);
+        producer.path.keys_changed();
+        let (_inlet, _) = connecting.join().unwrap();
+        wait_connected(&outlet);
+    });
+    assert!(refused.try_recv().is_err());
 }

@@ -10,6 +10,7 @@ use comms::logic::codec;
 use comms::logic::control::Dial;
 use comms::logic::switch::Arrival;
 use dca_tests::cluster::{Cluster, Ended, Host, Network, Program, SOON, Stream, wait_until};
+use dca_tests::direct_hop;
 use dca_tests::made_team::{MadeTeam, keys};
 use node::logic::gate::{self, Gate, Ledger, Passed};
 use node::logic::protocol::{Request, Signed};
@@ -55,6 +56,7 @@ fn costs() -> Result<()> {
     requests()?;
     let hops = network.inside(1, hops).join();
     hops.map_err(|_panic| anyhow::anyhow!("the thread of the hops has panicked"))??;
+    direct_hops()?;
     starts(&network)
 }
 
@@ -255,6 +257,32 @@ fn hops() -> Result<()> {
     for Pair { ping, echo, .. } in pairs {
         ping.close();
         echo.close();
+    }
+    Ok(())
+}
+
+/// Measures a hop over a direct wire, as programs of one host have it, in a team and without.
+fn direct_hops() -> Result<()> {
+    let cluster = Cluster::new();
+    let pair = |name: &str, guards| {
+        direct_hop::pair(["ping", "echo"].map(|end| cluster.folder().join(format!("{name}-{end}"))), guards)
+    };
+    let mut pairs = [pair("plain", [None, None])?, pair("team", direct_hop::guards().map(Some))?];
+    let sizes = SIZES.into_iter().chain([("1 MiB", 1 << 20, 60, 10)]);
+    for (name, size, count, warm_up) in sizes {
+        let mut times: [Vec<Duration>; 2] = Default::default();
+        for _ in 0..ROUNDS {
+            for (pair, times) in pairs.iter_mut().zip(&mut times) {
+                times.push(median(direct_hop::measure(pair, (size, count, warm_up))?));
+            }
+        }
+        let [without, in_team] = &times;
+        let ratios = in_team.iter().zip(without).map(|(over, under)| over.as_secs_f64() / under.as_secs_f64());
+        let mut ratios: Vec<f64> = ratios.collect();
+        ratios.sort_by(f64::total_cmp);
+        let ratio = ratios.get(ROUNDS / 2).copied().unwrap_or_default();
+        let [without, in_team] = times.map(median).map(micros);
+        say(&format!("a direct hop of {name}: {without}, in a team {in_team}, ratio {ratio:.2} (at most 1.02)"));
     }
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! Whole-system tests: what needs more than one room.
 
 pub mod cluster;
+pub mod direct_hop;
 pub mod made_team;
 pub mod simulation;
 pub mod survey;

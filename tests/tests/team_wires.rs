@@ -3,12 +3,14 @@
 
 use comms::io::clock::now;
 use comms::io::data::{CallWay, Cover, DataSession, Opener, Priority, SealCounter, SealKey, Sealer};
+use comms::io::direct::DirectPath;
 use comms::io::session::{Reach, Session};
 use comms::logic::bytes::Bytes;
 use comms::logic::codec;
 use comms::logic::control::Dial;
+use comms::logic::direct::Place;
 use comms::logic::key;
-use comms::logic::object::{CallId, ObjectCall, ObjectError, Signature};
+use comms::logic::object::{CallId, ObjectCall, ObjectError, Signature, TypeForm};
 use comms::logic::seal::OTHER_KEY_WITHIN;
 use dca_tests::cluster::{
     Cluster, Host, Network, Program, SOON, Stream, Trace, executable, pass, rate, wait_until, window,
@@ -17,7 +19,7 @@ use node::logic::protocol::{Answer, Deployment, Request};
 use rustix::process::Signal;
 use std::fs::{self, Permissions};
 use std::os::unix::fs::PermissionsExt as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::sync_channel;
 use std::time::Duration;
@@ -173,6 +175,7 @@ fn a_member_speaks_for_other_programs_in_vain() {
     let Some(team) = Team::new(&["--controllers", &library, "--controllers", &program]) else { return };
     sends_on_a_wire_in_vain(&team);
     calls_in_vain(&team, &program);
+    wires_within_a_host_are_direct(&team);
 }
 
 /// Somebody with credentials of the team sends on the wire of two programs, a thousand times a second: nothing of it arrives, the wire
@@ -310,8 +313,60 @@ fn calls_in_vain(team: &Team, program: &str) {
     drop(deployed.ended(SOON));
 }
 
-/// A source on one host feeds two monitors on another. The source is killed twice, and one monitor in between. Who is started again has other
-/// keys: the other ends hear of them, the values go on, and that is no line of the audit log.
+/// Returns how many consumers are connected with the producer that listens at `place`, a socket for direct wires.
+fn consumers(team: &Team, number: usize, place: &Path) -> usize {
+    let place = place.display().to_string();
+    let count = move || {
+        let sockets = fs::read_to_string("/proc/thread-self/net/unix").expect("Linux tells its sockets");
+        let fields = sockets.lines().map(|line| line.split_whitespace().collect::<Vec<_>>());
+        // The sixth field is 3 when it is connected, and the last is the name of who listens.
+        fields.filter(|fields| fields.get(5) == Some(&"03") && fields.last() == Some(&place.as_str())).count()
+    };
+    team.network.inside(number, count).join().expect("it reads")
+}
+
+/// Returns where a program takes consumers of its host.
+fn direct_socket(team: &Team, path: &str) -> PathBuf {
+    let leaf = team.cluster.leaf(path).expect("it runs");
+    let socket = leaf.environment.iter().find_map(|variable| variable.strip_prefix("DCA_DATA_SOCKET="));
+    Path::new(socket.expect("it has a data session")).with_extension("wire")
+}
+
+/// A wire between two programs of one host does without zenoh; people see its values as they see others. Another program of the same user, which
+/// has found the socket and has no keys, comes to neither end, and that is a line of the audit log.
+fn wires_within_a_host_are_direct(team: &Team) {
+    let near = team.cluster.file("near.dca", &RATES.replace("RateMonitor(c3)", "RateMonitor(c2)"));
+    let deployed = team.host(1).dca(&team.with(&["deploy", &near]));
+    deployed.wait_for(Stream::Err, "▸", SOON);
+    let place = direct_socket(team, "main/source");
+    assert_eq!(consumers(team, 2, &place), 1);
+    let runs = team.cluster.folder().join("runs/near-1");
+    let received = || Trace::so_far(&runs).signal("main/monitor", "received").last().map_or(0.0, |last| last.value);
+    assert!(wait_until(SOON, || received() > 50.0).is_some(), "{}", deployed.text(Stream::Err));
+    let echoed = team.host(2).ask(&["echo", "source.Out", "-n", "5", "--json"]);
+    assert_eq!((echoed.code, echoed.out.lines().count()), (Some(0), 6), "{echoed}");
+    let intruder = DirectPath::open(&team.cluster.folder().join("intruder.wire"), None).expect("it listens");
+    let found = Place { path: place.display().to_string(), token: "guessed".to_owned() };
+    let form = TypeForm { name: "Beat".to_owned(), fields: String::new() };
+    let wire = key::wire("near", 3, 0);
+    assert!(intruder.inlet((&found, SOON), (&wire, form), None, |_, _| ()).is_err());
+    let who = format!("process {} of user {} on this machine", std::process::id(), rustix::process::getuid().as_raw());
+    let expected = format!("link to `main/source` of `near@3`|it has no wire with this program: {who}");
+    let told = wait_until(SOON, || team.refusals(2).contains(&expected));
+    assert!(told.is_some() && consumers(team, 2, &place) == 1, "{:#?}", team.refusals(2));
+    let before = received();
+    assert!(wait_until(SOON, || received() > before + 50.0).is_some(), "it goes on");
+    assert!(
+        !team.refusals(2).iter().any(|line| line.contains("near@3") && *line != expected),
+        "{:#?}",
+        team.refusals(2)
+    );
+    assert_eq!(team.ask(&["stop", "near"]), 0);
+    drop(deployed.ended(SOON));
+}
+
+/// A source on one host feeds two monitors on another, and one beside it. The source is killed twice, and two of the monitors in between. Who is
+/// started again has other keys: the other ends hear of them, the values go on, and that is no line of the audit log.
 #[test]
 fn programs_that_are_started_again_go_on_with_new_keys() {
     let Some(team) = Team::new(&[]) else { return };
@@ -322,26 +377,34 @@ fn programs_that_are_started_again_go_on_with_new_keys() {
                 source instof RateSource(c2) { restart transient; }
                 monitor instof RateMonitor(c3);
                 other instof RateMonitor(c3) { restart transient; }
+                near instof RateMonitor(c2) { restart transient; }
             }
-            internal_connections(source, lbl1) { source, Out -> monitor, In; source, Out -> other, In; }
-            internal_event_actions { source[lbl1], monitor, other }
+            internal_connections(source, lbl1) { source, Out -> monitor, In; source, Out -> other, In; source, Out -> near, In; }
+            internal_event_actions { source[lbl1], monitor, other, near }
         }";
     let deployed = team.host(1).dca(&team.with(&["deploy", &team.cluster.file("beats.dca", text)]));
     deployed.wait_for(Stream::Err, "▸", SOON);
     let runs = team.cluster.folder().join("runs/beats-1");
     // Waits until so many more values have come.
+    let received = |path: &str| Trace::so_far(&runs).signal(path, "received").last().map_or(0.0, |last| last.value);
     let beats = |count: f64| {
-        let received = || Trace::so_far(&runs).signal("main/monitor", "received").last().map_or(0.0, |last| last.value);
-        let began = received();
-        assert!(wait_until(SOON, || received() > began + count).is_some(), "{}", deployed.text(Stream::Err));
+        let began = received("main/monitor");
+        let have_come = wait_until(SOON, || received("main/monitor") > began + count);
+        assert!(have_come.is_some(), "{}", deployed.text(Stream::Err));
     };
     beats(50.0);
-    for path in ["main/source", "main/other", "main/source"] {
+    for path in ["main/source", "main/other", "main/source", "main/near"] {
+        let near = received("main/near");
         let killed = team.cluster.leaf(path).expect("it runs");
         killed.signal(Signal::KILL);
         let is_back = || team.cluster.leaf(path).is_some_and(|leaf| leaf.pid != killed.pid);
         assert!(wait_until(SOON, is_back).is_some(), "{path} is started again");
         beats(50.0);
+        let is_direct = || consumers(&team, 2, &direct_socket(&team, "main/source")) == 1;
+        assert!(wait_until(SOON, is_direct).is_some(), "after {path} the wire within the host is direct again");
+        // Signals of a program that was started again are not followed.
+        let has_come = || path == "main/near" || received("main/near") > near + 50.0;
+        assert!(wait_until(SOON, has_come).is_some(), "{}", deployed.text(Stream::Err));
     }
     // Longer than somebody may have another key unnoticed.
     pass(OTHER_KEY_WITHIN + Duration::from_secs(1));

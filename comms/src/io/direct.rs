@@ -5,26 +5,30 @@
 //! that arrive at once ([`Inlets::wait`]), so a value wakes one thread and no other. Sending never waits: what the socket of a consumer
 //! has no room for is lost, and its number is missing. A consumer that is gone, killed or suspended costs its own values and nobody else's.
 
+mod guard;
 mod inlet;
 pub mod memory;
 mod outlet;
 mod packet;
 mod pool;
 mod server;
+mod stranger;
 
+pub use guard::{Guard, WireSecrets};
 pub use inlet::{Inlet, Inlets};
 pub use memory::Filler;
 pub use outlet::{Memory, Outlet, Parcel};
 
 use crate::io::data::Publisher;
 use crate::io::entropy;
-use crate::logic::codec::{self, Enveloped};
+use crate::logic::codec;
 use crate::logic::direct::{Hello, Place, Welcome};
 use crate::logic::object::TypeForm;
 use crate::logic::switch::{Arrival, Sequence};
+use guard::hear;
 use memory::Buffer;
 use outlet::End;
-use packet::{Waits, receive, send_waiting};
+use packet::{Waits, send_waiting};
 use rustix::event::{EventfdFlags, eventfd};
 use rustix::io::Errno;
 use rustix::net::sockopt::{Timeout, set_socket_timeout, socket_peercred};
@@ -52,11 +56,12 @@ pub struct DirectPath {
 }
 
 impl DirectPath {
-    /// Listens on the Unix socket `socket`, whose file is replaced, and removed at the end.
+    /// Listens on the Unix socket `socket`, whose file is replaced, and removed at the end. With a guard both ends of a wire show each
+    /// other that they have its secrets, as programs of a team do.
     ///
     /// # Errors
     /// The socket cannot be used, or the system has no shared memory.
-    pub fn open(socket: &Path) -> io::Result<Self> {
+    pub fn open(socket: &Path, guard: Option<Guard>) -> io::Result<Self> {
         let path = socket.to_str().ok_or(Errno::INVAL)?.to_owned();
         // Who has none must not be sent a long value.
         drop(Buffer::new(1)?);
@@ -70,7 +75,7 @@ impl DirectPath {
         let token = entropy::bytes::<16>()?.iter().map(|byte| format!("{byte:02x}")).collect();
         let process = u128::from_le_bytes(entropy::bytes()?);
         let event = || eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK);
-        let shared = Arc::new(Shared::new(Place { path, token }, process, event()?));
+        let shared = Arc::new(Shared::new(Place { path, token }, process, guard, event()?));
         let (inlets, bell) = (Arc::new(Inlets::new()?), event()?);
         let server = Server::new(listener, bell.try_clone()?, Arc::clone(&shared), Arc::clone(&inlets));
         let thread = std::thread::Builder::new().name("direct".to_owned()).spawn(move || server.run())?;
@@ -80,6 +85,11 @@ impl DirectPath {
     /// Returns the locator that consumers of this host need, with what they have to show. For the node alone.
     pub fn locator(&self) -> String {
         self.shared.place.locator()
+    }
+
+    /// Takes note that the guard knows others at the other ends of wires now.
+    pub fn keys_changed(&self) {
+        self.shared.keys_changed();
     }
 
     /// Returns the ends of wires that arrive here.
@@ -118,11 +128,13 @@ impl DirectPath {
         }
         let hello = codec::encode(&Hello { token: place.token.clone(), key: key.to_owned(), form });
         let hello = hello.map_err(io::Error::other)?;
-        send_waiting(&stream, &[&hello], Some(self.bell.as_fd()), Waits::UntilTimeout)?;
-        let mut packet = [0; Welcome::SIZE_MAX];
-        let (size, _) = receive(&stream, &mut packet, Waits::UntilTimeout)?;
-        let welcome = packet.get(..size).filter(|welcome| !welcome.is_empty()).ok_or(Errno::CONNREFUSED)?;
-        let Welcome { process } = codec::decode(welcome).map_err(io::Error::other)?;
+        let bell = self.bell.as_fd();
+        let process = if let Some(guard) = &self.shared.guard {
+            guard.show(&stream, (key, &hello), bell)?
+        } else {
+            send_waiting(&stream, &[&hello], Some(bell), Waits::UntilTimeout)?;
+            hear::<Welcome>(&stream)?.process
+        };
         Ok(self.inlets.add((stream, process), replaced, Box::new(on_arrival)))
     }
 }

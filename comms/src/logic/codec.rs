@@ -83,6 +83,12 @@ pub enum Kind {
     DirectHello = 28,
     /// [`Welcome`](crate::logic::direct::Welcome): the answer to it.
     DirectWelcome = 29,
+    /// [`Challenge`](crate::logic::direct::Challenge): in a team, the consumer is to show that it is the other end of the wire.
+    DirectChallenge = 30,
+    /// [`Claim`](crate::logic::direct::Claim): it shows that.
+    DirectClaim = 31,
+    /// [`Confirmation`](crate::logic::direct::Confirmation): so does the producer.
+    DirectConfirmation = 32,
     /// A frame of the ordered link between two nodes.
     Frame = 100,
     /// A request to a node.
@@ -287,7 +293,7 @@ mod tests {
     use crate::logic::control::{
         CallRoute, Device, Dial, Incoming, KeyPort, Location, Outgoing, Partner, Shape, VERSION,
     };
-    use crate::logic::direct::{Hello, Welcome};
+    use crate::logic::direct::{Challenge, Claim, Confirmation, Hello, Welcome};
     use crate::logic::object::TypeForm;
     use crate::logic::seal::{Refusal, Refused};
     use crate::logic::signals::{Peak, Signal};
@@ -411,6 +417,10 @@ mod tests {
         let form = TypeForm { name: "W".into(), fields: "x: N".into() };
         check(&Hello { token: "t".into(), key: "k".into(), form }, "444301001c000174016b015704783a204e");
         check(&Welcome { process: 300 }, "444301001d00ac02");
+        let of = |byte: &str| byte.repeat(32);
+        check(&Challenge { nonce: [1; 32] }, &format!("444301001e00{}", of("01")));
+        check(&Claim { nonce: [1; 32], tag: [2; 32] }, &format!("444301001f00{}{}", of("01"), of("02")));
+        check(&Confirmation { process: 300, tag: [2; 32] }, &format!("444301002000ac02{}", of("02")));
     }
 
     #[test]

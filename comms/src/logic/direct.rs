@@ -14,6 +14,8 @@
 //! header: life: u32 LE | number: u32 LE | order: u64 LE
 //! ```
 //!
+//! In a team each end shows first that it is at this wire: between [`Hello`] and the values go [`Challenge`], [`Claim`] and [`Confirmation`].
+//!
 //! A *life* is that of the producer's end of the wire: numbers count within it. The *order* counts what a producer sends over all its wires, so
 //! that a consumer with several of them takes what comes in the order in which it was sent. A shared value lies in a buffer of memory that both map; the
 //! producer writes there again once all its consumers have released it.
@@ -62,7 +64,7 @@ impl Place {
     }
 }
 
-/// The first packet of a consumer. With it goes an eventfd, by which the producer asks for what waits to be read.
+/// The first packet of a consumer. With it goes an eventfd, by which the producer asks for what waits to be read; in a team that goes later.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Hello {
     /// The token of the [`Place`].
@@ -90,6 +92,52 @@ impl Enveloped for Welcome {
     const KIND: Kind = Kind::DirectWelcome;
     const VERSION: u16 = 1;
     const SIZE_MAX: usize = 1 << 10;
+}
+
+/// Bytes that nobody has said before.
+pub type Nonce = [u8; 32];
+
+/// The answer to a [`Hello`] in a team: what the consumer is to show that it is the other end of this wire.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Challenge {
+    /// Random.
+    pub nonce: Nonce,
+}
+
+impl Enveloped for Challenge {
+    const KIND: Kind = Kind::DirectChallenge;
+    const VERSION: u16 = 1;
+    const SIZE_MAX: usize = 64;
+}
+
+/// What the consumer shows. With it goes its eventfd, which does not go with the [`Hello`] then.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Claim {
+    /// Random.
+    pub nonce: Nonce,
+    /// A hash that nobody can make without the secret of this direction of the wire.
+    pub tag: [u8; 32],
+}
+
+impl Enveloped for Claim {
+    const KIND: Kind = Kind::DirectClaim;
+    const VERSION: u16 = 1;
+    const SIZE_MAX: usize = 128;
+}
+
+/// What the producer shows, in the place of a [`Welcome`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Confirmation {
+    /// That of a [`Welcome`].
+    pub process: u128,
+    /// As in a [`Claim`], for the other direction.
+    pub tag: [u8; 32],
+}
+
+impl Enveloped for Confirmation {
+    const KIND: Kind = Kind::DirectConfirmation;
+    const VERSION: u16 = 1;
+    const SIZE_MAX: usize = 128;
 }
 
 /// What stands before the bytes of a frame.

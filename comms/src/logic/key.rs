@@ -225,6 +225,14 @@ pub fn wire(deployment: &str, epoch: u64, wire: u32) -> String {
     format!("dca/d/{}/{epoch}/w/{wire}", escape(deployment))
 }
 
+/// Returns the number of the wire with this key; none if it is no key of a wire.
+pub fn parse_wire(key: &str) -> Option<u32> {
+    let mut parts = key.strip_prefix("dca/d/")?.split('/').skip(2);
+    let (kind, number) = (parts.next()?, parts.next()?);
+    let wire: u32 = number.parse().ok()?;
+    (kind == "w" && parts.next().is_none() && number == wire.to_string()).then_some(wire)
+}
+
 /// Returns the key on which the consumer of a wire answers of which type it takes the values.
 pub fn wire_type(wire: &str) -> String {
     format!("{wire}/type")
@@ -388,6 +396,9 @@ mod tests {
         assert_eq!(parse_live("dca/live/c1/ff"), None);
         assert_eq!(parse_live("dca/n/c1/in"), None);
         assert_eq!(parse_rpc("dca/n/c1/in"), None);
+        for key in ["dca/d/a/1/w/03", "dca/d/a/1/w/+3", "dca/d/a/1/w/3/type", "dca/d/a/1/x/3", "hop/3"] {
+            assert_eq!(parse_wire(key), None, "{key}");
+        }
         assert_eq!(parse_rpc("dca/n/%zz/rpc/stop"), None);
         assert_eq!(parse_rpc("dca/n/%63/rpc/stop"), None, "`c` is written `c`, not `%63`");
     }
@@ -407,6 +418,7 @@ mod tests {
             prop_assert_eq!([without_session(&of_session), without_session(&called)], [&called, &called]);
             prop_assert_eq!(parse_live(&live(&a, boot)), Some((a.clone(), boot)));
             prop_assert_eq!(parse_signals(&signals(&a, &b)), Some(b.clone()));
+            prop_assert_eq!(parse_wire(&wire(&a, boot, 3)), Some(3));
             prop_assert_eq!(inbox(&a) == inbox(&b), a == b);
             prop_assert_eq!(hardware(&a, "x", Channel::State) == hardware(&b, "x", Channel::State), a == b);
         }

@@ -127,20 +127,19 @@ fn take_part(registry: &Registry, name: &str, arguments: &[String]) -> Result<Ex
         let socket = PathBuf::from(variable("DCA_DATA_SOCKET")?);
         let reach = match team(&inbox)? {
             Some(identity) => {
-                keyring = Some(Keyring::new(&identity, &inbox));
+                keyring = Some(Arc::new(Keyring::new(&identity, &inbox)));
                 Reach::Team(identity)
             }
             None if std::env::var_os("DCA_REMOTE").is_some() => Reach::Lan,
             None => Reach::Host,
         };
         let session = DataSession::open(&socket, reach)?;
-        // In a team wires are sealed, and zenoh carries the seals.
-        direct = if keyring.is_none() { direct_path(&interface, &socket) } else { None };
+        direct = direct_path(&interface, &socket, keyring.as_ref());
         Some(Arc::new(session))
     } else {
         None
     };
-    let keys = keyring.as_ref().map(Keyring::public).unwrap_or_default();
+    let keys = keyring.as_deref().map(Keyring::public).unwrap_or_default();
     let mut location = session.as_ref().map(|session| Location { keys, ..session.location() });
     if let (Some(location), Some(direct)) = (&mut location, &direct) {
         location.local.push(direct.locator());
@@ -169,13 +168,14 @@ fn needs_session(interface: &Interface) -> bool {
     !interface.ports.is_empty() || interface.about.signals_every.is_some() || is_called
 }
 
-/// Opens the way of wires to programs of this host, beside the data session. Without it they go over that.
-fn direct_path(interface: &Interface, socket: &Path) -> Option<Arc<DirectPath>> {
+/// Opens the way of wires to programs of this host, beside the data session. Without it they go over that. In a team both ends of a wire
+/// show each other by their keys that they are those.
+fn direct_path(interface: &Interface, socket: &Path, keyring: Option<&Arc<Keyring>>) -> Option<Arc<DirectPath>> {
     let has_wires = interface.ports.iter().any(|port| port.binding == Binding::Wire);
     if !has_wires || std::env::var_os("DCA_DIRECT").is_some_and(|word| word == "off") {
         return None;
     }
-    let opened = DirectPath::open(&socket.with_extension("wire"));
+    let opened = DirectPath::open(&socket.with_extension("wire"), keyring.map(Keyring::guard));
     opened.inspect_err(|error| tracing::warn!(%error, "wires on this host are not direct")).ok().map(Arc::new)
 }
 
@@ -337,11 +337,7 @@ impl Program {
             Order::Shape { wires } => links.shape(wires),
             Order::Calls { calls } => links.call(calls),
             Order::Rejoin => links.rejoin(),
-            Order::Partners { partners } => {
-                if let Some(keyring) = links.keyring() {
-                    keyring.take(partners);
-                }
-            }
+            Order::Partners { partners } => links.take_partners(partners),
             Order::Vouch { delegation } => {
                 links.keyring().into_iter().for_each(|keyring| keyring.take_delegation(&delegation));
             }

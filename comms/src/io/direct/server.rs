@@ -1,19 +1,15 @@
 //! The thread of a program that takes the consumers of its wires. It also sends words that found no room, and reads what arrives for
 //! this program while its own loop is busy.
 
+use super::guard::Guard;
 use super::inlet::Inlets;
 use super::outlet::{Connection, End};
-use super::packet::{Waits, receive, send_waiting};
+use super::stranger::{Fate, News, Stranger};
 use crate::io::clock::{Wakeup, now};
-use crate::logic::codec::{self, Enveloped};
-use crate::logic::direct::{Hello, Place, Welcome};
-use crate::logic::time::Time;
+use crate::logic::direct::Place;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
-use rustix::net::sockopt::{set_socket_send_buffer_size, socket_peercred};
 use rustix::net::{SocketFlags, accept_with};
 use std::collections::{BTreeMap, VecDeque};
-use std::io;
 use std::os::fd::OwnedFd;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
@@ -26,14 +22,16 @@ const STRANGERS_MAX: usize = 64;
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 /// How many consumers wait for wires that are not made yet; a plan has fewer wires.
 const WAITING_MAX: usize = 10_000;
-/// As much as the system lets a socket have: it cuts this to its own limit, 208 KiB unless somebody has changed it.
-const SEND_BUFFER: usize = 1 << 20;
 
 /// What the thread and the ends of wires share.
 #[derive(Debug)]
 pub(super) struct Shared {
     pub(super) place: Place,
     pub(super) process: u128,
+    /// In a team.
+    pub(super) guard: Option<Guard>,
+    /// Whether somebody else is at the other ends of wires since the thread has looked.
+    has_keys: AtomicBool,
     /// Readable once something has changed for the thread.
     control: OwnedFd,
     pub(super) is_over: AtomicBool,
@@ -57,13 +55,19 @@ pub(super) struct Server {
     pub(super) bell: OwnedFd,
     pub(super) shared: Arc<Shared>,
     pub(super) inlets: Arc<Inlets>,
-    strangers: VecDeque<(OwnedFd, Time)>,
+    strangers: VecDeque<Stranger>,
 }
 
 impl Shared {
-    pub(super) fn new(place: Place, process: u128, control: OwnedFd) -> Self {
-        let (is_over, lives, orders, table) = Default::default();
-        Self { place, process, control, is_over, lives, orders, table }
+    pub(super) fn new(place: Place, process: u128, guard: Option<Guard>, control: OwnedFd) -> Self {
+        let (has_keys, is_over, lives, orders, table) = Default::default();
+        Self { place, process, guard, has_keys, control, is_over, lives, orders, table }
+    }
+
+    /// Has the thread look again at those who have shown something that did not fit.
+    pub(super) fn keys_changed(&self) {
+        self.has_keys.store(true, Ordering::Release);
+        self.wake();
     }
 
     /// Has the thread look again.
@@ -121,11 +125,11 @@ impl Server {
             PollFd::new(&self.listener, PollFlags::IN),
             PollFd::new(&self.bell, PollFlags::IN),
         ];
-        ready.extend(self.strangers.iter().map(|(stream, _)| PollFd::new(stream, PollFlags::IN)));
+        ready.extend(self.strangers.iter().map(|stranger| PollFd::new(&stranger.stream, PollFlags::IN)));
         // Without a flag, too, the end of a connection is told.
         let flags = |has_words| if has_words { PollFlags::OUT } else { PollFlags::empty() };
         ready.extend(ends.iter().map(|((stream, has_words), _)| PollFd::new(stream, flags(*has_words))));
-        let until = self.strangers.iter().map(|(_, until)| *until).min();
+        let until = self.strangers.iter().map(|stranger| stranger.until).min();
         let left = until.map(|until| until.since(now())).map(|left| Timespec {
             tv_sec: i64::try_from(left.as_secs()).unwrap_or(i64::MAX),
             tv_nsec: left.subsec_nanos().into(),
@@ -169,41 +173,19 @@ impl Server {
         if self.strangers.len() >= STRANGERS_MAX {
             self.strangers.pop_front();
         }
-        self.strangers.push_back((stream, now() + HELLO_WITHIN));
+        self.strangers.push_back(Stranger::new(stream, now() + HELLO_WITHIN));
     }
 
     /// Takes those that have said who they are, and lets go of those that cannot, or did not in time.
     fn hear(&mut self, ready: &[PollFlags]) {
-        let time = now();
-        for ((stream, until), ready) in std::mem::take(&mut self.strangers).into_iter().zip(ready) {
-            if !ready.is_empty() {
-                if let Err(error) = self.take(stream) {
-                    tracing::debug!(%error, "a consumer of this host is not taken");
-                }
-            } else if until > time {
-                self.strangers.push_back((stream, until));
+        let (now, has_keys) = (now(), self.shared.has_keys.swap(false, Ordering::AcqRel));
+        for (stranger, ready) in std::mem::take(&mut self.strangers).into_iter().zip(ready) {
+            let news = News { is_ready: !ready.is_empty(), has_keys, now };
+            match stranger.turn(news, &self.shared) {
+                Some(Fate::Waits(stranger)) => self.strangers.push_back(stranger),
+                Some(Fate::Taken(key, connection)) => self.shared.take(key, connection),
+                None => {}
             }
         }
-    }
-
-    fn take(&self, stream: OwnedFd) -> io::Result<()> {
-        let refused = |why: &str| io::Error::new(io::ErrorKind::PermissionDenied, why);
-        if socket_peercred(&stream)?.uid != rustix::process::getuid() {
-            return Err(refused("it runs as another user"));
-        }
-        let mut packet = vec![0; Hello::SIZE_MAX];
-        let (size, bell) = receive(&stream, &mut packet, Waits::Never)?;
-        let hello = packet.get(..size).unwrap_or_default();
-        let Hello { token, key, form } = codec::decode(hello).map_err(io::Error::other)?;
-        if token != self.shared.place.token {
-            return Err(refused("the node has not wired it with this program"));
-        }
-        let bell = bell.ok_or_else(|| refused("it has no bell"))?;
-        fcntl_setfl(&bell, fcntl_getfl(&bell)? | OFlags::NONBLOCK)?;
-        set_socket_send_buffer_size(&stream, SEND_BUFFER)?;
-        let welcome = codec::encode(&Welcome { process: self.shared.process }).map_err(io::Error::other)?;
-        send_waiting(&stream, &[&welcome], None, Waits::Never)?;
-        self.shared.take(key, Connection::new(Arc::new(stream), bell, form));
-        Ok(())
     }
 }

@@ -6,10 +6,12 @@
 
 use super::inbox::Inbox;
 use comms::io::data::{CallGate, CallWay, Caller, Cover, DeviceGate, Opener, SealCounter, SealKey, Sealer, Voucher};
+use comms::io::direct::{Guard, WireSecrets};
 use comms::io::session::Digest;
 use comms::logic::control::Partner;
+use comms::logic::key;
 use comms::logic::proof::Proof;
-use comms::logic::seal::{DEVICE, NO_WIRE};
+use comms::logic::seal::{DEVICE, LINK, NO_WIRE, Refusal};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use team::program::{ProgramIdentity, Sealing};
@@ -122,6 +124,21 @@ impl Keyring {
         }
         let partners: Vec<Vec<u8>> = state.sharing.values().flatten().map(|partner| partner.keys.clone()).collect();
         state.senders.retain(|(_, keys), _| partners.contains(keys));
+    }
+
+    /// Returns what lets in, on direct paths, who is at the other ends of wires on this host.
+    pub(super) fn guard(self: &Arc<Self>) -> Guard {
+        let (keyring, inbox) = (Arc::clone(self), Arc::clone(&self.inbox));
+        let refused = move |who| inbox.refuse(LINK, Refusal::NoWire, Some(who));
+        Guard::new(move |key| keyring.wire_secrets(key), refused)
+    }
+
+    fn wire_secrets(&self, key: &str) -> Option<WireSecrets> {
+        let wire = key::parse_wire(key)?;
+        let partner = self.state().partners.get(&wire).filter(|partner| partner.is_near).cloned()?;
+        let about = format!("{key} {wire} direct");
+        let secret = |sealing| self.identity.keys().wire(&partner.keys, sealing, &about).ok();
+        Some(WireSecrets { shown: secret(Sealing::Here)?, expected: secret(Sealing::There)? })
     }
 
     /// Returns what vouches for samples of a device to those who share it. `key` is that of the samples.

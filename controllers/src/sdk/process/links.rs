@@ -12,7 +12,7 @@ use comms::io::clock::now;
 use comms::io::data::{DataError, DataSession, Payload, Responder};
 use comms::io::direct::{DirectPath, Filler, Memory, Parcel};
 use comms::logic::codec::Enveloped;
-use comms::logic::control::{CallRoute, Device, Dial, Incoming, Outgoing, Shape};
+use comms::logic::control::{CallRoute, Device, Dial, Incoming, Outgoing, Partner, Shape};
 use comms::logic::human::span;
 use comms::logic::switch::{Boundary, Flip, Opening};
 use comms::logic::time::Time;
@@ -58,7 +58,7 @@ pub(super) struct Links {
     told: Mutex<PendingConfig>,
     callers: Callers,
     /// In a team.
-    keyring: Option<Keyring>,
+    keyring: Option<Arc<Keyring>>,
     /// The way to programs of this host, if there is one.
     direct: Option<Arc<DirectPath>>,
 }
@@ -85,13 +85,21 @@ enum DialBudget {
 
 impl Links {
     /// Returns no links. With keys everything that goes over them is sealed.
-    pub(super) fn new(keyring: Option<Keyring>, direct: Option<Arc<DirectPath>>) -> Self {
+    pub(super) fn new(keyring: Option<Arc<Keyring>>, direct: Option<Arc<DirectPath>>) -> Self {
         Self { keyring, direct, ..Self::default() }
     }
 
     /// Returns the keys, in a team.
-    pub(super) const fn keyring(&self) -> Option<&Keyring> {
-        self.keyring.as_ref()
+    pub(super) fn keyring(&self) -> Option<&Keyring> {
+        self.keyring.as_deref()
+    }
+
+    /// Takes who is at the other ends of wires, in a team.
+    pub(super) fn take_partners(&self, partners: Vec<Partner>) {
+        if let Some(keyring) = self.keyring() {
+            keyring.take(partners);
+        }
+        self.direct.iter().for_each(|direct| direct.keys_changed());
     }
 
     /// Notes how data is to move on wires that are made later.
@@ -147,7 +155,7 @@ impl Links {
         } else {
             DialBudget::Each(DIAL_WITHIN)
         };
-        let (mut made, keyring) = (Made::default(), self.keyring.as_ref());
+        let (mut made, keyring) = (Made::default(), self.keyring());
         for outgoing in orders.outgoing.iter().filter(|outgoing| !self.lock().wires.contains_key(&outgoing.wire)) {
             let shape = self.shape_of(outgoing.wire);
             let (ways, of) = ((&**session, self.direct.as_deref()), (interface, keyring));
@@ -317,7 +325,7 @@ impl Links {
     }
 
     fn ways<'a>(&'a self, session: &'a DataSession, inbox: &'a Arc<Inbox>) -> Ways<'a> {
-        Ways { session, direct: self.direct.as_deref(), inbox, keyring: self.keyring.as_ref() }
+        Ways { session, direct: self.direct.as_deref(), inbox, keyring: self.keyring() }
     }
 
     /// Drops every link.

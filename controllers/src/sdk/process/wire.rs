@@ -27,7 +27,7 @@ pub(super) struct Wire {
     pub(super) port: &'static str,
     pub(super) flow: Flow,
     pub(super) way: Transport,
-    /// Shows people what is sealed for the consumer.
+    /// Shows people what is for the consumer alone, in a team.
     seen: Option<Publisher>,
 }
 
@@ -35,7 +35,7 @@ impl Wire {
     /// Sends a value that has passed to a consumer on the same host. Says whether nobody else is to have it.
     pub(super) fn send_directly(&self, parcel: &mut Parcel<'_>) -> bool {
         match &self.way {
-            Transport::Push(push) => push.put_directly(parcel, self.flow.number()),
+            Transport::Push(push) => push.put_directly(parcel, self.flow.number()) && !self.is_seen(),
             Transport::Pull { .. } => true,
         }
     }
@@ -44,14 +44,19 @@ impl Wire {
     pub(super) fn is_direct(&self) -> bool {
         let Transport::Push(Push { publisher, outlet }) = &self.way else { return false };
         let is_connected = outlet.as_ref().is_some_and(Outlet::is_connected);
-        is_connected && !publisher.is_heard_over_zenoh() && !self.flow.is_latched()
+        is_connected && !publisher.is_heard_over_zenoh() && !self.is_seen() && !self.flow.is_latched()
+    }
+
+    /// Returns whether people look at what is sealed for the consumer.
+    fn is_seen(&self) -> bool {
+        self.seen.as_ref().is_some_and(Publisher::is_heard)
     }
 
     /// Sends a value that has passed, over zenoh.
     pub(super) fn send(&self, payload: &Payload) {
         let Transport::Push(Push { publisher, .. }) = &self.way else { return };
         put_numbered(publisher, payload.clone(), self.flow.number());
-        if let Some(seen) = self.seen.as_ref().filter(|seen| seen.is_heard()) {
+        if let Some(seen) = self.seen.as_ref().filter(|_| self.is_seen()) {
             put(seen, payload.clone());
         }
     }

@@ -1,0 +1,176 @@
+//! Those who have connected to a program, until it is clear who they are.
+
+use super::guard::{End, Guard, Transcript};
+use super::outlet::Connection;
+use super::packet::{Waits, receive, send_waiting};
+use super::server::Shared;
+use crate::io::entropy;
+use crate::logic::codec::{self, Enveloped};
+use crate::logic::direct::{Challenge, Claim, Confirmation, Hello, Nonce, Welcome};
+use crate::logic::time::Time;
+use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
+use rustix::net::sockopt::{set_socket_send_buffer_size, socket_peercred};
+use std::io;
+use std::os::fd::{AsFd, OwnedFd};
+use std::sync::Arc;
+
+/// As much as the system lets a socket have: it cuts this to its own limit, 208 KiB unless somebody has changed it.
+const SEND_BUFFER: usize = 1 << 20;
+
+/// Somebody who has connected.
+#[derive(Debug)]
+pub(super) struct Stranger {
+    pub(super) stream: OwnedFd,
+    /// How long it has to show who it is.
+    pub(super) until: Time,
+    said: Said,
+}
+
+#[derive(Debug)]
+enum Said {
+    Nothing,
+    /// In a team.
+    Hello(Asked),
+    /// What it has shown does not fit, or nobody is known at the other end of this wire: it may be one of whom the node has not told yet.
+    Claim(Asked, Claim, OwnedFd),
+}
+
+/// A wire that somebody asks for, and what is asked of who does.
+#[derive(Debug)]
+struct Asked {
+    hello: Hello,
+    bytes: Vec<u8>,
+    challenge: Nonce,
+}
+
+/// What has happened since a stranger was looked at last.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct News {
+    /// It has said something, or has gone.
+    pub(super) is_ready: bool,
+    /// The node has told who is at the other ends of wires.
+    pub(super) has_keys: bool,
+    pub(super) now: Time,
+}
+
+/// What becomes of a stranger.
+pub(super) enum Fate {
+    Waits(Stranger),
+    /// It is the consumer of the wire with this key.
+    Taken(String, Connection),
+}
+
+impl Stranger {
+    /// Returns somebody who has said nothing yet.
+    pub(super) const fn new(stream: OwnedFd, until: Time) -> Self {
+        Self { stream, until, said: Said::Nothing }
+    }
+
+    /// Goes on with what has come. In a team those are told of who have shown something that does not fit.
+    pub(super) fn turn(self, news: News, shared: &Shared) -> Option<Fate> {
+        let who = socket_peercred(&self.stream);
+        let fate = self.judge(news, shared);
+        fate.inspect_err(|error| {
+            tracing::debug!(%error, "a consumer of this host is not taken");
+            if let (Some(guard), io::ErrorKind::PermissionDenied, Ok(who)) = (&shared.guard, error.kind(), who) {
+                let (process, user) = (who.pid.as_raw_nonzero(), who.uid.as_raw());
+                guard.refused(format!("process {process} of user {user} on this machine"));
+            }
+        })
+        .ok()
+    }
+
+    fn judge(mut self, News { is_ready, has_keys, now }: News, shared: &Shared) -> io::Result<Fate> {
+        let is_late = self.until <= now;
+        match (std::mem::replace(&mut self.said, Said::Nothing), &shared.guard) {
+            (Said::Nothing, _) if is_ready => self.hello(shared),
+            (Said::Hello(asked), Some(guard)) if is_ready => self.claim(asked, shared, guard),
+            (Said::Claim(asked, claim, bell), Some(guard)) if has_keys || is_ready || is_late => {
+                self.check((asked, claim, bell), shared, guard).and_then(|fate| match fate {
+                    Fate::Waits(Self { said: Said::Claim(asked, ..), .. }) if is_ready || is_late => {
+                        Err(asked.unproved(guard))
+                    }
+                    fate => Ok(fate),
+                })
+            }
+            (said, _) if !is_late => Ok(Fate::Waits(Self { said, ..self })),
+            _ => Err(io::ErrorKind::TimedOut.into()),
+        }
+    }
+
+    fn hello(self, shared: &Shared) -> io::Result<Fate> {
+        if socket_peercred(&self.stream)?.uid != rustix::process::getuid() {
+            return Err(io::Error::other("it runs as another user"));
+        }
+        let (bytes, bell) = next::<Hello>(&self.stream)?;
+        let hello: Hello = codec::decode(&bytes).map_err(io::Error::other)?;
+        if hello.token != shared.place.token {
+            return Err(refused("the node has not wired it with this program"));
+        }
+        if shared.guard.is_some() {
+            let challenge = entropy::bytes()?;
+            self.say(&Challenge { nonce: challenge })?;
+            return Ok(Fate::Waits(Self { said: Said::Hello(Asked { hello, bytes, challenge }), ..self }));
+        }
+        self.take(hello, bell, &Welcome { process: shared.process })
+    }
+
+    fn claim(self, asked: Asked, shared: &Shared, guard: &Guard) -> io::Result<Fate> {
+        let (bytes, bell) = next::<Claim>(&self.stream)?;
+        let claim = codec::decode(&bytes).map_err(io::Error::other)?;
+        let bell = bell.ok_or_else(without_bell)?;
+        self.check((asked, claim, bell), shared, guard)
+    }
+
+    /// Takes it if what it has shown fits.
+    fn check(self, (asked, claim, bell): (Asked, Claim, OwnedFd), shared: &Shared, guard: &Guard) -> io::Result<Fate> {
+        let transcript = Transcript { hello: &asked.bytes, challenge: asked.challenge, answer: claim.nonce };
+        let other = socket_peercred(&self.stream)?.pid;
+        let secrets = guard.secrets(&asked.hello.key);
+        let fitting = secrets.filter(|secrets| transcript.tag(&secrets.expected, End::Consumer, other) == claim.tag);
+        let Some(secrets) = fitting else {
+            return Ok(Fate::Waits(Self { said: Said::Claim(asked, claim, bell), ..self }));
+        };
+        let (end, own) = (End::Producer(shared.process), rustix::process::getpid());
+        let tag = transcript.tag(&secrets.shown, end, own).into();
+        self.take(asked.hello, Some(bell), &Confirmation { process: shared.process, tag })
+    }
+
+    fn take(self, Hello { key, form, .. }: Hello, bell: Option<OwnedFd>, welcome: &impl Enveloped) -> io::Result<Fate> {
+        let bell = bell.ok_or_else(without_bell)?;
+        fcntl_setfl(&bell, fcntl_getfl(&bell)? | OFlags::NONBLOCK)?;
+        set_socket_send_buffer_size(&self.stream, SEND_BUFFER)?;
+        self.say(welcome)?;
+        Ok(Fate::Taken(key, Connection::new(Arc::new(self.stream), bell, form)))
+    }
+
+    fn say(&self, message: &impl Enveloped) -> io::Result<()> {
+        let bytes = codec::encode(message).map_err(io::Error::other)?;
+        Ok(send_waiting(&self.stream, &[&bytes], None, Waits::Never)?)
+    }
+}
+
+impl Asked {
+    /// Returns why who asks for this wire is let go in the end.
+    fn unproved(&self, guard: &Guard) -> io::Error {
+        match guard.secrets(&self.hello.key) {
+            Some(_) => refused("it does not have the secret of this wire"),
+            None => io::Error::other("nobody is known at the other end of this wire"),
+        }
+    }
+}
+
+fn next<T: Enveloped>(stream: impl AsFd) -> io::Result<(Vec<u8>, Option<OwnedFd>)> {
+    let mut packet = vec![0; T::SIZE_MAX];
+    let (size, file) = receive(stream, &mut packet, Waits::Never)?;
+    packet.truncate(size);
+    Ok((packet, file))
+}
+
+fn refused(why: &str) -> io::Error {
+    io::Error::new(io::ErrorKind::PermissionDenied, why)
+}
+
+fn without_bell() -> io::Error {
+    io::Error::other("it has no bell")
+}
