@@ -4,6 +4,7 @@ pub mod bytes;
 pub mod codec;
 pub mod control;
 pub mod database;
+pub mod decode;
 pub mod direct;
 pub mod frame;
 pub mod human;

@@ -4,7 +4,7 @@
 
 use comms::io::clock::now;
 use comms::io::data::{DataSession, Priority, Publisher};
-use comms::io::direct::{DirectPath, Guard, Inlet, Memory, Outlet, Parcel, WireSecrets};
+use comms::io::direct::{DirectPath, Guard, Inlet, Memory, Outlet, Parcel, Value, WireSecrets};
 use comms::logic::direct::Place;
 use comms::logic::object::TypeForm;
 use comms::logic::switch::{Arrival, Boundary, Sequence};
@@ -63,7 +63,20 @@ impl Program {
         of: &Self,
         key: &str,
         replaced: Option<Inlet>,
-        on_arrival: impl FnMut(Arrival<Vec<u8>>, Sequence) + Send + 'static,
+        mut on_arrival: impl FnMut(Arrival<Vec<u8>>, Sequence) + Send + 'static,
+    ) -> Inlet {
+        self.hear_values(of, key, replaced, move |arrival, sequence| match arrival {
+            Arrival::Value(value) => on_arrival(Arrival::Value(value.into_vec()), sequence),
+            Arrival::Boundary(boundary) => on_arrival(Arrival::Boundary(boundary), sequence),
+        })
+    }
+
+    fn hear_values(
+        &self,
+        of: &Self,
+        key: &str,
+        replaced: Option<Inlet>,
+        on_arrival: impl FnMut(Arrival<Value>, Sequence) + Send + 'static,
     ) -> Inlet {
         self.path.inlet((&of.place(), LONG), (key, form()), replaced, on_arrival).unwrap()
     }
@@ -219,6 +232,41 @@ fn a_consumer_that_does_not_read_delays_nobody() {
         }
     }
     assert!(last == MANY && values < MANY && values > 1, "{values} have come");
+}
+
+/// What nobody has taken yet keeps its bytes: when more is sent, and when its producer has the memory for itself again.
+#[test]
+fn a_value_in_shared_memory_stays_as_it_was_sent() {
+    let (producer, consumer) = (Program::new(), Program::new());
+    let memory = Memory::default();
+    let (outlet, other) = (producer.outlet("k", &memory).0, producer.outlet("other", &memory).0);
+    let (came_tx, came) = sync_channel(100);
+    let _inlet = consumer.hear_values(&producer, "k", None, move |arrival, _| {
+        if let Arrival::Value(value) = arrival {
+            came_tx.try_send(value).unwrap_or_default();
+        }
+    });
+    let (_of_other, came_over_other) = consumer.hear(&producer, "other", None);
+    [&outlet, &other].into_iter().for_each(wait_connected);
+    let next = || {
+        wait_until(|| consumer.path.inlets().wait(Some(now())));
+        came.try_recv()
+    };
+    let long = |number: u32| vec![u8::try_from(number).unwrap(); 100_000];
+    let mut kept = Vec::new();
+    for number in 1..=40 {
+        send(&outlet, &long(number), number);
+        let value = std::iter::repeat_with(next).find_map(Result::ok).unwrap();
+        assert!(matches!(value, Value::Loaned(_)));
+        // Some are dropped unread.
+        kept.extend((number % 3 != 0).then_some((number, value)));
+    }
+    drop(outlet);
+    for number in 1..=20 {
+        send(&other, &long(100), number);
+        consumer.wait_for(&came_over_other, 1);
+    }
+    assert!(kept.into_iter().all(|(number, value)| value.into_vec() == long(number)));
 }
 
 /// Two consumers have what is encoded once, and the producer can read it back for others.

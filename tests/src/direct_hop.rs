@@ -3,7 +3,7 @@
 use anyhow::{Context as _, Result, ensure};
 use comms::io::clock::now;
 use comms::io::data::{DataSession, Priority, Publisher};
-use comms::io::direct::{DirectPath, Guard, Inlet, Memory, Outlet, Parcel, WireSecrets};
+use comms::io::direct::{DirectPath, Guard, Inlet, Memory, Outlet, Parcel, Value, WireSecrets};
 use comms::logic::direct::Place;
 use comms::logic::object::TypeForm;
 use comms::logic::switch::Arrival;
@@ -98,9 +98,9 @@ impl End {
 
     fn hear(&mut self, other: &Self, key: &str) -> Result<()> {
         let (place, came_tx) = (Place::of(&other.path.locator()).context("it has no place")?, self.came_tx.clone());
-        let on_arrival = move |arrival: Arrival<Vec<u8>>, _| {
-            if let Arrival::Value(bytes) = arrival {
-                drop(came_tx.try_send(bytes));
+        let on_arrival = move |arrival: Arrival<Value>, _| {
+            if let Arrival::Value(value) = arrival {
+                drop(came_tx.try_send(value.into_vec()));
             }
         };
         let form = TypeForm { name: "W".into(), fields: String::new() };

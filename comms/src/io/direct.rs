@@ -7,6 +7,7 @@
 
 mod guard;
 mod inlet;
+mod loan;
 pub mod memory;
 mod outlet;
 mod packet;
@@ -16,6 +17,7 @@ mod stranger;
 
 pub use guard::{Guard, WireSecrets};
 pub use inlet::{Inlet, Inlets};
+pub use loan::{Loan, Value};
 pub use memory::Filler;
 pub use outlet::{Memory, Outlet, Parcel};
 
@@ -117,7 +119,7 @@ impl DirectPath {
         (place, within): (&Place, Duration),
         (key, form): (&str, TypeForm),
         replaced: Option<Inlet>,
-        on_arrival: impl FnMut(Arrival<Vec<u8>>, Sequence) + Send + 'static,
+        on_arrival: impl FnMut(Arrival<Value>, Sequence) + Send + 'static,
     ) -> io::Result<Inlet> {
         let stream = seqpacket()?;
         set_socket_timeout(&stream, Timeout::Send, Some(within))?;

@@ -7,10 +7,11 @@ use super::database::{DATABASE, Database, DatabaseOrder, Unknown};
 use super::export::{Activity, Exports, RawReply};
 use super::interface::{Direction, Interface};
 use super::key_ports::KeyPorts;
-use super::port::{InputSet, OutputSet};
+use super::port::{AnyIn, InputSet, OutputSet};
 use comms::io::direct::Filler;
 use comms::logic::control::KeyPort;
 use comms::logic::database::DatabaseAnswer;
+use comms::logic::decode::Source;
 use comms::logic::object::ObjectError;
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
@@ -29,6 +30,16 @@ pub trait Module: Send {
     /// # Errors
     /// If there is no such input, or the bytes are not of its type. The input keeps its older value.
     fn deliver(&mut self, port: &str, bytes: &[u8], arrived: Time) -> Result<Delivery, DeliveryError>;
+
+    /// Hands over a sample as [`Module::deliver`] does, from bytes that can only be copied.
+    ///
+    /// # Errors
+    /// As of [`Module::deliver`].
+    fn deliver_from(&mut self, port: &str, source: &mut dyn Source, arrived: Time) -> Result<Delivery, DeliveryError> {
+        let mut bytes = Vec::new();
+        source.append(source.left(), &mut bytes);
+        self.deliver(port, &bytes, arrived)
+    }
 
     /// Takes note that so many values were sent to an input, and do not come.
     fn lose(&mut self, port: &str, count: u64) {
@@ -191,6 +202,26 @@ impl<C: Controller> Instance<C> {
         }
     }
 
+    fn hand_over(
+        &mut self,
+        port: &str,
+        mut deliver: impl FnMut(&mut dyn AnyIn) -> Result<(), postcard::Error>,
+    ) -> Result<Delivery, DeliveryError> {
+        let inputs = &self.interface.ports[..self.input_count];
+        let Some((index, declared)) = inputs.iter().enumerate().find(|(_, declared)| declared.name == port) else {
+            return Err(DeliveryError::NoInput { type_name: C::TYPE, port: port.to_owned() });
+        };
+        let mut result = Ok(());
+        self.inputs.visit(&mut |at, input| {
+            if at == index {
+                result = deliver(input);
+            }
+        });
+        result.map_err(|cause| DeliveryError::Decode { port: declared.name, expected: declared.type_name, cause })?;
+        let trigger = self.interface.about.schedule.trigger;
+        Ok(if trigger == Some(declared.name) { Delivery::Triggers } else { Delivery::Stored })
+    }
+
     fn tick(&mut self, now: Time) -> Tick {
         let elapsed = self.last.map_or(self.interface.about.schedule.period, |last| now.since(last));
         self.last = Some(now);
@@ -204,19 +235,11 @@ impl<C: Controller> Module for Instance<C> {
     }
 
     fn deliver(&mut self, port: &str, bytes: &[u8], arrived: Time) -> Result<Delivery, DeliveryError> {
-        let inputs = &self.interface.ports[..self.input_count];
-        let Some((index, declared)) = inputs.iter().enumerate().find(|(_, declared)| declared.name == port) else {
-            return Err(DeliveryError::NoInput { type_name: C::TYPE, port: port.to_owned() });
-        };
-        let mut result = Ok(());
-        self.inputs.visit(&mut |at, input| {
-            if at == index {
-                result = input.deliver(bytes, arrived);
-            }
-        });
-        result.map_err(|cause| DeliveryError::Decode { port: declared.name, expected: declared.type_name, cause })?;
-        let trigger = self.interface.about.schedule.trigger;
-        Ok(if trigger == Some(declared.name) { Delivery::Triggers } else { Delivery::Stored })
+        self.hand_over(port, |input| input.deliver(bytes, arrived))
+    }
+
+    fn deliver_from(&mut self, port: &str, source: &mut dyn Source, arrived: Time) -> Result<Delivery, DeliveryError> {
+        self.hand_over(port, |input| input.deliver_from(source, arrived))
     }
 
     fn lose(&mut self, port: &str, count: u64) {

@@ -5,6 +5,7 @@ use super::database::Database;
 use super::export::CallInterface;
 use super::port_interface::PortInterface;
 use comms::io::direct::Filler;
+use comms::logic::decode::{Source, decode_from};
 use comms::logic::time::Time;
 use postcard::ser_flavors::Flavor;
 use serde::Serialize;
@@ -106,6 +107,12 @@ impl<T: Message> In<T> {
     pub fn lost(&self) -> u64 {
         self.lost
     }
+
+    fn take(&mut self, value: T, arrived: Time) {
+        self.value = Some(value);
+        self.arrived = arrived;
+        self.received += 1;
+    }
 }
 
 /// How many values an [`Every`] keeps at most; the oldest gives way.
@@ -135,6 +142,14 @@ impl<T: Message> Every<T> {
     /// Those that found no room here count, too.
     pub fn lost(&self) -> u64 {
         self.lost
+    }
+
+    fn take(&mut self, value: T) {
+        if self.values.len() >= EVERY_MAX {
+            self.values.pop_front();
+            self.lost += 1;
+        }
+        self.values.push_back(value);
     }
 }
 
@@ -169,6 +184,11 @@ pub trait AnyIn {
     /// # Errors
     /// If `bytes` are not a value of this port's type.
     fn deliver(&mut self, bytes: &[u8], arrived: Time) -> Result<(), postcard::Error>;
+    /// Takes an encoded value that can only be copied: each byte once, right into the value.
+    ///
+    /// # Errors
+    /// As of [`AnyIn::deliver`].
+    fn deliver_from(&mut self, source: &mut dyn Source, arrived: Time) -> Result<(), postcard::Error>;
     /// Takes note of values that do not come.
     fn lose(&mut self, count: u64);
     /// Notes that a calculation has seen the newest value.
@@ -179,9 +199,12 @@ pub trait AnyIn {
 
 impl<T: Message> AnyIn for In<T> {
     fn deliver(&mut self, bytes: &[u8], arrived: Time) -> Result<(), postcard::Error> {
-        self.value = Some(postcard::from_bytes(bytes)?);
-        self.arrived = arrived;
-        self.received += 1;
+        self.take(postcard::from_bytes(bytes)?, arrived);
+        Ok(())
+    }
+
+    fn deliver_from(&mut self, source: &mut dyn Source, arrived: Time) -> Result<(), postcard::Error> {
+        self.take(decode_from(source)?, arrived);
         Ok(())
     }
 
@@ -200,12 +223,12 @@ impl<T: Message> AnyIn for In<T> {
 
 impl<T: Message> AnyIn for Every<T> {
     fn deliver(&mut self, bytes: &[u8], _: Time) -> Result<(), postcard::Error> {
-        let value = postcard::from_bytes(bytes)?;
-        if self.values.len() >= EVERY_MAX {
-            self.values.pop_front();
-            self.lost += 1;
-        }
-        self.values.push_back(value);
+        self.take(postcard::from_bytes(bytes)?);
+        Ok(())
+    }
+
+    fn deliver_from(&mut self, source: &mut dyn Source, _: Time) -> Result<(), postcard::Error> {
+        self.take(decode_from(source)?);
         Ok(())
     }
 

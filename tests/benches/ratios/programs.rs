@@ -1,15 +1,14 @@
 //! The controllers that are measured. Each is as small as a controller can be; none reads a clock.
 
 use crate::streams::{Tally, message};
+use comms::logic::bytes::Bytes;
 use comms::logic::time::Time;
 use controllers::sdk::messaging::{Full, Queue, QueueMessage};
 use controllers::sdk::{
     About, Arguments, Controller, Every, Exports, In, Inputs, Kind, Message, Out, Outputs, Parameter, Progress,
     Registry, Tick,
 };
-use serde::de::Visitor;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
-use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -19,7 +18,7 @@ const LOST_AFTER: Duration = Duration::from_secs(1);
 
 /// Bytes of any length: what an image or a scan is to the one who carries it. A clone is no copy.
 #[derive(Clone, Debug)]
-pub(crate) struct Blob(Arc<[u8]>);
+pub(crate) struct Blob(Arc<Bytes>);
 
 impl Message for Blob {
     const TYPE: &'static str = "Blob";
@@ -27,23 +26,13 @@ impl Message for Blob {
 
 impl Serialize for Blob {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_bytes(&self.0)
+        self.0.serialize(serializer)
     }
 }
 
 impl<'de> Deserialize<'de> for Blob {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Bytes;
-        impl Visitor<'_> for Bytes {
-            type Value = Blob;
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("bytes")
-            }
-            fn visit_bytes<E>(self, bytes: &[u8]) -> Result<Blob, E> {
-                Ok(Blob(bytes.into()))
-            }
-        }
-        deserializer.deserialize_bytes(Bytes)
+        Bytes::deserialize(deserializer).map(|bytes| Self(Arc::new(bytes)))
     }
 }
 
@@ -98,7 +87,7 @@ fn value_of(times: &[Duration]) -> Vec<u8> {
 /// Sends, waits for the answer, sends again. A round trip is the time from one calculation to the next.
 #[derive(Debug, Default)]
 pub(crate) struct Ping {
-    bytes: Arc<[u8]>,
+    bytes: Arc<Bytes>,
     left: u32,
     warm_up: u32,
     sent: Option<Time>,
@@ -123,7 +112,7 @@ impl Controller for Ping {
             value.chunks_exact(4).filter_map(|bytes| Some(u32::from_le_bytes(bytes.try_into().ok()?))).collect();
         let [size, count, warm_up] = numbers[..] else { return Err("three numbers are needed".to_owned()) };
         *self = Self {
-            bytes: vec![1; size as usize].into(),
+            bytes: Arc::new(Bytes(vec![1; size as usize])),
             left: count + warm_up,
             warm_up,
             sent: None,
@@ -362,7 +351,7 @@ impl<const PERIOD: u64> Controller for Shout<PERIOD> {
             return Progress::Done(Vec::new());
         }
         self.number += 1;
-        outputs.said.send(Blob(message(self.number, tick.now, self.size).into()));
+        outputs.said.send(Blob(Arc::new(Bytes(message(self.number, tick.now, self.size)))));
         Progress::Continue
     }
 }
@@ -395,7 +384,7 @@ impl Controller for Hear {
         let mut is_silent = true;
         for blob in inputs.heard.iter() {
             is_silent = false;
-            self.0.take(&blob.0, tick.now);
+            self.0.take(&blob.0.0, tick.now);
         }
         if is_silent && !self.0.is_empty() { Progress::Done(self.0.bytes()) } else { Progress::Continue }
     }

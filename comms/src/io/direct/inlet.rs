@@ -1,10 +1,11 @@
 //! The consumer's end of wires, and what a loop waits on that reads them: it wakes for a value, a call of another thread or a deadline.
 
+use super::loan::{Loan, Return, Value};
 use super::memory::Mapping;
-use super::packet::{Waits, receive, send};
+use super::packet::{Waits, receive};
 use crate::io::clock::now;
 use crate::logic::codec::{self, Enveloped};
-use crate::logic::direct::{Frame, HEADER_SIZE, Header, INLINE_MAX, SharedValue, release};
+use crate::logic::direct::{Frame, HEADER_SIZE, Header, INLINE_MAX, SharedValue};
 use crate::logic::switch::{Arrival, Boundary, Sequence};
 use crate::logic::time::Time;
 use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, eventfd, poll};
@@ -15,7 +16,7 @@ use std::fmt;
 use std::io;
 use std::os::fd::OwnedFd;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
 /// How many packets of one wire are read at once: a producer that sends without end keeps nobody from the rest, and what a queue of the
 /// usual size has no room for stays in the socket until a loop has taken that.
@@ -26,7 +27,7 @@ const PACKETS_OF_BELL: usize = 1024;
 const PACKET_SIZE: usize = HEADER_SIZE + if INLINE_MAX > Boundary::SIZE_MAX { INLINE_MAX } else { Boundary::SIZE_MAX };
 
 /// Takes what arrives on a wire.
-type OnArrival = Box<dyn FnMut(Arrival<Vec<u8>>, Sequence) + Send>;
+type OnArrival = Box<dyn FnMut(Arrival<Value>, Sequence) + Send>;
 
 /// The consumer's ends of all wires of a program.
 #[derive(Debug)]
@@ -61,7 +62,9 @@ struct Wire {
     packets: VecDeque<Packet>,
     /// The order of what was read last.
     order: u64,
-    mappings: BTreeMap<u32, Mapping>,
+    mappings: BTreeMap<u32, Arc<Mapping>>,
+    /// What was not taken when it was looked at last, of what lies in memory of the producer.
+    loaned: Weak<Loan>,
     on_arrival: OnArrival,
     has_ended: bool,
 }
@@ -266,7 +269,8 @@ impl Set {
 impl Wire {
     fn new(stream: OwnedFd, process: u128, on_arrival: OnArrival) -> Self {
         let (stream, packets, mappings) = (Arc::new(stream), VecDeque::new(), BTreeMap::new());
-        Self { stream, process, is_alone: true, packets, order: 0, mappings, on_arrival, has_ended: false }
+        let loaned = Weak::new();
+        Self { stream, process, is_alone: true, packets, order: 0, mappings, loaned, on_arrival, has_ended: false }
     }
 
     /// Reads and takes packets.
@@ -314,7 +318,7 @@ impl Wire {
 
     fn take(&mut self, packet: &[u8], file: Option<OwnedFd>) {
         match Frame::parse(packet) {
-            Some(Frame::Value(header, bytes)) => self.arrived(header, Arrival::Value(bytes.to_vec())),
+            Some(Frame::Value(header, bytes)) => self.arrived(header, Arrival::Value(bytes.to_vec().into())),
             Some(Frame::Word(header, word)) => match codec::decode::<Boundary>(word) {
                 Ok(boundary) => self.arrived(header, Arrival::Boundary(boundary)),
                 Err(error) => tracing::warn!(%error, "a word between values is ignored"),
@@ -325,23 +329,29 @@ impl Wire {
         }
     }
 
-    fn arrived(&mut self, Header { life, number, .. }: Header, arrival: Arrival<Vec<u8>>) {
+    fn arrived(&mut self, Header { life, number, .. }: Header, arrival: Arrival<Value>) {
         (self.on_arrival)(arrival, Sequence { publisher: (self.process, life), number });
     }
 
-    /// Copies a value out of shared memory and releases that. A value that cannot be had is missing, and counted with the next one.
+    /// Takes a value in shared memory, where it stays until it is read, or the next one comes. A value that cannot be had is missing, and
+    /// counted with the next one.
     fn shared(&mut self, header: Header, SharedValue { buffer, size }: SharedValue, file: Option<OwnedFd>) {
         if let Some(file) = file {
             match Mapping::of(&file) {
-                Ok(mapping) => drop(self.mappings.insert(buffer, mapping)),
+                Ok(mapping) => drop(self.mappings.insert(buffer, Arc::new(mapping))),
                 Err(error) => tracing::warn!(%error, "shared memory of a wire cannot be read"),
             }
         }
-        let bytes = usize::try_from(size).ok().and_then(|size| self.mappings.get(&buffer)?.read(size));
-        // There is room: as many are under way as the producer lets this consumer have.
-        send(&self.stream, &[&release(buffer)], None);
-        match bytes {
-            Some(bytes) => self.arrived(header, Arrival::Value(bytes)),
+        if let Some(before) = self.loaned.upgrade() {
+            before.copy();
+        }
+        let back = Return { stream: Arc::clone(&self.stream), buffer };
+        let mapping = usize::try_from(size).ok().zip(self.mappings.get(&buffer));
+        match mapping.and_then(|(size, mapping)| Loan::new(mapping, size, back)).map(Arc::new) {
+            Some(loan) => {
+                self.loaned = Arc::downgrade(&loan);
+                self.arrived(header, Arrival::Value(Value::Loaned(loan)));
+            }
             None => tracing::warn!(buffer, size, "a value in shared memory cannot be read"),
         }
     }

@@ -3,6 +3,7 @@
 //! The one unsafe module of the direct path. It never makes a reference to shared memory: bytes are copied in and out, so whatever another
 //! program writes meanwhile, this one has bytes of some value, and never undefined behaviour.
 
+use crate::logic::decode::Source;
 use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, fcntl_get_seals, fstat, ftruncate, memfd_create};
 use rustix::io::Errno;
 use std::io;
@@ -28,6 +29,14 @@ pub struct Buffer {
 pub struct Filler<'a> {
     buffer: &'a mut Buffer,
     /// At most as many as the buffer has room for.
+    size: usize,
+}
+
+/// Copies bytes out of memory, each once, from their beginning.
+#[derive(Debug)]
+pub struct Reading<'a> {
+    mapping: &'a Mapping,
+    at: usize,
     size: usize,
 }
 
@@ -139,20 +148,55 @@ impl Mapping {
         Ok(Self { start: NonNull::new(start).ok_or(Errno::NOMEM)?, size })
     }
 
+    /// Returns how many bytes it has.
+    pub fn size(&self) -> usize {
+        self.size
+    }
+
     /// Returns a copy of the first `size` bytes; none if it is not so long.
-    #[expect(unsafe_code, reason = "reads from mapped memory")]
     pub fn read(&self, size: usize) -> Option<Vec<u8>> {
         if size > self.size {
             return None;
         }
         let mut bytes = Vec::with_capacity(size);
-        // SAFETY: the mapping is at least so long and its file cannot be cut; the vector has room for `size` bytes, and all of
-        // them are written before it has them.
-        unsafe {
-            std::ptr::copy_nonoverlapping(self.start.cast::<u8>().as_ptr(), bytes.as_mut_ptr(), size);
-            bytes.set_len(size);
-        }
+        self.append(0, size, &mut bytes);
         Some(bytes)
+    }
+
+    /// Copies `size` bytes from the place `from` on; says whether it is so long.
+    #[expect(unsafe_code, reason = "reads from mapped memory")]
+    fn append(&self, from: usize, size: usize, to: &mut Vec<u8>) -> bool {
+        if from > self.size || size > self.size - from {
+            return false;
+        }
+        to.reserve(size);
+        // SAFETY: behind `from` the mapping is at least so long and its file cannot be cut; the vector has room for `size` bytes behind its
+        // own, and all of them are written before it has them.
+        unsafe {
+            let start = self.start.cast::<u8>().as_ptr().add(from);
+            std::ptr::copy_nonoverlapping(start, to.as_mut_ptr().add(to.len()), size);
+            to.set_len(to.len() + size);
+        }
+        true
+    }
+}
+
+impl<'a> Reading<'a> {
+    /// Reads the first `size` bytes, or as many as there are.
+    pub fn new(mapping: &'a Mapping, size: usize) -> Self {
+        Self { mapping, at: 0, size: size.min(mapping.size) }
+    }
+}
+
+impl Source for Reading<'_> {
+    fn left(&self) -> usize {
+        self.size - self.at
+    }
+
+    fn append(&mut self, size: usize, to: &mut Vec<u8>) -> bool {
+        let is_there = size <= self.left() && self.mapping.append(self.at, size, to);
+        self.at += if is_there { size } else { 0 };
+        is_there
     }
 }
 
@@ -180,6 +224,10 @@ mod tests {
         assert!(filler.put(b"1") && filler.put(b"") && filler.put(b"23"));
         assert_eq!((filler.size(), filler.put(&[0; 9998]), filler.put(&[0; 9997])), (3, false, true));
         assert_eq!((other.read(4), buffer.read(4)), (Some(b"123\0".to_vec()), Some(b"123\0".to_vec())));
+        let (mut reading, mut bytes) = (Reading::new(&other, 3), b"x".to_vec());
+        assert!(reading.append(2, &mut bytes) && !reading.append(2, &mut bytes) && reading.append(1, &mut bytes));
+        assert_eq!((reading.left(), &*bytes), (0, &b"x123"[..]));
+        assert_eq!(Reading::new(&other, usize::MAX).left(), other.size());
         drop(buffer);
         assert_eq!(other.read(2), Some(b"12".to_vec()), "it stays for as long as somebody has it");
     }

@@ -317,8 +317,9 @@ impl Connection {
         rustix::io::write(&self.bell, &1_u64.to_ne_bytes()).unwrap_or_default();
     }
 
-    fn give_back(self, memory: &Memory) {
+    fn give_back(mut self, memory: &Memory) {
         let mut pool = memory.lock();
-        self.leased.iter().for_each(|buffer| pool.release(*buffer));
+        self.take_releases(&mut pool);
+        self.leased.iter().for_each(|buffer| pool.abandon(*buffer));
     }
 }

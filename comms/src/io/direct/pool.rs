@@ -6,8 +6,9 @@ use std::io;
 use std::os::fd::BorrowedFd;
 
 /// How many bytes the values have that one consumer has not released, and how many values at least and at most. What is more is lost for it.
+/// One of them may wait for its loop.
 const BYTES_MAX: usize = 32 << 20;
-const COUNT_MIN: usize = 2;
+const COUNT_MIN: usize = 3;
 const COUNT_MAX: usize = 16;
 /// The smallest buffer, in bytes.
 const SIZE_MIN: usize = 64 << 10;
@@ -96,6 +97,11 @@ impl Pool {
         }
     }
 
+    /// Does not use a buffer again: a consumer that is connected no more may not have read it.
+    pub(super) fn abandon(&mut self, number: u32) {
+        self.slots.remove(&number);
+    }
+
     /// Notes that one consumer less has it.
     pub(super) fn release(&mut self, number: u32) {
         if let Some(slot) = self.slots.get_mut(&number) {
@@ -124,10 +130,12 @@ mod tests {
         pool.lease(first);
         let larger = pool.put(&[5; 200_000]).unwrap();
         assert!(pool.has(larger) && pool.has(second) && pool.has(first), "what is in use stays");
+        pool.abandon(first);
+        assert!(!pool.has(first));
     }
 
     #[test]
     fn a_consumer_keeps_so_many_values_and_no_more() {
-        assert_eq!([1, 1 << 20, 8 << 20, 64 << 20].map(leases_max), [16, 16, 4, 2]);
+        assert_eq!([1, 1 << 20, 8 << 20, 64 << 20].map(leases_max), [16, 16, 4, 3]);
     }
 }

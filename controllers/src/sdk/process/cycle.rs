@@ -304,7 +304,7 @@ impl Cycle {
     }
 
     fn deliver(&mut self, sample: &Arrived) -> bool {
-        match self.call(|module| module.deliver(sample.port, &sample.bytes, sample.at)) {
+        match self.call(|module| sample.deliver(module)) {
             Some(Ok(delivery)) => delivery == Delivery::Triggers,
             None => false,
             Some(Err(error)) => {

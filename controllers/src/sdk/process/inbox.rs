@@ -4,9 +4,10 @@ use super::database::Answered;
 use super::objects::Call;
 use crate::sdk::arguments::Arguments;
 use crate::sdk::export::RawReply;
+use crate::sdk::module::{Delivery, DeliveryError, Module};
 use comms::io::clock::{Wakeup, now};
 use comms::io::data::{DataSession, IncomingCall};
-use comms::io::direct::Inlets;
+use comms::io::direct::{Inlets, Value};
 use comms::logic::control::{KeyPort, Notice, Shape};
 use comms::logic::object::{Admission, CallId, CallTable, Next, ObjectError};
 use comms::logic::seal::{Refusal, Refusals};
@@ -40,12 +41,22 @@ pub(super) enum Command {
 #[derive(Debug)]
 pub(super) struct Arrived {
     pub(super) port: &'static str,
-    pub(super) bytes: Vec<u8>,
+    pub(super) value: Value,
     pub(super) at: Time,
     /// The number of its wire, if no device has sent it.
     wire: Option<u32>,
     /// Whether it waits for the next activation when there is none.
     pub(super) is_latched: bool,
+}
+
+impl Arrived {
+    /// Hands it to a module, from where it lies.
+    pub(super) fn deliver(&self, module: &mut dyn Module) -> Result<Delivery, DeliveryError> {
+        match &self.value {
+            Value::Own(bytes) => module.deliver(self.port, bytes, self.at),
+            Value::Loaned(loan) => loan.read(|source| module.deliver_from(self.port, source, self.at)),
+        }
+    }
 }
 
 /// How samples of a wire wait.
@@ -92,7 +103,7 @@ pub(super) struct TakenSwitch {
 #[derive(Debug)]
 struct Sample {
     port: &'static str,
-    bytes: Vec<u8>,
+    value: Value,
     wire: Option<u32>,
     hold: Hold,
 }
@@ -198,7 +209,7 @@ impl Inbox {
 
     /// Takes a sample that no switch has a say in.
     pub(super) fn sample(&self, port: &'static str, bytes: Vec<u8>, hold: Hold) {
-        self.lock().push(Sample { port, bytes, wire: None, hold });
+        self.lock().push(Sample { port, value: bytes.into(), wire: None, hold });
         self.wake();
     }
 
@@ -207,7 +218,7 @@ impl Inbox {
         &self,
         (wire, sequence): (u32, Option<Sequence>),
         (port, hold): (&'static str, Hold),
-        arrival: Arrival<Vec<u8>>,
+        arrival: Arrival<Value>,
     ) {
         if let Some(sequence) = sequence {
             let (mut waiting, is_value) = (self.lock(), matches!(arrival, Arrival::Value(_)));
@@ -218,7 +229,7 @@ impl Inbox {
             waiting.lost(end, port, lost.into());
         }
         let arrival = match arrival {
-            Arrival::Value(bytes) => Arrival::Value(Sample { port, bytes, wire: Some(wire), hold }),
+            Arrival::Value(value) => Arrival::Value(Sample { port, value, wire: Some(wire), hold }),
             Arrival::Boundary(boundary) => Arrival::Boundary(boundary),
         };
         self.pass(|intake, out| intake.arrive(now(), (wire, hold.count_max), arrival, out));
@@ -393,7 +404,7 @@ impl Inbox {
 }
 
 impl Waiting {
-    fn push(&mut self, Sample { port, bytes, wire, hold }: Sample) {
+    fn push(&mut self, Sample { port, value, wire, hold }: Sample) {
         let same = |item: &Item| matches!(item, Item::Sample(other) if other.port == port);
         if self.items.iter().filter(|item| same(item)).count() >= hold.count_max {
             let oldest = self.items.iter().position(same);
@@ -404,7 +415,7 @@ impl Waiting {
                 self.lost(oldest, port, 1);
             }
         }
-        self.items.push_back(Item::Sample(Arrived { port, bytes, at: now(), wire, is_latched: hold.is_latched }));
+        self.items.push_back(Item::Sample(Arrived { port, value, at: now(), wire, is_latched: hold.is_latched }));
     }
 
     /// Notes values of an input that are lost, before the item at this place.
@@ -451,8 +462,11 @@ mod tests {
         }
         assert_eq!(lost.iter().map(|(_, count)| count).sum::<u64>(), 2);
         assert!(lost.iter().all(|(port, _)| *port == "In"));
-        let of =
-            |port| taken.iter().filter(|sample| sample.port == port).map(|sample| sample.bytes[0]).collect::<Vec<_>>();
+        let first = |sample: &Arrived| match &sample.value {
+            Value::Own(bytes) => bytes[0],
+            Value::Loaned(_) => panic!("it is nobody else's"),
+        };
+        let of = |port| taken.iter().filter(|sample| sample.port == port).map(first).collect::<Vec<_>>();
         assert_eq!((of("In"), of("Other")), (vec![2, 3], vec![0, 1, 2, 3]));
         assert!(taken.iter().all(|sample| sample.is_latched == (sample.port == "In")));
         assert_eq!(Hold::of(&Shape::default()), Hold::default());
@@ -466,7 +480,7 @@ mod tests {
         inbox.link(3);
         for number in [1, 5, 6] {
             let sequence = Sequence { publisher: (1, 1), number };
-            inbox.arrive((3, Some(sequence)), ("In", hold), Arrival::Value(vec![0]));
+            inbox.arrive((3, Some(sequence)), ("In", hold), Arrival::Value(vec![0].into()));
         }
         let items = inbox.take_items();
         let what = |item: &Item| match item {

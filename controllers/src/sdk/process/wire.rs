@@ -251,7 +251,7 @@ impl Ways<'_> {
         let (inbox, wire) = (Arc::clone(self.inbox), incoming.wire);
         let hear = move |arrival: Arrival<Cow<'_, [u8]>>, sequence: Option<Sequence>| {
             let arrival = match arrival {
-                Arrival::Value(bytes) => Arrival::Value(bytes.into_owned()),
+                Arrival::Value(bytes) => Arrival::Value(bytes.into_owned().into()),
                 Arrival::Boundary(boundary) => Arrival::Boundary(boundary),
             };
             inbox.arrive((wire, sequence), input, arrival);

@@ -1,0 +1,95 @@
+//! What has come over a wire: bytes of this program, or bytes in memory of their producer, which does not write there until they are
+//! taken.
+
+use super::memory::{Mapping, Reading};
+use super::packet::send;
+use crate::logic::decode::Source;
+use crate::logic::direct::release;
+use std::os::fd::OwnedFd;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// A value of a wire.
+#[derive(Debug)]
+pub enum Value {
+    /// Of this program.
+    Own(Vec<u8>),
+    /// In memory of its producer.
+    Loaned(Arc<Loan>),
+}
+
+/// A value in memory of its producer. Dropping it gives the memory back.
+///
+/// Of a wire no more than one is there at a time: when the next one comes, this one is copied.
+#[derive(Debug)]
+pub struct Loan {
+    state: Mutex<State>,
+}
+
+#[derive(Debug)]
+enum State {
+    There { mapping: Arc<Mapping>, size: usize, _return: Return },
+    Copied(Vec<u8>),
+}
+
+/// Gives a buffer back when it is dropped.
+#[derive(Debug)]
+pub(super) struct Return {
+    pub(super) stream: Arc<OwnedFd>,
+    pub(super) buffer: u32,
+}
+
+impl Drop for Return {
+    fn drop(&mut self) {
+        // There is room: as many are under way as the producer lets this consumer have.
+        send(&self.stream, &[&release(self.buffer)], None);
+    }
+}
+
+impl Value {
+    /// Returns its bytes.
+    pub fn into_vec(self) -> Vec<u8> {
+        match self {
+            Self::Own(bytes) => bytes,
+            Self::Loaned(loan) => loan.read(|source| {
+                let mut bytes = Vec::new();
+                source.append(source.left(), &mut bytes);
+                bytes
+            }),
+        }
+    }
+}
+
+impl From<Vec<u8>> for Value {
+    fn from(bytes: Vec<u8>) -> Self {
+        Self::Own(bytes)
+    }
+}
+
+impl Loan {
+    /// Returns the first `size` bytes of a buffer; none if it is not so long.
+    pub(super) fn new(mapping: &Arc<Mapping>, size: usize, back: Return) -> Option<Self> {
+        let state = State::There { mapping: Arc::clone(mapping), size, _return: back };
+        (size <= mapping.size()).then(|| Self { state: Mutex::new(state) })
+    }
+
+    /// Has the bytes read, from their beginning.
+    pub fn read<R>(&self, read: impl FnOnce(&mut dyn Source) -> R) -> R {
+        match &*self.state() {
+            State::There { mapping, size, .. } => read(&mut Reading::new(mapping, *size)),
+            State::Copied(bytes) => read(&mut &**bytes),
+        }
+    }
+
+    /// Copies the bytes, and gives the memory back.
+    pub(super) fn copy(&self) {
+        let mut state = self.state();
+        if let State::There { mapping, size, .. } = &*state {
+            let bytes = mapping.read(*size).unwrap_or_default();
+            *state = State::Copied(bytes);
+        }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
