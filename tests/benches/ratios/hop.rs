@@ -1,5 +1,6 @@
-//! One hop from controller to controller, beside zenoh alone, beside a Unix socket, and beside shared memory.
+//! One hop from controller to controller, beside zenoh alone, a Unix socket, shared memory, and dora if it is installed.
 
+use crate::dora;
 use crate::figures::{Round, Subject, Table, cell};
 use crate::raw::{self, Transport};
 use crate::sdk;
@@ -33,8 +34,9 @@ pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()>
     let mut shared = raw::Pair::start(Transport::ZenohShared, dir)?;
     let mut callback = raw::Pair::start(Transport::ZenohCallback, dir)?;
     let mut memory = raw::Pair::start(Transport::Memory, dir)?;
+    let mut dora = dora::Pair::start(dir)?;
     for (name, size, count, warm_up) in SIZES {
-        let mut subjects: [Subject; 7] = Default::default();
+        let (mut subjects, mut of_dora): ([Subject; 7], _) = (Default::default(), Subject::default());
         for _ in 0..ROUNDS {
             let [ours, plain, owned, batched, quick, raw, mapped] = &mut subjects;
             raw.push(socket.measure(size, count, warm_up)?.halved());
@@ -45,6 +47,9 @@ pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()>
             batched.push(shared.measure(size, count, warm_up)?.halved());
             quick.push(callback.measure(size, count, warm_up)?.halved());
             mapped.push(memory.measure(size, count, warm_up)?.halved());
+            if let Some(dora) = &mut dora {
+                of_dora.push(dora.measure(size, count, warm_up)?.halved());
+            }
         }
         let [ours, plain, owned, batched, quick, raw, mapped] = &subjects;
         table.heading(&format!("one hop, {name}, two processes"), "of zenoh", "of socket");
@@ -63,9 +68,13 @@ pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()>
         let target = (size >= MEMORY_FROM).then_some(TARGET_OF_MEMORY);
         let of_memory = format!("controller: {} of it", cell(ours.ratio(mapped), target));
         table.line("shared memory, copied in and out", mapped, [of_memory, of_socket(mapped)]);
+        if dora.is_some() {
+            table.line("dora, nodes in Python", &of_dora, [cell(of_dora.ratio(plain), None), of_socket(&of_dora)]);
+        }
     }
     for pair in [socket, zenoh, bytes, shared, callback, memory] {
         pair.end()?;
     }
+    dora.map_or(Ok(()), dora::Pair::end)?;
     controllers.end().await
 }

@@ -6,6 +6,7 @@
 
 mod call;
 mod caterpillar;
+mod dora;
 mod event;
 mod faults;
 mod figures;
