@@ -194,6 +194,11 @@ impl Coordinator {
                 if starting {
                     return self.refused(from, vec![format!("host `{from}`: its node left")], out);
                 }
+                // It was said before the host was asked to take part again, since its answer to that comes after it. Or the host has left
+                // again, and is asked once more when its answer is due.
+                if self.rejoins.is_asked(from) {
+                    return;
+                }
                 if message == ToCoordinator::Unconfirmed {
                     self.lost.insert(from.to_owned());
                     self.unable.insert(from.to_owned());

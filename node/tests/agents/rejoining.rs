@@ -40,6 +40,24 @@ fn linked(world: &World, call: u64) -> usize {
     world.answers[&call].iter().filter(is_linked).count()
 }
 
+/// A home that was away does not know to whom it was lost. Who has left meanwhile tells it, and takes part again.
+#[test]
+fn who_left_while_the_home_was_away_takes_part_again() {
+    let alone =
+        AGAIN.replace("near instof Tuned(\"c3\");", "").replace("; far, Out -> near, In;", ";").replace("near, ", "");
+    for seconds in 6..=30 {
+        let mut world = World::new(&["c1", "c2"]);
+        world.deploy("c1", &alone);
+        world.run_for(Duration::from_secs(1));
+        world.crash("c1");
+        world.run_for(Duration::from_secs(seconds));
+        assert_eq!(active(&world, "c2"), Vec::<u32>::new(), "they stop by their own rules");
+        world.adopt("c1");
+        world.run_for(Duration::from_secs(20));
+        assert_eq!(active(&world, "c2").len(), 2, "the home was away for {seconds} s");
+    }
+}
+
 /// After a long cut nothing runs on the host by itself, but the expression finds its programs again; its wires are open as before,
 /// in both directions.
 #[test]

@@ -69,6 +69,11 @@ impl Rejoins {
         self.hosts.values_mut().for_each(|one| one.due = one.due + away);
     }
 
+    /// Returns whether a host was asked to take part again, and has not done so yet.
+    pub(super) fn is_asked(&self, host: &str) -> bool {
+        self.hosts.get(host).is_some_and(|one| matches!(one.step, Step::Preparing | Step::Connecting))
+    }
+
     fn at(&mut self, host: &str, step: Step) -> Option<&mut Rejoining> {
         self.hosts.get_mut(host).filter(|one| one.step == step)
     }

@@ -29,6 +29,7 @@ impl Message {
         matches!(
             self.body,
             Body::Participant(ToParticipant::Ended { .. } | ToParticipant::Loose { .. } | ToParticipant::Release)
+                | Body::Coordinator(ToCoordinator::Released | ToCoordinator::Unconfirmed)
         )
     }
 }
