@@ -2,7 +2,7 @@
 //!
 //! The nodes say where a program is; the call goes straight to it.
 
-use crate::client::{Client, Clients};
+use crate::client::{ANSWER_WITHIN, Client, Clients, Statuses, unasked};
 use crate::io::taps::Taps;
 use crate::logic::object::{ObjectName, argument, result};
 use crate::reader::Reader;
@@ -14,8 +14,9 @@ use comms::logic::control::Dial;
 use comms::logic::object::{ExportKind, Exported, Exports, ObjectError};
 use node::console::{self, Failure, block_on};
 use node::logic::printable::printable;
-use node::logic::protocol::{Deployment, ProcessStatus, leaves};
+use node::logic::protocol::{Answer, Deployment, LeafStatus, ProcessStatus, Request, leaves};
 use serde_json::{Value, json};
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 /// The options that calls and reads have in common.
@@ -64,6 +65,15 @@ struct Found {
     deployment: String,
     path: String,
     exports: Exports,
+}
+
+/// A leaf of a deployment that runs.
+#[derive(Clone, Copy)]
+struct Leaf<'a> {
+    client: &'a Client,
+    deployment: &'a Deployment,
+    host: &'a str,
+    process: &'a ProcessStatus,
 }
 
 /// Runs `dca call`.
@@ -126,26 +136,43 @@ async fn with_taps(
     done
 }
 
+/// Returns the processes that are meant, each once. One that stands for a process of another deployment is that process.
+fn meant<'a>(all: &'a [(&'a Client, Statuses)], name: &ObjectName) -> Vec<Leaf<'a>> {
+    let leaves = all.iter().flat_map(|(client, statuses)| {
+        let leaf = |leaf: LeafStatus<'a>| {
+            let LeafStatus { host, deployment, process } = leaf;
+            Leaf { client, deployment, host, process }
+        };
+        leaves(&statuses.nodes).into_iter().map(leaf)
+    });
+    let leaves: Vec<Leaf<'a>> = leaves.collect();
+    let is_meant = |leaf: &&Leaf<'a>| name.is_process(&leaf.deployment.name, &leaf.process.path);
+    let mut meant: Vec<Leaf<'a>> = leaves.iter().filter(is_meant).copied().collect();
+    // The whole of a path goes before the end of another.
+    if meant.iter().any(|leaf| leaf.process.path == name.process) {
+        meant.retain(|leaf| leaf.process.path == name.process);
+    }
+    for leaf in &mut meant {
+        let Some((deployment, path)) = leaf.process.stands_for() else { continue };
+        let is_that = |other: &&Leaf<'a>| {
+            (other.host, &*other.deployment.name, &*other.process.path) == (leaf.host, deployment, path)
+        };
+        *leaf = leaves.iter().find(is_that).copied().unwrap_or(*leaf);
+    }
+    let mut known = BTreeSet::new();
+    meant.retain(|leaf| known.insert((leaf.host, leaf.deployment, &leaf.process.path)));
+    meant
+}
+
 /// Finds the one program that is meant, and asks it what it exports.
 async fn find(clients: &Clients, taps: &Taps, name: &ObjectName) -> Result<Found, Failure> {
     let all = clients.statuses().await?;
-    let mut meant: Vec<(&Client, Deployment, String, ProcessStatus)> = Vec::new();
-    for (client, statuses) in &all {
-        let all = leaves(&statuses.nodes).into_iter();
-        let leaves = all.filter(|leaf| name.is_process(&leaf.deployment.name, &leaf.process.path));
-        meant.extend(leaves.map(|leaf| (*client, leaf.deployment.clone(), leaf.host.to_owned(), leaf.process.clone())));
-    }
-    // The whole of a path goes before the end of another.
-    if meant.iter().any(|(.., process)| process.path == name.process) {
-        meant.retain(|(.., process)| process.path == name.process);
-    }
-    let what = format!("process `{}`", name.process);
-    let (client, deployment, host, process) = match meant.as_slice() {
-        [] => return Err(absent::missing(&what, &all).await),
-        [one] => one,
+    let meant = meant(&all, name);
+    let Leaf { client, deployment, host, process } = match meant.as_slice() {
+        [] => return Err(absent::missing(&format!("process `{}`", name.process), &all).await),
+        [one] => *one,
         several => {
-            let names =
-                several.iter().map(|(_, deployment, _, process)| format!("`{}:{}`", deployment.name, process.path));
+            let names = several.iter().map(|leaf| format!("`{}:{}`", leaf.deployment.name, leaf.process.path));
             let names = names.collect::<Vec<_>>().join(", ");
             return Err(
                 anyhow!("several processes are called `{}`: {names}; name one of them whole", name.process).into()
@@ -154,62 +181,106 @@ async fn find(clients: &Clients, taps: &Taps, name: &ObjectName) -> Result<Found
     };
     let path = &process.path;
     let found = Found { deployment: deployment.name.clone(), path: path.clone(), exports: Exports::default() };
-    let Some(mut dial) = located(client, host, deployment, (process, taps.patience())).await? else { return Ok(found) };
+    let program = Program { client, deployment, host, path };
+    let Some(mut dial) = program.located(taps.patience()).await? else { return Ok(found) };
     let exports = loop {
-        let moved = tokio::select! {
-            exports = exports_of(taps, deployment, path, dial.clone()) => break exports?,
-            moved = moved(client, host, deployment, (path, &dial.session)) => moved,
+        let failure = tokio::select! {
+            exports = exports_of(taps, deployment, path, dial.clone()) => match exports {
+                Ok(exports) => break exports,
+                Err(failure) => failure,
+            },
+            failure = program.leaves(&dial.session) => failure,
         };
         taps.forget(&dial.session);
-        let ended = || anyhow!("`{path}` ended before it could be asked; `dca events {}` says why", deployment.name);
-        dial = moved.ok_or_else(ended)?;
+        match program.place().await {
+            Ok(Place::At(other)) if other.session != dial.session => dial = other,
+            Ok(Place::Gone(_)) => return Err(program.ended()),
+            Ok(Place::Coming(_)) => dial = program.located(taps.patience()).await?.ok_or(failure)?,
+            Ok(Place::At(_) | Place::WithoutSession) | Err(_) => return Err(failure),
+        }
     };
     Ok(Found { exports, ..found })
 }
 
-/// Returns where a program is; nowhere, if it runs and has no data session. One that begins is waited for.
-async fn located(
-    client: &Client,
-    host: &str,
-    deployment: &Deployment,
-    (process, within): (&ProcessStatus, Duration),
-) -> Result<Option<Dial>, Failure> {
-    let (path, state, until) = (&process.path, process.state.as_str(), clock::now() + within);
-    let is_coming = matches!(state, "starting" | "restarting" | "connecting" | "being replaced");
-    loop {
-        let located = locations(client, host, deployment).await?;
-        let dial = located.into_iter().find(|(located, _)| located == path).map(|(_, dial)| dial);
-        if dial.is_none() && ["ended", "dead", "refused"].iter().any(|word| state.starts_with(word)) {
-            return Err(anyhow!("`{path}` does not run: {state}").into());
-        }
-        if dial.is_some() || !is_coming {
-            return Ok(dial);
-        }
-        if clock::now() >= until {
-            return Err(Failure::Unreachable(anyhow!("`{path}` cannot be asked yet: it was {state}")));
-        }
-        clock::sleep_until(clock::now() + WATCH_EVERY).await;
-    }
+/// A program that is asked, and whom to ask about it.
+struct Program<'a> {
+    client: &'a Client,
+    deployment: &'a Deployment,
+    host: &'a str,
+    path: &'a str,
 }
 
-/// Waits until a program is elsewhere than in this session: where it was started again, or nowhere since it has ended. A node that does
-/// not answer says neither.
-///
-/// # Cancellation
-/// Safe.
-async fn moved(client: &Client, host: &str, deployment: &Deployment, (path, session): (&str, &str)) -> Option<Dial> {
-    loop {
-        clock::sleep_until(clock::now() + LOOK_EVERY).await;
-        let located = match locations(client, host, deployment).await {
+/// Where a program is.
+enum Place {
+    At(Dial),
+    /// It runs, and is asked nothing.
+    WithoutSession,
+    /// It is being started; its state.
+    Coming(String),
+    /// It has ended; its state.
+    Gone(String),
+}
+
+impl Program<'_> {
+    /// Asks its node where it is.
+    async fn place(&self) -> Result<Place, Failure> {
+        let located = match locations(self.client, self.host, self.deployment).await {
             Ok(located) => located,
-            Err(Failure::Unreachable(_)) => continue,
-            // It knows nothing of the deployment any more.
-            Err(_) => return None,
+            // Its node knows nothing of the deployment any more.
+            Err(Failure::Refused(why)) => return Ok(Place::Gone(why.to_string())),
+            Err(failure) => return Err(failure),
         };
-        let dial = located.into_iter().find(|(located, _)| located == path).map(|(_, dial)| dial);
-        if dial.as_ref().is_none_or(|dial| dial.session != session) {
-            return dial;
+        if let Some((_, dial)) = located.into_iter().find(|(located, _)| located == self.path) {
+            return Ok(Place::At(dial));
         }
+        let answer = self.client.ask(self.host, &Request::Status, ANSWER_WITHIN).await?;
+        let Answer::Status(status) = answer else { return Err(unasked(self.host, &answer)) };
+        let part = status.deployments.into_iter().find(|part| part.deployment == *self.deployment);
+        let process = part.and_then(|part| part.processes.into_iter().find(|process| process.path == self.path));
+        let Some(ProcessStatus { state, .. }) = process else { return Ok(Place::Gone("it is not there".to_owned())) };
+        Ok(match state.as_str() {
+            "starting" | "restarting" | "connecting" | "being replaced" => Place::Coming(state),
+            _ if ["ended", "dead", "refused", "not there"].iter().any(|word| state.starts_with(word)) => {
+                Place::Gone(state)
+            }
+            _ => Place::WithoutSession,
+        })
+    }
+
+    /// Returns where it is; nowhere, if it is asked nothing. One that is being started is waited for.
+    async fn located(&self, within: Duration) -> Result<Option<Dial>, Failure> {
+        let until = clock::now() + within;
+        loop {
+            match self.place().await? {
+                Place::At(dial) => return Ok(Some(dial)),
+                Place::WithoutSession => return Ok(None),
+                Place::Gone(state) => return Err(anyhow!("`{}` does not run: {state}", self.path).into()),
+                Place::Coming(state) if clock::now() >= until => {
+                    return Err(Failure::Unreachable(anyhow!("`{}` cannot be asked yet: it was {state}", self.path)));
+                }
+                Place::Coming(_) => clock::sleep_until(clock::now() + WATCH_EVERY).await,
+            }
+        }
+    }
+
+    /// Waits until it is not in this session any more. A node that does not answer says nothing about it.
+    ///
+    /// # Cancellation
+    /// Safe.
+    async fn leaves(&self, session: &str) -> Failure {
+        loop {
+            clock::sleep_until(clock::now() + LOOK_EVERY).await;
+            match self.place().await {
+                Ok(Place::At(dial)) if dial.session == session => {}
+                Err(_) => {}
+                Ok(Place::At(_) | Place::WithoutSession | Place::Coming(_) | Place::Gone(_)) => return self.ended(),
+            }
+        }
+    }
+
+    fn ended(&self) -> Failure {
+        let Self { deployment, path, .. } = self;
+        anyhow!("`{path}` ended before it could be asked; `dca events {}` says why", deployment.name).into()
     }
 }
 

@@ -46,8 +46,9 @@ impl Example {
     }
 }
 
+/// The state of the base, by a name that a mission has for it, too.
 fn motion(host: &Host) -> Value {
-    let got = host.ask(&["get", "hardware:main/base.motion", "--within", "60"]);
+    let got = host.ask(&["get", "base.motion", "--within", "60"]);
     assert_eq!(got.code, Some(0), "{got}");
     serde_json::from_str(got.out.trim()).unwrap_or_else(|why| panic!("{why}: {got}"))
 }

@@ -112,6 +112,21 @@ fn a_program_that_is_suspended_in_a_call() {
     assert_eq!(again.code, Some(0), "{again}");
 }
 
+/// A program that is dead while its mission goes on is not dialled.
+#[test]
+fn a_program_that_is_dead() {
+    let cluster = Cluster::new();
+    let (here, _running) = deployed(&cluster);
+    cluster.leaf("main/idle").expect("it is started").signal(Signal::KILL);
+    // Its node may not have noticed yet.
+    let call = || here.ask(&["call", "idle.Drive", "speed=0.1 m/s", "--within", "3600"]);
+    wait_until(SOON, || call().err.contains("does not run"));
+    let called = call();
+    assert!(called.code == Some(1) && called.err.contains("`main/idle` does not run: dead: SIGKILL"), "{called}");
+    let listed = here.ask(&["list"]);
+    assert!(listed.code == Some(0) && listed.out.contains("levels:main/wheels"), "{listed}");
+}
+
 /// Of a program that has only been started nobody says that it exports nothing; who has the time waits for it.
 #[test]
 fn a_program_that_has_not_begun_yet() {

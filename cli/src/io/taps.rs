@@ -50,10 +50,10 @@ impl Taps {
         })
     }
 
-    /// Takes no longer than this for a link, and for each answer.
+    /// Takes as long as this for a link, and for each answer.
     #[must_use]
     pub(crate) fn within(mut self, limit: Duration) -> Self {
-        self.within = (self.within.0.min(limit), self.within.1.min(limit));
+        self.within = (limit, limit);
         self
     }
 

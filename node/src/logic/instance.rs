@@ -229,6 +229,11 @@ impl Instance {
         self.current.is_some()
     }
 
+    /// Returns whether a program is there that has said where it is.
+    pub fn has_program(&self) -> bool {
+        !matches!(self.stage, Stage::Starting { .. } | Stage::Waiting { .. } | Stage::Dead)
+    }
+
     /// Returns whether nothing of the program is left, for good.
     pub fn is_gone(&self) -> bool {
         self.stage == Stage::Dead

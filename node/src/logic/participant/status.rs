@@ -86,8 +86,10 @@ impl Participant {
 
     /// Returns the programs of this host that have a data session, and where to dial each now.
     pub fn locations(&self) -> Vec<(String, Dial)> {
-        let location = |(number, _)| {
+        let location = |(number, instance): (u32, &Instance)| {
             let leaf = self.plan.leaves.get(number as usize).filter(|_| !self.is_succeeded(number))?;
+            // Of one that has ended, and may be started again, the place is out of date.
+            let leaf = instance.has_program().then_some(leaf)?;
             Some((leaf.path.clone(), observe(&self.registrations, number)?))
         };
         self.instances.iter().filter_map(location).collect()

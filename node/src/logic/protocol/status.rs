@@ -136,6 +136,15 @@ pub struct ProcessStatus {
     pub pid: Option<u32>,
 }
 
+impl ProcessStatus {
+    /// Returns the process of another deployment that this one stands for: the name of that deployment, and the path there.
+    pub fn stands_for(&self) -> Option<(&str, &str)> {
+        let (word, external) = self.state.split_once(": `").filter(|_| self.pid.is_none())?;
+        let (path, deployment) = external.strip_suffix('`')?.split_once("` of `")?;
+        ["running", "idle"].contains(&word).then_some((deployment, path))
+    }
+}
+
 /// A leaf, and where it is.
 #[derive(Clone, Copy, Debug)]
 pub struct LeafStatus<'a> {
