@@ -1,10 +1,14 @@
-//! Checks that this process was given a standard output that can be written.
+//! Checks that this process was given a standard output that can be written, and takes back what was done to its signals.
 //!
 //! Before `main`, the runtime of Rust opens `/dev/null` in the place of a standard stream that is closed; and of one that is open
 //! for reading alone it takes each write for done. So a result would be lost, and nobody would know. Once the runtime has begun, nothing
 //! tells its `/dev/null` from one that the caller has given: Python's `subprocess.DEVNULL` has the same flags. So this is
 //! looked at before: the loader calls what `.init_array` lists ahead of the runtime. Source: System V ABI, "Initialization and
 //! Termination Functions"; `std::sys::pal::unix::init`.
+//!
+//! Signals that the caller has blocked stay blocked in a program that it starts, and in what that starts: nobody could stop a node by
+//! SIGTERM. Where SIGCHLD is ignored, the kernel forgets how a child has ended. Source: signal(7), "Execution of signal handlers";
+//! sigaction(2). A SIGHUP that is ignored is a wish (`nohup`), and stays so.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,14 +21,30 @@ static IS_LOST: AtomicBool = AtomicBool::new(false);
 // SAFETY: the section holds addresses of functions of the C ABI, which are called once, in the only thread; this one needs nothing of
 // the runtime.
 #[unsafe(link_section = ".init_array")]
-static LOOK: extern "C" fn() = look;
+static BEGIN: extern "C" fn() = begin;
+
+extern "C" fn begin() {
+    look();
+    take_signals_back();
+}
 
 #[expect(unsafe_code, reason = "the number may be that of no open descriptor, so it cannot be borrowed")]
-extern "C" fn look() {
+fn look() {
     // SAFETY: it takes two numbers and touches no memory; for a descriptor that is not open it returns -1.
     let flags = unsafe { libc::fcntl(libc::STDOUT_FILENO, libc::F_GETFL) };
     let is_lost = flags == -1 || flags & libc::O_ACCMODE == libc::O_RDONLY;
     IS_LOST.store(is_lost, Ordering::Relaxed);
+}
+
+#[expect(unsafe_code, reason = "there is no safe call that sets the mask of signals of a process")]
+fn take_signals_back() {
+    // SAFETY: `none` is made by `sigemptyset` before it is used, and only this function has it. There is one thread, and no handler yet.
+    unsafe {
+        let mut none: libc::sigset_t = std::mem::zeroed();
+        libc::sigemptyset(&raw mut none);
+        libc::sigprocmask(libc::SIG_SETMASK, &raw const none, std::ptr::null_mut());
+        libc::signal(libc::SIGCHLD, libc::SIG_DFL);
+    }
 }
 
 /// Checks that standard output was open for writing when this process began.
