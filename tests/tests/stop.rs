@@ -1,6 +1,6 @@
 //! Every way to end a mission before its time leaves nothing behind.
 
-use dca_tests::cluster::{Cluster, Program, SOON, Stream, Trace, spec, wait_until};
+use dca_tests::cluster::{Cluster, Process, Program, SOON, Stream, Trace, spec, wait_until};
 use node::logic::protocol::Ending;
 use rustix::process::Signal;
 use std::time::Duration;
@@ -127,6 +127,58 @@ fn a_node_leaves_with_its_terminal() {
     free.signal(Signal::TERM);
     let ended = free.ended(SOON);
     assert_eq!(ended.code, Some(0), "{ended}");
+}
+
+/// Whoever starts a node may have blocked SIGTERM, or have no wish to hear of children: the node takes both back, for its programs, too.
+#[test]
+fn a_node_takes_its_signals_back() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let node = here.node_under(&["--block-signal=TERM", "--ignore-signal=CHLD"], "c1");
+    let mission = here.mission(&cluster.file("sleep.dca", SLEEP));
+    let sleeps = |one: &Process| one.command == ["sleep", "600"];
+    let mut program = None;
+    wait_until(SOON, || {
+        program = cluster.left().into_iter().find(sleeps);
+        program.is_some()
+    });
+    let program = program.expect("it runs");
+    let status = std::fs::read_to_string(format!("/proc/{}/status", program.pid)).expect("it runs");
+    let blocked = status.lines().find_map(|line| line.strip_prefix("SigBlk:")).expect("a status has it").trim();
+    assert_eq!(u64::from_str_radix(blocked, 16), Ok(0), "{status}");
+    node.signal(Signal::TERM);
+    let ended = node.ended(SOON);
+    assert_eq!(ended.code, Some(0), "{ended}");
+    drop(mission);
+    cluster.expect_nothing_left(Duration::from_secs(2));
+}
+
+/// A node whose run folder was taken away lives, and so do its programs: a second one of its name ends nothing.
+#[test]
+fn a_second_node_leaves_the_first_alone_whose_folder_is_gone() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let node = here.node("c1", &[]);
+    std::fs::remove_file(here.run_dir().join("c1/lock")).expect("it is there");
+    let second = here.start_node("c1", &[]).ended(SOON);
+    let taken = "a node named `c1` is already running on this machine";
+    assert!(second.code == Some(1) && second.err.contains(taken), "{second}");
+    assert_eq!(here.ask(&["status"]).code, Some(0), "the first one can still be reached");
+    let mission = here.mission(&cluster.file("sleep.dca", SLEEP));
+    let sleeps = || cluster.left().into_iter().find(|one| one.command == ["sleep", "600"]).map(|one| one.pid);
+    wait_until(SOON, || sleeps().is_some()).expect("it runs");
+    let first = sleeps();
+    let aside = here.run_dir().with_extension("aside");
+    std::fs::rename(here.run_dir(), aside).expect("it is there");
+    let second = here.start_node("c1", &[]).ended(SOON);
+    let told = format!("{taken}, as process {}", node.pid());
+    assert!(second.code == Some(1) && second.err.contains(&told), "{second}");
+    assert_eq!(sleeps(), first);
+    node.signal(Signal::TERM);
+    let ended = node.ended(SOON);
+    assert_eq!(ended.code, Some(0), "{ended}");
+    drop(mission);
+    assert_eq!(sleeps(), None);
 }
 
 /// A process that may run on a lost host is reported until the host has said that nothing is left, or a person has.

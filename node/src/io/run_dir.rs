@@ -164,7 +164,8 @@ pub fn running(base: &Path) -> Result<Vec<(String, PathBuf)>, RunDirError> {
     let base = std::path::absolute(base).unwrap_or_default();
     let entries = fs::read_dir(base).into_iter().flatten().flatten();
     let mut nodes: Vec<(String, PathBuf)> = entries
-        .filter(|entry| is_locked(&entry.path().join("lock")))
+        // One of the two may have been taken away.
+        .filter(|entry| ["lock", "node.sock.lock"].iter().any(|lock| is_locked(&entry.path().join(lock))))
         .map(|entry| (entry.file_name().to_string_lossy().into_owned(), entry.path().join("node.sock")))
         .collect();
     nodes.sort();
@@ -294,9 +295,14 @@ impl RunDir {
     /// Removes the socket of an earlier run.
     ///
     /// # Errors
-    /// It cannot be removed, or its lock is none that zenoh could take: it would wait for ever to open a pipe.
+    /// It cannot be removed, or its lock is none that zenoh could take: it would wait for ever to open a pipe. Or a node holds that, whose
+    /// own lock was taken away.
     pub fn remove_socket(&self) -> Result<(), RunDirError> {
         let socket = self.socket();
+        if is_locked(&socket.with_extension("sock.lock")) {
+            let name = self.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            return Err(RunDirError::Taken { name });
+        }
         remove_leftover(&socket).map_err(|cause| FolderError::kept(&socket, cause, OPTION))?;
         Ok(folder::check_kept(&socket.with_extension("sock.lock"), OPTION)?)
     }

@@ -12,6 +12,8 @@ use rustix::process::{Pid, Signal, WaitOptions, getpid, waitpid};
 use shim::process_record::{Process, ProcessRecord, RECORD_FILE};
 use shim::processes::{self, Stat};
 use std::collections::BTreeSet;
+use std::ffi::OsStr;
+use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -29,6 +31,8 @@ const RECORD_MAX: usize = 1 << 20;
 const LOOK_EVERY: Duration = Duration::from_millis(10);
 /// The name of a shim, as the kernel has it.
 const SHIM: &str = "dca-shim";
+/// The names of processes with a node, as the kernel has them.
+const NODES: [&str; 2] = ["dca-node", "dca"];
 
 /// Where leftovers are looked for.
 #[derive(Debug)]
@@ -58,6 +62,20 @@ pub fn tell_left(left: &[i32], whose: &Path) {
     if !left.is_empty() {
         tracing::error!(?left, ?whose, "processes without a shim cannot be ended: they may still move something");
     }
+}
+
+/// Returns the process id of a node that lives and has started programs of `folder`: its lock was taken from it, with the folder.
+pub fn living_node(folder: &Path) -> Option<i32> {
+    let this = getpid().as_raw_nonzero().get();
+    let all: Vec<Stat> = processes::all().into_iter().filter(|stat| !stat.is_zombie).collect();
+    let is_node = |pid: i32| comm(pid).is_some_and(|name| NODES.contains(&name.as_str()));
+    let ours = all.iter().filter(|stat| comm(stat.process.pid).as_deref() == Some(SHIM));
+    let ours = ours.filter(|shim| {
+        let command = std::fs::read(format!("/proc/{}/cmdline", shim.process.pid)).unwrap_or_default();
+        command.split(|byte| *byte == 0).any(|word| Path::new(OsStr::from_bytes(word)).starts_with(folder))
+    });
+    // A shim whose node is gone has another parent.
+    ours.map(|shim| shim.parent).find(|parent| *parent != this && is_node(*parent))
 }
 
 /// Ends what earlier runs of the node in `folder` have left, and returns what could not be ended. A program has the grace
@@ -159,7 +177,6 @@ pub fn has_shim(dir: &Path) -> bool {
 }
 
 fn shims(dir: &Path) -> impl Iterator<Item = Process> {
-    use std::os::unix::ffi::OsStrExt;
     let is_its = |pid: i32| {
         let command = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
         is_shim(pid) && command.split(|byte| *byte == 0).any(|word| word == dir.as_os_str().as_bytes())
@@ -252,7 +269,6 @@ impl Search {
     }
 
     fn is_marked(&self, pid: i32) -> bool {
-        use std::os::unix::ffi::OsStrExt;
         let folder = self.folder.as_os_str().as_bytes();
         processes::environment(pid).iter().any(|entry| {
             let below = entry.strip_prefix(b"DCA_DIR=").and_then(|dir| dir.strip_prefix(folder));
@@ -297,8 +313,12 @@ fn is_of(record: &ProcessRecord, stat: &Stat, all: &[Stat]) -> bool {
 /// Whether a child of this process is a shim, or is about to become one: until then it is this executable.
 fn is_shim(pid: i32) -> bool {
     let executable = |pid: &str| std::fs::read_link(format!("/proc/{pid}/exe")).ok();
-    std::fs::read_to_string(format!("/proc/{pid}/comm")).is_ok_and(|name| name.trim_end() == SHIM)
-        || executable(&pid.to_string()) == executable("self")
+    comm(pid).as_deref() == Some(SHIM) || executable(&pid.to_string()) == executable("self")
+}
+
+/// Returns the name of a process, as the kernel has it.
+fn comm(pid: i32) -> Option<String> {
+    std::fs::read_to_string(format!("/proc/{pid}/comm")).ok().map(|name| name.trim_end().to_owned())
 }
 
 fn read_record(dir: &Path) -> Option<ProcessRecord> {

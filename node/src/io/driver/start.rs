@@ -161,6 +161,13 @@ pub(super) async fn take_folder(config: &Config, machine: &str) -> anyhow::Resul
     let machine = life(config, machine);
     let taking = tokio::task::spawn_blocking(move || {
         let dir = RunDir::take(&base, &name)?;
+        if let Some(pid) = leftovers::living_node(dir.path()) {
+            anyhow::bail!(
+                "a node named `{name}` is already running on this machine, as process {pid}, and its folder `{}` was taken away: end it with \
+                 `kill {pid}`, which stops its programs, then start this one again",
+                dir.path().display()
+            );
+        }
         dir.remove_socket()?;
         let mut inputs = InputLog::new(dir.path(), &machine, adopts);
         if let Some(state) = adopts.then(|| adoption::replay(&inputs)).flatten() {
