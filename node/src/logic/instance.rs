@@ -110,6 +110,8 @@ pub struct Instance {
     pid: Option<u32>,
     /// Whether its shim was killed, since that did not end the program in time.
     shim_was_killed: bool,
+    /// By when nothing may be left any more of a program that has ended by itself.
+    clearing: Option<Time>,
     /// Whether its program has died by itself, and whether an activation has failed of that.
     death: Option<DeathTold>,
     cause: Option<FailureCause>,
@@ -165,6 +167,7 @@ impl Instance {
             pid: None,
             death: None,
             shim_was_killed: false,
+            clearing: None,
             cause: None,
             unconfirmed: None,
             failed: None,
@@ -271,7 +274,7 @@ impl Instance {
             | Stage::Refused
             | Stage::Dead => None,
         };
-        earliest(of_stage, self.probation_until())
+        earliest(earliest(of_stage, self.probation_until()), self.clearing)
     }
 
     /// Kills a shim that has not ended its program in time; says whether it had not been killed before.
@@ -291,8 +294,35 @@ impl Instance {
         true
     }
 
+    /// The program has ended by itself, and its shim ends what it has left. That has the time that a stop has.
+    fn clear(&mut self, context: &InstanceContext<'_>) {
+        if matches!(self.stage, Stage::Prepared | Stage::Idle | Stage::Running) {
+            self.clearing = Some(context.now + KILL_WITHIN);
+        }
+    }
+
+    /// Gives up what a program that has ended by itself has left.
+    fn tick_clearing(&mut self, context: &mut InstanceContext<'_>) {
+        if self.clearing.is_none_or(|at| at > context.now) {
+            return;
+        }
+        self.clearing = None;
+        // What is being stopped or ended since then has a limit of its own.
+        if !matches!(self.stage, Stage::Prepared | Stage::Idle | Stage::Running) {
+            return;
+        }
+        if !self.shim_was_killed {
+            (self.clearing, self.shim_was_killed) = (Some(context.now + SHIM_KILL_WITHIN), true);
+            return context.effects.push(Effect::KillShim { process: self.order.process.clone() });
+        }
+        // The program itself is gone.
+        self.pid = None;
+        self.give_up_end(context);
+    }
+
     /// Takes note that its node was gone: its program could not answer meanwhile.
     pub fn adopted(&mut self, away: Duration) {
+        self.clearing = self.clearing.map(|at| at + away);
         match &mut self.stage {
             Stage::Starting { until }
             | Stage::Connecting { until }

@@ -5,6 +5,7 @@ use crate::losses::{cut, heal};
 use crate::world::{Draw, World};
 use node::logic::agent::Input;
 use node::logic::protocol::{Answer, Change, Ending, FailureCause, Report, Request};
+use shim::protocol::ShimReport;
 use std::collections::BTreeSet;
 use std::time::Duration;
 
@@ -113,6 +114,31 @@ fn what_an_unended_program_may_still_use_is_given_to_nobody() {
         assert_eq!(world.ending(call), &Ending::Done(vec![]));
         assert_eq!(world.alive, BTreeSet::new());
     }
+}
+
+/// A program that has ended by itself, and has left something that its shim cannot kill: after 20 s its end is told as one that nobody
+/// could confirm, and what it had is free once that is gone.
+#[test]
+fn what_an_ended_program_has_left_is_not_waited_for_without_end() {
+    let text = zone("(using(zone) rock)? , (wait(1 s) ; using(zone) near)", "rock instof Stubborn(\"c1\");");
+    let mut world = World::new(&["c1"]);
+    world.immortal = true;
+    let call = world.deploy("c1", &text);
+    world.run_for(Duration::from_secs(5));
+    let (host, process) =
+        world.alive.iter().find(|(_, one)| world.modules[one] == "Stubborn").cloned().expect("it runs");
+    world.report(&host, &process, ShimReport::Exited { code: 1 });
+    world.run_for(Duration::from_secs(19));
+    assert_eq!(told(&world, call, "main/rock"), vec![Change::Activated]);
+    world.run_for(Duration::from_secs(2));
+    let rock = state(&mut world, "c1", "main/rock");
+    assert!(rock.starts_with("unconfirmed; nobody could confirm that it has stopped: end it there"), "{rock}");
+    assert_eq!(runs(&world, "Step"), 0, "what it has left may still move in the zone");
+    world.report(&host, &process, ShimReport::Gone);
+    world.run_for(Duration::from_secs(5));
+    assert_eq!(told(&world, call, "main/rock").last(), Some(&Change::EndedLate));
+    assert_eq!(runs(&world, "Step"), 1);
+    assert_eq!(world.ending(call), &Ending::Done(vec![]));
 }
 
 /// Whoever waits for it can be stopped, and the outcome says that something may be left.

@@ -84,6 +84,7 @@ impl Instance {
                     self.cause.get_or_insert(cause);
                 }
                 self.output = output;
+                self.clear(context);
             }
             ShimReport::ExecFailed { reason } => {
                 self.cause.get_or_insert(FailureCause::Exec(reason));
@@ -98,6 +99,7 @@ impl Instance {
             return;
         }
         self.tick_probation(context);
+        self.tick_clearing(context);
         if self.deadline().is_none_or(|at| at > context.now) || self.kill_shim(context) {
             return;
         }
@@ -123,11 +125,7 @@ impl Instance {
                 self.cause = Some(FailureCause::StopUnconfirmed);
             }
             Stage::Stopping { forced: true, .. } | Stage::Removing { .. } => {
-                (self.stage, self.cause) = (Stage::Dead, Some(FailureCause::StopUnconfirmed));
-                if self.current.is_none() {
-                    context.notes.push(Note::Changed(Change::Died(FailureCause::StopUnconfirmed)));
-                }
-                self.finish(Ending::Unconfirmed, context);
+                self.give_up_end(context);
             }
             Stage::Replacing { forced, is_stopping, .. } => self.tick_replacing((forced, is_stopping), context),
             Stage::Leaving { forced: false, .. } => self.force_out(context),
@@ -137,6 +135,15 @@ impl Instance {
             }
             Stage::Prepared | Stage::Idle | Stage::Running | Stage::Refused | Stage::Dead => {}
         }
+    }
+
+    /// Nobody can confirm that nothing of the program is left.
+    pub(super) fn give_up_end(&mut self, context: &mut InstanceContext<'_>) {
+        (self.stage, self.cause) = (Stage::Dead, Some(FailureCause::StopUnconfirmed));
+        if self.current.is_none() {
+            context.notes.push(Note::Changed(Change::Died(FailureCause::StopUnconfirmed)));
+        }
+        self.finish(Ending::Unconfirmed, context);
     }
 
     pub(super) fn start(&mut self, context: &mut InstanceContext<'_>) {
@@ -172,6 +179,7 @@ impl Instance {
     fn gone(&mut self, context: &mut InstanceContext<'_>) {
         let cause = self.cause.clone().unwrap_or_else(|| FailureCause::NotAvailable("its shim was killed".into()));
         let before = std::mem::replace(&mut self.stage, Stage::Dead);
+        self.clearing = None;
         context.effects.push(Effect::CloseProcess { process: self.order.process.clone() });
         match before {
             Stage::Starting { .. } | Stage::Prepared | Stage::Connecting { .. } | Stage::Removing { .. }
