@@ -60,6 +60,9 @@ fn the_unit_of_a_node_is_one_that_systemd_takes() {
     let file = cluster.file("dca-node.service", &unit);
     // A node without a name is no node.
     assert_eq!(run("dca-node", &["install", "--print"]).status.code(), Some(2));
+    for user in ["", "no body"] {
+        assert_eq!(run("dca-node", &["install", "--print", "--name", "c1", "--user", user]).status.code(), Some(1));
+    }
     assert_eq!(run("dca-node", &[]).status.code(), Some(2));
     let Ok(verified) = Command::new("systemd-analyze").args(["verify", &file]).output() else { return };
     let said = String::from_utf8_lossy(&verified.stderr);

@@ -51,6 +51,9 @@ pub(super) fn run(install: &Install) -> Result<(), Failure> {
         let word = printable(word);
         return Err(anyhow!("a unit cannot hold the line breaks and control characters of `{word}`").into());
     }
+    if let Some(user) = install.user.as_ref().filter(|user| user.is_empty() || user.contains([' ', ':', '/'])) {
+        return Err(anyhow!("`{user}` is no name of a user").into());
+    }
     let unit = UnitFile { name: install.node.name.as_str().to_owned(), command, user: install.user.clone() };
     RunDir::path_of(&install.node.base(), install.node.name.as_str())?;
     if install.print {
