@@ -11,6 +11,7 @@
 //! is started again, its supervisor hears nothing.
 
 mod activation;
+mod clearing;
 mod note;
 mod program;
 mod replace;
@@ -292,32 +293,6 @@ impl Instance {
         (*until, self.shim_was_killed) = (context.now + SHIM_KILL_WITHIN, true);
         context.effects.push(Effect::KillShim { process: self.order.process.clone() });
         true
-    }
-
-    /// The program has ended by itself, and its shim ends what it has left. That has the time that a stop has.
-    fn clear(&mut self, context: &InstanceContext<'_>) {
-        if matches!(self.stage, Stage::Prepared | Stage::Idle | Stage::Running) {
-            self.clearing = Some(context.now + KILL_WITHIN);
-        }
-    }
-
-    /// Gives up what a program that has ended by itself has left.
-    fn tick_clearing(&mut self, context: &mut InstanceContext<'_>) {
-        if self.clearing.is_none_or(|at| at > context.now) {
-            return;
-        }
-        self.clearing = None;
-        // What is being stopped or ended since then has a limit of its own.
-        if !matches!(self.stage, Stage::Prepared | Stage::Idle | Stage::Running) {
-            return;
-        }
-        if !self.shim_was_killed {
-            (self.clearing, self.shim_was_killed) = (Some(context.now + SHIM_KILL_WITHIN), true);
-            return context.effects.push(Effect::KillShim { process: self.order.process.clone() });
-        }
-        // The program itself is gone.
-        self.pid = None;
-        self.give_up_end(context);
     }
 
     /// Takes note that its node was gone: its program could not answer meanwhile.
