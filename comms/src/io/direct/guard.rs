@@ -25,9 +25,12 @@ pub struct WireSecrets {
     pub expected: Zeroizing<[u8; 32]>,
 }
 
+/// Returns the secrets of the wire with a key.
+type SecretsOf = Box<dyn Fn(&str) -> Option<WireSecrets> + Send + Sync>;
+
 /// The secrets of the wires of a program in a team.
 pub struct Guard {
-    secrets: Box<dyn Fn(&str) -> Option<WireSecrets> + Send + Sync>,
+    secrets: SecretsOf,
     refused: Box<dyn Fn(String) + Send + Sync>,
 }
 

@@ -90,7 +90,7 @@ impl Stranger {
                     Fate::Waits(Self { said: Said::Claim(asked, ..), .. }) if is_ready || is_late => {
                         Err(asked.unproved(guard))
                     }
-                    fate => Ok(fate),
+                    fate @ (Fate::Waits(_) | Fate::Taken(..)) => Ok(fate),
                 })
             }
             (said, _) if !is_late => Ok(Fate::Waits(Self { said, ..self })),
