@@ -1,16 +1,17 @@
 //! `dca events`: what happens, on all hosts, in all deployments.
 
 use crate::ConnectArgs;
-use crate::client::feed::{Feed, FeedItem, Mode, since_1970};
+use crate::client::feed::{Feed, FeedItem, Mode};
 use crate::logic::record::report_kind;
 use crate::logic::sentence::{change_text, date_and_time, report_text};
 use crate::reader::Reader;
 use anyhow::anyhow;
 use comms::io::clock;
+use comms::logic::time::Time;
 use node::console::{self, Failure, block_on};
-use node::logic::protocol::{Event, Report};
+use node::logic::protocol::{Deployment, Event, Report};
 use serde_json::{Value, json};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 /// The arguments of `dca events`.
@@ -45,8 +46,11 @@ enum End {
 #[derive(Debug)]
 struct Printer<'a> {
     arguments: &'a Arguments,
-    /// The events that were known at the beginning, which are printed in the order of time.
+    /// The events that were known at the beginning, each with when it was on a clock that nobody sets: they are printed in that
+    /// order, since the clocks of two homes may differ, and may have been set.
     waiting: Option<Vec<(Duration, Event)>>,
+    /// When the first event of each deployment came. A home counts the age of all of them from one moment.
+    arrived: BTreeMap<Deployment, Time>,
     lost: BTreeSet<String>,
     /// Whether there was any event.
     is_empty: bool,
@@ -54,7 +58,13 @@ struct Printer<'a> {
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let mut printer = Printer { arguments, waiting: Some(Vec::new()), lost: BTreeSet::new(), is_empty: true };
+    let mut printer = Printer {
+        arguments,
+        waiting: Some(Vec::new()),
+        arrived: BTreeMap::new(),
+        lost: BTreeSet::new(),
+        is_empty: true,
+    };
     let end = block_on(async {
         let mut reader = Reader::new()?;
         let mode = if arguments.follow { Mode::Follow } else { Mode::Snapshot };
@@ -85,8 +95,8 @@ impl Printer<'_> {
             FeedItem::Current => {
                 let mut known = self.waiting.take().unwrap_or_default();
                 known.sort_by(|(a, one), (b, other)| (a, one.number).cmp(&(b, other.number)));
-                for (at, event) in known {
-                    if !self.print(at, &event)? {
+                for (_, event) in known {
+                    if !self.print(&event)? {
                         return Ok(Some(End::Unread));
                     }
                 }
@@ -113,16 +123,16 @@ impl Printer<'_> {
             return Ok(true);
         }
         self.is_empty = false;
-        let at = since_1970(&event);
         if let Some(waiting) = &mut self.waiting {
-            waiting.push((at, event));
+            let arrived = self.arrived.entry(event.deployment.clone()).or_insert_with(clock::now);
+            waiting.push((arrived.since(Time::ZERO).saturating_sub(event.ago), event));
             return Ok(true);
         }
-        self.print(at, &event)
+        self.print(&event)
     }
 
-    fn print(&self, at: Duration, event: &Event) -> anyhow::Result<bool> {
-        let line = if self.arguments.json { object(at, event).to_string() } else { line(at, event) };
+    fn print(&self, event: &Event) -> anyhow::Result<bool> {
+        let line = if self.arguments.json { object(event).to_string() } else { line(event) };
         console::pass(format!("{line}\n").as_bytes())
     }
 
@@ -167,24 +177,24 @@ impl Printer<'_> {
 }
 
 /// Returns an event as a line: when, where, what.
-fn line(at: Duration, event: &Event) -> String {
+fn line(event: &Event) -> String {
     let text = if let Report::Process { path, change, .. } = &event.report {
         format!("{path}  {}", change_text(change))
     } else {
         report_text(&event.report)
     };
-    let Event { deployment, host, .. } = event;
-    format!("{}.{:03}Z  {host}  {deployment}  {text}", date_and_time(at), at.subsec_millis())
+    let Event { deployment, host, time, .. } = event;
+    format!("{}.{:03}Z  {host}  {deployment}  {text}", date_and_time(*time), time.subsec_millis())
 }
 
-fn object(at: Duration, event: &Event) -> Value {
+fn object(event: &Event) -> Value {
     let (process, text, since_go) = if let Report::Process { path, change, at } = &event.report {
         (Some(path), change_text(change), Some(at.as_secs_f64()))
     } else {
         (None, report_text(&event.report), None)
     };
     json!({
-        "time": at.as_secs_f64(),
+        "time": event.time.as_secs_f64(),
         "host": event.host,
         "deployment": event.deployment.name,
         "epoch": event.deployment.epoch,
@@ -200,25 +210,25 @@ fn object(at: Duration, event: &Event) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use node::logic::protocol::{Change, Deployment};
+    use node::logic::protocol::Change;
 
     fn event(report: Report) -> Event {
         let deployment = Deployment { name: "door".into(), epoch: 3 };
-        Event { deployment, number: 7, host: "c2".into(), ago: Duration::ZERO, report }
+        let time = Duration::from_millis(1_795_392_000_250);
+        Event { deployment, number: 7, host: "c2".into(), ago: Duration::ZERO, report, time }
     }
 
     #[test]
     fn an_event_is_one_line() {
-        let at = Duration::from_millis(1_795_392_000_250);
         let change = Change::Started { pid: 12 };
         let process = Report::Process { path: "main/hit".into(), change, at: Duration::from_millis(1500) };
         assert_eq!(
-            line(at, &event(process.clone())),
+            line(&event(process.clone())),
             "2026-11-23T00:00:00.250Z  c2  door@3  main/hit  started as process 12"
         );
         let go = Report::Go { took: Duration::from_millis(340), signals: Vec::new() };
-        assert_eq!(line(at, &event(go)), "2026-11-23T00:00:00.250Z  c2  door@3  GO after 0.3 s");
-        let object = object(at, &event(process));
+        assert_eq!(line(&event(go)), "2026-11-23T00:00:00.250Z  c2  door@3  GO after 0.3 s");
+        let object = object(&event(process));
         let expected = json!({
             "time": 1_795_392_000.25, "host": "c2", "deployment": "door", "epoch": 3, "number": 7, "process": "main/hit",
             "kind": "started", "text": "started as process 12", "since_go": 1.5,

@@ -3,6 +3,7 @@
 use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream};
 use rustix::process::Signal;
 use serde_json::Value;
+use std::collections::BTreeMap;
 
 /// Two programs that a file ends.
 const TWO: &str = "
@@ -32,6 +33,11 @@ fn told(objects: &[Value]) -> Vec<(u64, String, Option<String>)> {
     let text = |value: &Value| value.as_str().map(str::to_owned);
     let event = |one: &Value| Some((one["number"].as_u64()?, text(&one["kind"])?, text(&one["process"])));
     objects.iter().filter_map(event).collect()
+}
+
+/// Returns when each event of one deployment was, as it was told: by its number.
+fn times(objects: &[Value]) -> BTreeMap<u64, String> {
+    objects.iter().filter_map(|one| Some((one["number"].as_u64()?, one["time"].to_string()))).collect()
 }
 
 fn wait_for_events(events: &Program, wanted: &str) {
@@ -70,6 +76,7 @@ fn events_are_told_as_they_come_and_again_afterwards() {
     let known = objects(&known.out);
     assert_eq!(known.last().unwrap()["end"], "complete");
     assert_eq!(told(&known), told(&live));
+    assert_eq!(times(&known), times(&live));
     // A node that ends as it is told to says that this was all.
     let following = here.dca(&["events", "-f", "--json"]);
     wait_for_events(&following, "\"kind\":\"finished\"");
@@ -101,6 +108,9 @@ fn a_node_that_is_lost_is_told_and_heard_again() {
     let events = told(&objects(&ended.out));
     let numbers: Vec<u64> = events.iter().map(|(number, _, _)| *number).collect();
     assert!(numbers.is_sorted_by(|a, b| a < b), "{numbers:?}");
+    // What was told before the node was killed has the same time afterwards.
+    let known = here.ask(&["events", "--json", "two"]);
+    assert_eq!(times(&objects(&known.out)), times(&objects(&ended.out)), "{known}");
     let ends = |path: &str| events.iter().filter(|(_, kind, of)| kind == "done" && of.as_deref() == Some(path)).count();
     assert_eq!((ends("main/first"), ends("main/second"), ends("main")), (1, 1, 1), "{events:?}");
 }

@@ -281,11 +281,6 @@ impl Feed {
     }
 }
 
-/// Returns when an event was, on the calendar clock of this machine.
-pub(crate) fn since_1970(event: &Event) -> Duration {
-    clock::unix_time().saturating_sub(event.ago)
-}
-
 async fn read(place: Place, mut answers: Answers, sink: Sender<SourceMessage>) {
     loop {
         let message = match answers.next().await {

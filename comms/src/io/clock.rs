@@ -20,6 +20,28 @@ pub fn unix_time() -> Duration {
     Duration::from_nanos(since_origin(ClockId::Realtime).nanos())
 }
 
+/// How often both clocks are read, to have them at one moment.
+const READS_MAX: usize = 4;
+/// How long it takes at the most to read both of them, if nothing comes between.
+const READ_WITHIN: Duration = Duration::from_micros(20);
+
+/// Returns what the calendar clock showed at the origin of [`now`], as time since 1970. That changes only when somebody sets the
+/// calendar clock: what slews the one slews the other.
+pub fn calendar_origin() -> Duration {
+    let mut best = (Duration::MAX, Duration::ZERO);
+    for _ in 0..READS_MAX {
+        let (before, shown, after) = (now(), unix_time(), now());
+        let took = after - before;
+        if took < best.0 {
+            best = (took, shown.saturating_sub(before.since(Time::ZERO) + took / 2));
+        }
+        if took <= READ_WITHIN {
+            break;
+        }
+    }
+    best.1
+}
+
 /// How far a calendar clock is to be believed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ClockQuality {
@@ -122,6 +144,16 @@ mod tests {
         let times: Vec<Time> = (0..1000).map(|_| now()).collect();
         assert!(times.is_sorted());
         assert!(times[0] > Time::ZERO && unix_time() > Duration::from_secs(1_600_000_000));
+    }
+
+    /// It is shown to people, so a millisecond is enough.
+    #[test]
+    fn the_origin_of_the_calendar_stays_where_it_is() {
+        let origins: Vec<Duration> = (0..1000).map(|_| calendar_origin()).collect();
+        let (first, last) = (origins.iter().min().unwrap(), origins.iter().max().unwrap());
+        assert!(*last - *first < Duration::from_millis(5), "{first:?} to {last:?}");
+        let shown = origins[0] + now().since(Time::ZERO);
+        assert!(shown.abs_diff(unix_time()) < Duration::from_secs(1), "{shown:?}");
     }
 
     #[test]

@@ -1,7 +1,11 @@
-//! The calendar clock of this host, for whoever asks.
+//! The calendar clock of this host, for whoever asks, and for the times of events.
 
 use crate::logic::protocol::{ClockKeeping, ClockReading};
-use comms::io::clock::{ClockQuality, belief, unix_time};
+use comms::io::clock::{ClockQuality, belief, calendar_origin, unix_time};
+use std::time::Duration;
+
+/// By how much the calendar clock must have been set before events have its new time.
+const SET_MIN: Duration = Duration::from_millis(5);
 
 /// Reads the clock. What takes time comes first, so that the time shown is no older than the answer.
 pub(super) fn read() -> ClockReading {
@@ -11,4 +15,9 @@ pub(super) fn read() -> ClockReading {
         ClockQuality::Unset => ClockKeeping::Unset,
     };
     ClockReading { shown: unix_time(), keeping }
+}
+
+/// Returns what the clock showed at the origin of the clock that nobody sets, if that is not what is `known`: somebody has set it.
+pub(super) fn set(known: Duration) -> Option<Duration> {
+    Some(calendar_origin()).filter(|origin| origin.abs_diff(known) >= SET_MIN)
 }

@@ -2,6 +2,7 @@
 
 mod adoption;
 mod gate;
+mod inputs;
 mod keeping;
 mod launching;
 mod losses;
@@ -264,22 +265,6 @@ impl Driver {
             driver.adopt();
         }
         Ok(driver)
-    }
-
-    /// Gives what waits to the agent and carries its effects out, which may bring more. Says whether the node is to leave.
-    fn drain(&mut self) -> bool {
-        let mut over = false;
-        while let Some(input) = self.pending.pop_front() {
-            let (now, mut effects) = (clock::now(), Vec::new());
-            self.inputs.append(now, &input);
-            self.state.take(now, input, &mut effects);
-            for effect in effects {
-                over |= matches!(effect, Effect::Leave | Effect::Yield { .. });
-                self.carry_out(effect);
-            }
-        }
-        self.inputs.keep_up(&self.state);
-        over
     }
 
     /// Turns an event into an input; keeps the channels it brings.

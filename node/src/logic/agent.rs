@@ -113,6 +113,8 @@ pub struct Agent {
     earlier: Vec<Before>,
     /// The deployments of other homes that were stopped while those were away.
     tombstones: BTreeSet<Tombstone>,
+    /// What the calendar clock showed at [`Time::ZERO`], as time since 1970.
+    calendar: Duration,
 }
 
 /// Programs that could not be ended when their deployment was.
@@ -171,13 +173,18 @@ impl Agent {
             stopped,
             earlier: running,
             tombstones: tombstones.into_iter().collect(),
+            calendar: Duration::ZERO,
         }
     }
 
     /// Takes one input; appends what is to be done, in order.
     pub fn handle(&mut self, now: Time, input: Input, effects: &mut Vec<Effect>) {
-        let mut more = Vec::new();
-        let mut out = Out { now, effects, messages: &mut more };
+        if let Input::Calendar { origin } = input {
+            self.calendar = origin;
+            return;
+        }
+        let (mut more, since_1970) = (Vec::new(), self.since_1970(now));
+        let mut out = Out { now, since_1970, effects, messages: &mut more };
         // Who asks at once hears of it, too.
         self.look_back(&mut out);
         self.take(input, &mut out);
@@ -186,7 +193,7 @@ impl Agent {
         let mut messages = VecDeque::from(std::mem::take(&mut more));
         loop {
             while let Some((to, message)) = messages.pop_front() {
-                let mut out = Out { now, effects, messages: &mut more };
+                let mut out = Out { now, since_1970, effects, messages: &mut more };
                 if to == self.identity.host {
                     self.deliver_own(message, &mut out);
                 } else {
@@ -195,7 +202,7 @@ impl Agent {
                 }
                 messages.extend(more.drain(..));
             }
-            self.look_at_externals(&mut Out { now, effects, messages: &mut more });
+            self.look_at_externals(&mut Out { now, since_1970, effects, messages: &mut more });
             messages.extend(more.drain(..));
             if messages.is_empty() {
                 break;
@@ -217,6 +224,16 @@ impl Agent {
     /// Returns its number among the runs of its node, which it keeps when it is made again.
     pub fn boot(&self) -> u64 {
         self.identity.boot
+    }
+
+    /// Returns what the calendar clock showed at [`Time::ZERO`], as far as it was told.
+    pub fn calendar(&self) -> Duration {
+        self.calendar
+    }
+
+    /// Returns a moment on the calendar clock.
+    fn since_1970(&self, now: Time) -> Duration {
+        self.calendar + now.since(Time::ZERO)
     }
 
     /// Returns since when it is there.
@@ -319,7 +336,7 @@ impl Agent {
                     self.participants.iter_mut().filter(|(deployment, _)| !coordinators.contains_key(deployment));
                 away.for_each(|(_, participant)| participant.leave(out));
             }
-            Input::Tick => {}
+            Input::Calendar { .. } | Input::Tick => {}
         }
     }
 

@@ -91,6 +91,7 @@ impl Attachments {
             | Input::Leave
             | Input::Judged { .. }
             | Input::Resumable { .. }
+            | Input::Calendar { .. }
             | Input::Tick => {}
         }
     }

@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use shim::protocol::ShimOrder;
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// One program of one deployment on this host.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -231,6 +232,8 @@ pub enum Effect {
 pub struct Out<'a> {
     /// The time of the input being handled.
     pub now: Time,
+    /// The same on the calendar clock of this host, as time since 1970: for people, nothing is decided by it.
+    pub since_1970: Duration,
     /// For the driver.
     pub effects: &'a mut Vec<Effect>,
     /// For the nodes named.

@@ -6,6 +6,7 @@ use crate::logic::protocol::{Answer, Deployment, Event, Report};
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
+use std::time::Duration;
 
 /// How many reports are kept: the first ones and the latest. Those between them are left out, and counted.
 const REPORTS_MAX: usize = 20_000;
@@ -30,6 +31,8 @@ pub struct History {
 struct Entry {
     number: u64,
     at: Time,
+    /// When it was on the calendar clock, as time since 1970.
+    time: Duration,
     /// Index into the hosts of the plan.
     host: u32,
     report: Report,
@@ -56,7 +59,7 @@ impl History {
         for &call in watchers {
             out.effects.push(Effect::Answer { call, answer: Box::new(Answer::Report(report.clone())) });
         }
-        let entry = Entry { number: self.count, at: out.now, host, report };
+        let entry = Entry { number: self.count, at: out.now, time: out.since_1970, host, report };
         for &call in listeners {
             tell(call, self.event(&entry, out.now).into_iter().collect(), out);
         }
@@ -94,7 +97,7 @@ impl History {
             if entry.number > next {
                 let report = Report::Omitted { count: entry.number - next };
                 let (deployment, host, ago) = (self.deployment.clone(), self.host(entry), out.now - entry.at);
-                events.push(Event { deployment, number: next, host, ago, report });
+                events.push(Event { deployment, number: next, host, ago, report, time: entry.time });
             }
             next = entry.number + 1;
             events.extend(self.event(entry, out.now));
@@ -126,8 +129,8 @@ impl History {
             | Report::Finished { .. } => entry.report.clone(),
         };
         let (host, deployment) = (self.host(entry), self.deployment.clone());
-        let (number, ago) = (entry.number, now - entry.at);
-        Some(Event { deployment, number, host, ago, report })
+        let (number, ago, time) = (entry.number, now - entry.at, entry.time);
+        Some(Event { deployment, number, host, ago, report, time })
     }
 }
 
@@ -157,7 +160,8 @@ mod tests {
                 at: Duration::from_secs(number),
             };
             let (mut effects, mut messages, now) = (Vec::new(), Vec::new(), Time::from_nanos(number));
-            let mut out = Out { now, effects: &mut effects, messages: &mut messages };
+            let since_1970 = Duration::from_nanos(number);
+            let mut out = Out { now, since_1970, effects: &mut effects, messages: &mut messages };
             history.report(report, 0, (&[], &[]), &mut out);
         }
         history
@@ -165,7 +169,8 @@ mod tests {
 
     fn told(tell: impl FnOnce(&mut Out<'_>)) -> Vec<Answer> {
         let (mut effects, mut messages) = (Vec::new(), Vec::new());
-        tell(&mut Out { now: Time::from_nanos(1 << 40), effects: &mut effects, messages: &mut messages });
+        let (now, since_1970) = (Time::from_nanos(1 << 40), Duration::MAX);
+        tell(&mut Out { now, since_1970, effects: &mut effects, messages: &mut messages });
         let answer = |effect| {
             let Effect::Answer { answer, .. } = effect else { panic!("{effect:?}") };
             *answer

@@ -49,7 +49,7 @@ use std::fmt;
 use std::time::Duration;
 
 /// Version of these messages.
-pub const VERSION: u16 = 20;
+pub const VERSION: u16 = 21;
 
 /// How long a node that has more to say may be silent: it says several times in that time that it is still there.
 pub const SILENCE_MAX: Duration = Duration::from_secs(8);
@@ -436,8 +436,9 @@ mod tests {
         let estopped = Answer::Estopped(Estopped { unended: vec!["d@2 m".into()] });
         assert_eq!(postcard::to_stdvec(&estopped).unwrap(), *b"\x14\x01\x05d@2 m");
         let report = Report::Connected { host: "c2".into() };
-        let event = Event { deployment, number: 300, host: "c2".into(), ago: heard, report };
-        let bytes = *b"\x0c\x01\x01d\x02\xac\x02\x02c2\x03\x04\x02\x02c2";
+        let time = Duration::new(5, 6);
+        let event = Event { deployment, number: 300, host: "c2".into(), ago: heard, report, time };
+        let bytes = *b"\x0c\x01\x01d\x02\xac\x02\x02c2\x03\x04\x02\x02c2\x05\x06";
         assert_eq!(postcard::to_stdvec(&Answer::Events(vec![event])).unwrap(), bytes);
     }
 }

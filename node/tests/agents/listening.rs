@@ -58,6 +58,47 @@ fn a_listener_hears_of_every_deployment_with_host_and_time_and_a_later_one_of_th
     assert!(oldest > Duration::from_secs(5) && late.iter().all(|event| event.ago <= oldest), "{oldest:?}");
 }
 
+/// The time of an event is noted once: it is the same whenever it is asked for, after the calendar clock was set, and from a node
+/// that was killed and has taken over.
+#[test]
+fn the_time_of_an_event_is_one_time() {
+    let mut world = World::new(&["c1", "c2"]);
+    let calendar = |world: &mut World, seconds| {
+        world.give("c1", Input::Calendar { origin: Duration::from_secs(seconds) });
+    };
+    calendar(&mut world, 1_795_000_000);
+    world.deploy_as("one", "c1", TWO_HOSTS);
+    world.run_for(Duration::from_millis(700));
+    let mut heard = Vec::new();
+    let mut ask = |world: &mut World| {
+        let call = world.ask("c1", Request::Events { follow: false });
+        world.run_for(Duration::from_millis(300));
+        let events = world.events(call).0;
+        heard.push(events.iter().map(|event| (event.number, event.time)).collect::<Vec<_>>());
+        events
+    };
+    let first = ask(&mut world);
+    let time = |ago: Duration| Duration::from_secs(1_795_000_000) + Duration::from_millis(700) - ago;
+    assert!(first.iter().all(|event| event.time == time(event.ago)), "{first:?}");
+    assert!(first.first().is_some_and(|event| event.time < first[first.len() - 1].time), "{first:?}");
+    ask(&mut world);
+    calendar(&mut world, 5);
+    ask(&mut world);
+    world.crash("c1");
+    world.run_for(Duration::from_millis(500));
+    world.adopt("c1");
+    world.run_for(Duration::from_millis(100));
+    ask(&mut world);
+    calendar(&mut world, 1_795_000_000);
+    world.run_for(Duration::from_secs(5));
+    let last = ask(&mut world);
+    for (earlier, later) in heard.iter().zip(&heard[1..]) {
+        assert_eq!(earlier[..], later[..earlier.len()], "{heard:?}");
+    }
+    // What comes while the clock is wrong has the time that it shows, and is in its place all the same.
+    assert!(last.is_sorted_by(|a, b| a.number < b.number && a.ago >= b.ago), "{last:?}");
+}
+
 #[test]
 fn a_listener_does_not_keep_a_node_from_leaving() {
     let mut world = World::new(&["c1", "c2"]);

@@ -124,6 +124,12 @@ pub enum Input {
         /// How long it was gone.
         away: Duration,
     },
+    /// The calendar clock of this host was set, or is heard of for the first time. Nothing else follows from it than the times
+    /// that events have for people.
+    Calendar {
+        /// What it showed at [`Time::ZERO`](comms::logic::time::Time::ZERO), as time since 1970.
+        origin: Duration,
+    },
     /// Leave: stop everything that has its home here, and release everything else.
     Leave,
     /// A deadline may have passed.

@@ -61,7 +61,8 @@ impl Agent {
             Some(until) => until,
             None => {
                 if self.unended.is_empty() {
-                    let mut out = Out { now, effects, messages: &mut Vec::new() };
+                    let since_1970 = self.since_1970(now);
+                    let mut out = Out { now, since_1970, effects, messages: &mut Vec::new() };
                     let others: Vec<String> =
                         self.links.keys().filter(|host| self.names.reaches(host)).cloned().collect();
                     others.iter().for_each(|host| self.transmit(host, Message::leaves(), &mut out));

@@ -92,7 +92,7 @@ impl World<'_> {
     /// Lets the supervisor do something, and hears what it wants.
     fn let_it(&mut self, act: impl FnOnce(&mut Executer, ExecContext<'_>, &mut Out<'_>) -> Option<Ending>) {
         let (mut effects, mut messages) = (Vec::new(), Vec::new());
-        let mut out = Out { now: self.now, effects: &mut effects, messages: &mut messages };
+        let mut out = Out { now: self.now, since_1970: Duration::ZERO, effects: &mut effects, messages: &mut messages };
         let context =
             ExecContext { deployment: &self.deployment, home: "c1", plan: self.plan, since_go: Duration::ZERO };
         self.has_ended |= act(&mut self.executer, context, &mut out).is_some();

@@ -13,9 +13,13 @@ pub struct Event {
     pub number: u64,
     /// The host that it is about; that of `main` for what is about all.
     pub host: String,
-    /// How long ago it was when it was told: no two hosts have the same clock.
+    /// How long ago it was when it was told: what happened before what, also where the clocks of two homes differ.
     #[serde(with = "comms::logic::human::seconds")]
     pub ago: Duration,
     /// The event.
     pub report: Report,
+    /// When it was, for people: since 1970, as the calendar clock of the home showed when it noted the event. Each answer
+    /// has the same.
+    #[serde(with = "comms::logic::human::seconds")]
+    pub time: Duration,
 }
