@@ -10,7 +10,7 @@ use crate::{ConnectArgs, Controllers, check, stored};
 use anyhow::anyhow;
 use language::plan::{Plan, PlanChange, difference};
 use node::console::{self, Failure, block_on};
-use node::logic::protocol::{Answer, ChangeRequest, Report, Request, Revision};
+use node::logic::protocol::{Answer, ChangeRequest, ChangeStage, ChangeUnderway, Report, Request, Revision};
 use node::logic::table::counted;
 use serde_json::json;
 use std::path::PathBuf;
@@ -150,6 +150,9 @@ pub(crate) async fn change_running(client: &Client, spec: &Spec, rollout: &Rollo
         };
     };
     let name = format!("{}@{}", spec.plan.name, running.epoch);
+    if let Some(change) = &running.change {
+        console::note(&underway_text(&name, running.revision, change));
+    }
     let found = difference(&running.plan, &spec.plan).map_err(|obstacles| {
         anyhow!(
             "`{name}` is already deployed, and cannot become this spec while it runs: {}; `dca stop {}` ends it",
@@ -187,7 +190,7 @@ async fn change_by_canary(
     if is_all {
         return Ok(());
     }
-    let of_canary = || Revision { epoch, revision: first, plan: before.clone() };
+    let of_canary = || Revision { epoch, revision: first, plan: before.clone(), change: None };
     let Err(failure) = change(client, home, (of_canary(), wanted.clone(), Vec::new()), probation).await else {
         return Ok(());
     };
@@ -268,7 +271,7 @@ fn unknown(name: &str, why: anyhow::Error) -> anyhow::Error {
 }
 
 fn tell_plan(wanted: &Plan, running: Option<&Revision>, is_json: bool) -> Result<(), Failure> {
-    let Some(Revision { epoch, revision, plan }) = running else {
+    let Some(Revision { epoch, revision, plan, change }) = running else {
         let programs = counted(wanted.leaves.len(), "program");
         if is_json {
             console::say(
@@ -288,7 +291,12 @@ fn tell_plan(wanted: &Plan, running: Option<&Revision>, is_json: bool) -> Result
             Ok(found) => (lines(&found.changes), Vec::new()),
             Err(obstacles) => (Vec::new(), obstacles.clone()),
         };
-        let told = json!({ "deployment": name, "revision": revision, "changes": changes, "obstacles": obstacles });
+        let change = change
+            .as_ref()
+            .map(|ChangeUnderway { revision, by, stage }| json!({ "revision": revision, "by": by, "stage": stage }));
+        let told = json!({
+            "deployment": name, "revision": revision, "change": change, "changes": changes, "obstacles": obstacles,
+        });
         console::say(&told.to_string());
         return if obstacles.is_empty() { Ok(()) } else { Err(refusal(&name, &[])) };
     }
@@ -298,10 +306,34 @@ fn tell_plan(wanted: &Plan, running: Option<&Revision>, is_json: bool) -> Result
         .iter()
         .filter(|change| matches!(change, PlanChange::Replace { .. } | PlanChange::Remove { .. }))
         .count();
-    console::say(&format!("`{name}`, revision {revision}:"));
+    match change {
+        Some(change) => console::say(&format!("{}:", underway_text(&name, *revision, change))),
+        None => console::say(&format!("`{name}`, revision {revision}:")),
+    }
     found.changes.iter().for_each(|change| console::say(&format!("  {change}")));
     console::say(&format!("  keep       {}", counted(plan.live_leaves().len().saturating_sub(touched), "program")));
     Ok(())
+}
+
+/// Returns what a person is told who looks at a deployment while it is changed.
+fn underway_text(name: &str, revision: u32, change: &ChangeUnderway) -> String {
+    let ChangeUnderway { revision: next, by, stage } = change;
+    match stage {
+        ChangeStage::Examined => {
+            format!("`{name}`, revision {revision}; the hosts examine a change to revision {next} by {by}")
+        }
+        ChangeStage::Applied => {
+            format!("`{name}`, as revision {next} by {by} will be, whose programs are being started")
+        }
+        ChangeStage::Probation => {
+            format!(
+                "`{name}`, as revision {next} by {by} will be, which is in its probation; until then it is revision {revision}"
+            )
+        }
+        ChangeStage::TakenBack => {
+            format!("`{name}`, revision {revision}, which comes back: revision {next} by {by} has failed")
+        }
+    }
 }
 
 fn refusal(name: &str, obstacles: &[String]) -> Failure {

@@ -218,6 +218,16 @@ fn who_leaves_a_change_is_told_that_it_goes_on() {
     let change = here.dca(&["deploy", "--probation", "600", &file]);
     let is_another = || here.pids().get("main/beside").is_some_and(|pid| *pid != before["main/beside"]);
     assert!(wait_until(SOON, is_another).is_some(), "{:?}", here.pids());
+    // Whoever looks meanwhile sees the plan that is in its probation, and that it is.
+    let probed = here.ask(&["plan", &file]);
+    let told = "`push@1`, as revision 1 by ";
+    let stage = "which is in its probation; until then it is revision 0:\n  keep       4 programs";
+    assert!(probed.code == Some(0) && probed.out.starts_with(told) && probed.out.contains(stage), "{probed}");
+    let json = here.ask(&["plan", "--json", &file]);
+    let json: serde_json::Value = serde_json::from_str(&json.out).expect("it is JSON");
+    assert_eq!((&json["change"]["revision"], &json["change"]["stage"]), (&1.into(), &"probation".into()), "{json}");
+    let same = here.ask(&["deploy", &file]);
+    assert!(same.code == Some(0) && same.err.contains(stage.split(';').next().unwrap_or_default()), "{same}");
     change.signal(Signal::INT);
     let left = change.ended(SOON);
     assert!(left.code == Some(1) && left.err.contains("which goes on without this command"), "{left}");

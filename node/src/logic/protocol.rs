@@ -23,7 +23,7 @@ mod status;
 
 use crate::logic::database::question::{Question, Reply};
 pub use absent::{Absent, AbsentHost, AbsentProcess, OpenEnd, OpenHost, Why};
-pub use change::{ChangeOrder, ChangeReply, ChangeRequest, Revision};
+pub use change::{ChangeOrder, ChangeReply, ChangeRequest, ChangeStage, ChangeUnderway, Revision};
 pub use clock::{ClockKeeping, ClockReading};
 use comms::logic::codec::{Enveloped, Kind};
 use comms::logic::control::Dial;

@@ -15,7 +15,8 @@ use super::{Coordinator, Phase};
 use crate::logic::effect::{Effect, Out};
 use crate::logic::instance::watchdog::{probation, ready_within};
 use crate::logic::protocol::{
-    Answer, ChangeOrder, ChangeReply, ChangeRequest, LeafFacts, Report, Revision, Signed, ToParticipant, unreached,
+    Answer, ChangeOrder, ChangeReply, ChangeRequest, ChangeStage, ChangeUnderway, LeafFacts, Report, Revision, Signed,
+    ToParticipant, unreached,
 };
 use crate::logic::wiring::observe;
 use comms::logic::time::Time;
@@ -96,7 +97,16 @@ impl Changing {
 impl Coordinator {
     /// Returns what runs, for somebody who wants to change it.
     pub fn revision(&self) -> Revision {
-        Revision { epoch: self.deployment.epoch, revision: self.revision.0, plan: (*self.plan).clone() }
+        let change = self.change.as_ref().map(|change| {
+            let stage = match change.step {
+                Step::Examining => ChangeStage::Examined,
+                _ if change.is_undoing() => ChangeStage::TakenBack,
+                Step::Applying | Step::Linking => ChangeStage::Applied,
+                Step::Probing => ChangeStage::Probation,
+            };
+            ChangeUnderway { revision: self.revision.0 + 1, by: change.by.clone(), stage }
+        });
+        Revision { epoch: self.deployment.epoch, revision: self.revision.0, plan: (*self.plan).clone(), change }
     }
 
     /// Begins a change; `call` gets its outcome.

@@ -42,8 +42,35 @@ pub struct Revision {
     pub epoch: u64,
     /// How often it was changed since it was deployed.
     pub revision: u32,
-    /// Its plan as it is now.
+    /// Its plan as it is now: during a change the next one, once the hosts take it on.
     pub plan: Plan,
+    /// The change that is being made.
+    pub change: Option<ChangeUnderway>,
+}
+
+/// A change that is being made.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ChangeUnderway {
+    /// Which revision the deployment is once it has held.
+    pub revision: u32,
+    /// The user who wants it.
+    pub by: String,
+    /// How far it is.
+    pub stage: ChangeStage,
+}
+
+/// How far a change is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ChangeStage {
+    /// Hosts say whether it could be made; nothing has changed.
+    Examined,
+    /// Programs are started and links made.
+    Applied,
+    /// It is made, and new programs have to stay healthy.
+    Probation,
+    /// It has failed, and what was before comes back.
+    TakenBack,
 }
 
 /// A step of a change, from the home to a host.
