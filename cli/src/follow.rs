@@ -342,6 +342,7 @@ impl Watch {
             | Report::Changed { .. }
             | Report::Stepped { .. }
             | Report::Unchanged { .. }
+            | Report::Replanned { .. }
             | Report::Omitted { .. } => {}
         }
     }

@@ -120,6 +120,10 @@ impl Mission {
         match report {
             Report::Accepted { deployment } => self.deployment = Some(deployment.clone()),
             Report::Programs { .. } | Report::Stepped { .. } => {}
+            Report::Replanned { plan } => {
+                self.phases.replan(plan);
+                self.late.replan(plan);
+            }
             Report::Changed { .. } | Report::Unchanged { .. } | Report::Omitted { .. } => {
                 self.push_note("main", report_text(report), (self.now, &[]));
             }

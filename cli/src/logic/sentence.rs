@@ -32,6 +32,7 @@ pub(crate) fn report_text(report: &Report) -> String {
         Report::Omitted { count } => {
             format!("{} left out here: its home keeps the first 1,000 and the latest", counted(*count, "report"))
         }
+        Report::Replanned { .. } => "goes by a changed plan".to_owned(),
         Report::Stepped { path, steps, .. } => format!("{path} took {}", counted(steps.len(), "step")),
     }
 }

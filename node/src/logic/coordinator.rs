@@ -421,6 +421,7 @@ impl Coordinator {
             | Report::Changed { .. }
             | Report::Stepped { .. }
             | Report::Unchanged { .. }
+            | Report::Replanned { .. }
             | Report::Omitted { .. } => self.plan.home(),
         };
         let host = (0..).zip(&self.hosts).find(|(_, host)| Some(host.as_str()) == named).map_or(0, |(host, _)| host);

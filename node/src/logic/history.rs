@@ -12,6 +12,8 @@ use std::time::Duration;
 const REPORTS_MAX: usize = 20_000;
 /// How many of the first ones are kept whatever comes later: how the deployment began.
 const FIRST_MAX: usize = 1000;
+/// How many of the plans that changes have adopted are kept.
+const PLANS_MAX: usize = 16;
 /// How many events are told in one answer: a caller has room for so many answers only.
 const EVENTS_IN_ONE: usize = 512;
 
@@ -63,11 +65,20 @@ impl History {
         for &call in listeners {
             tell(call, self.event(&entry, out.now).into_iter().collect(), out);
         }
+        if matches!(entry.report, Report::Replanned { .. }) {
+            self.drop_plans();
+        }
         self.count += 1;
         if self.entries.len() == REPORTS_MAX {
             self.entries.remove(FIRST_MAX);
         }
         self.entries.push_back(entry);
+    }
+
+    /// Leaves out all plans but for the latest, to make room for one more: plans are long.
+    fn drop_plans(&mut self) {
+        let plans = self.entries.iter_mut().rev().filter(|entry| matches!(entry.report, Report::Replanned { .. }));
+        plans.skip(PLANS_MAX - 1).for_each(|entry| entry.report = Report::Omitted { count: 1 });
     }
 
     /// Repeats the reports that somebody who has the first `seen` of them has missed.
@@ -114,9 +125,11 @@ impl History {
 
     /// Returns a report as it is told to those who listen to everything; nothing if it is none of their business.
     fn event(&self, entry: &Entry, now: Time) -> Option<Event> {
-        // Where programs can be dialled, and each step of a supervisor, is for those who record one mission.
+        // Where programs can be dialled, each step of a supervisor, and plans are for those who follow one mission.
         let report = match &entry.report {
-            Report::Programs { .. } | Report::Stepped { .. } => return None,
+            Report::Programs { .. } | Report::Stepped { .. } | Report::Replanned { .. } => return None,
+            // What takes the place of a plan is none of their business either.
+            Report::Omitted { .. } => return None,
             Report::Go { took, .. } => Report::Go { took: *took, signals: Vec::new() },
             Report::Accepted { .. }
             | Report::Prepared { .. }
@@ -124,7 +137,6 @@ impl History {
             | Report::Process { .. }
             | Report::Changed { .. }
             | Report::Unchanged { .. }
-            | Report::Omitted { .. }
             | Report::Refused { .. }
             | Report::Finished { .. } => entry.report.clone(),
         };
@@ -149,6 +161,7 @@ fn is_last(report: &Report) -> bool {
 mod tests {
     use super::*;
     use crate::logic::protocol::Change;
+    use language::plan::Plan;
     use std::time::Duration;
 
     fn history(count: u64) -> History {
@@ -224,5 +237,38 @@ mod tests {
         let gap = &events[FIRST_MAX];
         assert_eq!((gap.number, &gap.report), (first, &Report::Omitted { count: 500 }));
         assert!(events.windows(2).all(|pair| pair[0].number < pair[1].number));
+    }
+
+    /// Many changes do not make a history longer than its plans: of those the latest are kept, and every report is counted.
+    #[test]
+    fn of_plans_the_latest_are_kept_and_no_listener_hears_of_them() {
+        let mut history = history(1);
+        let (mut effects, mut messages) = (Vec::new(), Vec::new());
+        let mut out =
+            Out { now: Time::ZERO, since_1970: Duration::ZERO, effects: &mut effects, messages: &mut messages };
+        for number in 0..100 {
+            let (groups, leaves, wires, claims) = Default::default();
+            let (name, hosts, on_boot) = (number.to_string(), Vec::new(), Default::default());
+            let plan = Box::new(Plan { name, hosts, groups, leaves, wires, claims, on_boot });
+            history.report(Report::Replanned { plan }, 0, (&[], &[7]), &mut out);
+        }
+        history.tell(7, &mut out);
+        history.tell_missed(8, 0, &mut out);
+        let told = |wanted: u64| {
+            let answers = effects.iter().filter_map(move |effect| match effect {
+                Effect::Answer { call, answer } if *call == wanted => Some(&**answer),
+                _ => None,
+            });
+            answers.collect::<Vec<_>>()
+        };
+        assert!(matches!(told(7)[..], [Answer::Events(all)] if all.len() == 1), "{:?}", told(7));
+        let reports = told(8);
+        let plans = reports.iter().filter_map(|answer| match answer {
+            Answer::Report(Report::Replanned { plan }) => Some(plan.name.as_str()),
+            _ => None,
+        });
+        let latest: Vec<String> = (84..100).map(|number| number.to_string()).collect();
+        assert_eq!(plans.collect::<Vec<_>>(), latest);
+        assert_eq!(reports.len(), 101, "each counts as one");
     }
 }

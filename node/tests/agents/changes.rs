@@ -1,7 +1,7 @@
 //! Deployments whose plan changes while they run, on virtual time.
 
 use crate::world::{Draw, World};
-use node::logic::protocol::{Answer, Change, Ending, Report, Request, Revision};
+use node::logic::protocol::{Answer, Change, ChangeStage, ChangeUnderway, Ending, Report, Request, Revision};
 use shim::protocol::{EndReason, ProgramEnd, ShimReport};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -101,6 +101,51 @@ fn a_changed_program_takes_the_place_of_the_one_before_and_all_others_stay() {
         .collect();
     let count = |wanted: &Change| changes.iter().filter(|change| **change == wanted).count();
     assert_eq!([&Change::Activated, &Change::Replacing, &Change::Resumed].map(count), [1, 1, 1], "{changes:?}");
+}
+
+/// Who follows the mission hears of the plan that counts before anything happens by it, also when it is taken back; and who asks
+/// during the probation is told so.
+#[test]
+fn followers_are_told_which_plan_counts() {
+    let mut world = World::new(&["c1", "c2"]);
+    let call = start(&mut world);
+    let before = revision(&mut world);
+    assert_eq!(before.change, None);
+    let text = FEED.replace("# task", "# task # wait(1 h)");
+    let change = world.change("c1", &text.replace("Tuned(\"c2\")", "Tuned(\"c2\", better)"), (1, 0), &[]);
+    world.run_for(Duration::from_millis(1500));
+    let probed = revision(&mut world);
+    let underway = |stage| Some(ChangeUnderway { revision: 1, by: "ann".to_owned(), stage });
+    assert_eq!((probed.revision, &probed.change), (0, &underway(ChangeStage::Probation)));
+    assert_ne!(probed.plan, before.plan);
+    world.run_for(Duration::from_millis(3500));
+    assert_eq!(outcome(&world, change).map(|lines| lines.len()), Ok(2));
+    let after = revision(&mut world);
+    assert_eq!((after.revision, &after.change, &after.plan), (1, &None, &probed.plan));
+
+    let bad = world.change("c1", &FEED.replace("Tuned(\"c2\")", "Tuned(\"c2\", worse)"), (1, 1), &[]);
+    world.run_for(Duration::from_millis(1500));
+    assert_eq!(revision(&mut world).change.map(|change| change.stage), Some(ChangeStage::Probation));
+    world.end("c2", 1, ShimReport::Exited { code: 3 });
+    world.run_for(Duration::from_millis(5));
+    assert_eq!(revision(&mut world).change.map(|change| change.stage), Some(ChangeStage::TakenBack));
+    world.run_for(Duration::from_secs(5));
+    assert!(outcome(&world, bad).is_err());
+    let reports = world.answers[&call].iter().map(|answer| match answer {
+        Answer::Report(report) => report,
+        other => panic!("{other:?}"),
+    });
+    let kinds = reports.clone().filter_map(|report| match report {
+        Report::Replanned { .. } => Some("plan"),
+        Report::Changed { .. } => Some("changed"),
+        Report::Unchanged { .. } => Some("unchanged"),
+        _ => None,
+    });
+    assert_eq!(kinds.collect::<Vec<_>>(), ["plan", "changed", "plan", "plan", "unchanged"]);
+    let plans = reports.filter_map(|report| if let Report::Replanned { plan } = report { Some(plan) } else { None });
+    let expressions: Vec<_> = plans.map(|plan| plan.groups[0].expression.clone()).collect();
+    let expected = [&after.plan, &before.plan, &after.plan].map(|plan| plan.groups[0].expression.clone());
+    assert_eq!(expressions, expected);
 }
 
 #[test]

@@ -71,6 +71,7 @@ impl Trace {
             | Report::Changed { .. }
             | Report::Stepped { .. }
             | Report::Unchanged { .. }
+            | Report::Replanned { .. }
             | Report::Omitted { .. }
             | Report::Refused { .. } => None,
         });
@@ -89,6 +90,7 @@ impl Trace {
             | Report::Changed { .. }
             | Report::Stepped { .. }
             | Report::Unchanged { .. }
+            | Report::Replanned { .. }
             | Report::Omitted { .. }
             | Report::Refused { .. }
             | Report::Finished { .. } => None,

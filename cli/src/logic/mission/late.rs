@@ -30,6 +30,15 @@ impl Late {
         Self { deadlines, lines, stopped: BTreeSet::new() }
     }
 
+    /// Goes on with another plan. What is known of programs stays.
+    pub(super) fn replan(&mut self, plan: &Plan) {
+        let next = Self::new(plan);
+        self.deadlines.extend(next.deadlines);
+        for (path, lines) in next.lines {
+            self.lines.entry(path).or_insert(lines);
+        }
+    }
+
     /// Takes in whole lines of a program.
     pub(super) fn wrote(&mut self, path: &str, text: &str) {
         let Some(lines) = self.lines.get_mut(path) else { return };

@@ -15,6 +15,9 @@ use steps::{Step, steps};
 /// The most phases kept; the oldest are forgotten and counted. A loop can have any number.
 pub const PHASES_MAX: usize = 1_000;
 
+/// The step of a phase of which the present plan has none.
+const GONE: usize = usize::MAX;
+
 /// How many phases back a value may belong that is told late.
 const LATE_MAX: usize = 8;
 
@@ -134,6 +137,34 @@ impl Phases {
         Self { steps, slots, phases: Vec::new(), dropped: 0 }
     }
 
+    /// Goes on with the steps of another plan. Phases that are over stay as they were; the one that runs is the step of the new plan
+    /// in which its members run.
+    pub(super) fn replan(&mut self, plan: &Plan) {
+        let next = Self::new(plan);
+        let old = std::mem::replace(&mut self.slots, next.slots);
+        let moved = old.iter().filter_map(|(path, (slot, _))| Some((*slot, self.slots.get(path)?.0)));
+        let moved: BTreeMap<u32, u32> = moved.collect();
+        let taken_over =
+            |slots: &BTreeSet<u32>| slots.iter().filter_map(|slot| moved.get(slot).copied()).collect::<BTreeSet<u32>>();
+        self.steps = next.steps;
+        for (back, phase) in self.phases.iter_mut().rev().enumerate() {
+            if back >= LATE_MAX {
+                phase.active.clear();
+                continue;
+            }
+            (phase.seen, phase.active) = (taken_over(&phase.seen), taken_over(&phase.active));
+            phase.stopping = taken_over(&phase.stopping);
+            let ran = if phase.active.is_empty() { &phase.seen } else { &phase.active };
+            let shared = |step: &Step| step.members.intersection(ran).count();
+            let best = (0..self.steps.len()).rev().max_by_key(|step| shared(&self.steps[*step]));
+            let best = best.filter(|step| shared(&self.steps[*step]) > 0);
+            phase.step = best.unwrap_or(GONE);
+            if let (None, Some(step)) = (phase.end, best.and_then(|step| self.steps.get(step))) {
+                (phase.name, phase.members) = (step.name.clone(), step.members.len());
+            }
+        }
+    }
+
     pub(super) fn all(&self) -> &[Phase] {
         &self.phases
     }
@@ -206,7 +237,7 @@ impl Phases {
     /// Returns the step in which `member` was activated: the current one if it has not been active there yet, else the
     /// next one that has it, around the end for a loop.
     fn step_of(&self, member: u32) -> Option<usize> {
-        let from = match self.phases.last() {
+        let from = match self.phases.last().filter(|phase| phase.step != GONE) {
             Some(phase) => phase.step + usize::from(phase.seen.contains(&member)),
             None => 0,
         };

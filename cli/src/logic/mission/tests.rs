@@ -327,3 +327,33 @@ fn steps_are_told_as_the_spec_has_them() {
         ["any 1 of (retry(1, pause 0.5 s) a, b) within 5 s, b"]
     );
 }
+
+/// After a change the phases are those of the new plan: the one that runs goes on as its step there, and those that are over stay.
+#[test]
+fn a_changed_plan_has_phases_of_its_own() {
+    let names = ["motion!", "servo!", "near", "look", "close"];
+    let before = plan(&names[..3], E::Disable(vec![run(0), seq(vec![run(1), run(2)])]));
+    // `servo` has ended; `near` runs, and from now on something looks beside it, before something closes.
+    let mut names = names;
+    names.swap(1, 3);
+    let after = plan(&names, E::Disable(vec![run(0), seq(vec![run(3), E::Disable(vec![run(2), run(1)]), run(4)])]));
+    let mut mission = Mission::new(&before);
+    feed(&mut mission, "0 motion activated \n 0 servo activated \n 2 servo done \n 2 near activated");
+    let told = |mission: &Mission| {
+        let phases = mission.phases().iter().map(|phase| format!("{} {}", phase.name, phase.ended()));
+        phases.collect::<Vec<_>>()
+    };
+    assert_eq!(told(&mission), ["servo done", "near running"]);
+    mission.report(&Report::Replanned { plan: Box::new(after) });
+    assert_eq!(told(&mission), ["servo done", "near # look running"]);
+    feed_more(
+        &mut mission,
+        "3 look activated \n 4 look done \n 4 near stopping \n 4.1 near stopped \n 4.1 close activated",
+    );
+    assert_eq!(told(&mission), ["servo done", "near # look look done", "close running"]);
+    // Taken back: nothing of what runs is a step there.
+    mission.report(&Report::Replanned { plan: Box::new(before) });
+    assert_eq!(told(&mission)[2], "close running");
+    feed_more(&mut mission, "5 servo activated");
+    assert_eq!(told(&mission)[2..], ["close stopped", "servo running"]);
+}

@@ -117,7 +117,7 @@ pub(super) fn details(run: &Run) -> String {
     let mut now = Duration::ZERO;
     for entry in &run.entries {
         let Entry::Report(report) = entry else { continue };
-        if matches!(report, Report::Stepped { .. }) {
+        if matches!(report, Report::Stepped { .. } | Report::Replanned { .. }) {
             continue;
         }
         let (process, what) = match report {
@@ -134,6 +134,7 @@ pub(super) fn details(run: &Run) -> String {
             | Report::Changed { .. }
             | Report::Stepped { .. }
             | Report::Unchanged { .. }
+            | Report::Replanned { .. }
             | Report::Omitted { .. }
             | Report::Finished { .. } => ("", report_text(report)),
         };

@@ -134,6 +134,7 @@ impl Rows {
             | Report::Programs { .. }
             | Report::Changed { .. }
             | Report::Unchanged { .. }
+            | Report::Replanned { .. }
             | Report::Omitted { .. }
             | Report::Refused { .. } => self.now,
         };
@@ -149,6 +150,7 @@ impl Rows {
             | Report::Programs { .. }
             | Report::Changed { .. }
             | Report::Unchanged { .. }
+            | Report::Replanned { .. }
             | Report::Omitted { .. } => ("", ""),
         };
         let event = Event {
@@ -272,6 +274,7 @@ pub(crate) fn kind(report: &Report) -> &'static str {
         Report::Changed { .. } => "changed",
         Report::Unchanged { .. } => "unchanged",
         Report::Omitted { .. } => "omitted",
+        Report::Replanned { .. } => "plan",
         Report::Stepped { .. } => "step",
         Report::Process { change, .. } => match change {
             Change::Activated => "activated",
@@ -312,6 +315,7 @@ fn output(report: &Report) -> &[String] {
         | Report::Changed { .. }
         | Report::Stepped { .. }
         | Report::Unchanged { .. }
+        | Report::Replanned { .. }
         | Report::Omitted { .. } => &[],
     }
 }

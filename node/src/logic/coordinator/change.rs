@@ -248,7 +248,12 @@ impl Coordinator {
             }
             Step::Linking => {
                 let (number, until) = (change.number, out.now + change.healthy_within());
+                let is_another = change.is_undoing() || change.plan.groups != change.before.groups;
                 self.step((Step::Probing, until), &ChangeOrder::Adopt { number }, out);
+                if is_another {
+                    // Before anybody says what happens by it.
+                    self.report(Report::Replanned { plan: Box::new((*self.plan).clone()) }, out);
+                }
             }
             Step::Probing => self.changed(out),
         }

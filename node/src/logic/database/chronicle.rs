@@ -73,6 +73,7 @@ pub fn ended(home: &str, history: &History) -> Option<Commit> {
         | Report::Changed { .. }
         | Report::Stepped { .. }
         | Report::Unchanged { .. }
+        | Report::Replanned { .. }
         | Report::Omitted { .. } => None,
     })?;
     Some(commit(home, history.deployment(), "ended", fields))

@@ -69,6 +69,7 @@ fn of_report(report: &Report) -> Option<Outcome> {
         | Report::Connected { .. }
         | Report::Process { .. }
         | Report::Programs { .. }
+        | Report::Replanned { .. }
         | Report::Omitted { .. }
         | Report::Stepped { .. } => None,
     }

@@ -3,6 +3,7 @@
 use super::{Deployment, Ending, FailureCause};
 use comms::logic::control::Dial;
 use language::algebra::StepRecord;
+use language::plan::Plan;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
@@ -96,6 +97,12 @@ pub enum Report {
     Omitted {
         /// How many.
         count: u64,
+    },
+    /// A change adopts another plan, or takes it back: what comes from here on goes by this one. Only who follows the mission hears
+    /// of it.
+    Replanned {
+        /// The plan, with the numbers of the one before.
+        plan: Box<Plan>,
     },
 }
 
