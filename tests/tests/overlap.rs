@@ -9,10 +9,18 @@ use dca_tests::cluster::{
     Cluster, Ended, Host, Network, Process, Program, SOON, Stream, executable, pass, rounds, wait_until,
 };
 use std::collections::BTreeMap;
+use std::fs::{self, Permissions};
+use std::os::unix::fs::PermissionsExt as _;
 use std::time::Duration;
 
 /// A source, a program that passes its numbers on, and a sink.
 fn spec(cluster: &Cluster, pass: &str, arguments: &str, policy: &str) -> String {
+    let text = format!("through instof Pass({pass}{arguments}) {{ {policy} }}",);
+    spec_with(cluster, &text, "source, Out -> through, In queue 8000; through, Out -> sink, In queue 8000;", "through")
+}
+
+/// A source and a sink with what is between them: instances, wires, and event actions.
+fn spec_with(cluster: &Cluster, between: &str, wires: &str, actions: &str) -> String {
     let program = executable("dca-counting").display().to_string();
     let file = cluster.folder().join("sink").display().to_string();
     let text = format!(
@@ -25,14 +33,11 @@ fn spec(cluster: &Cluster, pass: &str, arguments: &str, policy: &str) -> String 
             host {{ c1 }}
             instantiated_processes {{
                 source instof Source(c1);
-                through instof Pass({pass}{arguments}) {{ {policy} }}
+                {between}
                 sink instof Sink(c1, file = \"{file}\");
             }}
-            internal_connections {{
-                source, Out -> through, In queue 8000;
-                through, Out -> sink, In queue 8000;
-            }}
-            internal_event_actions {{ source, through, sink }}
+            internal_connections {{ {wires} }}
+            internal_event_actions {{ source, {actions}, sink }}
         }}"
     );
     cluster.file("count.dca", &text)
@@ -46,7 +51,12 @@ fn pids(here: &Host) -> BTreeMap<String, u32> {
 
 /// Ends it. Returns the runs of numbers that the sink has got.
 fn end(cluster: &Cluster, here: &Host, mission: &Program) -> Vec<(u64, u64)> {
-    let stop = here.ask(&["stop", "count"]);
+    end_with(cluster, here, mission, &[])
+}
+
+/// The same, with these options.
+fn end_with(cluster: &Cluster, here: &Host, mission: &Program, options: &[&str]) -> Vec<(u64, u64)> {
+    let stop = here.ask(&[&["stop", "count"], options].concat());
     assert_eq!(stop.code, Some(0), "{stop}");
     assert!(wait_until(SOON, || !mission.is_running()).is_some());
     cluster.counted("sink")
@@ -190,4 +200,100 @@ fn without_overlap_there_is_a_gap() {
     println!(
         "break before make: {lost} numbers lost at 1 kHz; from the stop of the one to the start of the other {away:.1?} ms"
     );
+}
+
+/// Numbers go through two programs, on two hosts.
+fn chain(cluster: &Cluster, [first, second]: [&str; 2]) -> String {
+    let between = format!(
+        "through instof Pass(c2{first}) {{ replace overlap; }} second instof Pass(c1{second}) {{ replace overlap; }}"
+    );
+    let wires = "source, Out -> through, In queue 8000; through, Out -> second, In queue 8000; \
+                 second, Out -> sink, In queue 8000;";
+    spec_with(cluster, &between, wires, "through, second")
+}
+
+/// One host changes first, its program overlapping with the next; then the other. If the rest cannot follow, the first is taken back by
+/// overlap, too. Every number comes.
+#[test]
+fn a_canary_overlaps_and_so_does_its_way_back() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _nodes = [here.node("c1", &[]), here.node("c2", &[])];
+    let mission = here.mission(&chain(&cluster, ["", ""]));
+    let pids = || {
+        assert!(wait_until(SOON, || here.pids().len() == 4).is_some(), "{:?}", here.pids());
+        here.pids()
+    };
+    let deploy = |file: &str| here.ask(&["deploy", "--probation", "0.3", "--canary", "c2", file]);
+    let before = pids();
+    let others = |before: &BTreeMap<String, u32>| {
+        let now = pids();
+        now.into_iter().filter(|(path, pid)| before[path] != *pid).map(|(path, _)| path).collect::<Vec<_>>()
+    };
+    let good = deploy(&chain(&cluster, [", fails_at = 1000001", ", fails_at = 1000002"]));
+    assert!(good.code == Some(0) && good.out.contains("revision 2"), "{good}");
+    assert_eq!(others(&before), ["main/second", "main/through"]);
+    let before = pids();
+    // The next of the other host cannot begin, so it takes nothing.
+    let bad = deploy(&chain(&cluster, [", fails_at = 1000003", ", fails_at = -1"]));
+    assert!(bad.code == Some(1) && bad.err.contains("so `c2` is taken back"), "{bad}");
+    assert_eq!(others(&before), ["main/through"], "it was changed, and changed back");
+    let plan = here.ask(&["plan", &chain(&cluster, [", fails_at = 1000001", ", fails_at = 1000002"])]);
+    assert!(plan.code == Some(0) && plan.out.contains("revision 4:\n  keep       4 programs"), "{plan}");
+    let runs = end(&cluster, &here, &mission);
+    assert_eq!(runs.len(), 1, "numbers were lost or doubled: {runs:?}");
+    println!("a canary there, and there and back: {} numbers, none lost", runs[0].1 - runs[0].0 + 1);
+}
+
+/// Makes a team of the nodes of two hosts, and starts them. Returns the options with the keys.
+fn team(cluster: &Cluster, desk: &Host, hosts: [&Host; 2]) -> (Vec<String>, [Program; 2]) {
+    let passphrase = cluster.file("passphrase", "correct horse battery\n");
+    fs::set_permissions(&passphrase, Permissions::from_mode(0o600)).expect("a file of ours");
+    let keys = cluster.folder().join("keys").display().to_string();
+    let keys = ["--keys".to_owned(), keys, "--passphrase".to_owned(), passphrase].to_vec();
+    let with = |arguments: &[&str]| {
+        let all: Vec<&str> = arguments.iter().copied().chain(keys.iter().map(String::as_str)).collect();
+        desk.dca(&all)
+    };
+    assert_eq!(with(&["team", "init", "acme"]).ended(SOON).code, Some(0));
+    for (host, name) in hosts.into_iter().zip(["c1", "c2"]) {
+        let invitation = with(&["team", "invite", name]);
+        invitation.wait_for(Stream::Out, "\n", SOON);
+        let said = invitation.text(Stream::Out);
+        let line = said.trim().strip_prefix("dca team join ").expect("it prints what to type");
+        let state = host.state().display().to_string();
+        assert_eq!(host.ask(&["team", "join", line, "--state", &state]).code, Some(0));
+        assert_eq!(invitation.ended(SOON).code, Some(0));
+    }
+    (keys, [hosts[0].node("c1", &[]), hosts[1].node("c2", &[])])
+}
+
+/// In a team wires are sealed, between hosts and on one. The next program has keys of its own, and nothing is lost either.
+#[test]
+fn nothing_is_lost_in_a_team() {
+    let Some(network) = Network::new(2) else { return };
+    let cluster = Cluster::new();
+    let (here, there) = (cluster.host(&network, 1), cluster.host(&network, 2));
+    let (keys, _nodes) = team(&cluster, &here, [&here, &there]);
+    let keys: Vec<&str> = keys.iter().map(String::as_str).collect();
+    let found = || here.ask(&["nodes"]).out.lines().any(|line| line.starts_with("c2"));
+    assert!(wait_until(SOON, found).is_some(), "{}", here.ask(&["nodes"]));
+    let file = chain(&cluster, ["", ""]);
+    let mission = here.dca(&[&["deploy", "--no-record", &file], &keys[..]].concat());
+    mission.wait_for(Stream::Err, "▸", SOON);
+    assert!(wait_until(SOON, || here.pids().len() == 4).is_some(), "{:?}", here.pids());
+    let mut before = here.pids();
+    for round in 0..rounds(3) {
+        let both = ["replace", "count", "through", "second", "--probation", "0.3"];
+        let replaced = here.ask(&[&both, &keys[..]].concat());
+        assert_eq!(replaced.code, Some(0), "round {round}: {replaced}");
+        assert!(wait_until(SOON, || here.pids().len() == 4).is_some(), "{:?}", here.pids());
+        let now = here.pids();
+        let is_next = |path: &str| now[path] != before[path];
+        assert_eq!(now.keys().filter(|path| is_next(path)).collect::<Vec<_>>(), ["main/second", "main/through"]);
+        before = now;
+    }
+    let runs = end_with(&cluster, &here, &mission, &keys);
+    assert_eq!(runs.len(), 1, "numbers were lost or doubled: {runs:?}");
+    println!("in a team: {} replacements, {} numbers, none lost", 2 * rounds(3), runs[0].1 - runs[0].0 + 1);
 }
