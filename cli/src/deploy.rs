@@ -7,6 +7,7 @@ use crate::verify::Proof;
 use crate::{ConnectArgs, Controllers, check, follow, stored};
 use anyhow::anyhow;
 use node::console::{Failure, block_on};
+use node::logic::protocol::StartMode;
 use std::path::PathBuf;
 
 /// The arguments of `dca deploy`.
@@ -24,6 +25,9 @@ pub struct Arguments {
     rollout: Rollout,
     #[command(flatten)]
     proof: Proof,
+    /// Begin the first step on all hosts at one moment: a tenth of a second after GO, or a little more where links are slow
+    #[arg(long)]
+    aligned: bool,
 }
 
 /// Runs the verb.
@@ -32,7 +36,8 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     arguments.proof.require(&spec)?;
     block_on(async {
         let client = Client::open(&arguments.connect).await?;
-        let result = deploy(&client, spec, (&arguments.following, Some(&arguments.rollout))).await;
+        let start = if arguments.aligned { StartMode::Aligned } else { StartMode::AtOnce };
+        let result = deploy(&client, spec, (&arguments.following, start), Some(&arguments.rollout)).await;
         client.close().await;
         result
     })
@@ -43,7 +48,8 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
 pub(crate) async fn deploy(
     client: &Client,
     spec: Spec,
-    (following, rollout): (&follow::FollowArgs, Option<&Rollout>),
+    following: (&follow::FollowArgs, StartMode),
+    rollout: Option<&Rollout>,
 ) -> Result<(), Failure> {
     let hosts = client.hosts(&spec.plan.hosts).await?;
     let missing: Vec<&str> = spec.plan.hosts.iter().filter(|host| !hosts.contains(*host)).map(String::as_str).collect();

@@ -10,7 +10,7 @@ use crate::io::user;
 use crate::logic::mission::{Files, Mission, Outcome};
 use crate::logic::record::{Entry, Messages, Port, ports};
 use crate::output::Output;
-use crate::outputs::Outputs;
+use crate::outputs::{Outputs, is_failed_on_purpose};
 use anyhow::{Context, anyhow};
 use comms::io::clock;
 use comms::io::entropy;
@@ -21,7 +21,7 @@ use language::Source;
 use language::plan::Plan;
 use node::console::{self, Failure};
 use node::logic::output_lines::GAP;
-use node::logic::protocol::{Answer, Deployment, Ending, FailureCause, Report, Request, StopReply, is_unreached};
+use node::logic::protocol::{Answer, Deployment, Report, Request, StartMode, StopReply, is_unreached};
 pub(crate) use record_folder::RUNS;
 use record_folder::{end_record, start_record};
 use std::collections::BTreeSet;
@@ -100,11 +100,16 @@ struct Watch {
 }
 
 /// Deploys a spec and stays until it has ended; Ctrl-C stops it everywhere.
-pub(crate) async fn follow(client: &Client, spec: Spec, following: &FollowArgs) -> Result<(), Failure> {
+pub(crate) async fn follow(
+    client: &Client,
+    spec: Spec,
+    (following, start): (&FollowArgs, StartMode),
+) -> Result<(), Failure> {
     let home = spec.plan.home().context("the plan names no host for `main`")?.to_owned();
     let messages = if following.ports.is_empty() { Messages::new() } else { language::messages(&spec.modules) };
     let ports = ports(&spec.plan, &following.ports, &messages).map_err(|why| anyhow!(why))?;
-    let request = Request::Deploy { request: entropy::number()?, plan: spec.plan.clone(), by: user::name_and_host() };
+    let (request, plan, by) = (entropy::number()?, spec.plan.clone(), user::name_and_host());
+    let request = Request::Deploy { request, plan, by, start };
     let request = client.signed(&home, request, 0).await?; // Who cannot sign leaves no record.
     let recorder = if following.no_record { None } else { Some(start_record(&spec, &following.runs)?) };
     let (mut watch, arriving) = Watch::new(&spec.plan, home.clone(), recorder, ports, client.team());
@@ -343,6 +348,7 @@ impl Watch {
             | Report::Stepped { .. }
             | Report::Unchanged { .. }
             | Report::Replanned { .. }
+            | Report::Aligned { .. }
             | Report::Omitted { .. } => {}
         }
     }
@@ -410,12 +416,6 @@ impl Watch {
             _ => Err(Failure::Reported),
         }
     }
-}
-
-/// Returns whether the spec itself says that it has failed, as a deadline does.
-fn is_failed_on_purpose(report: &Report) -> bool {
-    let Report::Finished { ending: Ending::Aborted(failure), .. } = report else { return false };
-    matches!(failure.cause, FailureCause::Failed(_))
 }
 
 /// Waits for two signals. The first is counted, and kept until the mission can be asked to stop.

@@ -4,7 +4,7 @@ use crate::client::{Answers, Client, unasked, words};
 use crate::logic::record::Lines;
 use comms::io::clock;
 use node::console::{self, Failure};
-use node::logic::protocol::{Answer, Deployment, Request};
+use node::logic::protocol::{Answer, Deployment, Ending, FailureCause, Report, Request};
 use std::collections::BTreeSet;
 use std::time::Duration;
 use tokio::sync::mpsc::{self, Receiver, Sender};
@@ -103,4 +103,10 @@ async fn hear(host: String, mut answers: Answers, sink: Sender<OutputOf<Vec<u8>>
 
 fn incomplete(host: &str, why: &Failure) -> String {
     format!("warning: not all that programs of `{host}` write is recorded: {}", words(why))
+}
+
+/// Returns whether the spec itself says that it has failed, as a deadline does.
+pub(crate) fn is_failed_on_purpose(report: &Report) -> bool {
+    let Report::Finished { ending: Ending::Aborted(failure), .. } = report else { return false };
+    matches!(failure.cause, FailureCause::Failed(_))
 }

@@ -13,6 +13,7 @@ use node::io::driver::{self, Config};
 use node::io::service_manager::ServiceManager;
 use node::io::{cgroup, programs, run_dir, state_dir};
 use node::logic::database::TEAM;
+use node::logic::protocol::StartMode;
 use shim::protocol::AGENT_LOSS_GRACE;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -106,7 +107,7 @@ impl Nodes {
         let home = spec.plan.home().context("the plan names no host for `main`")?.to_owned();
         let client = Client::to_socket(self.base.join(&home).join("node.sock")).await?;
         let result = tokio::select! {
-            result = deploy::deploy(&client, spec, (following, None)) => result,
+            result = deploy::deploy(&client, spec, (following, StartMode::AtOnce), None) => result,
             why = ended(&mut self.running) => {
                 Err(why.err().unwrap_or_else(|| anyhow!("a node ended in the middle")).into())
             }

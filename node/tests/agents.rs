@@ -6,6 +6,8 @@
 mod absence;
 #[path = "agents/adoption.rs"]
 mod adoption;
+#[path = "agents/aligned.rs"]
+mod aligned;
 #[path = "agents/boot.rs"]
 mod boot;
 #[path = "agents/changes.rs"]

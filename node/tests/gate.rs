@@ -19,7 +19,7 @@ use trust::team::TrustError;
 use world::{NOW, User, World, plan};
 
 fn deploy(plan: Plan) -> Request {
-    Request::Deploy { request: 7, plan, by: "somebody".into() }
+    Request::Deploy { request: 7, plan, by: "somebody".into(), start: Default::default() }
 }
 
 fn stop() -> Request {

@@ -133,6 +133,7 @@ impl Cluster {
             sealed: None,
             log: None,
             unmounted: Vec::new(),
+            ahead: None,
         }
     }
 
@@ -154,6 +155,7 @@ impl Cluster {
             sealed: None,
             log: None,
             unmounted: Vec::new(),
+            ahead: None,
         }
     }
 
@@ -215,6 +217,8 @@ pub struct Host {
     log: Option<String>,
     /// The file systems that are not mounted there.
     unmounted: Vec<String>,
+    /// How many seconds its clock is ahead that nobody sets.
+    ahead: Option<u64>,
 }
 
 impl Host {
@@ -234,6 +238,12 @@ impl Host {
     #[must_use]
     pub fn without_mounts(self, mounts: &[&str]) -> Self {
         Self { unmounted: mounts.iter().map(|mount| (*mount).to_owned()).collect(), ..self }
+    }
+
+    /// Returns a host of a network whose clock that nobody sets is ahead by so many seconds, as on a machine that has run for longer.
+    #[must_use]
+    pub fn with_clock_ahead(self, seconds: u64) -> Self {
+        Self { ahead: Some(seconds), ..self }
     }
 
     /// Returns this machine as it is when the disk with the states of its nodes can only be read. Needs root.
@@ -405,7 +415,11 @@ impl Host {
                 // seen by this program alone. Each executes the next in its own place, so the process id stays.
                 const HIDE: &str =
                     "while [ \"$1\" != -- ]; do mount -t tmpfs none \"$1\"; shift; done; shift; exec \"$@\"";
-                command.args(["netns", "exec", namespace, "sh", "-c", HIDE, "sh"]);
+                command.args(["netns", "exec", namespace]);
+                if let Some(ahead) = self.ahead {
+                    command.args(["unshare", "--time", "--boottime", &ahead.to_string()]);
+                }
+                command.args(["sh", "-c", HIDE, "sh"]);
                 command.args(others).arg("--").arg(executable);
                 command
             }

@@ -44,7 +44,7 @@ fn plan() -> Plan {
 }
 
 fn deploy() -> Request {
-    Request::Deploy { request: 7, plan: plan(), by: "somebody".into() }
+    Request::Deploy { request: 7, plan: plan(), by: "somebody".into(), start: Default::default() }
 }
 
 fn write() -> Request {
@@ -274,7 +274,9 @@ fn a_mission_of_a_revoked_user_does_not_come_back_after_a_reboot() {
     let dan = at.user("dan", Role::Deployer);
     let compiled = compile(&Source::new("test.dca", RESUMED), &[], &Options::named("test"));
     let plan = compiled.plan.unwrap_or_else(|| panic!("{:#?}", compiled.diagnostics));
-    let answer = at.ask_signed(&dan.sign(&Request::Deploy { request: 7, plan, by: "dan".into() }, "c2"));
+    let answer = at.ask_signed(
+        &dan.sign(&Request::Deploy { request: 7, plan, by: "dan".into(), start: Default::default() }, "c2"),
+    );
     assert!(matches!(answer, Answer::Report(_)), "{answer:?}");
     let runs = |at: &Attacked| at.cluster.leaf("main/there").map(|process| process.pid);
     let begins = wait_until(SOON, || runs(&at).is_some());
@@ -403,7 +405,9 @@ fn a_home_that_lies_starts_nothing() {
     altered.leaves.iter_mut().for_each(|leaf| leaf.exec = Some("touch /stolen".into()));
     liar.refused(1, rejoin(altered.clone(), &good), "what `c1` orders is not what was signed");
     let mut body = good.clone();
-    body.body = codec::encode(&Request::Deploy { request: 7, plan: altered, by: String::new() }).expect("it is short");
+    body.body =
+        codec::encode(&Request::Deploy { request: 7, plan: altered, by: String::new(), start: Default::default() })
+            .expect("it is short");
     liar.refused(1, prepare(Some(&body)), "the body is not the one that was signed");
     liar.refused(1, prepare(Some(&vic.sign(&deploy(), "c1"))), "`vic` is viewer, who may not deploy");
     let past = |it: &mut request::Request| {

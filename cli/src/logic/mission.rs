@@ -129,6 +129,7 @@ impl Mission {
             }
             Report::Prepared { host, leaves } => self.start.prepared(host, *leaves),
             Report::Connected { host } => self.start.connected(host),
+            Report::Aligned { within, .. } => self.start.aligned(*within),
             Report::Go { took, signals: _ } => self.start.go(*took),
             Report::Process { path, change, at } => {
                 self.now = self.now.max(*at);

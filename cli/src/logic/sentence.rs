@@ -1,5 +1,6 @@
 //! The words for reports, for changes of processes and for endings. The progress line, the record and the page use the same.
 
+use comms::logic::human::span;
 use dbmanager::logic::view::date;
 use node::logic::instance::{RESTARTS_MAX, WINDOW};
 use node::logic::protocol::{Change, Ending, FailureCause, Report};
@@ -32,6 +33,11 @@ pub(crate) fn report_text(report: &Report) -> String {
         Report::Omitted { count } => {
             format!("{} left out here: its home keeps the first 1,000 and the latest", counted(*count, "report"))
         }
+        Report::Aligned { lead, within } => format!(
+            "the first step begins on all hosts {:.0} ms after GO, to within {}",
+            lead.as_secs_f64() * 1000.0,
+            span(*within)
+        ),
         Report::Replanned { .. } => "goes by a changed plan".to_owned(),
         Report::Stepped { path, steps, .. } => format!("{path} took {}", counted(steps.len(), "step")),
     }

@@ -134,6 +134,8 @@ struct Driver {
     settings: Settings,
     /// Why the node had to leave.
     yielded: Option<String>,
+    /// The moment that a thread waits for, or the last one.
+    alarm: Option<Time>,
 }
 
 /// Runs a node until `leave` turns true and nothing of it is left, or for ever. `ready` turns true when it can be called.
@@ -260,6 +262,7 @@ impl Driver {
             settling: JoinSet::new(),
             settings: Settings::default(),
             yielded: None,
+            alarm: None,
         };
         if is_adopting {
             driver.adopt();
@@ -308,6 +311,7 @@ impl Driver {
                 None
             }
             Event::Refused(connection, wires) => self.refused(&connection, wires),
+            Event::Alarm => Some(Input::Tick),
             Event::Committed(deployment, written) => Some(Input::Committed { deployment, written }),
             Event::Found(deployment, number, problems) => Some(Input::Found { deployment, number, problems }),
         }

@@ -44,6 +44,8 @@ pub(crate) enum Event {
     Admitted(u64, Request, Caller),
     /// Whether an order of another node may be carried out, by its number.
     Judged(u64, Result<(), String>),
+    /// The moment has come that the driver has a thread wait for.
+    Alarm,
     /// The programs of a change that cannot be started here.
     Found(Deployment, u32, Vec<String>),
 }

@@ -214,7 +214,7 @@ mod tests {
     use super::*;
     use crate::logic::agent::{Agent, Identity};
     use crate::logic::programs::Programs;
-    use crate::logic::protocol::Request;
+    use crate::logic::protocol::{Request, StartMode};
     use language::{Options, Source, compile};
     use std::fs::OpenOptions;
 
@@ -277,7 +277,7 @@ mod tests {
         let text = "module A(host) { exec \"true\"; plain; done; }
             process main() { host { \"c1\" } instantiated_processes { a instof A(\"c1\"); } internal_event_actions { a } }";
         let plan = compile(&Source::new("test.dca", text), &[], &Options::named("test")).plan.unwrap();
-        let request = Box::new(Request::Deploy { request: 1, plan, by: "ann".to_owned() });
+        let request = Box::new(Request::Deploy { request: 1, plan, by: "ann".to_owned(), start: StartMode::AtOnce });
         let mut state = state();
         state.take(at(1), Input::Call { call: 1, request }, &mut Vec::new());
         let folder = std::env::temp_dir().join(format!("dca-full-{}", std::process::id()));

@@ -29,7 +29,7 @@ use crate::logic::nameserver::NameServer;
 use crate::logic::participant::Participant;
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{
-    Absent, Before, Containment, Deployment, Earlier, Estop, Network, NodeStatus, Signed, Tombstone,
+    Absent, Before, Containment, Deployment, Earlier, Estop, Network, NodeStatus, Signed, StartMode, Tombstone,
 };
 use comms::logic::control::Notice;
 use comms::logic::time::Time;
@@ -140,6 +140,7 @@ struct AwaitingHosts {
     /// The request, if a user has signed it.
     signed: Option<Arc<Signed>>,
     resumed: Option<Resumed>,
+    start: StartMode,
 }
 
 impl Agent {
@@ -259,6 +260,11 @@ impl Agent {
     /// Returns how many programs and groups were looked at, all in all.
     pub fn visits(&self) -> u64 {
         self.participants.values().map(Participant::visits).sum()
+    }
+
+    /// Returns when [`Input::Tick`] is wanted as exactly as can be: programs begin then.
+    pub fn starts_at(&self) -> Option<Time> {
+        self.participants.values().filter_map(Participant::starts_at).min()
     }
 
     /// Returns when [`Input::Tick`] is wanted.

@@ -10,6 +10,7 @@
 //! The reply to `deploy` is the outcome: everyone who asked gets the reports as they come, and the last one when nothing
 //! of the deployment is left on any host that can be reached.
 
+mod aligned;
 mod change;
 mod processes;
 mod rejoin;
@@ -23,6 +24,7 @@ use crate::logic::protocol::{
     Answer, Deployment, Ending, Report, Signed, StopReply, ToCoordinator, ToParticipant, Why, unreached,
 };
 use crate::logic::wiring::Registrations;
+use aligned::Aligning;
 use change::Changing;
 use comms::logic::time::Time;
 use language::plan::Plan;
@@ -105,6 +107,8 @@ pub struct Coordinator {
     rejoins: Rejoins,
     /// Calls that wait for a switch of connection sets, and until when.
     switches: BTreeMap<u64, Time>,
+    /// The clocks of the other hosts, if its first step is to begin at one moment.
+    aligning: Option<Aligning>,
     history: History,
 }
 
@@ -154,6 +158,7 @@ impl Coordinator {
             changes: 0,
             rejoins: Rejoins::default(),
             switches: BTreeMap::new(),
+            aligning: None,
         };
         let (deployment, hosts) = (coordinator.deployment.clone(), coordinator.hosts.clone());
         out.effects.push(Effect::PersistEpoch { deployment, hosts });
@@ -229,6 +234,7 @@ impl Coordinator {
             ToCoordinator::Happened { target, change } => self.happened(target, change, out),
             ToCoordinator::Change(reply) => self.change_reply(reply, from, out),
             ToCoordinator::SetsSwitched { call, switched } => self.sets_switched(call, switched, out),
+            ToCoordinator::ClockRead { asked, shown } => self.clock_read(from, (asked, shown), out),
             ToCoordinator::Stepped { group, number, steps } => self.stepped(group, (number, steps), out),
         }
     }
@@ -422,6 +428,7 @@ impl Coordinator {
             | Report::Stepped { .. }
             | Report::Unchanged { .. }
             | Report::Replanned { .. }
+            | Report::Aligned { .. }
             | Report::Omitted { .. } => self.plan.home(),
         };
         let host = (0..).zip(&self.hosts).find(|(_, host)| Some(host.as_str()) == named).map_or(0, |(host, _)| host);

@@ -56,6 +56,8 @@ pub struct ExecContext<'a> {
     pub plan: &'a Plan,
     /// Time since GO.
     pub since_go: Duration,
+    /// When its programs begin, if that is a moment in the future: times count from it.
+    pub start: Time,
 }
 
 /// An activation that has not gone out.
@@ -397,7 +399,7 @@ impl Executer {
                 out.send(host, context.deployment.to_participant(ToParticipant::Stop { target, activation }));
             }
             Command::Arm { timer, activation: Activation(number), after } => {
-                self.timers.insert((out.now + after.max(PACE), timer, number));
+                self.timers.insert((out.now.max(context.start) + after.max(PACE), timer, number));
             }
             Command::Cancel { timer, activation: Activation(number) } => {
                 self.timers.retain(|(_, other, armed)| (*other, *armed) != (timer, number));

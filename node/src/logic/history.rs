@@ -135,6 +135,7 @@ impl History {
             | Report::Prepared { .. }
             | Report::Connected { .. }
             | Report::Process { .. }
+            | Report::Aligned { .. }
             | Report::Changed { .. }
             | Report::Unchanged { .. }
             | Report::Refused { .. }

@@ -4,6 +4,7 @@
 //! `Running` → `Leaving` (every program told to go) → nothing. The home node moves it along; if the home node is lost the
 //! participant leaves by itself, unless the spec wants something of it to go on (`loss`).
 
+mod activation;
 mod change;
 mod coming;
 mod external;
@@ -15,6 +16,7 @@ mod starting;
 mod status;
 mod succession;
 mod switching;
+mod together;
 mod unended;
 
 use crate::logic::claims::Claims;
@@ -22,7 +24,7 @@ use crate::logic::effect::{Out, earliest};
 use crate::logic::executer::{ExecContext, Executer, below_using, group_host, leaf_host};
 use crate::logic::instance::{Instance, InstanceContext, Note};
 use crate::logic::programs::Programs;
-use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, LeafFacts, Target, ToParticipant};
+use crate::logic::protocol::{Change, Deployment, Ending, LeafFacts, Target, ToParticipant};
 use crate::logic::timed::TimedMap;
 use crate::logic::wiring::Registrations;
 use change::Changing;
@@ -41,6 +43,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use succession::Succeeding;
 use switching::Expecting;
+use together::Together;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 enum Phase {
@@ -89,6 +92,8 @@ pub struct Participant {
     externals: BTreeMap<u32, ExternalProcess>,
     /// Programs of other deployments that call programs of this one, by who is called, in a team.
     clients: BTreeMap<u32, Vec<Partner>>,
+    /// What begins with others, at one moment.
+    together: Together,
 }
 
 impl Participant {
@@ -116,6 +121,7 @@ impl Participant {
             rejoining: false,
             externals: BTreeMap::new(),
             clients: BTreeMap::new(),
+            together: Together::default(),
             deployment,
             plan,
             home,
@@ -161,7 +167,13 @@ impl Participant {
             ToParticipant::Go => {
                 self.rejoining = false;
                 self.go(out.now);
+                self.start_at(None, out);
             }
+            ToParticipant::GoAt { start } => {
+                self.go(out.now);
+                self.start_at(Some(start), out);
+            }
+            ToParticipant::ReadClock { asked } => self.read_clock(asked, out),
             ToParticipant::Reopen { host } => {
                 self.each_executer(out, |executer, at, out| executer.reopen(&host, at, out));
             }
@@ -269,6 +281,7 @@ impl Participant {
     /// Does what is due.
     pub fn tick(&mut self, out: &mut Out<'_>) {
         self.tick_loss(out);
+        self.begin_together(out);
         for leaf in self.instances.due(out.now) {
             self.with_instance(leaf, out, Instance::tick);
         }
@@ -279,7 +292,8 @@ impl Participant {
 
     /// Returns when [`Participant::tick`] wants to be called.
     pub fn deadline(&self) -> Option<Time> {
-        [self.instances.deadline(), self.executers.deadline()].into_iter().fold(self.loss_deadline(), earliest)
+        let first = earliest(self.loss_deadline(), self.starts_at());
+        [self.instances.deadline(), self.executers.deadline()].into_iter().fold(first, earliest)
     }
 
     fn go(&mut self, now: Time) {
@@ -287,40 +301,6 @@ impl Participant {
             self.phase = Phase::Running;
         }
         self.go_at.get_or_insert(now);
-    }
-
-    fn activate(&mut self, target: Target, activation: u32, value: Vec<u8>, out: &mut Out<'_>) {
-        match target {
-            Target::Leaf(leaf) if self.externals.contains_key(&leaf) => self.attach(leaf, activation, out),
-            Target::Leaf(leaf) if self.refuse_held(leaf, activation, out) => {}
-            Target::Leaf(leaf) => {
-                self.with_instance(leaf, out, |instance, context| instance.activate(activation, value, context));
-            }
-            Target::Group(group) => {
-                if let Some(executer) = self.executers.get(group).filter(|executer| executer.is_running()) {
-                    if executer.activation() != activation {
-                        let origin = self.plan.groups.get(group as usize).map(|group| group.path.clone());
-                        let (origin, at) = (origin.unwrap_or_default(), self.since_go(out.now));
-                        let failure = Failure { origin, cause: FailureCause::Busy, at };
-                        self.tell_supervisor(target, activation, Ending::Aborted(failure), out);
-                    }
-                    return;
-                }
-                self.happened(target, Change::Activated, out);
-                self.with_executer(group, out, |executer, at, out| executer.activate(activation, &value, at, out));
-            }
-        }
-    }
-
-    fn stop(&mut self, target: Target, activation: u32, out: &mut Out<'_>) {
-        match target {
-            Target::Leaf(leaf) if self.externals.contains_key(&leaf) => self.detach(leaf, activation, out),
-            Target::Leaf(leaf) => self.with_instance(leaf, out, |instance, context| instance.stop(activation, context)),
-            Target::Group(group) => {
-                self.happened(target, Change::Stopping, out);
-                self.with_executer(group, out, |executer, at, out| executer.stop(activation, at, out));
-            }
-        }
     }
 
     fn with_instance(
@@ -413,7 +393,8 @@ impl Participant {
         act: impl FnOnce(&mut Executer, ExecContext<'_>, &mut Out<'_>) -> Option<Ending>,
     ) {
         let since_go = self.since_go(out.now);
-        let context = ExecContext { deployment: &self.deployment, home: &self.home, plan: &self.plan, since_go };
+        let start = self.together.start();
+        let context = ExecContext { deployment: &self.deployment, home: &self.home, plan: &self.plan, since_go, start };
         let acted = self.executers.with(group, |executer| (act(executer, context, out), executer.activation()));
         self.report_handover(out);
         let Some((Some(ending), activation)) = acted else { return };

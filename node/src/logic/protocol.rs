@@ -27,7 +27,7 @@ pub use change::{ChangeOrder, ChangeReply, ChangeRequest, ChangeStage, ChangeUnd
 pub use clock::{ClockKeeping, ClockReading};
 use comms::logic::codec::{Enveloped, Kind};
 use comms::logic::control::Dial;
-pub use deploying::{ToCoordinator, ToParticipant};
+pub use deploying::{StartMode, ToCoordinator, ToParticipant};
 pub use estop::{Estop, Estopped};
 pub use event::Event;
 pub use facts::LeafFacts;
@@ -126,6 +126,8 @@ pub enum Request {
         plan: Plan,
         /// The user who wants it, for the records, such as `ann@c1`.
         by: String,
+        /// When the programs of its first step begin.
+        start: StartMode,
     },
     /// Answered by [`NodeStatus`].
     Status,

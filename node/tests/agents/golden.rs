@@ -1,9 +1,11 @@
 //! The bytes of what nodes say about a deployment that changes while it runs. If one of them fails, `VERSION` has to go up.
 
 use comms::logic::switch::{Expect, Flip, Opening};
+use comms::logic::time::Time;
 use language::algebra::{Event, StepRecord, Value};
 use node::logic::protocol::{
-    Answer, Change, ChangeOrder, ChangeReply, LeafFacts, SetsSwitched, SwitchRequest, ToCoordinator, ToParticipant,
+    Answer, Change, ChangeOrder, ChangeReply, LeafFacts, Report, SetsSwitched, SwitchRequest, ToCoordinator,
+    ToParticipant,
 };
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -29,6 +31,16 @@ fn golden_changes() {
     check(&ChangeReply::Joined { number: 300, facts: facts() }, "05ac0201ac0200010361726d0102667401");
     let step = StepRecord { event: Event::Start(Value::new(&[7])), commands: vec![], outcome: None, is_cut: true };
     check(&ToCoordinator::Stepped { group: 1, number: 300, steps: vec![step] }, "0801ac02010001010700000001");
+}
+
+#[test]
+fn golden_aligned_starts() {
+    let [asked, shown] = [300, 3].map(Time::from_nanos);
+    check(&ToParticipant::ReadClock { asked }, "1aac02");
+    check(&ToParticipant::GoAt { start: asked }, "1bac02");
+    check(&ToCoordinator::ClockRead { asked, shown }, "0aac0203");
+    let (lead, within) = (Duration::new(0, 300), Duration::new(3, 4));
+    check(&Report::Aligned { lead, within }, "0d00ac020304");
 }
 
 #[test]

@@ -162,6 +162,7 @@ impl World {
         let module = self.modules[process].clone();
         self.log.push(format!("{module} with wires {:?}", self.wires_open));
         self.running.insert((host.into(), process.clone()), activation);
+        self.begun.entry(process.clone()).or_insert(self.now);
         self.source_begins(host, process, &module);
         match self.commands[process].get(2).map(String::as_str) {
             Some("dies") => return self.die(host, process, ShimReport::Exited { code: 3 }),

@@ -13,7 +13,8 @@ use node::logic::nameserver::Change;
 use node::logic::node_state::NodeState;
 use node::logic::programs::Programs;
 use node::logic::protocol::{
-    Answer, ChangeRequest, Deployment, Earlier, Ending, Estop, Kept, Namesake, Pong, Report, Request, Tombstone,
+    Answer, ChangeRequest, Deployment, Earlier, Ending, Estop, Kept, Namesake, Pong, Report, Request, StartMode,
+    Tombstone,
 };
 use shim::protocol::{ShimOrder, ShimReport};
 use std::collections::{BTreeMap, BTreeSet};
@@ -134,6 +135,11 @@ pub(super) struct World {
     pub(super) traffic: Traffic,
     /// The version of the control protocol that programs speak, if it is another.
     pub(super) version: Option<u16>,
+    pub(super) start: StartMode,
+    /// How far the clock of a host is ahead that nobody sets.
+    pub(super) ahead: BTreeMap<String, Duration>,
+    /// When each program has begun for the first time.
+    pub(super) begun: BTreeMap<ProcessId, Time>,
 }
 
 impl World {
@@ -191,7 +197,7 @@ impl World {
         self.counter += 1;
         let call = self.counter;
         self.calls.push(call);
-        let request = Box::new(Request::Deploy { request: call, plan, by: "ann".into() });
+        let request = Box::new(Request::Deploy { request: call, plan, by: "ann".into(), start: self.start });
         self.at(0, home, Coming::Input(Input::Call { call, request }));
         call
     }
@@ -225,7 +231,7 @@ impl World {
         let end = self.now + span;
         loop {
             let event = self.coming.first_key_value().map(|((time, _), _)| *time);
-            let timer = self.agents.values().filter_map(|node| node.agent.deadline()).min();
+            let timer = self.agents.iter().filter_map(|(host, node)| self.here(host, node.agent.deadline()?)).min();
             let Some(next) = event.into_iter().chain(timer).min().filter(|next| *next <= end) else { break };
             self.now = self.now.max(next);
             let due = self.coming.first_key_value().is_some_and(|((time, _), _)| *time <= self.now);
@@ -268,9 +274,9 @@ impl World {
 
     pub(super) fn give(&mut self, host: &str, input: Input) {
         let Some(mut node) = self.agents.remove(host) else { return };
-        let mut effects = Vec::new();
-        self.written.entry(host.to_owned()).or_insert_with(|| Written::of(&node)).input(self.now, &input);
-        node.take(self.now, input, &mut effects);
+        let (now, mut effects) = (self.there(host), Vec::new());
+        self.written.entry(host.to_owned()).or_insert_with(|| Written::of(&node)).input(now, &input);
+        node.take(now, input, &mut effects);
         let dies_after = self.dies_after.take_if(|(dying, _)| dying == host).map(|(_, count)| count);
         let count = dies_after.unwrap_or(effects.len());
         self.agents.insert(host.to_owned(), node);

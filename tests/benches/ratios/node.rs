@@ -82,7 +82,12 @@ impl Node {
         let problems = || render(&compiled.diagnostics, &source, &interfaces, Style::Plain);
         let plan = compiled.plan.clone().with_context(problems)?;
         self.request += 1;
-        let bytes = codec::encode(&Request::Deploy { request: self.request, plan, by: "a benchmark".into() })?;
+        let bytes = codec::encode(&Request::Deploy {
+            request: self.request,
+            plan,
+            by: "a benchmark".into(),
+            start: Default::default(),
+        })?;
         let asked = now();
         Ok(Deployment { replies: self.client.call_stream(&key::rpc(HOST, "request"), bytes, WITHIN)?, asked })
     }

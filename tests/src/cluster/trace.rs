@@ -72,6 +72,7 @@ impl Trace {
             | Report::Stepped { .. }
             | Report::Unchanged { .. }
             | Report::Replanned { .. }
+            | Report::Aligned { .. }
             | Report::Omitted { .. }
             | Report::Refused { .. } => None,
         });
@@ -91,6 +92,7 @@ impl Trace {
             | Report::Stepped { .. }
             | Report::Unchanged { .. }
             | Report::Replanned { .. }
+            | Report::Aligned { .. }
             | Report::Omitted { .. }
             | Report::Refused { .. }
             | Report::Finished { .. } => None,

@@ -1,5 +1,6 @@
 //! How far the start of a deployment is: programs up, links made, GO.
 
+use comms::logic::human::span;
 use language::plan::Plan;
 use node::logic::table::counted;
 use std::time::Duration;
@@ -9,6 +10,8 @@ use std::time::Duration;
 pub struct Start {
     hosts: Vec<Host>,
     took: Option<Duration>,
+    /// How far apart the programs of the first step may have begun, if that was to be at one moment.
+    aligned: Option<Duration>,
 }
 
 #[derive(Debug, Clone)]
@@ -31,7 +34,11 @@ impl Start {
             let leaves = plan.leaves.iter().filter(|leaf| usize::try_from(leaf.host) == Ok(index)).count();
             Host { name: name.clone(), leaves, stage: Stage::Asked }
         };
-        Self { hosts: plan.hosts.iter().enumerate().map(|(index, name)| host(index, name)).collect(), took: None }
+        Self {
+            hosts: plan.hosts.iter().enumerate().map(|(index, name)| host(index, name)).collect(),
+            took: None,
+            aligned: None,
+        }
     }
 
     pub(super) fn prepared(&mut self, host: &str, leaves: u32) {
@@ -45,6 +52,10 @@ impl Start {
         if let Some(host) = self.hosts.iter_mut().find(|known| known.name == host) {
             host.stage = Stage::Connected;
         }
+    }
+
+    pub(super) fn aligned(&mut self, within: Duration) {
+        self.aligned = Some(within);
     }
 
     pub(super) fn go(&mut self, took: Duration) {
@@ -77,10 +88,11 @@ impl Start {
         format!("starting {}: {}", counted(programs, "program"), hosts.collect::<Vec<_>>().join(" · "))
     }
 
-    /// Returns one line once GO was given: `20 programs on 3 hosts, started in 0.8 s`.
+    /// Returns one line once GO was given: `20 programs on 3 hosts, started in 0.8 s`, and how well an aligned start is.
     pub fn done(&self) -> Option<String> {
         let (programs, hosts) = self.size();
         let took = self.took?.as_secs_f64();
-        Some(format!("{} on {}, started in {took:.1} s", counted(programs, "program"), counted(hosts, "host")))
+        let aligned = self.aligned.map_or(String::new(), |within| format!(", aligned to within {}", span(within)));
+        Some(format!("{} on {}, started in {took:.1} s{aligned}", counted(programs, "program"), counted(hosts, "host")))
     }
 }

@@ -135,6 +135,7 @@ pub(super) fn details(run: &Run) -> String {
             | Report::Stepped { .. }
             | Report::Unchanged { .. }
             | Report::Replanned { .. }
+            | Report::Aligned { .. }
             | Report::Omitted { .. }
             | Report::Finished { .. } => ("", report_text(report)),
         };

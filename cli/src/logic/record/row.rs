@@ -135,6 +135,7 @@ impl Rows {
             | Report::Changed { .. }
             | Report::Unchanged { .. }
             | Report::Replanned { .. }
+            | Report::Aligned { .. }
             | Report::Omitted { .. }
             | Report::Refused { .. } => self.now,
         };
@@ -151,6 +152,7 @@ impl Rows {
             | Report::Changed { .. }
             | Report::Unchanged { .. }
             | Report::Replanned { .. }
+            | Report::Aligned { .. }
             | Report::Omitted { .. } => ("", ""),
         };
         let event = Event {
@@ -275,6 +277,7 @@ pub(crate) fn kind(report: &Report) -> &'static str {
         Report::Unchanged { .. } => "unchanged",
         Report::Omitted { .. } => "omitted",
         Report::Replanned { .. } => "plan",
+        Report::Aligned { .. } => "aligned",
         Report::Stepped { .. } => "step",
         Report::Process { change, .. } => match change {
             Change::Activated => "activated",
@@ -316,6 +319,7 @@ fn output(report: &Report) -> &[String] {
         | Report::Stepped { .. }
         | Report::Unchanged { .. }
         | Report::Replanned { .. }
+        | Report::Aligned { .. }
         | Report::Omitted { .. } => &[],
     }
 }

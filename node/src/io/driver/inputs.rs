@@ -2,9 +2,10 @@
 
 use super::Driver;
 use crate::io::calendar;
+use crate::io::event::Event;
 use crate::logic::agent::Input;
 use crate::logic::effect::Effect;
-use comms::io::clock;
+use comms::io::clock::{self, Wakeup};
 
 impl Driver {
     /// Gives what waits to the agent and carries its effects out, which may bring more. Says whether the node is to leave.
@@ -18,7 +19,21 @@ impl Driver {
             over |= self.give(input);
         }
         self.inputs.keep_up(&self.state);
+        self.set_alarm();
         over
+    }
+
+    /// Has a thread of its own wait for the moment at which programs begin: the timers of the loop are late by a millisecond or two.
+    fn set_alarm(&mut self) {
+        let Some(at) = self.state.agent.starts_at().filter(|at| self.alarm != Some(*at)) else { return };
+        self.alarm = Some(at);
+        let events = self.events.clone();
+        self.tasks.spawn_blocking(move || {
+            clock::make_punctual();
+            Wakeup::default().wait(Some(at));
+            // A loop that is so busy that nothing more can wait for it looks at its timers in any case.
+            drop(events.try_send(Event::Alarm));
+        });
     }
 
     fn give(&mut self, input: Input) -> bool {

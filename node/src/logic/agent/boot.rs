@@ -12,8 +12,8 @@ use crate::logic::database::chronicle;
 use crate::logic::effect::{Effect, Out};
 use crate::logic::history::History;
 use crate::logic::protocol::{
-    Answer, Before, Body, Deployment, Ending, Failure, FailureCause, Kept, Message, Report, Signed, StopReply,
-    Tombstone,
+    Answer, Before, Body, Deployment, Ending, Failure, FailureCause, Kept, Message, Report, Signed, StartMode,
+    StopReply, Tombstone,
 };
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
@@ -105,7 +105,8 @@ impl Agent {
             let permission = Permission::Unknown;
             let resumed = Some(Resumed { from: deployment, origin, earliest: Some(earliest), permission });
             let signed = signed.map(Arc::new);
-            self.awaiting_hosts.push(AwaitingHosts { until, call: None, plan, by, signed, resumed });
+            let start = StartMode::AtOnce;
+            self.awaiting_hosts.push(AwaitingHosts { until, call: None, plan, by, signed, resumed, start });
         }
     }
 

@@ -6,7 +6,7 @@ use crate::logic::database::chronicle;
 use crate::logic::effect::{Effect, Out, ProcessId};
 use crate::logic::participant::Participant;
 use crate::logic::protocol::{
-    Answer, ChangeRequest, Deployment, Names, Report, Request, SEVERAL, Signed, StopReply, SwitchRequest,
+    Answer, ChangeRequest, Deployment, Names, Report, Request, SEVERAL, Signed, StartMode, StopReply, SwitchRequest,
 };
 use language::plan::Plan;
 use std::sync::Arc;
@@ -20,7 +20,9 @@ const GATHER_WITHIN: Duration = Duration::from_secs(2);
 impl Agent {
     pub(super) fn call(&mut self, call: u64, request: Request, signed: Option<Arc<Signed>>, out: &mut Out<'_>) {
         match request {
-            Request::Deploy { request, plan, by } => return self.deploy((call, request), plan, (by, signed), out),
+            Request::Deploy { request, plan, by, start } => {
+                return self.deploy((call, request), (plan, start), (by, signed), out);
+            }
             Request::Status => answer(call, Answer::Status(self.status(out.now)), out),
             Request::Absent => answer(call, Answer::Absent(self.absent(out.now)), out),
             Request::Plan { deployment } => {
@@ -135,7 +137,7 @@ impl Agent {
     fn deploy(
         &mut self,
         (call, request): (u64, u64),
-        plan: Plan,
+        (plan, start): (Plan, StartMode),
         (by, signed): (String, Option<Arc<Signed>>),
         out: &mut Out<'_>,
     ) {
@@ -166,7 +168,7 @@ impl Agent {
             self.requests.pop_first();
         }
         let (until, call, resumed) = (out.now + GATHER_WITHIN, Some(call), None);
-        self.awaiting_hosts.push(AwaitingHosts { until, call, plan, by, signed, resumed });
+        self.awaiting_hosts.push(AwaitingHosts { until, call, plan, by, signed, resumed, start });
         self.begin_gathered(out);
     }
 
@@ -225,7 +227,7 @@ impl Agent {
 
     pub(super) fn begin(
         &mut self,
-        AwaitingHosts { call, plan, by, signed, resumed, .. }: AwaitingHosts,
+        AwaitingHosts { call, plan, by, signed, resumed, start, .. }: AwaitingHosts,
         out: &mut Out<'_>,
     ) {
         self.identity.epoch += 1;
@@ -236,6 +238,7 @@ impl Agent {
         let plan = (Arc::new(plan), signed);
         let mut home = Coordinator::begin(deployment.clone(), plan, call, listeners, out);
         home.begun_for(&by);
+        home.starts(start);
         if let Some(resumed) = &resumed {
             home.resumes(resumed.origin());
         }

@@ -74,7 +74,7 @@ impl Agent {
             answer_of_absent(message, gone())
                 .into_iter()
                 .for_each(|answer| out.send(from, deployment.to_participant(answer)));
-        } else if is_home || !matches!(message, ToParticipant::Connect { .. } | ToParticipant::Go) {
+        } else if is_home || !is_for_home(&message) {
             participant.receive(message, from, out);
         }
     }
@@ -223,6 +223,12 @@ fn gone() -> FailureCause {
     FailureCause::NotAvailable("its node has left the deployment".to_owned())
 }
 
+/// Whether a message is the home's alone to send.
+fn is_for_home(message: &ToParticipant) -> bool {
+    use ToParticipant as To;
+    matches!(message, To::Connect { .. } | To::Go | To::GoAt { .. } | To::ReadClock { .. })
+}
+
 /// Whether a message orders processes about, which are not there yet where a host rejoins.
 fn is_for_members(message: &ToParticipant) -> bool {
     matches!(message, ToParticipant::Activate { .. } | ToParticipant::Stop { .. })
@@ -261,6 +267,8 @@ fn answer_of_absent(message: ToParticipant, cause: FailureCause) -> Option<ToPar
         ToParticipant::Prepare { .. }
         | ToParticipant::Connect { .. }
         | ToParticipant::Go
+        | ToParticipant::GoAt { .. }
+        | ToParticipant::ReadClock { .. }
         | ToParticipant::Release
         | ToParticipant::Ended { .. }
         | ToParticipant::Switched { .. }

@@ -117,6 +117,7 @@ impl Agent {
             | ToCoordinator::Happened { .. }
             | ToCoordinator::Stepped { .. }
             | ToCoordinator::SetsSwitched { .. }
+            | ToCoordinator::ClockRead { .. }
             | ToCoordinator::Change(_) => {}
         }
     }

@@ -78,7 +78,7 @@ impl Coordinator {
     }
 
     pub(super) fn go_if_ready(&mut self, out: &mut Out<'_>) {
-        if self.phase == Phase::Connecting && self.waiting.is_empty() && self.committed {
+        if self.phase == Phase::Connecting && self.waiting.is_empty() && self.committed && self.clocks_are_read(out) {
             self.go(out);
         }
     }
@@ -105,6 +105,7 @@ impl Coordinator {
             Some((leaf.path.clone(), dial))
         });
         let signals = signals.collect();
+        let start = self.start_on_hosts(out);
         self.report(Report::Go { took: out.now - self.begun, signals }, out);
         // What other deployments run is looked at there.
         let own = self.registrations.facts.keys().filter(|leaf| self.plan.external(**leaf).is_none());
@@ -114,8 +115,9 @@ impl Coordinator {
         });
         let at = programs.collect();
         self.report(Report::Programs { at }, out);
-        for host in self.hosts.clone() {
-            out.send(&host, self.deployment.to_participant(ToParticipant::Go));
+        for host in &self.hosts {
+            let at = start.get(host).map(|start| ToParticipant::GoAt { start: *start });
+            out.send(host, self.deployment.to_participant(at.unwrap_or(ToParticipant::Go)));
         }
         let Some(home) = self.plan.home().map(str::to_owned) else { return };
         let order = ToParticipant::Activate { target: Target::Group(0), activation: 1, value: Vec::new() };

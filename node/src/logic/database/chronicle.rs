@@ -74,6 +74,7 @@ pub fn ended(home: &str, history: &History) -> Option<Commit> {
         | Report::Stepped { .. }
         | Report::Unchanged { .. }
         | Report::Replanned { .. }
+        | Report::Aligned { .. }
         | Report::Omitted { .. } => None,
     })?;
     Some(commit(home, history.deployment(), "ended", fields))

@@ -93,8 +93,13 @@ impl World<'_> {
     fn let_it(&mut self, act: impl FnOnce(&mut Executer, ExecContext<'_>, &mut Out<'_>) -> Option<Ending>) {
         let (mut effects, mut messages) = (Vec::new(), Vec::new());
         let mut out = Out { now: self.now, since_1970: Duration::ZERO, effects: &mut effects, messages: &mut messages };
-        let context =
-            ExecContext { deployment: &self.deployment, home: "c1", plan: self.plan, since_go: Duration::ZERO };
+        let context = ExecContext {
+            deployment: &self.deployment,
+            home: "c1",
+            plan: self.plan,
+            since_go: Duration::ZERO,
+            start: Time::ZERO,
+        };
         self.has_ended |= act(&mut self.executer, context, &mut out).is_some();
         for (_, message) in messages {
             if let Body::Coordinator(ToCoordinator::Stepped { steps, .. }) = message.body {

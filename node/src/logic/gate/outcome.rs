@@ -54,6 +54,7 @@ pub fn outcome_of_order(answer: &ToCoordinator) -> Option<Outcome> {
         | ToCoordinator::MainEnded { .. }
         | ToCoordinator::Happened { .. }
         | ToCoordinator::SetsSwitched { .. }
+        | ToCoordinator::ClockRead { .. }
         | ToCoordinator::Stepped { .. } => None,
     }
 }
@@ -70,6 +71,7 @@ fn of_report(report: &Report) -> Option<Outcome> {
         | Report::Process { .. }
         | Report::Programs { .. }
         | Report::Replanned { .. }
+        | Report::Aligned { .. }
         | Report::Omitted { .. }
         | Report::Stepped { .. } => None,
     }

@@ -12,6 +12,7 @@ impl Participant {
         if self.phase != Phase::Leaving {
             self.phase = Phase::Leaving;
             self.abandon_groups(out);
+            self.begin_never(out);
             for leaf in self.instances.numbers() {
                 self.with_instance(leaf, out, Instance::leave);
             }
@@ -21,7 +22,8 @@ impl Participant {
 
     fn abandon_groups(&mut self, out: &mut Out<'_>) {
         let since_go = self.since_go(out.now);
-        let context = ExecContext { deployment: &self.deployment, home: &self.home, plan: &self.plan, since_go };
+        let start = self.together.start();
+        let context = ExecContext { deployment: &self.deployment, home: &self.home, plan: &self.plan, since_go, start };
         self.executers.each(|group, executer| {
             if !executer.is_running() {
                 return;

@@ -2,10 +2,21 @@
 
 use super::{Change, ChangeOrder, ChangeReply, Ending, FailureCause, LeafFacts, Ordered, SetsSwitched, Target};
 use comms::logic::switch::{Expect, Flip};
+use comms::logic::time::Time;
 use language::algebra::StepRecord;
 use language::plan::Plan;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
+
+/// When the programs of the first step of a deployment begin.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum StartMode {
+    /// Each as soon as it can.
+    #[default]
+    AtOnce,
+    /// All at one moment, as exactly as the clocks of the hosts can be compared.
+    Aligned,
+}
 
 /// From a host that takes part in a deployment to its home.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -57,6 +68,13 @@ pub enum ToCoordinator {
         call: u64,
         /// How it went, or why nothing was switched.
         switched: Result<SetsSwitched, String>,
+    },
+    /// To [`ToParticipant::ReadClock`].
+    ClockRead {
+        /// As asked.
+        asked: Time,
+        /// What the clock that nobody sets shows at the host.
+        shown: Time,
     },
 }
 
@@ -256,5 +274,16 @@ pub enum ToParticipant {
         leaf: u32,
         /// Whether the other one is there, so that it can hand its connections over.
         is_handed_over: bool,
+    },
+    /// Say what your clock shows that nobody sets: the start is aligned. Nothing is activated before `GoAt`, or `Go`. Answered by
+    /// `ClockRead`.
+    ReadClock {
+        /// When the home asks, on its own clock; echoed.
+        asked: Time,
+    },
+    /// As `Go`; and programs that are activated before a moment begin at that moment.
+    GoAt {
+        /// The moment, on the clock of who is told.
+        start: Time,
     },
 }

@@ -104,6 +104,15 @@ pub enum Report {
         /// The plan, with the numbers of the one before.
         plan: Box<Plan>,
     },
+    /// Just before GO: the programs of the first step begin at one moment.
+    Aligned {
+        /// How long after GO.
+        #[serde(with = "comms::logic::human::seconds")]
+        lead: Duration,
+        /// How far apart two of them may begin at the most, as far as it depends on the clocks of their hosts.
+        #[serde(with = "comms::logic::human::seconds")]
+        within: Duration,
+    },
 }
 
 /// A change of one process that a person may want to see.
