@@ -272,7 +272,7 @@ impl Watch {
             Ok(other) => unasked(&self.home, &other),
             Err(why) => why,
         };
-        self.output.note(&format!("warning: nobody stops it: {}", words(&why)));
+        self.output.note(&format!("warning: nobody stops it: {}; once more to leave", words(&why)));
     }
 
     fn take(&mut self, client: &Client, answer: Answer) -> Result<(), Failure> {

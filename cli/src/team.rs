@@ -114,6 +114,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 fn list(keys: &KeysArgs) -> Result<(), Failure> {
     let (keyring, bundle) = keys.bundle()?;
+    let bundle = revoke::look(keys, bundle);
     let own = keyring.own()?.and_then(|own| keyring.credential(&bundle, &own.public().id()));
     let renewed: Vec<Credential> = own.into_iter().chain(renewed(keys)).collect();
     console::say(&listed(&bundle, &renewed, now()));
@@ -131,13 +132,9 @@ fn renewed(keys: &KeysArgs) -> Vec<Credential> {
 fn listed(bundle: &Bundle, renewed: &[Credential], now: UnixTime) -> String {
     let team = bundle.team();
     let mut text = format!("team {}: {}\nid {}\n", team.name(), team.id().fingerprint(), team.id());
-    match bundle.revoked() {
-        None => text += "nobody is revoked\n",
-        Some(set) => text += &format!("revocations: number {}, keys {}\n", set.number(), set.keys().len()),
-    }
+    text += &(revoke::summary(bundle.revocations(), &team.id()) + "\n");
     let head = ["name", "role", "until", "can be renewed until", "key", ""].map(str::to_owned).to_vec();
-    let revoked = bundle.revocations();
-    let judge = Judge { team: bundle.team(), revoked: &revoked, now, grace: OFFLINE_GRACE };
+    let judge = Judge { team: bundle.team(), revoked: bundle.revocations(), now, grace: OFFLINE_GRACE };
     let row = |holder: &Holder<'_>| {
         let newest = renewed.iter().filter(|credential| credential.certificate() == holder.certificate);
         row(holder, newest.max_by_key(|credential| renewal::end(credential, &judge)), &judge)

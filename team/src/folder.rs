@@ -49,7 +49,9 @@ fn write_with(path: &Path, bytes: &[u8], share: impl FnOnce(&File) -> io::Result
         fs::rename(&part, path)?;
         File::open(path.parent().unwrap_or(Path::new("/")))?.sync_all()
     };
-    write().with_context(|| format!("writing `{}`", path.display()))
+    // A full disk is not to keep what is of no use.
+    let written = write().inspect_err(|_| drop(fs::remove_file(&part)));
+    written.with_context(|| format!("writing `{}`", path.display()))
 }
 
 /// Space on a disk that is held until it is needed, so that what has to be written then finds room.
@@ -131,6 +133,10 @@ mod tests {
         assert_eq!(read(&path("keys"), 6).unwrap().unwrap().as_slice(), b"secret");
         assert!(read(&path("keys"), 5).unwrap_err().to_string().ends_with("is too long"));
         assert!(read(&path("none"), 5).unwrap().is_none());
+        // What could not be written leaves nothing.
+        fs::create_dir_all(path("full/of")).unwrap();
+        assert!(write(&path("full"), b"secret").is_err());
+        assert_eq!(fs::read_dir(&folder).unwrap().count(), 2);
         // What others may read is no secret, and what they may write is nobody's.
         let mode = |mode| fs::set_permissions(path("keys"), Permissions::from_mode(mode)).unwrap();
         mode(0o644);

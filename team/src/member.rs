@@ -5,7 +5,7 @@
 //!   keys                  the node's secret keys, made here; they never leave it
 //!   team                  the team's name and public keys
 //!   credential            what shows that the node belongs to it; written last: without it the node is in no team
-//!   revoked               whom the team has revoked, as far as this node has heard
+//!   revoked               whom the team has revoked, as far as this node has heard: the sets that are held in memory, all of them
 //!   audit                 who was refused, and what was revoked
 //!   founds                the node is the first of its team and has not begun the team's database yet
 //!   heads                 where audit logs of others have come to, signed by this node, and its own, signed by others
@@ -14,6 +14,7 @@
 mod heads;
 mod refusals;
 mod renewal;
+mod revoked;
 
 use crate::audit::{Audit, AuditEntry};
 use crate::cards::Cards;
@@ -22,16 +23,16 @@ use anyhow::{Context as _, bail, ensure};
 use comms::io::session::{Authenticator, Author, Digest, Identity, PublicKey};
 use comms::logic::proof::Proof;
 use renewal::Vouched;
-use std::collections::{BTreeMap, BTreeSet};
+pub(crate) use revoked::{REVOKED_BYTES_MAX, revocations};
+use std::collections::BTreeSet;
 use std::net::{IpAddr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
-use trust::audit::Decision;
 use trust::heads::Heads;
 use trust::identity::{KeyId, PublicKeys, SECRET_LEN, SIGNATURE_LEN, SecretKeys};
 use trust::name::Name;
-use trust::revocation::{Received, Revocations, RevokedSet, SET_MAX};
+use trust::revocation::Revocations;
 use trust::role::Kind;
 use trust::seal::{Place, SealError, Sealed, Secret};
 use trust::statement;
@@ -49,8 +50,6 @@ const FOUNDS: &str = "founds";
 pub const HEADS: &str = "heads";
 /// The most bytes that [`Member::begin`] writes, with some to spare for the file system.
 pub const BEGIN_SIZE_MAX: usize = SECRET_LEN + TEAM_MAX + CREDENTIAL_MAX + (32 << 10);
-/// The most bytes of revocations that are kept or heard at once.
-pub(crate) const REVOKED_BYTES_MAX: usize = 4 << 20;
 
 /// A node in a team.
 #[derive(Debug)]
@@ -278,70 +277,11 @@ impl Member {
     fn by<'a>(&'a self, revoked: &'a Revocations) -> Judge<'a> {
         judge(&self.team, revoked)
     }
-
-    /// Takes in what the team, or an admin, has revoked. Says whether it was new.
-    ///
-    /// # Errors
-    /// It is not theirs, or the disk refuses.
-    pub fn revoke(&self, set: RevokedSet) -> anyhow::Result<bool> {
-        let (number, count) = (set.number(), set.keys().len());
-        let mut revoked = self.revoked();
-        let mut with = revoked.clone();
-        if with.receive(set, &judge(&self.team, &revoked))? == Received::Known {
-            return Ok(false);
-        }
-        // On the disk first: what has been heard once is never forgotten.
-        folder::write(&self.folder.join(REVOKED), &sets(&with))?;
-        *revoked = with;
-        drop(revoked);
-        self.cards.judge_again();
-        if let Err(error) = self.share_again() {
-            tracing::error!(error = format!("{error:#}"), "programs of another user are not told who is revoked");
-        }
-        let what = format!("revoke: number {number}, keys {count}");
-        self.record(AuditEntry { decision: Decision::Done, who: "the team".to_owned(), what, reason: String::new() });
-        self.changes.send_replace(());
-        Ok(true)
-    }
 }
 
 /// Judges by a team, with the grace for nodes that were offline.
 pub(crate) fn judge<'a>(team: &'a Team, revoked: &'a Revocations) -> Judge<'a> {
     Judge { team, revoked, now: crate::now(), grace: OFFLINE_GRACE }
-}
-
-/// Returns the form in which sets of revocations are kept and told.
-fn sets(revoked: &Revocations) -> Vec<u8> {
-    let sets: Vec<Vec<u8>> = revoked.newer_than(&BTreeMap::new()).into_iter().map(RevokedSet::to_bytes).collect();
-    postcard::to_stdvec(&sets).unwrap_or_default()
-}
-
-/// Reads that form.
-fn from_sets(bytes: &[u8]) -> anyhow::Result<Vec<RevokedSet>> {
-    if bytes.len() > REVOKED_BYTES_MAX {
-        bail!("there are too many revocations");
-    }
-    let sets: Vec<Vec<u8>> = postcard::from_bytes(bytes)?;
-    let read = |set: Vec<u8>| {
-        if set.len() > SET_MAX {
-            bail!("a set of revocations is too long");
-        }
-        Ok(RevokedSet::from_bytes(&set)?)
-    };
-    sets.into_iter().map(read).collect()
-}
-
-/// Returns the revocations of a team that were kept.
-pub(crate) fn revocations(bytes: &[u8], team: &Team) -> anyhow::Result<Revocations> {
-    let mut revoked = Revocations::default();
-    for set in from_sets(bytes)? {
-        let before = revoked.clone();
-        // One whose signer was revoked since is not needed: its keys were taken in while it counted.
-        if let Err(error) = revoked.receive(set, &judge(team, &before)) {
-            tracing::debug!(%error, "a set of revocations counts no more");
-        }
-    }
-    Ok(revoked)
 }
 
 impl Identity for Member {
@@ -375,22 +315,11 @@ impl Identity for Member {
     }
 
     fn revocations(&self) -> Vec<u8> {
-        sets(&self.revoked())
+        revoked::form(&self.revoked())
     }
 
     fn hear(&self, revocations: &[u8]) -> bool {
-        let sets = from_sets(revocations).unwrap_or_else(|error| {
-            tracing::warn!(error = format!("{error:#}"), "revocations of a node cannot be read");
-            Vec::new()
-        });
-        let mut is_new = false;
-        for set in sets {
-            match self.revoke(set) {
-                Ok(new) => is_new |= new,
-                Err(error) => tracing::debug!(error = format!("{error:#}"), "revocations were not taken in"),
-            }
-        }
-        is_new
+        self.hear_sets(revocations)
     }
 
     fn refused(&self, from: SocketAddr, why: &str) {

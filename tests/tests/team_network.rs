@@ -1,5 +1,8 @@
 //! A team on a network: namespaces on a bridge, a node in each, invited and joined as people do it, and strangers beside them.
 
+#[path = "team_network/split.rs"]
+mod split;
+
 use comms::io::clock::now;
 use dca_tests::cluster::{
     Cluster, Ended, Host, NAMES, Network, Program, SOON, Stream, Trace, pass, rate, spec, wait_until, window,

@@ -10,12 +10,13 @@
 //!
 //! The operator's machine keeps it as a file; it is no secret. Each line proves itself by its signatures, so a changed file is
 //! noticed. The last line has the hash of all before it, so a file of which a part was lost is noticed, too. Who takes lines out on purpose can
-//! write another last line: the number of the revocations tells that to whoever knows a higher one. Version 1 had no last line, and is still read.
+//! write another last line: nothing that somebody knows is lost by that, for what is read is merged with what is known. There may be several lines
+//! with revocations, of which none contains another. Version 1 had no last line, and is still read.
 
 use crate::certificate::Certificate;
 use crate::identity::KeyId;
 use crate::name::{Name, UnixTime};
-use crate::revocation::{Revocations, RevokedSet};
+use crate::revocation::{Received, RevocationError, Revocations, RevokedSet};
 use crate::role::Kind;
 use crate::team::{Credential, Judge, Standing, Team, TrustError};
 use crate::text::{decode, encode};
@@ -36,7 +37,7 @@ const END: &str = "end ";
 pub struct Bundle {
     team: Team,
     certificates: Vec<Certificate>,
-    revoked: Option<RevokedSet>,
+    revoked: Revocations,
 }
 
 /// Why a text is no bundle, or a certificate does not come into one.
@@ -71,8 +72,8 @@ pub struct Holder<'a> {
 impl Bundle {
     /// Returns that of a new team.
     #[must_use]
-    pub const fn new(team: Team) -> Self {
-        Self { team, certificates: Vec::new(), revoked: None }
+    pub fn new(team: Team) -> Self {
+        Self { team, certificates: Vec::new(), revoked: Revocations::default() }
     }
 
     /// Returns the team.
@@ -81,14 +82,8 @@ impl Bundle {
     }
 
     /// Returns what the team's key has revoked.
-    pub const fn revoked(&self) -> Option<&RevokedSet> {
-        self.revoked.as_ref()
-    }
-
-    /// Returns the same, to judge by.
-    #[must_use]
-    pub fn revocations(&self) -> Revocations {
-        self.revoked.clone().map(Revocations::of_checked).unwrap_or_default()
+    pub const fn revocations(&self) -> &Revocations {
+        &self.revoked
     }
 
     /// Adds a certificate, in place of an older one for the same keys.
@@ -104,16 +99,42 @@ impl Bundle {
         Ok(())
     }
 
-    /// Puts a newer set of revocations in place of the last one.
-    pub fn revoke(&mut self, set: RevokedSet) {
-        self.revoked = Some(set);
+    /// Takes in what the team's key has revoked, besides what is known. Admins' sets travel from node to node.
+    ///
+    /// # Errors
+    /// It is not signed by the team's key.
+    pub fn revoke(&mut self, set: RevokedSet) -> Result<Received, RevocationError> {
+        if set.is_of_the_team() { self.revoked.restore(set, &self.team) } else { Err(RevocationError::Signer) }
+    }
+
+    /// Takes in what another bundle of the team knows. Of two certificates for the same keys the younger one counts, or else the other
+    /// bundle's; nothing that was revoked is taken back.
+    ///
+    /// # Errors
+    /// It is of another team, or there are too many certificates.
+    pub fn merge(&mut self, other: &Self) -> Result<(), BundleError> {
+        if other.team != self.team {
+            return Err(BundleError::Signature(2));
+        }
+        for certificate in &other.certificates {
+            let known = self.certificates.iter().position(|known| known.subject() == certificate.subject());
+            match known.and_then(|index| self.certificates.get_mut(index)) {
+                Some(known) if known.claims().not_before > certificate.claims().not_before => {}
+                Some(known) => *known = certificate.clone(),
+                None => self.add(certificate.clone())?,
+            }
+        }
+        for set in other.revoked.sets() {
+            // It was checked when the other bundle was read.
+            drop(self.revoke(set.clone()));
+        }
+        Ok(())
     }
 
     /// Returns every holder of a certificate, and who is trusted at a time.
     #[must_use]
     pub fn holders(&self, now: UnixTime) -> Vec<Holder<'_>> {
-        let revoked = self.revocations();
-        let judge = Judge { team: &self.team, revoked: &revoked, now, grace: 0 };
+        let judge = Judge { team: &self.team, revoked: &self.revoked, now, grace: 0 };
         let standing = |certificate: &Certificate| self.credential(certificate).check(&judge);
         self.certificates.iter().map(|certificate| Holder { certificate, standing: standing(certificate) }).collect()
     }
@@ -125,7 +146,7 @@ impl Bundle {
 
     /// Returns whether the team has revoked a key.
     pub fn has_revoked(&self, key: &KeyId) -> bool {
-        self.revoked.as_ref().is_some_and(|set| set.keys().contains_key(key))
+        self.revoked.has(key)
     }
 
     /// Returns whether the team has a node that is not revoked.
@@ -154,7 +175,7 @@ impl Bundle {
         for certificate in &self.certificates {
             text += &format!("certificate {}\n", encode(&certificate.to_bytes()));
         }
-        if let Some(set) = &self.revoked {
+        for set in self.revoked.sets() {
             text += &format!("revoked {}\n", encode(&set.to_bytes()));
         }
         let end = encode(blake3::hash(text.as_bytes()).as_bytes());
@@ -178,12 +199,12 @@ impl Bundle {
         let team = field(lines.next().unwrap_or((2, "")), "team ")?;
         let mut bundle = Self::new(Team::from_bytes(&team).map_err(|_no_team| BundleError::Line(2))?);
         for (number, line) in lines {
-            if bundle.revoked.is_some() {
-                return Err(BundleError::Line(number));
-            }
             if line.starts_with("revoked ") {
-                bundle.revoked = Some(bundle.revoked_from(number, line)?);
+                bundle.take_revoked(number, line)?;
                 continue;
+            }
+            if !bundle.revoked.sets().is_empty() {
+                return Err(BundleError::Line(number));
             }
             let certificate = Certificate::from_bytes(&field((number, line), "certificate ")?);
             let certificate = certificate.map_err(|_no_certificate| BundleError::Line(number))?;
@@ -199,13 +220,14 @@ impl Bundle {
         Ok(bundle)
     }
 
-    /// Only the team's own key revokes in a bundle: admins' sets travel from node to node.
-    fn revoked_from(&self, number: usize, line: &str) -> Result<RevokedSet, BundleError> {
+    fn take_revoked(&mut self, number: usize, line: &str) -> Result<(), BundleError> {
         let set = RevokedSet::from_bytes(&field((number, line), "revoked ")?);
         let set = set.map_err(|_no_set| BundleError::Line(number))?;
-        let nobody = Revocations::default();
-        let judge = Judge { team: &self.team, revoked: &nobody, now: UnixTime(0), grace: 0 };
-        if set.is_of_the_team() && set.check(&judge).is_ok() { Ok(set) } else { Err(BundleError::Signature(number)) }
+        match self.revoke(set) {
+            Ok(Received::New(_)) => Ok(()),
+            Ok(Received::Known) => Err(BundleError::Line(number)),
+            Err(_) => Err(BundleError::Signature(number)),
+        }
     }
 
     /// Returns whether a certificate was true at its beginning. Its issuer stands before it.

@@ -1,8 +1,9 @@
 //! Whose keys are not trusted any more.
 //!
-//! The team's key, and each admin, signs a set of their own with a number that only grows. Members pass the newest set of each
-//! signer on with every contact. What a member has once heard of as revoked stays so: a key is never taken back, its
-//! owner gets another.
+//! The team's key, and each admin, signs sets of their own with a number that grows. Two copies of one signer's keys may count on from
+//! the same number, so the number decides nothing: of two sets of a signer the one that has all keys of the other stands for both, and
+//! where each has a key that the other lacks both are held. Members pass all that they hold on with every contact, so they come to hold
+//! the same, in whatever order it has reached them. A key is never taken back, its owner gets another.
 
 use crate::identity::{KeyId, SIGNATURE_LEN, SecretKeys};
 use crate::name::UnixTime;
@@ -14,8 +15,10 @@ use thiserror::Error;
 
 /// The most keys of a set.
 pub const REVOKED_MAX: usize = 4096;
-/// The most signers of whom a member keeps a set.
-pub const SIGNERS_MAX: usize = 64;
+/// The most sets of the team's key that a member holds at once, none of which contains another.
+pub const SETS_MAX: usize = 16;
+/// The most bytes of sets of admins that a member holds. They take no room from those of the team's key.
+pub const ADMINS_BYTES_MAX: usize = 1 << 20;
 /// The most bytes of a set.
 pub const SET_MAX: usize = 256 + CREDENTIAL_MAX + 40 * REVOKED_MAX;
 
@@ -36,29 +39,27 @@ pub struct RevokedSet {
 /// Why a set was refused, or cannot be made.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum RevocationError {
-    /// A newer set of the same signer is known.
-    #[error("the revocations with number {found} are older than those that are known, {known}")]
-    Old {
-        /// The number of the one that was refused.
-        found: u64,
-        /// The number of the one that is known.
-        known: u64,
-    },
     /// The signer is not the team's key or an admin of it, or has not signed it.
     #[error("the revocations are not signed by the team or one of its admins")]
     Signer,
     /// The signer is not trusted.
     #[error("who signed the revocations is not trusted: {0}")]
     Trust(TrustError),
-    /// There are too many keys or signers.
-    #[error("no more than {REVOKED_MAX} keys by each of {SIGNERS_MAX} signers can be revoked")]
+    /// There are too many keys.
+    #[error("no more than {REVOKED_MAX} keys can be revoked by one signer")]
+    TooMany,
+    /// A member holds as many as it can.
+    #[error(
+        "no more than {SETS_MAX} sets of revocations are held that do not contain each other: the next `dca team revoke NAME` or \
+         `dca team user remove NAME` on a machine whose node knows them joins them"
+    )]
     Full,
 }
 
 /// What receiving a set has changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Received {
-    /// It is known already.
+    /// All its keys are known already, and others have them from what is held.
     Known,
     /// It is new; keep it, pass it on, and cut the links to these many keys that were trusted until now.
     New(usize),
@@ -77,7 +78,7 @@ impl RevokedSet {
         credential: Option<Credential>,
     ) -> Result<Self, RevocationError> {
         if keys.len() > REVOKED_MAX {
-            return Err(RevocationError::Full);
+            return Err(RevocationError::TooMany);
         }
         let signature = [0; SIGNATURE_LEN];
         let mut set = Self { team: team.id(), signer: signer.public().id(), number, keys, signature, credential };
@@ -106,6 +107,8 @@ impl RevokedSet {
     pub(crate) fn check(&self, judge: &Judge<'_>) -> Result<(), RevocationError> {
         let keys = match &self.credential {
             None => *judge.team.root(),
+            // So each set of the team's key has one form.
+            Some(_) if self.signer == judge.team.id() => return Err(RevocationError::Signer),
             Some(credential) => {
                 // What an admin revoked stays revoked after the admin's certificate has ended: that is no reason to trust anybody.
                 let judge = Judge { now: judge.now.min(credential.certificate().claims().not_after), ..*judge };
@@ -115,6 +118,16 @@ impl RevokedSet {
         };
         let is_signed = keys.id() == self.signer && keys.has_signed(&self.form(), &self.signature);
         if self.team == judge.team.id() && is_signed { Ok(()) } else { Err(RevocationError::Signer) }
+    }
+
+    /// Returns whether everything that another set says is said by this one, too. Of two with the same keys one covers the other, the
+    /// same one everywhere.
+    fn covers(&self, other: &Self) -> bool {
+        let is_of_same = self.team == other.team && self.signer == other.signer;
+        let rank = |set: &Self| (set.number, set.signature, set.credential.as_ref().map(Credential::to_bytes));
+        is_of_same
+            && other.keys.keys().all(|key| self.keys.contains_key(key))
+            && (self.keys.len() > other.keys.len() || rank(self) >= rank(other))
     }
 
     fn form(&self) -> Vec<u8> {
@@ -161,68 +174,88 @@ impl RevokedSet {
     }
 }
 
-/// Everything that a member knows of as revoked.
+/// Everything that a member knows of as revoked. It only grows.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Revocations {
-    /// The newest set of each signer: what is passed on.
-    newest: BTreeMap<KeyId, RevokedSet>,
-    /// All keys that any accepted set has ever named.
+    /// What is passed on, and kept on the disk: none covers another. In the order of their signers and numbers.
+    sets: Vec<RevokedSet>,
+    /// The keys of all of them.
     keys: BTreeSet<KeyId>,
 }
 
 impl Revocations {
-    /// Returns those of one set that was checked before.
-    pub(crate) fn of_checked(set: RevokedSet) -> Self {
-        let keys = set.keys.keys().copied().collect();
-        Self { newest: [(set.signer, set)].into(), keys }
-    }
-
     /// Returns whether a key is revoked.
     #[must_use]
     pub fn has(&self, key: &KeyId) -> bool {
         self.keys.contains(key)
     }
 
-    /// Returns the number of the newest set of each signer: what two members tell each other first.
-    pub fn numbers(&self) -> impl Iterator<Item = (KeyId, u64)> {
-        self.newest.iter().map(|(signer, set)| (*signer, set.number))
+    /// Returns the keys that are revoked.
+    pub const fn keys(&self) -> &BTreeSet<KeyId> {
+        &self.keys
     }
 
-    /// Returns the newest set of a signer.
-    pub fn of(&self, signer: &KeyId) -> Option<&RevokedSet> {
-        self.newest.get(signer)
+    /// Returns the sets that are held: what members tell each other.
+    #[must_use]
+    pub fn sets(&self) -> &[RevokedSet] {
+        &self.sets
     }
 
-    /// Returns the sets that somebody with these numbers lacks.
-    pub fn newer_than(&self, numbers: &BTreeMap<KeyId, u64>) -> Vec<&RevokedSet> {
-        self.newest.values().filter(|set| numbers.get(&set.signer).is_none_or(|known| *known < set.number)).collect()
+    /// Returns the highest number of those that a signer has signed; 0 if there are none.
+    #[must_use]
+    pub fn number_of(&self, signer: &KeyId) -> u64 {
+        self.sets.iter().filter(|set| set.signer == *signer).map(RevokedSet::number).max().unwrap_or(0)
     }
 
     /// Takes a set in. It is checked against what was revoked before: who is revoked revokes nobody any more.
     ///
-    /// A signer whose machine was set back may sign two sets with one number. The keys of both stay revoked.
-    ///
     /// # Errors
-    /// The set is older than a known one, or not signed by somebody who may.
+    /// It is not signed by somebody who may, or has keys that are new and there is no room for it. Nothing is taken in then.
     pub fn receive(&mut self, set: RevokedSet, judge: &Judge<'_>) -> Result<Received, RevocationError> {
-        let known = self.newest.get(&set.signer);
-        if known == Some(&set) {
+        if self.covers(&set) {
             return Ok(Received::Known);
         }
-        if let Some(known) = known.filter(|known| known.number > set.number) {
-            return Err(RevocationError::Old { found: set.number, known: known.number });
-        }
-        if known.is_none() && self.newest.len() >= SIGNERS_MAX {
-            return Err(RevocationError::Full);
-        }
         set.check(&Judge { revoked: self, ..*judge })?;
+        if self.has_room(&set) {
+            Ok(self.insert(set))
+        } else if set.keys.keys().all(|key| self.has(key)) {
+            Ok(Received::Known)
+        } else {
+            Err(RevocationError::Full)
+        }
+    }
+
+    /// Takes a set in that was checked when it was heard, and kept since. It counts whatever has become of its signer, and whatever time
+    /// it is.
+    ///
+    /// # Errors
+    /// It is not signed by somebody who might.
+    pub fn restore(&mut self, set: RevokedSet, team: &Team) -> Result<Received, RevocationError> {
+        set.check(&Judge { team, revoked: &Self::default(), now: UnixTime(u64::MAX), grace: 0 })?;
+        Ok(if self.covers(&set) { Received::Known } else { self.insert(set) })
+    }
+
+    fn covers(&self, set: &RevokedSet) -> bool {
+        self.sets.iter().any(|known| known.covers(set))
+    }
+
+    fn has_room(&self, set: &RevokedSet) -> bool {
+        let is_beside = |known: &&RevokedSet| known.is_of_the_team() == set.is_of_the_team() && !set.covers(known);
+        let beside = self.sets.iter().filter(is_beside);
+        if set.is_of_the_team() {
+            beside.count() < SETS_MAX
+        } else {
+            let size = |set: &RevokedSet| set.to_bytes().len();
+            beside.map(size).sum::<usize>() + size(set) <= ADMINS_BYTES_MAX
+        }
+    }
+
+    fn insert(&mut self, set: RevokedSet) -> Received {
         let before = self.keys.len();
         self.keys.extend(set.keys.keys());
-        // Of two with one number, everybody passes the same on.
-        let is_first = known.is_none_or(|known| known.number < set.number || known.signature < set.signature);
-        if is_first {
-            self.newest.insert(set.signer, set);
-        }
-        Ok(Received::New(self.keys.len() - before))
+        self.sets.retain(|known| !set.covers(known));
+        self.sets.push(set);
+        self.sets.sort_by_key(|set| (set.signer, set.number, set.signature));
+        Received::New(self.keys.len() - before)
     }
 }

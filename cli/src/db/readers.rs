@@ -119,7 +119,10 @@ impl Readers {
         for bundle in &teams {
             let of_team = bundle.holders(::team::now()).into_iter().map(|holder| {
                 let claims = holder.certificate.claims();
-                (holder.certificate.subject(), claims.name.to_string())
+                let key = holder.certificate.subject();
+                // A name may have been given new keys since: those cannot read it.
+                let state = if bundle.has_revoked(&key) { " (revoked key)" } else { "" };
+                (key, format!("{}{state}", claims.name))
             });
             names.extend(of_team);
         }

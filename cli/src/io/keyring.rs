@@ -27,7 +27,6 @@ use trust::identity::KeyId;
 use trust::locked::{LOCKED_MAX, LockedKeys, PASSPHRASE_MAX};
 use trust::name::{Name, UnixTime};
 use trust::request::AHEAD_MAX;
-use trust::revocation::RevokedSet;
 use trust::team::{CREDENTIAL_MAX, Credential};
 use zeroize::Zeroizing;
 
@@ -125,7 +124,9 @@ impl Keyring {
 
     /// Keeps what is new of a team.
     fn keep(&self, bundle: &Bundle) -> anyhow::Result<()> {
-        write_private(&self.0.join(bundle.team().name().as_str()).join(TEAM), bundle.to_text().as_bytes())
+        let text = bundle.to_text();
+        ensure!(text.len() <= BUNDLE_MAX, "the team would have more than {BUNDLE_MAX} bytes");
+        write_private(&self.0.join(bundle.team().name().as_str()).join(TEAM), text.as_bytes())
     }
 
     /// Returns a team.
@@ -196,7 +197,7 @@ impl Keyring {
         write_private(&self.0.join(team.as_str()).join(RENEWED), &renewed.to_bytes())
     }
 
-    /// Takes in what everybody may know of a team, in place of what was known. Returns whether the team was not known.
+    /// Takes in what everybody may know of a team, besides what was known. Returns whether the team was not known.
     pub(crate) fn import(&self, bundle: &Bundle) -> anyhow::Result<bool> {
         let name = bundle.team().name();
         let folder = self.0.join(name.as_str());
@@ -212,12 +213,9 @@ impl Keyring {
                 "`{}` has another team of the name `{name}`; choose another folder with `--keys`",
                 self.0.display()
             );
-            let number = |bundle: &Bundle| bundle.revoked().map_or(0, RevokedSet::number);
-            ensure!(
-                number(bundle) >= number(known),
-                "it is older than what is known here: it knows of fewer revocations"
-            );
-            *known = bundle.clone();
+            known.merge(bundle)?;
+            // What is kept can be read again.
+            Bundle::from_text(&known.to_text()).context("it does not fit what is known here")?;
             Ok(())
         })?;
         Ok(false)

@@ -38,8 +38,7 @@ impl RenewArgs {
 }
 
 fn with_judge<T>(bundle: &Bundle, work: impl FnOnce(&Judge<'_>) -> T) -> T {
-    let revoked = bundle.revocations();
-    work(&Judge { team: bundle.team(), revoked: &revoked, now: now(), grace: OFFLINE_GRACE })
+    work(&Judge { team: bundle.team(), revoked: bundle.revocations(), now: now(), grace: OFFLINE_GRACE })
 }
 
 /// Asks one node after the other; returns the first good answer, and whose it is.

@@ -4,16 +4,16 @@ use super::{KeysArgs, now};
 use crate::client::{ANSWER_WITHIN, Client, unasked};
 use crate::db::databases::Databases;
 use crate::db::secret::readable;
-use crate::io::keyring::Asked;
+use crate::io::keyring::{Asked, Keyring};
 use anyhow::{anyhow, ensure};
 use node::console::{self, Failure, block_on};
 use node::logic::protocol::{Answer, Request};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use trust::bundle::{Bundle, Holder};
 use trust::certificate::Certificate;
 use trust::identity::{KeyId, SecretKeys};
 use trust::name::{Name, UnixTime};
-use trust::revocation::{REVOKED_MAX, RevokedSet};
+use trust::revocation::{REVOKED_MAX, Received, Revocations, RevokedSet};
 use trust::role::Role;
 
 /// The arguments of `dca team revoke`.
@@ -29,7 +29,8 @@ pub(super) struct RevokeArgs {
 impl RevokeArgs {
     /// Runs the verb.
     pub(super) fn run(&self, keys: &KeysArgs) -> Result<(), Failure> {
-        let (keyring, mut bundle) = keys.bundle()?;
+        let (keyring, bundle) = keys.bundle()?;
+        let mut bundle = learn(keys, &keyring, bundle)?;
         if let Some(name) = &self.name {
             // Nobody is asked for a passphrase before the request is known to be possible.
             let check = |bundle: &Bundle| {
@@ -45,7 +46,7 @@ impl RevokeArgs {
             })?;
             console::say(&said);
         }
-        tell(keys, &bundle)?;
+        tell(keys, &keyring, &bundle)?;
         match &self.name {
             Some(name) => could_read(keys, name, &bundle.named(name).map(Certificate::subject).collect::<Vec<_>>()),
             None => Ok(()),
@@ -82,23 +83,24 @@ pub(super) fn revoke(bundle: &mut Bundle, name: &Name, root: &SecretKeys, now: U
     Ok(format!("{name} is revoked: number {number}"))
 }
 
-/// The same of some keys; returns the number of the set.
+/// The same of some keys; returns the number of the set. It contains all sets that are known here, and stands for them from now on.
 pub(super) fn revoke_keys(
     bundle: &mut Bundle,
     gone: Vec<KeyId>,
     root: &SecretKeys,
     now: UnixTime,
 ) -> anyhow::Result<u64> {
-    let (number, mut keys) = match bundle.revoked() {
-        None => (0, BTreeMap::new()),
-        Some(set) => (set.number(), set.keys().clone()),
-    };
-    for key in gone {
-        keys.entry(key).or_insert(now);
+    let known = bundle.revocations();
+    let number = known.number_of(&bundle.team().id());
+    let mut keys: BTreeMap<KeyId, UnixTime> = BTreeMap::new();
+    let revoked = known.sets().iter().flat_map(RevokedSet::keys).map(|(key, since)| (*key, *since));
+    for (key, since) in revoked.chain(gone.into_iter().map(|key| (key, now))) {
+        let first = keys.entry(key).or_insert(since);
+        *first = since.min(*first);
     }
     ensure!(keys.len() <= REVOKED_MAX, "no more than {REVOKED_MAX} keys can be revoked");
     let number = number.checked_add(1).ok_or_else(|| anyhow!("there is no number after the last one"))?;
-    bundle.revoke(RevokedSet::sign(bundle.team(), number, keys, root, None)?);
+    bundle.revoke(RevokedSet::sign(bundle.team(), number, keys, root, None)?)?;
     Ok(number)
 }
 
@@ -141,18 +143,86 @@ pub(super) fn could_read(keys: &KeysArgs, name: &Name, own: &[KeyId]) -> Result<
     Ok(())
 }
 
-/// Tells a node of this machine who is revoked. It tells the others, now and whenever it meets one.
-pub(super) fn tell(keys: &KeysArgs, bundle: &Bundle) -> Result<(), Failure> {
-    let Some(set) = bundle.revoked() else { return Ok(()) };
-    let request = Request::Revoke { set: set.to_bytes() };
+/// Asks the node of this machine for what the team has revoked, and keeps what this folder has not known: another copy of it may have
+/// revoked somebody meanwhile. Without an answer the team is what it is here.
+pub(super) fn learn(keys: &KeysArgs, keyring: &Keyring, bundle: Bundle) -> anyhow::Result<Bundle> {
+    take(keyring, bundle, &held(keys))
+}
+
+/// Adds what the node of this machine holds, for a look.
+pub(super) fn look(keys: &KeysArgs, mut bundle: Bundle) -> Bundle {
+    let held = held(keys);
+    add(&mut bundle, &held);
+    bundle
+}
+
+fn held(keys: &KeysArgs) -> Vec<RevokedSet> {
+    let request = Request::Revocations(Vec::new());
+    match with_node(keys, async |client, host| client.ask(host, &request, ANSWER_WITHIN).await) {
+        Ok(Some(Answer::Revocations(held))) => sets(&held),
+        Ok(_) | Err(_) => Vec::new(),
+    }
+}
+
+fn sets(held: &[Vec<u8>]) -> Vec<RevokedSet> {
+    held.iter().filter_map(|set| RevokedSet::from_bytes(set).ok()).collect()
+}
+
+/// Takes in sets of the team's key; says whether any was new, and how many keys were.
+fn add(bundle: &mut Bundle, held: &[RevokedSet]) -> (bool, usize) {
+    // Those of admins, and of another team whose node runs here, are none of the team's key.
+    let taken = held.iter().filter_map(|set| bundle.revoke(set.clone()).ok());
+    taken.fold((false, 0), |(is_new, keys), taken| match taken {
+        Received::Known => (is_new, keys),
+        Received::New(count) => (true, keys + count),
+    })
+}
+
+fn take(keyring: &Keyring, bundle: Bundle, held: &[RevokedSet]) -> anyhow::Result<Bundle> {
+    if !add(&mut bundle.clone(), held).0 {
+        return Ok(bundle);
+    }
+    let ((_, count), bundle) = keyring.change(bundle.team().name(), |bundle| Ok(add(bundle, held)))?;
+    if count > 0 {
+        console::note(&format!("keys that were revoked elsewhere, and are now known here, too: {count}"));
+    }
+    Ok(bundle)
+}
+
+/// Tells a node of this machine who is revoked. It tells the others, now and whenever it meets one. What it knows besides is kept here.
+pub(super) fn tell(keys: &KeysArgs, keyring: &Keyring, bundle: &Bundle) -> Result<(), Failure> {
+    let known = bundle.revocations();
+    if known.sets().is_empty() {
+        return Ok(());
+    }
+    let request = Request::Revocations(known.sets().iter().map(RevokedSet::to_bytes).collect());
     let told = with_node(keys, async |client, host| {
         let answer = client.ask(host, &request, ANSWER_WITHIN).await?;
-        if matches!(answer, Answer::Revoked { .. }) { Ok(host.to_owned()) } else { Err(unasked(host, &answer)) }
+        let Answer::Revocations(held) = &answer else { return Err(unasked(host, &answer)) };
+        Ok((host.to_owned(), sets(held)))
     })?;
-    console::note(&match told {
-        Some(host) => format!("the node `{host}` knows, and tells all that it meets"),
-        None => "No node of the team knows yet: none runs on this machine. `dca team revoke` without a name tells one later."
-            .to_owned(),
-    });
+    let Some((host, held)) = told else {
+        console::note(
+            "No node of the team knows yet: none runs on this machine. `dca team revoke` without a name tells one later.",
+        );
+        return Ok(());
+    };
+    let there: BTreeSet<&KeyId> = held.iter().flat_map(|set| set.keys().keys()).collect();
+    let missing = known.keys().iter().filter(|key| !there.contains(key)).count();
+    if missing > 0 {
+        return Err(anyhow!("the node `{host}` does not know of {missing} keys that are revoked: tell it again").into());
+    }
+    console::note(&format!("the node `{host}` knows, and tells all that it meets"));
+    take(keyring, bundle.clone(), &held)?;
     Ok(())
+}
+
+/// Returns what is revoked, in a line for a person.
+pub(super) fn summary(revoked: &Revocations, team: &KeyId) -> String {
+    let (number, keys) = (revoked.number_of(team), revoked.keys().len());
+    match revoked.sets().len() {
+        0 => "nobody is revoked".to_owned(),
+        1 => format!("revocations: number {number}, keys {keys}"),
+        count => format!("revocations: number {number}, keys {keys}, in {count} sets; who is revoked next joins them"),
+    }
 }

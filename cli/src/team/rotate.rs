@@ -29,6 +29,7 @@ impl RotateArgs {
     /// Runs the verb.
     pub(super) fn run(&self, keys: &KeysArgs) -> Result<(), Failure> {
         let (keyring, bundle) = keys.bundle()?;
+        let bundle = revoke::learn(keys, &keyring, bundle)?;
         let (role, old) = holder(&bundle, &self.name)?;
         let team = bundle.team().name().clone();
         match (role.kind(), &self.key) {
@@ -70,8 +71,8 @@ impl RotateArgs {
                 .into());
             }
         }
-        let (_, bundle) = keys.bundle()?;
-        revoke::tell(keys, &bundle)?;
+        let (keyring, bundle) = keys.bundle()?;
+        revoke::tell(keys, &keyring, &bundle)?;
         console::note(&format!("the old keys of `{}` are revoked", self.name));
         revoke::could_read(keys, &self.name, &old)
     }

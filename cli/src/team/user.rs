@@ -59,6 +59,7 @@ impl UserArgs {
     /// Runs the verb.
     pub(super) fn run(&self, keys: &KeysArgs) -> Result<(), Failure> {
         let (keyring, bundle) = keys.bundle()?;
+        let bundle = revoke::learn(keys, &keyring, bundle)?;
         let root = keyring.root(&bundle)?;
         let check = |bundle: &Bundle| match &self.verb {
             UserVerb::Add(add) => add.check(bundle),
@@ -85,7 +86,7 @@ impl UserArgs {
                 console::note("Give the user what `dca team export` prints: `dca team import` takes it there.");
                 Ok(())
             }
-            UserVerb::Remove(_) => revoke::tell(keys, &bundle),
+            UserVerb::Remove(_) => revoke::tell(keys, &keyring, &bundle),
         }
     }
 }

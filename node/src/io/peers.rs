@@ -383,6 +383,9 @@ async fn hear_calls(mut calls: Server, session: Arc<Session>, member: Option<Arc
             }
             Ok(Request::Unlinked) => at_once(request, &Answer::Unlinked(session.unlinked())).await,
             Ok(Request::Revoke { set }) => at_once(request, &team_calls::revoke(member.as_deref(), &set)).await,
+            Ok(Request::Revocations(told)) => {
+                at_once(request, &team_calls::revocations(member.as_deref(), &told)).await;
+            }
             Ok(Request::RenewUser { ask }) => at_once(request, &team_calls::renew_user(member.as_deref(), &ask)).await,
             Ok(asked) => {
                 let (caller, to_send) = answers();

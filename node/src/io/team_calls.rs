@@ -14,6 +14,15 @@ pub(super) fn revoke(member: Option<&Member>, set: &[u8]) -> Answer {
     }
 }
 
+/// Takes in such sets, and says all that this node holds.
+pub(super) fn revocations(member: Option<&Member>, told: &[Vec<u8>]) -> Answer {
+    let Some(member) = member else { return Answer::Refused("this node is in no team".to_owned()) };
+    match member.tell_revoked(told) {
+        Ok(held) => Answer::Revocations(held),
+        Err(error) => Answer::Refused(format!("{error:#}")),
+    }
+}
+
 /// Renews the certificate of a user, if this node may.
 pub(super) fn renew_user(member: Option<&Member>, ask: &[u8]) -> Answer {
     let Some(member) = member else { return Answer::Refused("this node is in no team".to_owned()) };

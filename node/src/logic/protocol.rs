@@ -233,6 +233,8 @@ pub enum Request {
         /// Signed by the user: `trust::renewal::ask`.
         ask: Vec<u8>,
     },
+    /// Takes in sets of revocations, signed by the team or an admin of it. Answered by [`Answer::Revocations`], when all is on the disk.
+    Revocations(Vec<Vec<u8>>),
 }
 
 /// A request to switch connection sets.
@@ -306,6 +308,8 @@ pub enum Answer {
     },
     /// To `Credentials`: what nodes of the team have shown last, that of the node itself first; none if it is in no team.
     Credentials(Vec<Vec<u8>>),
+    /// To `Revocations`: all sets that the node holds; none contains another.
+    Revocations(Vec<Vec<u8>>),
 }
 
 impl Enveloped for Request {

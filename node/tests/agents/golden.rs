@@ -1,10 +1,10 @@
-//! The bytes of what nodes say about a deployment that changes while it runs. If one of them fails, `VERSION` has to go up.
+//! The bytes of what nodes say about a deployment that changes while it runs, and of what is revoked. If one of them fails, `VERSION` has to go up.
 
 use comms::logic::switch::{Expect, Flip, Opening};
 use comms::logic::time::Time;
 use language::algebra::{Event, StepRecord, Value};
 use node::logic::protocol::{
-    Answer, Change, ChangeOrder, ChangeReply, LeafFacts, Report, SetsSwitched, SwitchRequest, ToCoordinator,
+    Answer, Change, ChangeOrder, ChangeReply, LeafFacts, Report, Request, SetsSwitched, SwitchRequest, ToCoordinator,
     ToParticipant,
 };
 use serde::Serialize;
@@ -21,6 +21,12 @@ fn check<T: Serialize + DeserializeOwned + PartialEq + Debug>(message: &T, golde
 
 fn facts() -> Vec<LeafFacts> {
     vec![LeafFacts { owns: vec!["arm".into()], needs: vec!["ft".into()], signals: true, ..LeafFacts::plain(300) }]
+}
+
+#[test]
+fn golden_revocations() {
+    check(&Request::Revocations(vec![vec![7]]), "1d010107");
+    check(&Answer::Revocations(vec![vec![7]]), "17010107");
 }
 
 #[test]

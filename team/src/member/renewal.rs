@@ -63,7 +63,7 @@ impl Member {
     pub(super) fn share_again(&self) -> anyhow::Result<()> {
         let Some((file, gid)) = self.shared().clone() else { return Ok(()) };
         let (newest, revoked) = (self.newest().clone(), file.with_file_name(super::REVOKED));
-        folder::write_for_group(&revoked, &super::sets(&self.revoked()), gid)?;
+        folder::write_for_group(&revoked, &super::revoked::form(&self.revoked()), gid)?;
         folder::write_for_group(&file, &Circle::bytes(&self.team, &newest, &revoked)?, gid)
     }
 

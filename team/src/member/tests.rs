@@ -1,10 +1,12 @@
 use super::*;
 use crate::program::ProgramIdentity;
 use crate::visitor::VisitorIdentity;
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::sync_channel;
 use trust::certificate::{Certificate, Claims, DAY};
 use trust::name::UnixTime;
+use trust::revocation::RevokedSet;
 use trust::role::Role;
 
 struct Desk {
@@ -164,6 +166,53 @@ fn what_is_revoked_is_kept_told_and_counts_for_programs() {
     let [ours, theirs] = [(&second, "second"), (&third, "third")].map(|(node, name)| of(&acme, node, name));
     ours.let_in([&theirs.keys().public()[..]].into_iter());
     assert!(ours.judge(&theirs.key().1, &theirs.credential()).unwrap_err().contains("is revoked"));
+}
+
+/// Two copies of the operator's keys count on from one number, and two nodes hear one set each. Nothing is lost when they meet, when a node
+/// is killed, nor when its file is put back; and an older set takes nothing away.
+#[test]
+fn two_sets_of_one_number_are_both_kept() {
+    let acme = Desk::new("acme");
+    let (first, second) = (acme.node("first", 0, 30), acme.node("second", 0, 30));
+    let [gone, lost] = [keys(), keys()].map(|keys| keys.public().id());
+    let set = |number: u64, gone: &[KeyId]| {
+        let gone: BTreeMap<KeyId, UnixTime> = gone.iter().map(|key| (*key, crate::now())).collect();
+        RevokedSet::sign(&acme.team, number, gone, &acme.root, None).unwrap()
+    };
+    let at = |name: &str| Member::open(&acme.folder.join(name)).unwrap().unwrap();
+    assert!(first.revoke(set(3, &[gone])).unwrap() && second.revoke(set(3, &[lost])).unwrap());
+    assert!(second.hear(&first.revocations()) && first.hear(&second.revocations()));
+    assert!(!second.hear(&first.revocations()) && !first.hear(&second.revocations()), "they know the same");
+    assert_eq!(first.revocations(), second.revocations());
+    // A later one that lacks a key takes nobody back, also not by a restart.
+    let held = first.tell_revoked(&[set(4, &[lost]).to_bytes(), set(1, &[]).to_bytes()]).unwrap();
+    assert_eq!(held.len(), 2, "the one with number 3 that is in number 4 is not needed");
+    for member in [&first, &at("first"), &second, &at("second")] {
+        assert!(member.with_judge(|judge| judge.revoked.has(&gone) && judge.revoked.has(&lost)));
+    }
+    assert_eq!(first.revocations(), at("first").revocations(), "memory and disk");
+    // Whoever takes the file away is mended by the next who tells.
+    std::fs::remove_file(acme.folder.join("first").join(FOLDER).join(REVOKED)).unwrap();
+    assert_eq!(first.tell_revoked(&[]).unwrap(), held);
+    assert_eq!(first.revocations(), at("first").revocations());
+    let joined = set(5, &[gone, lost]).to_bytes();
+    assert_eq!(first.tell_revoked(std::slice::from_ref(&joined)).unwrap(), [joined], "it stands for all before");
+}
+
+/// What is not on the disk is not said to be known.
+#[test]
+fn a_disk_that_refuses_is_told() {
+    let acme = Desk::new("acme");
+    let first = acme.node("first", 0, 30);
+    let set = RevokedSet::sign(&acme.team, 1, [(keys().public().id(), crate::now())].into(), &acme.root, None).unwrap();
+    let (folder, away) = (acme.folder.join("first").join(FOLDER), acme.folder.join("away"));
+    std::fs::rename(&folder, &away).unwrap();
+    assert!(first.tell_revoked(&[set.to_bytes()]).is_err() && first.tell_revoked(&[]).unwrap().is_empty());
+    std::fs::rename(&away, &folder).unwrap();
+    assert_eq!(first.tell_revoked(&[set.to_bytes()]).unwrap(), [set.to_bytes()]);
+    std::fs::rename(&folder, &away).unwrap();
+    assert!(first.tell_revoked(&[set.to_bytes()]).is_err(), "it is known, but is nowhere after a restart");
+    std::fs::rename(&away, &folder).unwrap();
 }
 
 #[test]

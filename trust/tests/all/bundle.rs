@@ -4,8 +4,10 @@ use crate::world::{NOW, World, claims, keys};
 use std::collections::BTreeMap;
 use trust::bundle::{Bundle, BundleError};
 use trust::certificate::{Certificate, DAY};
-use trust::revocation::RevokedSet;
+use trust::identity::SecretKeys;
+use trust::revocation::{Received, RevocationError, RevokedSet};
 use trust::role::Role;
+use trust::team::Team;
 
 pub(crate) fn bundle(world: &World) -> Bundle {
     let mut bundle = Bundle::new(world.team.clone());
@@ -13,7 +15,8 @@ pub(crate) fn bundle(world: &World) -> Bundle {
         bundle.add(credential.certificate().clone()).expect("the input is good");
     }
     let gone: BTreeMap<_, _> = [(world.viewer.1.certificate().subject(), NOW)].into();
-    bundle.revoke(RevokedSet::sign(&world.team, 1, gone, &world.root, None).expect("the input is good"));
+    let set = RevokedSet::sign(&world.team, 1, gone, &world.root, None).expect("the input is good");
+    bundle.revoke(set).expect("the team has signed it");
     bundle
 }
 
@@ -57,13 +60,16 @@ fn a_line_that_the_team_has_not_signed_is_refused() {
     other.add(Certificate::issue(claims(&world.team, "eve", Role::Admin, &stranger), &stranger).unwrap()).unwrap();
     assert_eq!(Bundle::from_text(&other.to_text()), Err(BundleError::Signature(3)));
     let forged = RevokedSet::sign(&world.team, 2, BTreeMap::new(), &stranger, None).unwrap();
-    let mut other = bundle(&world);
-    other.revoke(forged);
-    assert_eq!(Bundle::from_text(&other.to_text()), Err(BundleError::Signature(6)));
     let by_admin = RevokedSet::sign(&world.team, 2, BTreeMap::new(), &world.admin.0, Some(world.admin.1.clone()));
-    let mut other = bundle(&world);
-    other.revoke(by_admin.unwrap());
-    assert_eq!(Bundle::from_text(&other.to_text()), Err(BundleError::Signature(6)), "only the team's own key");
+    for (set, why) in [(forged, "a stranger"), (by_admin.unwrap(), "only the team's own key")] {
+        assert_eq!(bundle(&world).revoke(set.clone()), Err(RevocationError::Signer), "{why}");
+    }
+    let (of_stranger, gone) = (Team::found("acme".parse().unwrap(), &stranger), BTreeMap::new());
+    let mut other = Bundle::new(of_stranger.clone());
+    other.revoke(RevokedSet::sign(&of_stranger, 2, gone, &stranger, None).unwrap()).unwrap();
+    let (theirs, mut lines) = (other.to_text(), good.lines().collect::<Vec<_>>());
+    (lines[0], lines[5]) = ("dca-team 1", theirs.lines().nth(2).unwrap());
+    assert_eq!(Bundle::from_text(&lines[..6].join("\n")), Err(BundleError::Signature(6)));
     // Lines in another order, twice, or of another kind.
     let lines: Vec<&str> = good.lines().collect();
     let with = |order: &[usize]| {
@@ -96,4 +102,43 @@ fn a_text_of_which_a_part_was_lost_is_refused() {
         assert_eq!(Bundle::from_text(&good[..length]), Err(BundleError::Cut), "the first {length} bytes");
     }
     assert_eq!(Bundle::from_text(&format!("{good}{good}")), Err(BundleError::Cut));
+}
+
+/// Two copies of a team that went on alone know together what each knows.
+#[test]
+fn two_that_went_on_alone_are_joined() {
+    let world = World::new();
+    let gone = |number: u64, keys: &[&SecretKeys]| {
+        let gone = keys.iter().map(|keys| (keys.public().id(), NOW)).collect();
+        RevokedSet::sign(&world.team, number, gone, &world.root, None).unwrap()
+    };
+    let (mut first, mut second) = (bundle(&world), bundle(&world));
+    let viewer = &world.viewer.0;
+    first.revoke(gone(2, &[viewer, &world.r1.0])).unwrap();
+    second.revoke(gone(2, &[viewer, &world.r2.0])).unwrap();
+    let (new, role) = (keys(71), |role| claims(&world.team, "dan", role, &world.deployer.0));
+    second.add(Certificate::issue(claims(&world.team, "new", Role::Viewer, &new), &world.root).unwrap()).unwrap();
+    let younger = trust::certificate::Claims { not_before: NOW.plus(5), ..role(Role::Operator) };
+    first.add(Certificate::issue(younger, &world.root).unwrap()).unwrap();
+    let before = first.clone();
+    first.merge(&second).unwrap();
+    for keys in [viewer, &world.r1.0, &world.r2.0] {
+        assert!(first.has_revoked(&keys.public().id()));
+    }
+    assert!(first.credential_of(&new.public().id()).is_some());
+    let of_dan: Vec<Role> = first.named(&"dan".parse().unwrap()).map(|found| found.claims().role).collect();
+    assert_eq!(of_dan, [Role::Operator], "the younger certificate");
+    let read = Bundle::from_text(&first.to_text()).unwrap();
+    assert_eq!((&read, read.revocations().sets().len()), (&first, 2));
+    second.merge(&before).unwrap();
+    assert_eq!(first.revocations(), second.revocations());
+    let twice = first.to_text().replace("dca-team 2", "dca-team 1");
+    let lines: Vec<&str> = twice.lines().collect();
+    let doubled = [&lines[..lines.len() - 1], &lines[lines.len() - 2..lines.len() - 1]].concat().join("\n");
+    assert_eq!(Bundle::from_text(&doubled), Err(BundleError::Line(lines.len())));
+    // The next revocation joins them.
+    assert_eq!(first.revoke(gone(3, &[viewer, &world.r1.0, &world.r2.0])), Ok(Received::New(0)));
+    assert_eq!(first.revocations().sets().len(), 1);
+    let stranger = Team::found("acme".parse().unwrap(), &keys(9));
+    assert_eq!(first.merge(&Bundle::new(stranger)), Err(BundleError::Signature(2)));
 }

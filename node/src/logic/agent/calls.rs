@@ -89,7 +89,8 @@ impl Agent {
             // Others answer these; an agent alone has no database and no team.
             Request::Unlinked => answer(call, Answer::Unlinked(Vec::new()), out),
             Request::Credentials => answer(call, Answer::Credentials(Vec::new()), out),
-            Request::Clock | Request::Team | Request::Revoke { .. } | Request::Signed(_) => elsewhere(call, out),
+            Request::Clock | Request::Team | Request::Signed(_) => elsewhere(call, out),
+            Request::Revoke { .. } | Request::Revocations(_) => elsewhere(call, out),
             Request::Database(_) | Request::Here { .. } | Request::RenewUser { .. } => elsewhere(call, out),
         }
         out.effects.push(Effect::EndAnswers { call });

@@ -20,6 +20,7 @@ pub fn action(request: &Request) -> Option<Action> {
         // To stop everything is everybody's; the set of the revoked, and what a user asks with to be renewed, are signed themselves.
         Request::Estop(_)
         | Request::Revoke { .. }
+        | Request::Revocations(_)
         | Request::RenewUser { .. }
         | Request::Status
         | Request::Logs { .. }

@@ -29,6 +29,7 @@ pub fn outcome(answer: &Answer) -> Option<Outcome> {
         | Answer::Names(_)
         | Answer::Locations(_)
         | Answer::Revoked { .. }
+        | Answer::Revocations(_)
         | Answer::Clock(_)
         | Answer::Team(_)
         | Answer::Credentials(_)

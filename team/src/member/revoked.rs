@@ -1,0 +1,118 @@
+//! Whom the team has revoked: what this node hears, keeps and tells. Its memory and its disk hold the same sets.
+
+use super::{Member, REVOKED, judge};
+use crate::audit::AuditEntry;
+use crate::folder;
+use anyhow::bail;
+use trust::audit::Decision;
+use trust::revocation::{ADMINS_BYTES_MAX, Received, RevocationError, Revocations, RevokedSet, SET_MAX, SETS_MAX};
+use trust::team::Team;
+
+/// The most bytes of revocations that are kept or heard at once.
+pub(crate) const REVOKED_BYTES_MAX: usize = 4 << 20;
+// Whatever a member holds can be read again, with the bytes that say how long each set is.
+const _: () = assert!(SETS_MAX * SET_MAX + ADMINS_BYTES_MAX + (128 << 10) <= REVOKED_BYTES_MAX);
+
+impl Member {
+    /// Takes in what the team, or an admin, has revoked. Says whether it was new.
+    ///
+    /// # Errors
+    /// It is not theirs, there is no room for it, or the disk refuses.
+    pub fn revoke(&self, set: RevokedSet) -> anyhow::Result<bool> {
+        let (number, count) = (set.number(), set.keys().len());
+        let mut revoked = self.revoked();
+        let mut with = revoked.clone();
+        if with.receive(set, &judge(&self.team, &revoked))? == Received::Known {
+            return Ok(false);
+        }
+        // On the disk first: what has been heard once is never forgotten.
+        folder::write(&self.folder.join(REVOKED), &form(&with))?;
+        *revoked = with;
+        drop(revoked);
+        self.cards.judge_again();
+        if let Err(error) = self.share_again() {
+            tracing::error!(error = format!("{error:#}"), "programs of another user are not told who is revoked");
+        }
+        let what = format!("revoke: number {number}, keys {count}");
+        self.record(AuditEntry { decision: Decision::Done, who: "the team".to_owned(), what, reason: String::new() });
+        self.changes.send_replace(());
+        Ok(true)
+    }
+
+    /// Takes in these sets; returns all that are held. They are on the disk when this returns.
+    ///
+    /// # Errors
+    /// As of [`Self::revoke()`], of any of them; the others are taken in all the same.
+    pub fn tell_revoked(&self, told: &[Vec<u8>]) -> anyhow::Result<Vec<Vec<u8>>> {
+        let taken = |set: &Vec<u8>| -> anyhow::Result<bool> { self.revoke(RevokedSet::from_bytes(set)?) };
+        // Each is taken in, whatever becomes of the others.
+        let mut all = Ok(());
+        for set in told {
+            all = all.and(taken(set).map(drop));
+        }
+        all?;
+        let revoked = self.revoked();
+        let (path, bytes) = (self.folder.join(REVOKED), form(&revoked));
+        // Somebody may have put an older file there.
+        let is_kept = folder::read(&path, REVOKED_BYTES_MAX).is_ok_and(|kept| kept.is_some_and(|kept| *kept == bytes));
+        if !is_kept && !revoked.sets().is_empty() {
+            folder::write(&path, &bytes)?;
+        }
+        Ok(revoked.sets().iter().map(RevokedSet::to_bytes).collect())
+    }
+
+    /// Hears the revocations of another node. Says whether any was new.
+    pub(super) fn hear_sets(&self, revocations: &[u8]) -> bool {
+        let sets = from_form(revocations).unwrap_or_else(|error| {
+            tracing::warn!(error = format!("{error:#}"), "revocations of a node cannot be read");
+            Vec::new()
+        });
+        let mut is_new = false;
+        for set in sets {
+            match self.revoke(set) {
+                Ok(new) => is_new |= new,
+                // Of signers who are revoked here: that is no loss.
+                Err(error)
+                    if matches!(error.downcast_ref(), Some(RevocationError::Signer | RevocationError::Trust(_))) =>
+                {
+                    tracing::debug!(error = format!("{error:#}"), "revocations were not taken in");
+                }
+                Err(error) => tracing::warn!(error = format!("{error:#}"), "revocations were not taken in"),
+            }
+        }
+        is_new
+    }
+}
+
+/// Returns the form in which sets of revocations are kept and told.
+pub(super) fn form(revoked: &Revocations) -> Vec<u8> {
+    let sets: Vec<Vec<u8>> = revoked.sets().iter().map(RevokedSet::to_bytes).collect();
+    postcard::to_stdvec(&sets).unwrap_or_default()
+}
+
+/// Reads that form.
+fn from_form(bytes: &[u8]) -> anyhow::Result<Vec<RevokedSet>> {
+    if bytes.len() > REVOKED_BYTES_MAX {
+        bail!("there are too many revocations");
+    }
+    let sets: Vec<Vec<u8>> = postcard::from_bytes(bytes)?;
+    let read = |set: Vec<u8>| {
+        if set.len() > SET_MAX {
+            bail!("a set of revocations is too long");
+        }
+        Ok(RevokedSet::from_bytes(&set)?)
+    };
+    sets.into_iter().map(read).collect()
+}
+
+/// Returns the revocations of a team that were kept.
+pub(crate) fn revocations(bytes: &[u8], team: &Team) -> anyhow::Result<Revocations> {
+    let mut revoked = Revocations::default();
+    for set in from_form(bytes)? {
+        // Those of a team that the node was in before are nothing here.
+        if let Err(error) = revoked.restore(set, team) {
+            tracing::warn!(%error, "a set of revocations that was kept counts no more");
+        }
+    }
+    Ok(revoked)
+}
