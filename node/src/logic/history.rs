@@ -256,17 +256,17 @@ mod tests {
         history.tell(7, &mut out);
         history.tell_missed(8, 0, &mut out);
         let told = |wanted: u64| {
-            let answers = effects.iter().filter_map(move |effect| match effect {
-                Effect::Answer { call, answer } if *call == wanted => Some(&**answer),
-                _ => None,
+            let answers = effects.iter().filter_map(move |effect| {
+                let Effect::Answer { call, answer } = effect else { return None };
+                (*call == wanted).then_some(&**answer)
             });
             answers.collect::<Vec<_>>()
         };
         assert!(matches!(told(7)[..], [Answer::Events(all)] if all.len() == 1), "{:?}", told(7));
         let reports = told(8);
-        let plans = reports.iter().filter_map(|answer| match answer {
-            Answer::Report(Report::Replanned { plan }) => Some(plan.name.as_str()),
-            _ => None,
+        let plans = reports.iter().filter_map(|answer| {
+            let Answer::Report(Report::Replanned { plan }) = answer else { return None };
+            Some(plan.name.as_str())
         });
         let latest: Vec<String> = (84..100).map(|number| number.to_string()).collect();
         assert_eq!(plans.collect::<Vec<_>>(), latest);

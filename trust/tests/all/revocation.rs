@@ -208,7 +208,8 @@ fn members_that_meet_come_to_hold_the_same() {
 fn restarted(world: &World, revoked: &Revocations) -> Revocations {
     let mut again = Revocations::default();
     for set in revoked.sets() {
-        again.restore(RevokedSet::from_bytes(&set.to_bytes()).unwrap(), &world.team).unwrap();
+        let set = RevokedSet::from_bytes(&set.to_bytes()).expect("it was written so");
+        again.restore(set, &world.team).expect("it was held");
     }
     again
 }
@@ -218,7 +219,7 @@ fn meet(world: &World, members: &mut [(Revocations, BTreeSet<KeyId>)], (first, s
         let (told, known) = members[from].clone();
         members[to].1.extend(known);
         for set in told.sets() {
-            members[to].0.receive(set.clone(), &world.judge(NOW)).unwrap();
+            members[to].0.receive(set.clone(), &world.judge(NOW)).expect("it is the team's");
         }
     }
 }

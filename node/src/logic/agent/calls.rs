@@ -38,9 +38,8 @@ impl Agent {
                 answer(call, Answer::Stop(if is_known { StopReply::Stopped } else { StopReply::Unknown }), out);
             }
             Request::Stop { name } => {
-                if let Some((_, coordinator)) =
-                    self.coordinators.iter_mut().find(|(deployment, _)| deployment.name == name)
-                {
+                let home = self.coordinators.iter_mut().find(|(deployment, _)| deployment.name == name);
+                if let Some((_, coordinator)) = home {
                     return coordinator.stop(Some(call), out);
                 }
                 let stopped = self.stop_gathering(|plan| plan.name == name, out);
@@ -50,10 +49,7 @@ impl Agent {
                 if let Some(coordinator) = self.coordinators.get_mut(&deployment) {
                     return coordinator.watch(call, seen, out);
                 }
-                match self.over.iter().find(|over| *over.deployment() == deployment) {
-                    Some(history) => history.tell_missed(call, seen, out),
-                    None => answer(call, unknown(&deployment), out),
-                }
+                self.watch_over(call, &deployment, seen, out);
             }
             Request::Revision { name } => answer(call, self.revision(&name), out),
             Request::Change(request) => return self.change(call, *request, signed, out),
@@ -78,9 +74,8 @@ impl Agent {
                 Err(why) => answer(call, Answer::Refused(why), out),
             },
             Request::Parameters => {
-                let all =
-                    self.participants.values().flat_map(|participant| participant.parameters(&self.programs)).collect();
-                answer(call, Answer::Parameters(all), out);
+                let all = self.participants.values().flat_map(|one| one.parameters(&self.programs));
+                answer(call, Answer::Parameters(all.collect()), out);
             }
             Request::Output { deployment } => match self.programs(&deployment) {
                 Some(programs) => return out.effects.push(Effect::TailAll { call, deployment, programs }),
@@ -89,11 +84,19 @@ impl Agent {
             // Others answer these; an agent alone has no database and no team.
             Request::Unlinked => answer(call, Answer::Unlinked(Vec::new()), out),
             Request::Credentials => answer(call, Answer::Credentials(Vec::new()), out),
-            Request::Clock | Request::Team | Request::Signed(_) => elsewhere(call, out),
-            Request::Revoke { .. } | Request::Revocations(_) => elsewhere(call, out),
-            Request::Database(_) | Request::Here { .. } | Request::RenewUser { .. } => elsewhere(call, out),
+            Request::Clock | Request::Team | Request::Signed(_) | Request::Revoke { .. } => elsewhere(call, out),
+            Request::Revocations(_) | Request::Database(_) | Request::Here { .. } => elsewhere(call, out),
+            Request::RenewUser { .. } => elsewhere(call, out),
         }
         out.effects.push(Effect::EndAnswers { call });
+    }
+
+    /// Tells the reports of a deployment that is over, behind the first `seen` ones.
+    fn watch_over(&self, call: u64, deployment: &Deployment, seen: u64, out: &mut Out<'_>) {
+        match self.over.iter().find(|over| over.deployment() == deployment) {
+            Some(history) => history.tell_missed(call, seen, out),
+            None => answer(call, unknown(deployment), out),
+        }
     }
 
     fn revision(&self, name: &str) -> Answer {
