@@ -3,8 +3,6 @@
 //!
 //! `DCA_TEST_ROUNDS=100 cargo test --test aligned` deploys 100 times each way.
 
-#![expect(clippy::print_stdout, reason = "a test says how exact a start was")]
-
 use dca_tests::cluster::{Cluster, Host, NAMES, Network, Program, SOON, Stream, executable, rounds, wait_until};
 use std::time::Duration;
 
