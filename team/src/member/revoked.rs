@@ -1,4 +1,5 @@
-//! Whom the team has revoked: what this node hears, keeps and tells. Its memory and its disk hold the same sets.
+//! Whom the team has revoked: what this node hears, keeps and tells. Its memory and its disk hold the same sets, unless the disk refuses:
+//! then what it has heard counts all the same, and is written when it hears or is told something again.
 
 use super::{Member, REVOKED, judge};
 use crate::audit::AuditEntry;
@@ -17,7 +18,7 @@ impl Member {
     /// Takes in what the team, or an admin, has revoked. Says whether it was new.
     ///
     /// # Errors
-    /// It is not theirs, there is no room for it, or the disk refuses.
+    /// It is not theirs, or there is no room for it: then nothing has changed. Or the disk refuses: then it counts, until the node ends.
     pub fn revoke(&self, set: RevokedSet) -> anyhow::Result<bool> {
         let (number, count) = (set.number(), set.keys().len());
         let mut revoked = self.revoked();
@@ -25,8 +26,7 @@ impl Member {
         if with.receive(set, &judge(&self.team, &revoked))? == Received::Known {
             return Ok(false);
         }
-        // On the disk first: what has been heard once is never forgotten.
-        folder::write(&self.folder.join(REVOKED), &form(&with))?;
+        let written = folder::write(&self.folder.join(REVOKED), &form(&with));
         *revoked = with;
         drop(revoked);
         self.cards.judge_again();
@@ -36,7 +36,15 @@ impl Member {
         let what = format!("revoke: number {number}, keys {count}");
         self.record(AuditEntry { decision: Decision::Done, who: "the team".to_owned(), what, reason: String::new() });
         self.changes.send_replace(());
-        Ok(true)
+        written.map(|()| true)
+    }
+
+    /// Has the disk hold what is held, where it does not.
+    fn keep(&self, revoked: &Revocations) -> anyhow::Result<()> {
+        let (path, bytes) = (self.folder.join(REVOKED), form(revoked));
+        // Somebody may have put an older file there, or the disk has refused.
+        let is_kept = folder::read(&path, REVOKED_BYTES_MAX).is_ok_and(|kept| kept.is_some_and(|kept| *kept == bytes));
+        if is_kept || revoked.sets().is_empty() { Ok(()) } else { folder::write(&path, &bytes) }
     }
 
     /// Takes in these sets; returns all that are held. They are on the disk when this returns.
@@ -52,12 +60,7 @@ impl Member {
         }
         all?;
         let revoked = self.revoked();
-        let (path, bytes) = (self.folder.join(REVOKED), form(&revoked));
-        // Somebody may have put an older file there.
-        let is_kept = folder::read(&path, REVOKED_BYTES_MAX).is_ok_and(|kept| kept.is_some_and(|kept| *kept == bytes));
-        if !is_kept && !revoked.sets().is_empty() {
-            folder::write(&path, &bytes)?;
-        }
+        self.keep(&revoked)?;
         Ok(revoked.sets().iter().map(RevokedSet::to_bytes).collect())
     }
 
@@ -67,20 +70,26 @@ impl Member {
             tracing::warn!(error = format!("{error:#}"), "revocations of a node cannot be read");
             Vec::new()
         });
-        let mut is_new = false;
+        let before = self.revoked().clone();
         for set in sets {
             match self.revoke(set) {
-                Ok(new) => is_new |= new,
+                Ok(_) => {}
                 // Of signers who are revoked here: that is no loss.
                 Err(error)
                     if matches!(error.downcast_ref(), Some(RevocationError::Signer | RevocationError::Trust(_))) =>
                 {
                     tracing::debug!(error = format!("{error:#}"), "revocations were not taken in");
                 }
-                Err(error) => tracing::warn!(error = format!("{error:#}"), "revocations were not taken in"),
+                Err(error) => {
+                    tracing::error!(error = format!("{error:#}"), "revocations were not taken in, or not kept");
+                }
             }
         }
-        is_new
+        let revoked = self.revoked();
+        if let Err(error) = self.keep(&revoked) {
+            tracing::error!(error = format!("{error:#}"), "revocations are not on the disk");
+        }
+        revoked.sets() != before.sets()
     }
 }
 

@@ -207,12 +207,34 @@ fn a_disk_that_refuses_is_told() {
     let set = RevokedSet::sign(&acme.team, 1, [(keys().public().id(), crate::now())].into(), &acme.root, None).unwrap();
     let (folder, away) = (acme.folder.join("first").join(FOLDER), acme.folder.join("away"));
     std::fs::rename(&folder, &away).unwrap();
-    assert!(first.tell_revoked(&[set.to_bytes()]).is_err() && first.tell_revoked(&[]).unwrap().is_empty());
+    assert!(first.tell_revoked(&[set.to_bytes()]).is_err() && first.tell_revoked(&[]).is_err());
+    // It counts all the same, and is kept once the disk takes it.
+    assert!(first.with_judge(|judge| set.keys().keys().all(|key| judge.revoked.has(key))));
     std::fs::rename(&away, &folder).unwrap();
-    assert_eq!(first.tell_revoked(&[set.to_bytes()]).unwrap(), [set.to_bytes()]);
+    assert_eq!(first.tell_revoked(&[]).unwrap(), [set.to_bytes()]);
+    let kept = Member::open(&acme.folder.join("first")).unwrap().unwrap();
+    assert_eq!(kept.revocations(), first.revocations());
     std::fs::rename(&folder, &away).unwrap();
     assert!(first.tell_revoked(&[set.to_bytes()]).is_err(), "it is known, but is nowhere after a restart");
     std::fs::rename(&away, &folder).unwrap();
+}
+
+/// A node whose disk is full when it hears of a revocation trusts the revoked no more; it keeps what it has heard when it hears again.
+#[test]
+fn a_disk_that_refuses_takes_no_revocation_away() {
+    let acme = Desk::new("acme");
+    let (first, second) = (acme.node("first", 0, 30), acme.node("second", 0, 30));
+    let gone = keys().public().id();
+    let set = RevokedSet::sign(&acme.team, 1, [(gone, crate::now())].into(), &acme.root, None).unwrap();
+    first.revoke(set).unwrap();
+    let (folder, away) = (acme.folder.join("second").join(FOLDER), acme.folder.join("away"));
+    std::fs::rename(&folder, &away).unwrap();
+    assert!(second.hear(&first.revocations()), "it is new");
+    assert!(second.with_judge(|judge| judge.revoked.has(&gone)));
+    std::fs::rename(&away, &folder).unwrap();
+    assert!(!second.hear(&first.revocations()));
+    let again = Member::open(&acme.folder.join("second")).unwrap().unwrap();
+    assert!(again.with_judge(|judge| judge.revoked.has(&gone)));
 }
 
 #[test]
