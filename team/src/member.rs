@@ -5,7 +5,7 @@
 //!   keys                  the node's secret keys, made here; they never leave it
 //!   team                  the team's name and public keys
 //!   credential            what shows that the node belongs to it; written last: without it the node is in no team
-//!   revoked               whom the team has revoked, as far as this node has heard: the sets that are held in memory, all of them
+//!   revoked               whom the team has revoked, as far as this node has heard: all sets that it holds, unless the disk refused
 //!   audit                 who was refused, and what was revoked
 //!   founds                the node is the first of its team and has not begun the team's database yet
 //!   heads                 where audit logs of others have come to, signed by this node, and its own, signed by others
