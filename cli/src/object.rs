@@ -67,13 +67,11 @@ struct Found {
     exports: Exports,
 }
 
-/// A leaf of a deployment that runs.
+/// A program that is meant, and whom to ask about it.
 #[derive(Clone, Copy)]
-struct Leaf<'a> {
+struct Program<'a> {
     client: &'a Client,
-    deployment: &'a Deployment,
-    host: &'a str,
-    process: &'a ProcessStatus,
+    at: LeafStatus<'a>,
 }
 
 /// Runs `dca call`.
@@ -137,30 +135,25 @@ async fn with_taps(
 }
 
 /// Returns the processes that are meant, each once. One that stands for a process of another deployment is that process.
-fn meant<'a>(all: &'a [(&'a Client, Statuses)], name: &ObjectName) -> Vec<Leaf<'a>> {
-    let leaves = all.iter().flat_map(|(client, statuses)| {
-        let leaf = |leaf: LeafStatus<'a>| {
-            let LeafStatus { host, deployment, process } = leaf;
-            Leaf { client, deployment, host, process }
-        };
-        leaves(&statuses.nodes).into_iter().map(leaf)
-    });
-    let leaves: Vec<Leaf<'a>> = leaves.collect();
-    let is_meant = |leaf: &&Leaf<'a>| name.is_process(&leaf.deployment.name, &leaf.process.path);
-    let mut meant: Vec<Leaf<'a>> = leaves.iter().filter(is_meant).copied().collect();
+fn meant<'a>(all: &'a [(&'a Client, Statuses)], name: &ObjectName) -> Vec<Program<'a>> {
+    let programs =
+        all.iter().flat_map(|(client, statuses)| leaves(&statuses.nodes).into_iter().map(|at| Program { client, at }));
+    let programs: Vec<Program<'a>> = programs.collect();
+    let is_meant = |program: &&Program<'a>| name.is_process(&program.at.deployment.name, program.path());
+    let mut meant: Vec<Program<'a>> = programs.iter().filter(is_meant).copied().collect();
     // The whole of a path goes before the end of another.
-    if meant.iter().any(|leaf| leaf.process.path == name.process) {
-        meant.retain(|leaf| leaf.process.path == name.process);
+    if meant.iter().any(|program| program.path() == name.process) {
+        meant.retain(|program| program.path() == name.process);
     }
-    for leaf in &mut meant {
-        let Some((deployment, path)) = leaf.process.stands_for() else { continue };
-        let is_that = |other: &&Leaf<'a>| {
-            (other.host, &*other.deployment.name, &*other.process.path) == (leaf.host, deployment, path)
+    for program in &mut meant {
+        let Some((deployment, path)) = program.at.process.stands_for() else { continue };
+        let is_that = |other: &&Program<'a>| {
+            (other.at.host, &*other.at.deployment.name, other.path()) == (program.at.host, deployment, path)
         };
-        *leaf = leaves.iter().find(is_that).copied().unwrap_or(*leaf);
+        *program = programs.iter().find(is_that).copied().unwrap_or(*program);
     }
     let mut known = BTreeSet::new();
-    meant.retain(|leaf| known.insert((leaf.host, leaf.deployment, &leaf.process.path)));
+    meant.retain(|program| known.insert((program.at.host, program.at.deployment, program.at.process.path.as_str())));
     meant
 }
 
@@ -168,20 +161,19 @@ fn meant<'a>(all: &'a [(&'a Client, Statuses)], name: &ObjectName) -> Vec<Leaf<'
 async fn find(clients: &Clients, taps: &Taps, name: &ObjectName) -> Result<Found, Failure> {
     let all = clients.statuses().await?;
     let meant = meant(&all, name);
-    let Leaf { client, deployment, host, process } = match meant.as_slice() {
+    let program = match meant.as_slice() {
         [] => return Err(absent::missing(&format!("process `{}`", name.process), &all).await),
         [one] => *one,
         several => {
-            let names = several.iter().map(|leaf| format!("`{}:{}`", leaf.deployment.name, leaf.process.path));
+            let names = several.iter().map(|one| format!("`{}:{}`", one.at.deployment.name, one.path()));
             let names = names.collect::<Vec<_>>().join(", ");
             return Err(
                 anyhow!("several processes are called `{}`: {names}; name one of them whole", name.process).into()
             );
         }
     };
-    let path = &process.path;
-    let found = Found { deployment: deployment.name.clone(), path: path.clone(), exports: Exports::default() };
-    let program = Program { client, deployment, host, path };
+    let (deployment, path) = (program.at.deployment, program.path());
+    let found = Found { deployment: deployment.name.clone(), path: path.to_owned(), exports: Exports::default() };
     let Some(mut dial) = program.located(taps.patience()).await? else { return Ok(found) };
     let exports = loop {
         let failure = tokio::select! {
@@ -202,14 +194,6 @@ async fn find(clients: &Clients, taps: &Taps, name: &ObjectName) -> Result<Found
     Ok(Found { exports, ..found })
 }
 
-/// A program that is asked, and whom to ask about it.
-struct Program<'a> {
-    client: &'a Client,
-    deployment: &'a Deployment,
-    host: &'a str,
-    path: &'a str,
-}
-
 /// Where a program is.
 enum Place {
     At(Dial),
@@ -222,21 +206,25 @@ enum Place {
 }
 
 impl Program<'_> {
+    fn path(&self) -> &str {
+        &self.at.process.path
+    }
+
     /// Asks its node where it is.
     async fn place(&self) -> Result<Place, Failure> {
-        let located = match locations(self.client, self.host, self.deployment).await {
+        let located = match locations(self.client, self.at.host, self.at.deployment).await {
             Ok(located) => located,
             // Its node knows nothing of the deployment any more.
             Err(Failure::Refused(why)) => return Ok(Place::Gone(why.to_string())),
             Err(failure) => return Err(failure),
         };
-        if let Some((_, dial)) = located.into_iter().find(|(located, _)| located == self.path) {
+        if let Some((_, dial)) = located.into_iter().find(|(located, _)| located == self.path()) {
             return Ok(Place::At(dial));
         }
-        let answer = self.client.ask(self.host, &Request::Status, ANSWER_WITHIN).await?;
-        let Answer::Status(status) = answer else { return Err(unasked(self.host, &answer)) };
-        let part = status.deployments.into_iter().find(|part| part.deployment == *self.deployment);
-        let process = part.and_then(|part| part.processes.into_iter().find(|process| process.path == self.path));
+        let answer = self.client.ask(self.at.host, &Request::Status, ANSWER_WITHIN).await?;
+        let Answer::Status(status) = answer else { return Err(unasked(self.at.host, &answer)) };
+        let part = status.deployments.into_iter().find(|part| part.deployment == *self.at.deployment);
+        let process = part.and_then(|part| part.processes.into_iter().find(|process| process.path == self.path()));
         let Some(ProcessStatus { state, .. }) = process else { return Ok(Place::Gone("it is not there".to_owned())) };
         Ok(match state.as_str() {
             "starting" | "restarting" | "connecting" | "being replaced" => Place::Coming(state),
@@ -254,9 +242,9 @@ impl Program<'_> {
             match self.place().await? {
                 Place::At(dial) => return Ok(Some(dial)),
                 Place::WithoutSession => return Ok(None),
-                Place::Gone(state) => return Err(anyhow!("`{}` does not run: {state}", self.path).into()),
+                Place::Gone(state) => return Err(anyhow!("`{}` does not run: {state}", self.path()).into()),
                 Place::Coming(state) if clock::now() >= until => {
-                    return Err(Failure::Unreachable(anyhow!("`{}` cannot be asked yet: it was {state}", self.path)));
+                    return Err(Failure::Unreachable(anyhow!("`{}` cannot be asked yet: it was {state}", self.path())));
                 }
                 Place::Coming(_) => clock::sleep_until(clock::now() + WATCH_EVERY).await,
             }
@@ -279,8 +267,8 @@ impl Program<'_> {
     }
 
     fn ended(&self) -> Failure {
-        let Self { deployment, path, .. } = self;
-        anyhow!("`{path}` ended before it could be asked; `dca events {}` says why", deployment.name).into()
+        let (path, deployment) = (self.path(), &self.at.deployment.name);
+        anyhow!("`{path}` ended before it could be asked; `dca events {deployment}` says why").into()
     }
 }
 
