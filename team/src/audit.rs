@@ -2,15 +2,17 @@
 //!
 //! `STATE/r1/team/audit` is the log, `audit.1` the one before it, which ends where the log begins.
 
+use crate::folder;
 use anyhow::Context as _;
 use comms::io::file::{self, Privacy};
 use std::fs::{self, File, OpenOptions};
-use std::io::{BufRead as _, BufReader, Write as _};
+use std::io::{self, BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
+use std::time::Duration;
 use tokio::sync::watch;
 use trust::audit::{Decision, Entry, LINE_MAX, Log, Position, Verifier};
 use trust::identity::KeyId;
@@ -28,6 +30,9 @@ const TOGETHER_MAX: usize = 63;
 const REFUSED_MAX: usize = 128;
 /// How many records of either decision there are in a minute; more are counted, so that nobody fills the disk.
 const PER_MINUTE: u32 = 600;
+/// After how long a disk that has refused is tried again.
+const AGAIN_AFTER: Duration = Duration::from_secs(1);
+const TOO_MANY: &str = "too many in a minute";
 
 /// Somebody wanted something, and what became of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -91,7 +96,7 @@ impl Audit {
         let now = crate::now();
         let mut quotas = self.quotas.lock().unwrap_or_else(PoisonError::into_inner);
         let quota = &mut quotas[usize::from(entry.decision == Decision::Refused)];
-        let told = quota.begin(now).map(|count| more(entry.decision, count));
+        let told = quota.begin(now).map(|count| more(entry.decision, count, TOO_MANY));
         for entry in told.into_iter().chain([entry]) {
             let taken = quota.takes() && self.send(now, entry);
             quota.lost += u32::from(!taken);
@@ -114,10 +119,10 @@ impl Audit {
 }
 
 /// Says how many records were left out.
-fn more(decision: Decision, count: u32) -> AuditEntry {
+fn more(decision: Decision, count: u32, reason: &str) -> AuditEntry {
     let what = if decision == Decision::Refused { "refused" } else { "done" };
     let (who, what) = ("many".to_owned(), format!("{count} more that were {what}"));
-    AuditEntry { decision, who, what, reason: "too many in a minute".to_owned() }
+    AuditEntry { decision, who, what, reason: reason.to_owned() }
 }
 
 impl Drop for Audit {
@@ -127,7 +132,7 @@ impl Drop for Audit {
             for (quota, decision) in quotas.into_iter().zip([Decision::Done, Decision::Refused]) {
                 if quota.lost > 0 {
                     // The writer takes what waits, and then this: there is nobody else any more.
-                    drop(records.send((crate::now(), more(decision, quota.lost))));
+                    drop(records.send((crate::now(), more(decision, quota.lost, TOO_MANY))));
                 }
             }
         }
@@ -154,52 +159,60 @@ impl Quota {
     }
 }
 
-/// The end of the log on the disk.
+/// The end of the log on the disk, and what the disk does not have yet.
 #[derive(Debug)]
 struct Writer {
     path: PathBuf,
+    /// As far as the disk has it.
     log: Log,
     file: File,
+    /// The bytes of the records that the disk has.
     size: u64,
+    /// Whether there may be a piece of a record after them.
+    is_torn: bool,
+    /// Records that wait, the oldest first.
+    waiting: Vec<(UnixTime, AuditEntry)>,
+    /// How many more there would be, of what was done and of what was refused.
+    lost: [u32; 2],
 }
 
 impl Writer {
     fn open(path: PathBuf, team: KeyId, node: KeyId) -> anyhow::Result<Self> {
-        let before = match read(&path) {
-            Ok(before) => before.filter(|log| log.of() == (team, node)),
+        match read(&path) {
+            Ok(Some(log)) if log.of() == (team, node) => {
+                let file = append(&path)?;
+                let size = file.metadata().with_context(|| format!("reading `{}`", path.display()))?.len();
+                return Ok(Self::at(path, log, file, size));
+            }
+            Ok(None) => {
+                // A node that was killed between two logs has only the one before.
+                let before = read(&path.with_extension("1")).ok().flatten().filter(|log| log.of() == (team, node));
+                return Self::begin(path, (team, node), before.as_ref());
+            }
+            Ok(Some(_of_another)) => {}
             Err(error) => {
                 // What somebody has worked on is kept, and not gone on with.
                 tracing::error!(
                     error = format!("{error:#}"),
                     "the audit log is not as it was written; a new one begins"
                 );
-                None
             }
-        };
-        if let Some(log) = before {
-            let file = append(&path)?;
-            let size = file.metadata().map_or(0, |there| there.len());
-            return Ok(Self { path, log, file, size });
         }
-        if path.exists() {
-            let kept = path.with_extension(format!("of-{}", crate::now().0));
-            fs::rename(&path, &kept).with_context(|| format!("keeping `{}`", kept.display()))?;
-        }
+        let kept = path.with_extension(format!("of-{}", crate::now().0));
+        fs::rename(&path, &kept).with_context(|| format!("keeping `{}`", kept.display()))?;
         Self::begin(path, (team, node), None)
     }
 
-    fn begin(path: PathBuf, (team, node): (KeyId, KeyId), before: Option<&Log>) -> anyhow::Result<Self> {
-        let (log, line) = Log::begin(team, node, before);
-        let mut writer = Self { file: append(&path)?, path, log, size: 0 };
-        writer.write(&line)?;
-        Ok(writer)
+    const fn at(path: PathBuf, log: Log, file: File, size: u64) -> Self {
+        Self { path, log, file, size, is_torn: false, waiting: Vec::new(), lost: [0; 2] }
     }
 
-    fn write(&mut self, line: &str) -> anyhow::Result<()> {
-        let line = format!("{line}\n");
-        let written = self.file.write_all(line.as_bytes()).and_then(|()| self.file.sync_data());
-        self.size += line.len() as u64;
-        written.with_context(|| format!("writing `{}`", self.path.display()))
+    /// Makes a log of this name, with its first line or not at all.
+    fn begin(path: PathBuf, (team, node): (KeyId, KeyId), before: Option<&Log>) -> anyhow::Result<Self> {
+        let (log, line) = Log::begin(team, node, before);
+        folder::write(&path, format!("{line}\n").as_bytes())?;
+        let file = append(&path)?;
+        Ok(Self::at(path, log, file, line.len() as u64 + 1))
     }
 
     fn run(
@@ -208,32 +221,99 @@ impl Writer {
         refused: &AtomicUsize,
         positions: &watch::Sender<Option<Position>>,
     ) {
-        while let Ok(first) = records.recv() {
+        let mut is_open = true;
+        while is_open {
+            let first = if self.waiting.is_empty() {
+                records.recv().map_err(|_closed| RecvTimeoutError::Disconnected)
+            } else {
+                records.recv_timeout(AGAIN_AFTER)
+            };
+            is_open = first != Err(RecvTimeoutError::Disconnected);
             // Those that wait are one write to the disk.
-            let mut lines = Vec::new();
-            for (at, entry) in std::iter::once(first).chain(records.try_iter().take(TOGETHER_MAX)) {
+            for (at, entry) in first.into_iter().chain(records.try_iter().take(TOGETHER_MAX)) {
                 if entry.decision == Decision::Refused {
                     refused.fetch_sub(1, Ordering::Relaxed);
                 }
-                let AuditEntry { decision, who, what, reason } = &entry;
-                lines.push(self.log.add(&Entry { at, decision: *decision, who, what, request: [0; 16], reason }));
+                self.take(at, entry);
             }
-            let position = self.log.position();
-            match self.write(&lines.join("\n")).and_then(|()| self.turn_over()) {
-                // The first record of a log says where the one before ended: what was signed of that counts.
-                Ok(()) => drop(positions.send_replace(position)),
-                Err(error) => tracing::error!(error = format!("{error:#}"), "the audit log cannot be written"),
-            }
+            self.write(positions);
         }
     }
 
-    fn turn_over(&mut self) -> anyhow::Result<()> {
-        if self.size < SIZE_MAX {
-            return Ok(());
+    /// Has a record wait, if there is room; else it is counted.
+    fn take(&mut self, at: UnixTime, entry: AuditEntry) {
+        let is_refusal = |entry: &AuditEntry| entry.decision == Decision::Refused;
+        let refused = self.waiting.iter().filter(|(_, waiting)| is_refusal(waiting)).count();
+        let has_room =
+            self.waiting.len() < WAITING_MAX && !(is_refusal(&entry) && refused >= REFUSED_MAX) && self.lost == [0; 2];
+        if has_room {
+            self.waiting.push((at, entry));
+        } else {
+            let lost = &mut self.lost[usize::from(is_refusal(&entry))];
+            *lost = lost.saturating_add(1);
         }
-        let kept = self.path.with_extension("1");
+    }
+
+    /// Writes what waits, or leaves the log as it was.
+    fn write(&mut self, positions: &watch::Sender<Option<Position>>) {
+        let lost = [Decision::Done, Decision::Refused].into_iter().zip(self.lost).filter(|(_, count)| *count > 0);
+        let lost = lost.map(|(decision, count)| (crate::now(), more(decision, count, "the disk has refused them")));
+        let (mut log, mut lines) = (self.log, String::new());
+        for (at, AuditEntry { decision, who, what, reason }) in self.waiting.iter().cloned().chain(lost) {
+            let entry = Entry { at, decision, who: &who, what: &what, request: [0; 16], reason: &reason };
+            lines += &(log.add(&entry) + "\n");
+        }
+        if lines.is_empty() {
+            return;
+        }
+        if let Err(error) = self.append(lines.as_bytes()) {
+            tracing::error!(%error, waiting = self.waiting.len(), "the audit log cannot be written; its records wait");
+            return;
+        }
+        self.log = log;
+        self.waiting.clear();
+        self.lost = [0; 2];
+        // The first record of a log says where the one before ended: what was signed of that counts.
+        positions.send_replace(log.position());
+        if self.size >= SIZE_MAX
+            && let Err(error) = self.turn_over()
+        {
+            tracing::error!(error = format!("{error:#}"), "the audit log goes on beyond its size: no new one begins");
+        }
+    }
+
+    /// Appends whole records. What a disk has taken of them when it refuses the rest is cut off, now or before the next try.
+    fn append(&mut self, lines: &[u8]) -> io::Result<()> {
+        self.mend()?;
+        self.is_torn = true;
+        let written = self.file.write_all(lines).and_then(|()| self.file.sync_data());
+        if written.is_ok() {
+            self.is_torn = false;
+            self.size += lines.len() as u64;
+        } else if let Err(error) = self.mend() {
+            tracing::error!(%error, "a piece of a record stays at the end of the audit log until the disk takes it off");
+        }
+        written
+    }
+
+    fn mend(&mut self) -> io::Result<()> {
+        if self.is_torn {
+            self.file.set_len(self.size)?;
+            self.is_torn = false;
+        }
+        Ok(())
+    }
+
+    /// Begins the next log. It is whole before it has the name, so whatever fails, one of them can be gone on with.
+    fn turn_over(&mut self) -> anyhow::Result<()> {
+        let (next, kept) = (self.path.with_extension("next"), self.path.with_extension("1"));
+        let begun = Self::begin(next.clone(), self.log.of(), Some(&self.log))?;
         fs::rename(&self.path, &kept).with_context(|| format!("keeping `{}`", kept.display()))?;
-        *self = Self::begin(self.path.clone(), self.log.of(), Some(&self.log))?;
+        if let Err(error) = fs::rename(&next, &self.path) {
+            fs::rename(&kept, &self.path).with_context(|| format!("after {error}"))?;
+            return Err(error).with_context(|| format!("beginning `{}`", self.path.display()));
+        }
+        *self = Self { path: self.path.clone(), ..begun };
         Ok(())
     }
 }
@@ -242,10 +322,11 @@ fn append(path: &Path) -> anyhow::Result<File> {
     file::appended(path, Privacy::Own).with_context(|| format!("writing `{}`", path.display()))
 }
 
-/// Returns the end of a log; nothing if there is none. A last line that a power cut has left without its end is not there.
+/// Returns the end of a log; nothing if there is none, or not one whole line of it. A last line that a power cut or a full disk has
+/// left without its end is not there.
 fn read(path: &Path) -> anyhow::Result<Option<Log>> {
     let file = match file::opened(path) {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
         opened => opened.with_context(|| format!("reading `{}`", path.display()))?,
     };
     let (mut verifier, mut file) = (Verifier::new(Vec::new())?, BufReader::new(file));
@@ -256,6 +337,9 @@ fn read(path: &Path) -> anyhow::Result<Option<Log>> {
         verifier.line(text)?;
         whole += line.len() as u64;
         line.clear();
+    }
+    if whole == 0 {
+        return Ok(None);
     }
     if fs::metadata(path)?.len() != whole {
         OpenOptions::new().write(true).open(path)?.set_len(whole)?;
@@ -294,6 +378,69 @@ mod tests {
         drop(Audit::open(&folder, team, node).unwrap());
         assert_eq!(lines(&folder).len(), 1);
         assert_eq!(fs::read_dir(&folder).unwrap().count(), 2);
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    fn writer(name: &str) -> (PathBuf, Writer) {
+        let folder = std::env::temp_dir().join(format!("dca-audit-{name}-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let writer = Writer::open(folder.join(FILE), KeyId([1; 32]), KeyId([2; 32])).unwrap();
+        (folder, writer)
+    }
+
+    #[test]
+    fn what_a_full_disk_has_refused_waits_and_is_written_whole() {
+        let (folder, mut writer) = writer("full");
+        let positions = watch::Sender::new(None);
+        let give = |writer: &mut Writer, who: &str| {
+            writer.take(UnixTime(7), entry(who));
+            writer.write(&positions);
+        };
+        give(&mut writer, "before");
+        // It takes a piece of a record, and no more; nor can that be taken off again.
+        append(&folder.join(FILE)).unwrap().write_all(b"2\t7\tref").unwrap();
+        let disk = std::mem::replace(&mut writer.file, full());
+        (0..200).for_each(|number| give(&mut writer, &format!("somebody {number}")));
+        assert!(writer.is_torn && lines(&folder).len() == 3);
+        assert_eq!(positions.borrow().map(|position| position.number), Some(1), "nobody signs what is not there");
+        writer.file = disk;
+        give(&mut writer, "after");
+        let (lines, log) = (lines(&folder), read(&folder.join(FILE)).unwrap().unwrap());
+        // The beginning, the one before, those that there was room for, and how many there was none for.
+        assert_eq!((lines.len(), log.last()), (2 + 128 + 1, 130));
+        assert!(lines[130].contains("73 more that were refused\t") && lines[130].contains("the disk has refused"));
+        assert_eq!(positions.borrow().map(|position| position.number), Some(130));
+        give(&mut writer, "later");
+        assert_eq!(read(&folder.join(FILE)).unwrap().unwrap().last(), 131);
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    fn full() -> File {
+        OpenOptions::new().append(true).open("/dev/full").unwrap()
+    }
+
+    #[test]
+    fn the_next_log_begins_whole_or_not_at_all() {
+        let (folder, mut writer) = writer("next");
+        let positions = watch::Sender::new(None);
+        let give = |writer: &mut Writer| {
+            writer.take(UnixTime(7), entry("somebody"));
+            writer.size += SIZE_MAX;
+            writer.write(&positions);
+            writer.size %= SIZE_MAX;
+        };
+        // A folder in the way does what a full disk does.
+        fs::create_dir(folder.join("audit.next")).unwrap();
+        give(&mut writer);
+        assert_eq!((lines(&folder).len(), folder.join("audit.1").exists()), (2, false));
+        fs::remove_dir(folder.join("audit.next")).unwrap();
+        give(&mut writer);
+        assert_eq!(lines(&folder).len(), 1);
+        // A node that is killed between the two names has the one before, and goes on from that.
+        drop(writer);
+        fs::remove_file(folder.join(FILE)).unwrap();
+        let writer = Writer::open(folder.join(FILE), KeyId([1; 32]), KeyId([2; 32])).unwrap();
+        assert_eq!((writer.log.last(), lines(&folder).len()), (2, 1));
         fs::remove_dir_all(&folder).unwrap();
     }
 

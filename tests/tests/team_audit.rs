@@ -2,7 +2,7 @@
 
 use dca_tests::cluster::{Cluster, Ended, Host, Network, Program, SOON, wait_until};
 use dca_tests::made_team::MadeTeam;
-use rustix::process::Signal;
+use rustix::process::{Pid, Resource, Rlimit, Signal, prlimit};
 use std::fs;
 use std::path::PathBuf;
 use trust::audit::{Decision, Entry, Log};
@@ -115,4 +115,41 @@ fn a_log_that_was_cut_or_written_anew_is_found_out() {
     let is_told = || robots.log(2).contains("\trefused\tc1\tsign the audit log of `c1`\t");
     assert!(wait_until(SOON, is_told).is_some(), "{}", robots.log(2));
     assert!(robots.verify(&good).code == Some(0), "what was signed stays");
+}
+
+/// A disk that is full for a while tears no record: what was done meanwhile is written when there is room, and the log stays what
+/// others have signed.
+#[test]
+fn a_log_on_a_full_disk_stays_whole() {
+    let Some(mut robots) = Robots::new() else { return };
+    let first = robots.host(1);
+    let stop_all = |reason: &str| first.ask(&["estop", reason]);
+    assert_eq!(stop_all("before").code, Some(0));
+    assert!(wait_until(SOON, || robots.log(1).contains(": before")).is_some(), "{}", robots.log(1));
+    // A node whose files may not grow gets from the kernel what a full disk gives: a piece of what it writes, then an error.
+    let pid = robots.nodes[0].as_ref().and_then(|node| Pid::from_raw(node.pid().try_into().ok()?));
+    let room = fs::metadata(robots.file(1, "audit")).expect("it is there").len() + 40;
+    let limit = |bytes: Option<u64>| {
+        let limit = Rlimit { current: bytes, maximum: None };
+        prlimit(pid, Resource::Fsize, limit).expect("the process is ours");
+    };
+    limit(Some(room));
+    for number in 0..20 {
+        let stopped = stop_all(&format!("full {number}"));
+        assert!(stopped.out.contains("c1: stopped; no program runs"), "{stopped}");
+    }
+    assert!(robots.log(1).ends_with('\n') && !robots.log(1).contains(": full"), "{}", robots.log(1));
+    limit(None);
+    assert!(wait_until(SOON, || robots.log(1).contains(": full 19")).is_some(), "{}", robots.log(1));
+    if let Some(node) = robots.nodes[0].take() {
+        node.signal(Signal::KILL);
+        drop(node.ended(SOON));
+    }
+    robots.start(1);
+    assert_eq!(stop_all("after").code, Some(0));
+    assert!(wait_until(SOON, || robots.log(1).contains(": after")).is_some(), "{}", robots.log(1));
+    let shown = first.ask(&["audit", "c1", "--state", &first.state().display().to_string()]);
+    assert!(shown.code == Some(0) && shown.err.contains("complete up to record "), "{shown}");
+    let stops = |what: &str| shown.out.lines().filter(|line| line.contains(&format!(": {what}"))).count();
+    assert_eq!((stops("before"), stops("full"), stops("after")), (1, 20, 1), "{shown}");
 }
