@@ -11,7 +11,7 @@ use anyhow::anyhow;
 use comms::io::clock;
 use comms::logic::human::span;
 use node::console::{self, Failure, block_on};
-use node::logic::protocol::{Answer, Estop, Request};
+use node::logic::protocol::{Answer, Estop, Estopped, Request};
 use serde_json::json;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -37,16 +37,27 @@ pub struct Arguments {
 
 /// What has become of a host.
 enum Outcome {
-    /// Nothing of it runs, but for these.
-    Stopped(Vec<String>),
-    /// Programs may begin there; whether they might not before.
-    Released(bool),
+    /// Nothing of it runs, but for what is named.
+    Stopped(Estopped),
+    /// Programs may begin there; whether they might not before, and why its disk does not have that.
+    Released(bool, Option<String>),
     /// It has refused.
     Refused(String),
     /// What runs there nobody knows.
     Unknown(String),
     /// Its keys are revoked: no node of the team links to it.
     Revoked,
+}
+
+impl Outcome {
+    /// Says why the disk of the host does not have what it has done, if that is so.
+    fn unwritten(&self) -> Option<&str> {
+        match self {
+            Self::Stopped(there) => there.unwritten.as_deref(),
+            Self::Released(_, unwritten) => unwritten.as_deref(),
+            Self::Refused(_) | Self::Unknown(_) | Self::Revoked => None,
+        }
+    }
 }
 
 /// Runs the verb.
@@ -77,8 +88,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(refused) = named(&hosts, |outcome| matches!(outcome, Outcome::Refused(_))) {
         return Err(anyhow!("refused by {refused}").into());
     }
-    if let Some(left) = named(&hosts, |outcome| matches!(outcome, Outcome::Stopped(left) if !left.is_empty())) {
+    if let Some(left) = named(&hosts, |outcome| matches!(outcome, Outcome::Stopped(there) if !there.unended.is_empty()))
+    {
         return Err(anyhow!("not everything could be ended on {left}: `dca status` says which process to end").into());
+    }
+    if let Some(unwritten) = named(&hosts, |outcome| outcome.unwritten().is_some()) {
+        let what = if arguments.release { "programs may begin" } else { "everything is stopped" };
+        return Err(anyhow!(
+            "the disk of {unwritten} does not have it: the node would not know after a restart that {what}; make room on the disk, \
+             then the same command again"
+        )
+        .into());
     }
     if !arguments.release && !arguments.json {
         console::note("nothing begins on these hosts before `dca estop --release`");
@@ -138,8 +158,8 @@ async fn wave(client: &Client, hosts: &BTreeSet<String>, request: &Request) -> V
             Err(failure) => Some(Err(failure)),
         };
         let outcome = match answer {
-            Some(Ok(Answer::Estopped(estopped))) => Outcome::Stopped(estopped.unended),
-            Some(Ok(Answer::Released { was_stopped })) => Outcome::Released(was_stopped),
+            Some(Ok(Answer::Estopped(estopped))) => Outcome::Stopped(estopped),
+            Some(Ok(Answer::Released { was_stopped, unwritten })) => Outcome::Released(was_stopped, unwritten),
             Some(Ok(other)) => Outcome::Refused(words(&unasked(host, &other))),
             Some(Err(failure @ Failure::Refused(_))) => Outcome::Refused(words(&failure)),
             Some(Err(failure)) => Outcome::Unknown(words(&failure)),
@@ -157,12 +177,24 @@ fn named(hosts: &BTreeMap<String, Outcome>, is_so: impl Fn(&Outcome) -> bool) ->
     (!named.is_empty()).then(|| named.join(", "))
 }
 
+fn but_unwritten(why: Option<&str>) -> String {
+    why.map_or_else(String::new, |why| format!("; its disk does not have that: {why}"))
+}
+
 fn in_words(outcome: &Outcome) -> String {
     match outcome {
-        Outcome::Stopped(left) if left.is_empty() => "stopped; no program runs".to_owned(),
-        Outcome::Stopped(left) => format!("stopped, but this could not be ended: {}", left.join(", ")),
-        Outcome::Released(true) => "released: programs may begin again".to_owned(),
-        Outcome::Released(false) => "was not stopped: programs may begin".to_owned(),
+        Outcome::Stopped(there) => {
+            let left = match &there.unended[..] {
+                [] => "stopped; no program runs".to_owned(),
+                left => format!("stopped, but this could not be ended: {}", left.join(", ")),
+            };
+            left + &but_unwritten(there.unwritten.as_deref())
+        }
+        Outcome::Released(was_stopped, unwritten) => {
+            let words =
+                if *was_stopped { "released: programs may begin again" } else { "was not stopped: programs may begin" };
+            words.to_owned() + &but_unwritten(unwritten.as_deref())
+        }
         Outcome::Refused(why) | Outcome::Unknown(why) => why.clone(),
         Outcome::Revoked => "its keys are revoked: it is not asked, and what runs there is not known".to_owned(),
     }
@@ -170,8 +202,12 @@ fn in_words(outcome: &Outcome) -> String {
 
 fn in_json(host: &str, outcome: &Outcome) -> serde_json::Value {
     match outcome {
-        Outcome::Stopped(left) => json!({ "host": host, "stopped": true, "unended": left }),
-        Outcome::Released(was_stopped) => json!({ "host": host, "released": true, "was_stopped": was_stopped }),
+        Outcome::Stopped(Estopped { unended, unwritten }) => {
+            json!({ "host": host, "stopped": true, "unended": unended, "unwritten": unwritten })
+        }
+        Outcome::Released(was_stopped, unwritten) => {
+            json!({ "host": host, "released": true, "was_stopped": was_stopped, "unwritten": unwritten })
+        }
         Outcome::Refused(why) => json!({ "host": host, "refused": why }),
         Outcome::Unknown(why) => json!({ "host": host, "unknown": why }),
         Outcome::Revoked => json!({ "host": host, "revoked": true }),

@@ -72,6 +72,29 @@ fn everything_ends_at_once_and_stays_so_over_a_restart() {
     assert!(mark.exists(), "an ordinary stop does what the plan says");
 }
 
+/// What holds only until the node ends is no stop that a person may trust.
+#[test]
+fn a_disk_that_does_not_have_it_is_told() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let node = here.node("c1", &[]);
+    // A folder in the way does what a full disk does.
+    let file = here.state().join("c1").join("estop");
+    std::fs::create_dir(&file).expect("the node has made its folder");
+    let all = here.ask(&["estop"]);
+    assert_eq!(all.code, Some(1), "{all}");
+    assert!(all.out.starts_with("c1: stopped; no program runs; its disk does not have that: `"), "{all}");
+    assert!(all.err.contains("the node would not know after a restart that everything is stopped"), "{all}");
+    let (code, hosts) = estop_json(&here, &["--release"]);
+    assert_eq!((code, hosts["hosts"][0]["unwritten"].is_string()), (Some(1), true), "{hosts:#}");
+    std::fs::remove_dir(&file).expect("it is empty");
+    assert_eq!(here.ask(&["estop"]).code, Some(0));
+    node.signal(Signal::KILL);
+    assert!(wait_until(SOON, || !node.is_running()).is_some());
+    let _again = here.node("c1", &[]);
+    assert!(here.ask(&["status"]).out.contains("c1: everything was stopped by "));
+}
+
 /// A node that is suspended has said nothing, so nobody says of it that it has stopped.
 #[test]
 fn who_does_not_answer_is_named() {
@@ -81,7 +104,7 @@ fn who_does_not_answer_is_named() {
     c2.signal(Signal::STOP);
     let (code, hosts) = estop_json(&here, &[]);
     assert_eq!(code, Some(3), "{hosts:#}");
-    assert_eq!(hosts["hosts"][0], json!({ "host": "c1", "stopped": true, "unended": [] }));
+    assert_eq!(hosts["hosts"][0], json!({ "host": "c1", "stopped": true, "unended": [], "unwritten": null }));
     assert_eq!(hosts["hosts"][1]["host"], "c2");
     assert!(hosts["hosts"][1]["unknown"].is_string(), "{hosts:#}");
     c2.signal(Signal::CONT);
@@ -97,7 +120,10 @@ fn in_a_team_everybody_stops_and_an_operator_releases() {
     team.admit(&host, "c1");
     let _node = host.node("c1", &[]);
     let (code, hosts) = estop_json(&host, &["smoke"]);
-    assert_eq!((code, hosts), (Some(0), json!({ "hosts": [{ "host": "c1", "stopped": true, "unended": [] }] })));
+    assert_eq!(
+        (code, hosts),
+        (Some(0), json!({ "hosts": [{ "host": "c1", "stopped": true, "unended": [], "unwritten": null }] }))
+    );
     let refused = host.ask(&["estop", "--release"]);
     assert_eq!(refused.code, Some(1), "{refused}");
     let status = host.ask(&["status"]);

@@ -313,6 +313,7 @@ impl Driver {
             Event::Refused(connection, wires) => self.refused(&connection, wires),
             Event::Alarm => Some(Input::Tick),
             Event::Committed(deployment, written) => Some(Input::Committed { deployment, written }),
+            Event::EstopKept(number, written) => Some(Input::EstopKept { number, written }),
             Event::Found(deployment, number, problems) => Some(Input::Found { deployment, number, problems }),
         }
     }
@@ -351,11 +352,7 @@ impl Driver {
             Effect::Unkeep { deployment } => self.keep(|files| files.unkeep(&deployment)),
             Effect::KeepAll(all) => self.keep(|files| files.keep_all(&all)),
             Effect::KeepTombstones(all) => self.keep(|files| files.keep_tombstones(all)),
-            Effect::KeepEstop(estop) => {
-                self.estop.want(estop);
-                let file = self.estop.clone();
-                self.settling.spawn_blocking(move || file.write());
-            }
+            Effect::KeepEstop { number, estop } => self.keep_estop(number, estop),
             Effect::Answer { call, mut answer } => {
                 if let Answer::Status(status) = &mut *answer {
                     status.containment = cgroup::containment();

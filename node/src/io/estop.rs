@@ -2,9 +2,10 @@
 //! and a line with why. One that cannot be read counts: nothing begins before somebody releases it.
 
 use crate::logic::protocol::Estop;
-use comms::io::file;
-use std::io::{self, ErrorKind};
-use std::path::PathBuf;
+use comms::io::file::{self, Privacy};
+use std::fs::File;
+use std::io::{self, ErrorKind, Write as _};
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// The name of the file.
@@ -49,22 +50,42 @@ impl EstopFile {
     }
 
     /// Writes what is to be in it. Blocks.
-    pub(crate) fn write(&self) {
-        let Some(inner) = &self.0 else { return };
+    ///
+    /// # Errors
+    /// The disk refuses; for a person.
+    pub(crate) fn write(&self) -> Result<(), String> {
+        let Some(inner) = &self.0 else { return Ok(()) };
         let turn = lock(&inner.disk);
         let wanted = lock(&inner.wanted).clone();
         let written = match wanted {
-            Some(Estop { by, reason }) => {
-                file::write(&inner.path, format!("{}\n{}\n", line(&by), line(&reason)).as_bytes())
-            }
-            None => removed(std::fs::remove_file(&inner.path)),
+            Some(Estop { by, reason }) => mark(&inner.path, &format!("{}\n{}\n", line(&by), line(&reason))),
+            None => removed(std::fs::remove_file(&inner.path)).and_then(|()| sync_folder(&inner.path)),
         };
         drop(turn);
-        if let Err(error) = written {
+        written.map_err(|error| {
             let file = inner.path.display();
             tracing::error!(%file, %error, "whether everything is stopped cannot be written down: the next start of this node may not know it");
-        }
+            format!("`{file}`: {error}")
+        })
     }
+}
+
+/// Makes the file, to stay over a power cut. That it is there counts; a full disk may leave out its words.
+fn mark(path: &Path, words: &str) -> io::Result<()> {
+    // A file that says it already is never away, not even for a moment.
+    if file::bytes(path, SIZE_MAX).is_ok_and(|there| there == words.as_bytes()) {
+        return File::open(path)?.sync_all().and_then(|()| sync_folder(path));
+    }
+    let mut made = file::created(path, Privacy::Usual)?;
+    if let Err(error) = made.write_all(words.as_bytes()) {
+        tracing::warn!(file = %path.display(), %error, "who has stopped everything, and why, is not on the disk");
+    }
+    made.sync_all()?;
+    sync_folder(path)
+}
+
+fn sync_folder(path: &Path) -> io::Result<()> {
+    File::open(path.parent().unwrap_or(Path::new("/")))?.sync_all()
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -98,11 +119,11 @@ mod tests {
         assert_eq!(before, None);
         let estop = Estop { by: "ann@c1".into(), reason: "a person\nin the cell".into() };
         file.want(Some(estop));
-        file.write();
+        file.write().unwrap();
         assert_eq!(open().1, Some(Estop { by: "ann@c1".into(), reason: "a person in the cell".into() }));
         file.want(None);
-        file.write();
-        file.write();
+        file.write().unwrap();
+        file.write().unwrap();
         assert_eq!(open().1, None);
         let somebody = Estop { by: "somebody".into(), reason: String::new() };
         std::fs::write(folder.join(FILE), "").unwrap();
@@ -110,6 +131,7 @@ mod tests {
         std::fs::remove_file(folder.join(FILE)).unwrap();
         rustix::fs::mkdir(folder.join(FILE), rustix::fs::Mode::RWXU).unwrap();
         assert_eq!(open().1, Some(somebody), "what cannot be read counts");
+        assert!(file.write().unwrap_err().contains("estop"), "a folder is in the way");
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }

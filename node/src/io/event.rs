@@ -40,6 +40,8 @@ pub(crate) enum Event {
     Refused(Connection, Vec<Refused>),
     /// The epoch of a deployment is in the journal, or why it is not.
     Committed(Deployment, Result<(), String>),
+    /// Whether everything is stopped is on the disk, or why it is not; by the number of the write.
+    EstopKept(u64, Result<(), String>),
     /// A call that a user has signed, and that is written down.
     Admitted(u64, Request, Caller),
     /// Whether an order of another node may be carried out, by its number.

@@ -326,6 +326,7 @@ impl Agent {
                     coordinator.committed(written, out);
                 }
             }
+            Input::EstopKept { number, written } => self.estop_kept(number, written, out),
             Input::Adopted { away } => {
                 self.adopted(out.now, away);
                 self.keep_estop(out);

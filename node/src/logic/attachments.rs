@@ -89,6 +89,7 @@ impl Attachments {
             | Input::Found { .. }
             | Input::Adopted { .. }
             | Input::Leave
+            | Input::EstopKept { .. }
             | Input::Judged { .. }
             | Input::Resumable { .. }
             | Input::Calendar { .. }
@@ -131,7 +132,7 @@ impl Attachments {
             | Effect::Holders(_)
             | Effect::Peer(_)
             | Effect::Settled { .. }
-            | Effect::KeepEstop(_)
+            | Effect::KeepEstop { .. }
             | Effect::Keep(_)
             | Effect::Unkeep { .. }
             | Effect::KeepAll(_)

@@ -174,7 +174,12 @@ pub enum Effect {
         deployment: Deployment,
     },
     /// Write down that everything is stopped, and by whom, or that it is not any more; nobody waits for it.
-    KeepEstop(Option<Estop>),
+    KeepEstop {
+        /// Numbers the write; answered by [`Input::EstopKept`](crate::logic::agent::Input::EstopKept).
+        number: u64,
+        /// Who has stopped everything; none lets programs begin.
+        estop: Option<Estop>,
+    },
     /// Write down what a node needs to know of a deployment that begins after a reboot; nobody waits for it.
     Keep(Box<Kept>),
     /// Remove that from the disk: the deployment is to end.

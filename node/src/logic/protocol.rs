@@ -49,7 +49,7 @@ use std::fmt;
 use std::time::Duration;
 
 /// Version of these messages.
-pub const VERSION: u16 = 21;
+pub const VERSION: u16 = 22;
 
 /// How long a node that has more to say may be silent: it says several times in that time that it is still there.
 pub const SILENCE_MAX: Duration = Duration::from_secs(8);
@@ -305,6 +305,8 @@ pub enum Answer {
     Released {
         /// Whether everything was stopped.
         was_stopped: bool,
+        /// Why the disk of the node does not have it; then the next start of the node may not know it.
+        unwritten: Option<String>,
     },
     /// To `Credentials`: what nodes of the team have shown last, that of the node itself first; none if it is in no team.
     Credentials(Vec<Vec<u8>>),
@@ -439,8 +441,8 @@ mod tests {
         let estop = Estop { by: "a".into(), reason: "b".into() };
         assert_eq!(postcard::to_stdvec(&Request::Estop(estop)).unwrap(), *b"\x18\x01a\x01b");
         assert_eq!(postcard::to_stdvec(&Request::ReleaseEstop).unwrap(), [25]);
-        let estopped = Answer::Estopped(Estopped { unended: vec!["d@2 m".into()] });
-        assert_eq!(postcard::to_stdvec(&estopped).unwrap(), *b"\x14\x01\x05d@2 m");
+        let estopped = Answer::Estopped(Estopped { unended: vec!["d@2 m".into()], unwritten: None });
+        assert_eq!(postcard::to_stdvec(&estopped).unwrap(), *b"\x14\x01\x05d@2 m\x00");
         let report = Report::Connected { host: "c2".into() };
         let time = Duration::new(5, 6);
         let event = Event { deployment, number: 300, host: "c2".into(), ago: heard, report, time };

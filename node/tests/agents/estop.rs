@@ -49,7 +49,7 @@ fn everything_ends_without_what_the_plan_does_at_its_end_and_stays_so() {
     assert_eq!(reasons, &[why]);
     let released = world.ask("c1", Request::ReleaseEstop);
     world.run_for(Duration::from_millis(10));
-    assert_eq!(world.answers[&released], [Answer::Released { was_stopped: true }]);
+    assert_eq!(world.answers[&released], [Answer::Released { was_stopped: true, unwritten: None }]);
     let refused = world.deploy("c1", TWO_HOSTS);
     world.run_for(Duration::from_secs(3));
     let Report::Refused { reasons } = world.last_report(refused) else { panic!("not refused") };
@@ -57,7 +57,7 @@ fn everything_ends_without_what_the_plan_does_at_its_end_and_stays_so() {
     let released = world.ask("c2", Request::ReleaseEstop);
     let again = world.deploy("c1", TWO_HOSTS);
     world.run_for(Duration::from_secs(5));
-    assert_eq!(world.answers[&released], [Answer::Released { was_stopped: true }]);
+    assert_eq!(world.answers[&released], [Answer::Released { was_stopped: true, unwritten: None }]);
     assert_eq!(world.ending(again), &Ending::Done(vec![]));
     assert_eq!(world.estops["c2"], None);
 }
@@ -92,8 +92,33 @@ fn what_could_not_be_ended_is_named() {
         let asked = stop_all(&mut world, "c2");
         world.run_for(Duration::from_secs(30));
         let unended = vec!["test@1 main/rock".to_owned()];
-        assert_eq!(world.answers[&asked], [Answer::Estopped(Estopped { unended })]);
+        assert_eq!(world.answers[&asked], [Answer::Estopped(Estopped { unended, unwritten: None })]);
     }
+}
+
+/// Nothing runs, but the disk does not have that: whoever asks is told, and so is who releases it. Once it has, nothing is said.
+#[test]
+fn what_the_disk_does_not_have_is_told() {
+    let mut world = World::new(&["c1", "c2"]);
+    world.disk_ms = 700;
+    world.disk_refuses = Some("no space is left".to_owned());
+    let asked = stop_all(&mut world, "c2");
+    world.run_for(Duration::from_millis(600));
+    assert!(!world.answers.contains_key(&asked), "the disk has not answered");
+    world.run_for(Duration::from_millis(200));
+    let unwritten = Some("no space is left".to_owned());
+    let estopped = Answer::Estopped(Estopped { unended: Vec::new(), unwritten: unwritten.clone() });
+    assert_eq!(world.answers[&asked], [estopped]);
+    let released = world.ask("c2", Request::ReleaseEstop);
+    world.run_for(Duration::from_secs(1));
+    assert_eq!(world.answers[&released], [Answer::Released { was_stopped: true, unwritten }]);
+    world.disk_refuses = None;
+    // A later wish overtakes an earlier one: both are answered by what the last write says.
+    let (asked, released) = (stop_all(&mut world, "c2"), world.ask("c2", Request::ReleaseEstop));
+    world.run_for(Duration::from_secs(1));
+    assert_eq!(world.answers[&asked], [nothing_left()]);
+    assert_eq!(world.answers[&released], [Answer::Released { was_stopped: true, unwritten: None }]);
+    assert_eq!(world.estops["c2"], None);
 }
 
 /// The node is killed between the command and the end of its programs: the next one goes on with it, and answers nobody.

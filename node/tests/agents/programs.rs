@@ -1,10 +1,11 @@
-//! The programs of a [`World`]: what they say, how long they run, and how they end.
+//! The programs of a [`World`]: what they say, how long they run, and how they end; and those who ask, and the disk.
 
 use super::world::{Coming, World};
 use comms::logic::control::{Location, Notice, Order, VERSION};
 use language::plan::LeafKind;
 use node::logic::agent::Input;
 use node::logic::effect::{ProcessId, SpawnOrder};
+use node::logic::protocol::{Answer, Estop};
 use shim::protocol::ShimReport;
 
 impl World {
@@ -22,6 +23,24 @@ impl World {
             let life = self.lives[process];
             self.at(millis, host, Coming::Notice(process.clone(), life, notice));
         }
+    }
+
+    pub(super) fn answer(&mut self, call: u64, answer: Answer) {
+        assert!(!self.answered.contains(&call), "nobody waits for it any more: {answer:?}");
+        self.answers.entry(call).or_default().push(answer);
+    }
+
+    /// What the disk says to whoever writes.
+    pub(super) fn written(&self) -> Result<(), String> {
+        self.disk_refuses.clone().map_or(Ok(()), Err)
+    }
+
+    pub(super) fn keep_estop(&mut self, host: &str, number: u64, estop: Option<Estop>) {
+        let written = self.written();
+        if written.is_ok() {
+            self.estops.insert(host.into(), estop);
+        }
+        self.at(self.disk_ms, host, Coming::Input(Input::EstopKept { number, written }));
     }
 
     pub(super) fn report(&mut self, host: &str, process: &ProcessId, report: ShimReport) {

@@ -103,6 +103,8 @@ pub(super) struct World {
     pub(super) suspended: bool,
     /// The programs whose output was asked for.
     pub(super) tailed: Vec<Vec<ProcessId>>,
+    /// The calls with no more answers.
+    pub(super) answered: BTreeSet<u64>,
     /// Whether programs leave at once with exit code 1.
     pub(super) fails_at_start: bool,
     /// The ends that each host has written down.
@@ -309,11 +311,11 @@ impl World {
             Effect::Control { process, order } if self.took(&process, true) => self.order(host, &process, order),
             // It is gone, and its report says so.
             Effect::Shim { .. } | Effect::Control { .. } => {}
-            Effect::Answer { call, answer } => self.answers.entry(call).or_default().push(*answer),
+            Effect::Answer { call, answer } => self.answer(call, *answer),
             Effect::KillShim { .. } if self.immortal => {}
             Effect::KillShim { process } => self.die(host, &process, ShimReport::Signalled { signal: 9 }),
             Effect::Settled { deployment } => self.settled.push((host.into(), deployment)),
-            Effect::KeepEstop(estop) => drop(self.estops.insert(host.into(), estop)),
+            Effect::KeepEstop { number, estop } => self.keep_estop(host, number, estop),
             Effect::Keep(kept) => {
                 self.kept.entry(host.into()).or_default().insert(kept.deployment.epoch, *kept);
             }
@@ -321,8 +323,7 @@ impl World {
                 self.kept.entry(host.into()).or_default().remove(&deployment.epoch);
             }
             Effect::KeepAll(all) => {
-                let all = all.into_iter().map(|kept| (kept.deployment.epoch, kept)).collect();
-                self.kept.insert(host.into(), all);
+                self.kept.insert(host.into(), all.into_iter().map(|kept| (kept.deployment.epoch, kept)).collect());
             }
             Effect::KeepTombstones(all) => drop(self.tombstones.insert(host.into(), all)),
             Effect::FindPrograms { deployment, number, programs } => {
@@ -332,16 +333,17 @@ impl World {
                 self.at(1, host, Coming::Input(Input::Found { deployment, number, problems }));
             }
             Effect::PersistEpoch { deployment, .. } => {
-                let written = self.disk_refuses.clone().map_or(Ok(()), Err);
+                let written = self.written();
                 self.at(self.disk_ms, host, Coming::Input(Input::Committed { deployment, written }));
             }
-            Effect::EndAnswers { .. } | Effect::CloseProcess { .. } | Effect::CloseDeployment { .. } => {}
+            Effect::EndAnswers { call } => drop(self.answered.insert(call)),
             Effect::Tail { process, .. } => self.tailed.push(vec![process]),
             Effect::TailAll { deployment, programs, .. } => {
                 let process = |(leaf, _)| ProcessId { deployment: deployment.clone(), leaf };
                 self.tailed.push(programs.into_iter().map(process).collect());
             }
-            Effect::WriteDatabase(_) | Effect::Yield { .. } => {}
+            Effect::CloseProcess { .. } | Effect::WriteDatabase(_) | Effect::Yield { .. } => {}
+            Effect::CloseDeployment { .. } => {}
             Effect::OrderEnded { outcome, .. } => self.ended.push((host.into(), outcome)),
             Effect::Judge { number, deployment, .. } => {
                 self.judged.push((host.into(), deployment));

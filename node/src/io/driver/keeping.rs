@@ -4,8 +4,9 @@ use super::Driver;
 use crate::io::event::Event;
 use crate::io::journal;
 use crate::io::kept::KeptFiles;
-use crate::logic::protocol::Deployment;
+use crate::logic::protocol::{Deployment, Estop};
 use std::sync::Arc;
+use tokio::sync::oneshot;
 
 impl Driver {
     /// Writes an epoch down beside the loop: a disk may take long.
@@ -16,6 +17,19 @@ impl Driver {
             let writing = tokio::task::spawn_blocking(move || journal::commit(&journal, &epoch, &hosts)).await;
             let written = writing.map_err(|error| error.to_string()).flatten();
             events.send(Event::Committed(deployment, written)).await.unwrap_or_default();
+        });
+    }
+
+    /// Has written down whether everything is stopped, beside the loop. A node that leaves waits for the disk.
+    pub(super) fn keep_estop(&mut self, number: u64, estop: Option<Estop>) {
+        self.estop.want(estop);
+        let (file, events) = (self.estop.clone(), self.events.clone());
+        let (tell, told) = oneshot::channel();
+        self.settling.spawn_blocking(move || drop(tell.send(file.write())));
+        self.tasks.spawn(async move {
+            if let Ok(written) = told.await {
+                events.send(Event::EstopKept(number, written)).await.unwrap_or_default();
+            }
         });
     }
 

@@ -55,7 +55,7 @@ impl Agent {
             Request::Change(request) => return self.change(call, *request, signed, out),
             Request::Switch(request) => return self.switch(call, &request, out),
             Request::Estop(estop) => return self.estop(call, &estop, out),
-            Request::ReleaseEstop => self.release_estop(call, out),
+            Request::ReleaseEstop => return self.release_estop(call, out),
             Request::StopAway(tombstone) => self.stop_away(call, *tombstone, out),
             Request::Duplicates => answer(call, self.duplicates(), out),
             Request::Names => answer(call, Answer::Names(self.given_names()), out),

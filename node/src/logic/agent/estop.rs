@@ -12,8 +12,21 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Stopped {
     by: Option<Estop>,
-    /// Those who wait until nothing runs.
+    /// Those who wait until nothing runs, and the disk has it.
     waiting: Vec<u64>,
+    /// Those who wait until the disk has that programs may begin, and whether everything was stopped when they asked.
+    releasing: Vec<(u64, bool)>,
+    /// The number of the last write that was asked for, and of the last one that is over.
+    writes: (u64, u64),
+    /// Why the disk does not have it.
+    unwritten: Option<String>,
+}
+
+impl Stopped {
+    /// Whether the last write that was asked for is over.
+    const fn is_over(&self) -> bool {
+        self.writes.0 == self.writes.1
+    }
 }
 
 impl Agent {
@@ -35,19 +48,35 @@ impl Agent {
 
     /// Lets programs begin again.
     pub(super) fn release_estop(&mut self, call: u64, out: &mut Out<'_>) {
-        let was_stopped = self.stopped.by.take().is_some();
+        self.stopped.releasing.push((call, self.stopped.by.take().is_some()));
         self.keep_estop(out);
-        answer(call, Answer::Released { was_stopped }, out);
     }
 
     /// Has it written down how it is; a node that was killed may not have come to it.
-    pub(super) fn keep_estop(&self, out: &mut Out<'_>) {
-        out.effects.push(Effect::KeepEstop(self.stopped.by.clone()));
+    pub(super) fn keep_estop(&mut self, out: &mut Out<'_>) {
+        self.stopped.writes.0 += 1;
+        out.effects.push(Effect::KeepEstop { number: self.stopped.writes.0, estop: self.stopped.by.clone() });
     }
 
-    /// Answers those who wait until nothing runs, once that is so.
+    /// A write is over. Each one writes what holds then, so the last one counts.
+    pub(super) fn estop_kept(&mut self, number: u64, written: Result<(), String>, out: &mut Out<'_>) {
+        if number <= self.stopped.writes.1 {
+            return;
+        }
+        self.stopped.writes.1 = number;
+        self.stopped.unwritten = written.err();
+        if self.stopped.is_over() {
+            for (call, was_stopped) in std::mem::take(&mut self.stopped.releasing) {
+                let unwritten = self.stopped.unwritten.clone();
+                answer(call, Answer::Released { was_stopped, unwritten }, out);
+                out.effects.push(Effect::EndAnswers { call });
+            }
+        }
+    }
+
+    /// Answers those who wait until nothing runs, once that is so and the disk has had its say.
     pub(super) fn tell_stopped(&mut self, effects: &mut Vec<Effect>) {
-        if self.stopped.waiting.is_empty() || !self.participants.is_empty() {
+        if self.stopped.waiting.is_empty() || !self.participants.is_empty() || !self.stopped.is_over() {
             return;
         }
         let mut unended = Vec::new();
@@ -56,7 +85,7 @@ impl Agent {
             let left = programs.iter().filter(|(leaf, _)| left.leaves.contains(leaf));
             unended.extend(left.map(|(_, path)| format!("{deployment} {path}")));
         }
-        let estopped = Estopped { unended };
+        let estopped = Estopped { unended, unwritten: self.stopped.unwritten.clone() };
         for call in std::mem::take(&mut self.stopped.waiting) {
             effects.push(Effect::Answer { call, answer: Box::new(Answer::Estopped(estopped.clone())) });
             effects.push(Effect::EndAnswers { call });
@@ -66,6 +95,7 @@ impl Agent {
     /// Forgets one who waits.
     pub(super) fn forget_stopped(&mut self, call: u64) {
         self.stopped.waiting.retain(|waiting| *waiting != call);
+        self.stopped.releasing.retain(|(waiting, _)| *waiting != call);
     }
 
     /// Returns who has stopped everything, if somebody has.
@@ -84,6 +114,6 @@ impl Agent {
 
     /// Begins with everything stopped, if it was when the node before it ended.
     pub(super) fn stopped_before(by: Option<Estop>) -> Stopped {
-        Stopped { by, waiting: Vec::new() }
+        Stopped { by, ..Stopped::default() }
     }
 }

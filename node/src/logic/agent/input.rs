@@ -76,6 +76,15 @@ pub enum Input {
         /// Why it is not on the disk, for a person.
         written: Result<(), String>,
     },
+    /// What [`Effect::KeepEstop`] has asked for is on the disk, or cannot be written.
+    ///
+    /// [`Effect::KeepEstop`]: crate::logic::effect::Effect::KeepEstop
+    EstopKept {
+        /// As asked.
+        number: u64,
+        /// Why it is not on the disk, for a person.
+        written: Result<(), String>,
+    },
     /// What [`Effect::Judge`] has asked: done only if a user has signed it, who may ask for that.
     ///
     /// [`Effect::Judge`]: crate::logic::effect::Effect::Judge

@@ -38,6 +38,8 @@ impl fmt::Display for Estop {
 pub struct Estopped {
     /// Absolute paths of programs that could not be ended, with their deployment: `door@3 main/base/wheels`.
     pub unended: Vec<String>,
+    /// Why the disk of the node does not have it; then the next start of the node may not know that everything is stopped.
+    pub unwritten: Option<String>,
 }
 
 #[cfg(test)]
