@@ -22,6 +22,8 @@ use trust::name::UnixTime;
 pub const FILE: &str = "audit";
 /// The most bytes of the log; then a new one begins.
 const SIZE_MAX: u64 = 16 << 20;
+/// The most bytes of a log that is looked through: it may have grown while no new one could begin.
+const LOG_MAX: usize = 64 << 20;
 /// How many records wait for the disk; more are counted.
 const WAITING_MAX: usize = 256;
 /// How many more records than one are written at once.
@@ -316,6 +318,16 @@ impl Writer {
         *self = Self { path: self.path.clone(), ..begun };
         Ok(())
     }
+}
+
+/// Returns whether a record of the log in a folder, or of the one before, says such a thing. One that cannot be read says nothing.
+pub(crate) fn mentions(folder: &Path, what: &str) -> bool {
+    let path = folder.join(FILE);
+    let what = format!("\t{what}");
+    [path.with_extension("1"), path].iter().any(|path| {
+        let log = file::bytes(path, LOG_MAX).unwrap_or_default();
+        log.windows(what.len()).any(|text| text == what.as_bytes())
+    })
 }
 
 fn append(path: &Path) -> anyhow::Result<File> {

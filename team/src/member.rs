@@ -111,11 +111,7 @@ impl Member {
         if credential.certificate().claims().keys != *keys.public() || credential.certificate().kind() != Kind::Node {
             bail!("{}", broken(CREDENTIAL));
         }
-        let sets = folder::read(&folder.join(REVOKED), REVOKED_BYTES_MAX)?;
-        let revoked = match &sets {
-            None => Revocations::default(),
-            Some(sets) => revocations(sets, &team).with_context(|| broken(REVOKED))?,
-        };
+        let revoked = revoked::open(&folder, &team)?;
         let audit = Audit::open(&folder, team.id(), keys.public().id());
         let audit =
             audit.inspect_err(|error| tracing::error!(error = format!("{error:#}"), "there is no audit log")).ok();
@@ -166,6 +162,9 @@ impl Member {
         } else {
             // Of a team before.
             drop(std::fs::remove_file(folder.join(FOUNDS)));
+        }
+        if !folder.join(REVOKED).is_file() {
+            folder::write(&folder.join(REVOKED), &revoked::form(&Revocations::default()))?;
         }
         folder::write(&folder.join(KEYS), &*keys.to_bytes())?;
         folder::write(&folder.join(TEAM), &team.to_bytes())?;

@@ -2,9 +2,10 @@
 //! then what it has heard counts all the same, and is written when it hears or is told something again.
 
 use super::{Member, REVOKED, judge};
-use crate::audit::AuditEntry;
+use crate::audit::{self, AuditEntry};
 use crate::folder;
-use anyhow::bail;
+use anyhow::{Context as _, anyhow, bail, ensure};
+use std::path::Path;
 use trust::audit::Decision;
 use trust::revocation::{ADMINS_BYTES_MAX, Received, RevocationError, Revocations, RevokedSet, SET_MAX, SETS_MAX};
 use trust::team::Team;
@@ -13,6 +14,28 @@ use trust::team::Team;
 pub(crate) const REVOKED_BYTES_MAX: usize = 4 << 20;
 // Whatever a member holds can be read again, with the bytes that say how long each set is.
 const _: () = assert!(SETS_MAX * SET_MAX + ADMINS_BYTES_MAX + (128 << 10) <= REVOKED_BYTES_MAX);
+
+/// How the audit log begins to say what was revoked.
+const REVOKE: &str = "revoke: number ";
+
+/// Returns whom the team has revoked, as it was kept.
+///
+/// # Errors
+/// The file cannot be read, is broken, or is missing although this node has heard of revocations: it would trust those who are revoked.
+pub(super) fn open(folder: &Path, team: &Team) -> anyhow::Result<Revocations> {
+    let path = folder.join(REVOKED);
+    let help = "copy that of another node of the team, whose lines are signed, or take this node into its team again";
+    if let Some(sets) = folder::read(&path, REVOKED_BYTES_MAX)? {
+        return revocations(&sets, team).with_context(|| format!("`{}` is broken: {help}", path.display()));
+    }
+    ensure!(path.symlink_metadata().is_err(), "`{}` leads nowhere: {help}", path.display());
+    ensure!(
+        !audit::mentions(folder, REVOKE),
+        "`{}` is not there, but the audit log says that this node has heard who is revoked: {help}",
+        path.display()
+    );
+    Ok(Revocations::default())
+}
 
 impl Member {
     /// Takes in what the team, or an admin, has revoked. Says whether it was new.
@@ -33,7 +56,7 @@ impl Member {
         if let Err(error) = self.share_again() {
             tracing::error!(error = format!("{error:#}"), "programs of another user are not told who is revoked");
         }
-        let what = format!("revoke: number {number}, keys {count}");
+        let what = format!("{REVOKE}{number}, keys {count}");
         self.record(AuditEntry { decision: Decision::Done, who: "the team".to_owned(), what, reason: String::new() });
         self.changes.send_replace(());
         written.map(|()| true)
@@ -104,7 +127,8 @@ fn from_form(bytes: &[u8]) -> anyhow::Result<Vec<RevokedSet>> {
     if bytes.len() > REVOKED_BYTES_MAX {
         bail!("there are too many revocations");
     }
-    let sets: Vec<Vec<u8>> = postcard::from_bytes(bytes)?;
+    let sets: Vec<Vec<u8>> =
+        postcard::from_bytes(bytes).map_err(|_form| anyhow!("it was cut off, or is no list of revocations"))?;
     let read = |set: Vec<u8>| {
         if set.len() > SET_MAX {
             bail!("a set of revocations is too long");

@@ -237,6 +237,33 @@ fn a_disk_that_refuses_takes_no_revocation_away() {
     assert!(again.with_judge(|judge| judge.revoked.has(&gone)));
 }
 
+/// Who takes the file away has the node trust nobody again: it does not start.
+#[test]
+fn a_node_that_has_heard_who_is_revoked_does_not_start_without_that() {
+    let acme = Desk::new("acme");
+    let first = acme.node("first", 0, 30);
+    let (state, path) = (acme.folder.join("first"), acme.folder.join("first").join(FOLDER).join(REVOKED));
+    let why = || format!("{:#}", Member::open(&state).unwrap_err());
+    assert!(path.is_file(), "it begins with none, which is written");
+    // A node of an earlier version has no file until it hears of one.
+    std::fs::remove_file(&path).unwrap();
+    drop(Member::open(&state).unwrap().unwrap());
+    std::os::unix::fs::symlink("/nowhere/revoked", &path).unwrap();
+    assert!(why().contains("leads nowhere"), "{}", why());
+    std::fs::remove_file(&path).unwrap();
+    let gone = keys().public().id();
+    first.revoke(RevokedSet::sign(&acme.team, 1, [(gone, crate::now())].into(), &acme.root, None).unwrap()).unwrap();
+    let kept = std::fs::read(&path).unwrap();
+    // Its audit log is whole when it has ended.
+    drop(first);
+    folder::write(&path, &kept[..kept.len() / 2]).unwrap();
+    assert!(why().contains("is broken: copy that of another node") && why().ends_with("no list of revocations"));
+    std::fs::remove_file(&path).unwrap();
+    assert!(why().contains("is not there, but the audit log says"), "{}", why());
+    folder::write(&path, &kept).unwrap();
+    assert!(Member::open(&state).unwrap().unwrap().with_judge(|judge| judge.revoked.has(&gone)));
+}
+
 #[test]
 fn who_works_at_a_revoked_robot_still_hears_its_node() {
     let acme = Desk::new("acme");
