@@ -349,6 +349,7 @@ impl Watch {
             | Report::Unchanged { .. }
             | Report::Replanned { .. }
             | Report::Aligned { .. }
+            | Report::BeganLate { .. }
             | Report::Omitted { .. } => {}
         }
     }

@@ -130,6 +130,7 @@ impl Mission {
             Report::Prepared { host, leaves } => self.start.prepared(host, *leaves),
             Report::Connected { host } => self.start.connected(host),
             Report::Aligned { within, .. } => self.start.aligned(*within),
+            Report::BeganLate { .. } => self.push_note("main", report_text(report), (self.now, &[])),
             Report::Go { took, signals: _ } => self.start.go(*took),
             Report::Process { path, change, at } => {
                 self.now = self.now.max(*at);

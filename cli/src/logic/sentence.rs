@@ -38,6 +38,9 @@ pub(crate) fn report_text(report: &Report) -> String {
             lead.as_secs_f64() * 1000.0,
             span(*within)
         ),
+        Report::BeganLate { host, by } => {
+            format!("{host} heard of the start {} too late: what it has of the first step began then", span(*by))
+        }
         Report::Replanned { .. } => "goes by a changed plan".to_owned(),
         Report::Stepped { path, steps, .. } => format!("{path} took {}", counted(steps.len(), "step")),
     }

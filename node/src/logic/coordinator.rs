@@ -235,6 +235,7 @@ impl Coordinator {
             ToCoordinator::Change(reply) => self.change_reply(reply, from, out),
             ToCoordinator::SetsSwitched { call, switched } => self.sets_switched(call, switched, out),
             ToCoordinator::ClockRead { asked, shown } => self.clock_read(from, (asked, shown), out),
+            ToCoordinator::BeganLate { by } => self.report(Report::BeganLate { host: from.to_owned(), by }, out),
             ToCoordinator::Stepped { group, number, steps } => self.stepped(group, (number, steps), out),
         }
     }
@@ -417,7 +418,9 @@ impl Coordinator {
     /// Reports what is about a host, or about all.
     fn report(&mut self, report: Report, out: &mut Out<'_>) {
         let named = match &report {
-            Report::Prepared { host, .. } | Report::Connected { host } => Some(host.as_str()),
+            Report::Prepared { host, .. } | Report::Connected { host } | Report::BeganLate { host, .. } => {
+                Some(host.as_str())
+            }
             Report::Accepted { .. }
             | Report::Go { .. }
             | Report::Process { .. }

@@ -136,6 +136,7 @@ impl History {
             | Report::Connected { .. }
             | Report::Process { .. }
             | Report::Aligned { .. }
+            | Report::BeganLate { .. }
             | Report::Changed { .. }
             | Report::Unchanged { .. }
             | Report::Refused { .. }

@@ -25,6 +25,9 @@ process main() {
 }
 "#;
 
+/// The hosts of the programs of its first step, by their numbers.
+const HOSTS: [&str; 6] = ["c2", "c1", "c3", "c2", "c1", "c3"];
+
 impl World {
     /// Returns what the clock of a host shows that nobody sets.
     pub(super) fn there(&self, host: &str) -> Time {
@@ -153,7 +156,7 @@ fn times_of_the_first_step_count_from_the_moment() {
 /// is left out or done twice.
 #[test]
 fn lost_words_do_not_keep_anything_from_beginning() {
-    let mut aligned = 0;
+    let (mut aligned, mut late) = (0, 0);
     for seed in 0..300 {
         let mut world = World::of_three();
         world.start = StartMode::Aligned;
@@ -171,8 +174,17 @@ fn lost_words_do_not_keep_anything_from_beginning() {
         // Until GO is told here a millisecond may pass, and a round trip that was not the same both ways is another.
         let early = begun.iter().filter(|at| **at + Duration::from_millis(2) < moment).count();
         assert_eq!(early, 0, "seed {seed}: {begun:?}, {moment:?}");
+        for report in world.answers.get(&call).into_iter().flatten() {
+            let Answer::Report(Report::BeganLate { host, by }) = report else { continue };
+            late += 1;
+            let there =
+                world.begun.iter().filter(|(process, _)| HOSTS.get(process.leaf as usize) == Some(&host.as_str()));
+            let is_late = |at: Time| at + Duration::from_millis(3) >= moment + *by;
+            assert!(there.clone().all(|(_, at)| is_late(*at)), "seed {seed}: {host} was late by {by:?}");
+        }
         let (first, last) = (begun.iter().min().copied(), begun.iter().max().copied());
         aligned += u32::from(last.zip(first).is_some_and(|(last, first)| last - first <= Duration::from_millis(1)));
     }
     assert!(aligned > 90, "{aligned} of 300 have begun at one moment although words were lost");
+    assert!(late > 10, "{late} hosts have said that they heard of the moment too late");
 }

@@ -47,6 +47,8 @@ fn golden_aligned_starts() {
     check(&ToCoordinator::ClockRead { asked, shown }, "0aac0203");
     let (lead, within) = (Duration::new(0, 300), Duration::new(3, 4));
     check(&Report::Aligned { lead, within }, "0d00ac020304");
+    check(&ToCoordinator::BeganLate { by: within }, "0b0304");
+    check(&Report::BeganLate { host: "c2".into(), by: within }, "0e0263320304");
 }
 
 #[test]

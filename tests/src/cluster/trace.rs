@@ -73,6 +73,7 @@ impl Trace {
             | Report::Unchanged { .. }
             | Report::Replanned { .. }
             | Report::Aligned { .. }
+            | Report::BeganLate { .. }
             | Report::Omitted { .. }
             | Report::Refused { .. } => None,
         });
@@ -93,6 +94,7 @@ impl Trace {
             | Report::Unchanged { .. }
             | Report::Replanned { .. }
             | Report::Aligned { .. }
+            | Report::BeganLate { .. }
             | Report::Omitted { .. }
             | Report::Refused { .. }
             | Report::Finished { .. } => None,

@@ -136,6 +136,7 @@ pub(super) fn details(run: &Run) -> String {
             | Report::Unchanged { .. }
             | Report::Replanned { .. }
             | Report::Aligned { .. }
+            | Report::BeganLate { .. }
             | Report::Omitted { .. }
             | Report::Finished { .. } => ("", report_text(report)),
         };

@@ -136,6 +136,7 @@ impl Rows {
             | Report::Unchanged { .. }
             | Report::Replanned { .. }
             | Report::Aligned { .. }
+            | Report::BeganLate { .. }
             | Report::Omitted { .. }
             | Report::Refused { .. } => self.now,
         };
@@ -143,7 +144,9 @@ impl Rows {
         let topic = self.single(EVENTS, "dca.Event", schema::event);
         let (process, host) = match report {
             Report::Process { path, .. } | Report::Stepped { path, .. } => (path.as_str(), ""),
-            Report::Prepared { host, .. } | Report::Connected { host } => ("", host.as_str()),
+            Report::Prepared { host, .. } | Report::Connected { host } | Report::BeganLate { host, .. } => {
+                ("", host.as_str())
+            }
             Report::Accepted { .. }
             | Report::Go { .. }
             | Report::Refused { .. }
@@ -278,6 +281,7 @@ pub(crate) fn kind(report: &Report) -> &'static str {
         Report::Omitted { .. } => "omitted",
         Report::Replanned { .. } => "plan",
         Report::Aligned { .. } => "aligned",
+        Report::BeganLate { .. } => "began_late",
         Report::Stepped { .. } => "step",
         Report::Process { change, .. } => match change {
             Change::Activated => "activated",
@@ -320,6 +324,7 @@ fn output(report: &Report) -> &[String] {
         | Report::Unchanged { .. }
         | Report::Replanned { .. }
         | Report::Aligned { .. }
+        | Report::BeganLate { .. }
         | Report::Omitted { .. } => &[],
     }
 }

@@ -118,6 +118,7 @@ impl Agent {
             | ToCoordinator::Stepped { .. }
             | ToCoordinator::SetsSwitched { .. }
             | ToCoordinator::ClockRead { .. }
+            | ToCoordinator::BeganLate { .. }
             | ToCoordinator::Change(_) => {}
         }
     }

@@ -75,6 +75,7 @@ pub fn ended(home: &str, history: &History) -> Option<Commit> {
         | Report::Unchanged { .. }
         | Report::Replanned { .. }
         | Report::Aligned { .. }
+        | Report::BeganLate { .. }
         | Report::Omitted { .. } => None,
     })?;
     Some(commit(home, history.deployment(), "ended", fields))

@@ -56,6 +56,7 @@ pub fn outcome_of_order(answer: &ToCoordinator) -> Option<Outcome> {
         | ToCoordinator::Happened { .. }
         | ToCoordinator::SetsSwitched { .. }
         | ToCoordinator::ClockRead { .. }
+        | ToCoordinator::BeganLate { .. }
         | ToCoordinator::Stepped { .. } => None,
     }
 }
@@ -73,6 +74,7 @@ fn of_report(report: &Report) -> Option<Outcome> {
         | Report::Programs { .. }
         | Report::Replanned { .. }
         | Report::Aligned { .. }
+        | Report::BeganLate { .. }
         | Report::Omitted { .. }
         | Report::Stepped { .. } => None,
     }

@@ -11,7 +11,7 @@ use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// By how much GO may be late before it is a line in the log.
+/// By how much GO may be late before people are told.
 const LATE_MIN: Duration = Duration::from_millis(1);
 
 /// What begins with others.
@@ -56,6 +56,7 @@ impl Participant {
         if let Some(late) = start.map(|start| out.now.since(start)).filter(|late| *late >= LATE_MIN) {
             let late_ms = late.as_secs_f64() * 1000.0;
             tracing::warn!(deployment = %self.deployment, late_ms, "the word of an aligned start came too late");
+            out.send(&self.home, self.deployment.to_coordinator(ToCoordinator::BeganLate { by: late }));
         }
         self.together.start = start.map_or(Start::AtOnce, Start::At);
         self.activate_waiting(out);

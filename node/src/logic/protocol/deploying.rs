@@ -76,6 +76,11 @@ pub enum ToCoordinator {
         /// What the clock that nobody sets shows at the host.
         shown: Time,
     },
+    /// The moment of [`ToParticipant::GoAt`] was over when the host heard of it.
+    BeganLate {
+        /// By how much.
+        by: Duration,
+    },
 }
 
 /// From the home of a deployment, or a supervisor of it, to a host that takes part.

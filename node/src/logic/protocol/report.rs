@@ -113,6 +113,14 @@ pub enum Report {
         #[serde(with = "comms::logic::human::seconds")]
         within: Duration,
     },
+    /// A host has heard of that moment when it was over: what it has of the first step began then.
+    BeganLate {
+        /// The host.
+        host: String,
+        /// By how much.
+        #[serde(with = "comms::logic::human::seconds")]
+        by: Duration,
+    },
 }
 
 /// A change of one process that a person may want to see.
