@@ -21,8 +21,10 @@ pub(crate) struct Absences {
     pub(crate) told: BTreeMap<String, Absent>,
     /// Names that two nodes have.
     pub(crate) duplicates: Vec<Duplicate>,
-    /// Hosts that were asked and did not answer, and that no node misses yet.
+    /// Hosts that did not answer, and that no node misses.
     pub(crate) silent: BTreeSet<String>,
+    /// Those of them that have just come back: they were missed a moment before.
+    pub(crate) back: BTreeSet<String>,
     /// Hosts that are not waited for: their keys are revoked.
     pub(crate) revoked: BTreeSet<String>,
 }
@@ -56,11 +58,16 @@ pub(crate) async fn ask(found: &[(&Client, Statuses)]) -> Absences {
             told.insert(host, absent);
         }
     }
-    let there = found.iter().flat_map(|(_, statuses)| &statuses.nodes).map(|node| node.host.clone()).collect();
+    let there: BTreeSet<String> =
+        found.iter().flat_map(|(_, statuses)| &statuses.nodes).map(|node| node.host.clone()).collect();
     let mut away = Absences::new(told, &there);
     away.duplicates = duplicates.into_values().map(|(_, one)| one).collect();
-    let silent = found.iter().flat_map(|(_, statuses)| &statuses.silent);
-    away.silent = silent.filter(|host| away.hosts.iter().all(|one| one.host != **host)).cloned().collect();
+    let is_told = |host: &&String| away.hosts.iter().any(|one| one.host == **host);
+    // Who was missed when the nodes were asked how they are, and is not any more, has come back since, and has not been asked.
+    let back = found.iter().flat_map(|(_, statuses)| &statuses.missed).filter(|host| !is_told(host));
+    away.back = back.filter(|host| !there.contains(*host)).cloned().collect();
+    let silent = found.iter().flat_map(|(_, statuses)| &statuses.silent).filter(|host| !is_told(host));
+    away.silent = silent.chain(&away.back).cloned().collect();
     away.leave_out(&revoked(found, &away).await);
     away
 }
@@ -127,7 +134,7 @@ impl Absences {
         let hosts = hosts.into_values().cloned().collect();
         let ends = ends.into_values().map(|(_, end)| end.clone()).collect();
         let processes = processes.into_values().cloned().collect();
-        Self { hosts, ends, processes, told, duplicates: Vec::new(), silent: BTreeSet::new(), revoked: BTreeSet::new() }
+        Self { hosts, ends, processes, told, ..Self::default() }
     }
 
     /// Counts hosts as revoked that would count as absent.
@@ -136,6 +143,7 @@ impl Absences {
         self.revoked = absent.filter(|host| revoked.contains(*host)).cloned().collect();
         self.hosts.retain(|one| !revoked.contains(&one.host));
         self.silent.retain(|host| !revoked.contains(host));
+        self.back.retain(|host| !revoked.contains(host));
     }
 
     /// Returns how it is with a host: `c2 is lost`.
@@ -179,8 +187,15 @@ impl Absences {
         let revoked = |host: &String| {
             format!("warning: `{host}` is revoked: what runs there is not known, and no node of the team ends it")
         };
+        let back = |host: &String| {
+            format!("warning: `{host}` has just come back, and has not answered yet: what runs there is not known")
+        };
         let twice = self.duplicates.iter().map(duplicate).chain(self.revoked.iter().map(revoked));
-        twice.chain(self.hosts.iter().map(host)).chain(self.ends.iter().map(end)).collect()
+        twice
+            .chain(self.back.iter().map(back))
+            .chain(self.hosts.iter().map(host))
+            .chain(self.ends.iter().map(end))
+            .collect()
     }
 }
 

@@ -416,8 +416,9 @@ mod tests {
         };
         let client = Client::to_socket(socket).await.unwrap_or_else(|why| panic!("{}", words(&why)));
         let (statuses, ()) = tokio::join!(client.statuses(), serving);
-        let Statuses { nodes: seen, silent } = statuses.unwrap_or_else(|why| panic!("{}", words(&why)));
+        let Statuses { nodes: seen, silent, missed } = statuses.unwrap_or_else(|why| panic!("{}", words(&why)));
         assert_eq!((seen, silent), (vec![idle("c1")], vec!["c2".to_owned(), "c3".to_owned()]));
+        assert_eq!(missed, ["c4".to_owned()].into());
         client.close().await;
         drop((announced, well, full));
         nodes.close().await;
@@ -437,6 +438,7 @@ mod tests {
             network: Network::default(),
             estop: None,
             policy: None,
+            missing: vec!["c3".into(), "c4".into()],
         }
     }
 }

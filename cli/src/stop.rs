@@ -127,7 +127,7 @@ pub(crate) struct Located<'a> {
 /// Finds the deployment of that name among what all nodes say.
 pub(crate) async fn locate<'a>(all: Vec<(&'a Client, Statuses)>, name: &str) -> Result<Located<'a>, Failure> {
     let mut found = Vec::new();
-    for (client, Statuses { nodes, silent }) in &all {
+    for (client, Statuses { nodes, silent, .. }) in &all {
         let mut parts = nodes.iter().flat_map(|node| &node.deployments);
         if let Some(part) = parts.find(|part| part.deployment.name == name) {
             found.push((*client, part, silent));
@@ -184,7 +184,7 @@ async fn stop(Located { client, deployment, home }: Located<'_>) -> Result<Vec<S
 
 /// Returns whether the deployment runs, as far as its home and the others say.
 async fn runs(client: &Client, deployment: &Deployment) -> bool {
-    let Ok(Statuses { nodes, silent }) = client.statuses().await else { return false };
+    let Ok(Statuses { nodes, silent, .. }) = client.statuses().await else { return false };
     let mut parts = nodes.iter().flat_map(|node| &node.deployments);
     let part = parts.find(|part| part.deployment.name == deployment.name);
     part.is_some_and(|part| part.deployment == *deployment && !silent.contains(&part.home))

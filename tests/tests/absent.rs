@@ -70,6 +70,11 @@ process main() { host { c1 } instantiated_processes { talker instof Talker(c1); 
     kill(c2);
     let lost = || here.ask(&["nodes"]).out.lines().any(|line| line.starts_with("c2 ") && line.contains("lost"));
     assert!(wait_until(SOON, lost).is_some());
+    let listed = here.ask(&["logs"]);
+    assert!(
+        listed.err.contains("`c2` is lost") && listed.err.contains("nothing runs on hosts that answer"),
+        "{listed}"
+    );
     let unknown = logs(&[]);
     assert!(unknown.code == Some(3) && unknown.out.is_empty(), "{unknown}");
     assert!(unknown.err.contains("`c2` does not answer") && unknown.err.contains("`--recorded`"), "{unknown}");

@@ -1,6 +1,6 @@
 //! The views of people who watch: `dca events` and `dca status --watch`, while programs run, end, and nodes die.
 
-use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, wait_until};
+use dca_tests::cluster::{Cluster, Ended, Host, Program, SOON, Stream, rounds, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -108,20 +108,64 @@ fn a_node_that_is_lost_is_told_and_heard_again() {
     let events = told(&objects(&ended.out));
     let numbers: Vec<u64> = events.iter().map(|(number, _, _)| *number).collect();
     assert!(numbers.is_sorted_by(|a, b| a < b), "{numbers:?}");
-    // What was told before the node was killed has the same time afterwards.
-    // The node that is asked may not have found the other one again yet.
-    let mut known = here.ask(&["events", "--json", "two"]);
-    let is_found = wait_until(SOON, || {
-        let is_found = known.code == Some(0) && !times(&objects(&known.out)).is_empty();
-        if !is_found {
-            known = here.ask(&["events", "--json", "two"]);
-        }
-        is_found
+    // What was told before the node was killed has the same time afterwards. The node that is asked may not have found the other one
+    // again yet: then it says so.
+    let live = times(&objects(&ended.out));
+    let is_whole = wait_until(SOON, || {
+        let known = here.ask(&["events", "--json", "two"]);
+        let is_whole = says_all(&known, "c1");
+        assert!(!is_whole || times(&objects(&known.out)) == live, "{known}\n{ended}");
+        is_whole
     });
-    assert!(is_found.is_some(), "{known}");
-    assert_eq!(times(&objects(&known.out)), times(&objects(&ended.out)), "{known}");
+    assert!(is_whole.is_some());
     let ends = |path: &str| events.iter().filter(|(_, kind, of)| kind == "done" && of.as_deref() == Some(path)).count();
     assert_eq!((ends("main/first"), ends("main/second"), ends("main")), (1, 1, 1), "{events:?}");
+}
+
+/// Returns whether an answer of `dca events` says that it is complete. One that is not names the host that is missing.
+fn says_all(known: &Ended, missing: &str) -> bool {
+    let objects = objects(&known.out);
+    let Some(end) = objects.last() else { return false };
+    if known.code == Some(0) {
+        assert_eq!(end["end"], "complete", "{known}");
+        return true;
+    }
+    assert_eq!((known.code, end["end"].as_str()), (Some(3), Some("incomplete")), "{known}");
+    assert!(end["lost"].as_array().is_some_and(|lost| lost.iter().any(|host| host == missing)), "{known}");
+    false
+}
+
+/// A node is killed and started again while others are asked all the time: what says that it is complete has every event that there was
+/// before, and what has less says who is missing. So does a status.
+#[test]
+fn what_is_complete_has_heard_every_host_that_is_known() {
+    let (_cluster, here, spec) = with_spec();
+    let (_other, mut node) = (here.node("a0", &[]), here.node("c1", &[]));
+    let following = here.dca(&["events", "-f", "--json"]);
+    let _deploy = here.dca(&["deploy", "--no-record", &spec]);
+    wait_for_events(&following, "\"kind\":\"activated\"");
+    let before = told(&objects(&here.ask(&["events", "--json", "two"]).out));
+    assert!(!before.is_empty());
+    for round in 0..rounds(4) {
+        node.kill();
+        let starting = here.start_node("c1", &[]);
+        let (mut answers, mut is_whole) = (0, false);
+        let ready = wait_until(SOON, || {
+            let [known, status] = [&["events", "--json", "two"][..], &["status", "two"]].map(|asked| here.ask(asked));
+            answers += 1;
+            is_whole = says_all(&known, "c1");
+            let told = told(&objects(&known.out));
+            assert!(!is_whole || told.starts_with(&before), "round {round}, answer {answers}: {known}");
+            assert_eq!(status.code, Some(0), "{status}");
+            let is_shown = status.out.contains("main/first") || status.out.contains("first: Wait");
+            assert!(is_shown || status.err.contains("`c1`"), "round {round}, answer {answers}: {status}");
+            is_whole && is_shown
+        });
+        assert!(ready.is_some(), "round {round}");
+        starting.wait_for(Stream::Out, "node `c1` is ready", SOON);
+        println!("round {round}: whole after {answers} answers");
+        node = starting;
+    }
 }
 
 #[test]

@@ -93,8 +93,11 @@ pub(crate) struct Feed {
 impl Feed {
     /// Begins to listen to every node that can be reached.
     pub(crate) async fn open(connect: &ConnectArgs, mode: Mode) -> Result<Self, Failure> {
-        let Clients { clients, .. } = Clients::open(connect).await?;
+        let Clients { clients, hanging } = Clients::open(connect).await?;
         let mut feed = Self::new(mode);
+        // What runs on this machine and cannot be asked has something to tell, too.
+        let hanging = hanging.map(|failure| FeedItem::Lost("this machine".to_owned(), words(&failure)));
+        feed.ready.extend(hanging.filter(|_| mode == Mode::Snapshot));
         let known: Vec<PathBuf> = clients.iter().filter_map(|client| client.base.clone()).collect();
         for client in clients {
             let hosts = client.all().await.unwrap_or_default();
@@ -102,7 +105,7 @@ impl Feed {
             feed.found(feed.clients.len() - 1, hosts);
         }
         if mode == Mode::Snapshot {
-            feed.tell_absent().await;
+            feed.ask_everybody().await;
         }
         let late = feed.sink.clone();
         feed.tasks.spawn(async move {
@@ -116,14 +119,42 @@ impl Feed {
         Ok(feed)
     }
 
-    /// Says of the hosts that the nodes miss that they are lost: the home of a deployment alone knows its events.
-    async fn tell_absent(&mut self) {
+    /// Asks those who have come since the first question, and says of all others that anybody knows of that they are lost: the home of a
+    /// deployment alone knows its events. So who ends up with all events has asked every host that is known.
+    async fn ask_everybody(&mut self) {
         let clients = self.clients();
-        let Ok(found) = clients.look().await else { return };
-        for AbsentHost { host, heard, .. } in absent::ask(&found).await.hosts {
+        let found = match clients.look().await {
+            Ok(found) => found,
+            Err(failure) => {
+                let why = format!("nobody says whom else to ask: {}", words(&failure));
+                let here = self.clients.iter().filter_map(|client| client.local()).next().unwrap_or("this machine");
+                self.ready.push_back(FeedItem::Lost(here.to_owned(), why));
+                return;
+            }
+        };
+        for (client, statuses) in &found {
+            let Some(number) = self.clients.iter().position(|other| std::ptr::eq(Arc::as_ptr(other), *client)) else {
+                continue;
+            };
+            let there = statuses.nodes.iter().map(|node| &node.host).chain(&statuses.silent);
+            self.found(number, there.cloned().collect());
+        }
+        let away = absent::ask(&found).await;
+        let heard =
+            |one: &AbsentHost| (one.host.clone(), format!("it does not answer, and was heard {}", ago(one.heard)));
+        let mut lost: BTreeMap<String, String> = away.hosts.iter().map(heard).collect();
+        for host in &away.back {
+            lost.entry(host.clone()).or_insert_with(|| "it has just come back, and was not asked".to_owned());
+        }
+        let parts = found.iter().flat_map(|(_, statuses)| &statuses.nodes).flat_map(|node| &node.deployments);
+        for part in parts.filter(|part| !away.revoked.contains(&part.home)) {
+            let why = || format!("it is the home of `{}`, and no node that answers reaches it", part.deployment);
+            lost.entry(part.home.clone()).or_insert_with(why);
+        }
+        for (host, why) in lost {
             // One that is asked speaks for itself.
             if self.places.keys().all(|(_, asked)| *asked != host) {
-                self.ready.push_back(FeedItem::Lost(host, format!("it does not answer, and was heard {}", ago(heard))));
+                self.ready.push_back(FeedItem::Lost(host, why));
             }
         }
     }
@@ -187,6 +218,10 @@ impl Feed {
             SourceMessage::Client(client) => self.add(client),
             SourceMessage::Found(client, hosts) => self.found(client, hosts),
             SourceMessage::Events(place, events) => self.events(place, events),
+            SourceMessage::Ended(place) if self.is_behind(&place) => {
+                self.lost(&place, "it has ended before it had told everything".to_owned());
+                self.silent(place, State::Lost);
+            }
             SourceMessage::Ended(place) => {
                 if self.mode == Mode::Follow {
                     self.ready.push_back(FeedItem::Left(place.1.clone()));
@@ -263,6 +298,11 @@ impl Feed {
     fn silent(&mut self, place: Place, state: State) {
         self.told(&place);
         self.places.insert(place, state);
+    }
+
+    /// Returns whether a node has not told yet what it knew at the beginning.
+    fn is_behind(&self, place: &Place) -> bool {
+        self.catching_up.as_ref().is_some_and(|waiting| waiting.contains(place))
     }
 
     /// Takes note that nothing more is to be waited for from a node.
@@ -351,5 +391,17 @@ mod tests {
         let why = "it has not answered in time";
         let expected = [format!("Lost(\"c2\", {why:?})"), format!("Lost(\"c3\", {why:?})")];
         assert_eq!(said, [&expected[..], &["Current".to_owned(), "Back(\"c2\")".to_owned()]].concat());
+    }
+
+    #[test]
+    fn a_node_that_ends_before_it_has_told_everything_is_lost() {
+        let [c2, c3] = ["c2", "c3"].map(|host| (0, host.to_owned()));
+        let mut feed = Feed::new(Mode::Snapshot);
+        feed.catching_up = Some([c2.clone(), c3.clone()].into());
+        feed.take(SourceMessage::Events(c2.clone(), Vec::new()));
+        feed.take(SourceMessage::Ended(c2));
+        feed.take(SourceMessage::Ended(c3));
+        let said: Vec<String> = feed.ready.iter().map(|item| format!("{item:?}")).collect();
+        assert_eq!(said, ["Lost(\"c3\", \"it has ended before it had told everything\")", "Current"]);
     }
 }

@@ -9,12 +9,14 @@ use node::logic::protocol::{Answer, NodeStatus, Request};
 use std::collections::BTreeSet;
 
 /// The answers of the nodes about themselves.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct Statuses {
     /// The state of every node that answers, in order of name.
     pub(crate) nodes: Vec<NodeStatus>,
     /// The nodes that are there and do not answer.
     pub(crate) silent: Vec<String>,
+    /// The hosts that some of those which answer miss, and that do not answer either.
+    pub(crate) missed: BTreeSet<String>,
 }
 
 impl Client {
@@ -28,9 +30,15 @@ impl Client {
         let mut found = self.statuses_of(&hosts, note).await;
         // Who has vanished from the network a moment ago is missed by the others a little later.
         let named: BTreeSet<String> = found.nodes.iter().flat_map(|node| node.peers.iter().cloned()).collect();
-        let Statuses { nodes, silent } = self.statuses_of(&(&named - &hosts), note).await;
+        let Statuses { nodes, silent, .. } = self.statuses_of(&(&named - &hosts), note).await;
         found.nodes.extend(nodes);
         found.silent.extend(silent);
+        // Who is missed may be back by now. What is not is told by those who miss it.
+        let asked = &named | &hosts;
+        let missed: BTreeSet<String> = found.nodes.iter().flat_map(|node| node.missing.iter().cloned()).collect();
+        let Statuses { nodes, silent, .. } = self.statuses_of(&(&missed - &asked), |_| {}).await;
+        found.nodes.extend(nodes);
+        found.missed.extend(silent);
         found.nodes.sort_by(|a, b| a.host.cmp(&b.host));
         if found.nodes.is_empty() {
             let none = match &found.silent[..] {
@@ -49,21 +57,21 @@ impl Client {
     async fn statuses_of(&self, hosts: &BTreeSet<String>, note: fn(&str)) -> Statuses {
         let asked: Vec<_> = hosts.iter().map(|host| (self.ask_on(host, &Request::Status), host)).collect();
         let deadline = clock::now() + ANSWER_WITHIN;
-        let (mut nodes, mut silent) = (Vec::new(), Vec::new());
+        let mut found = Statuses::default();
         for (answers, host) in asked {
             let status = match answers {
                 Ok(answers) => status(answers, deadline).await,
                 Err(failure) => Err(failure),
             };
             match status {
-                Ok(status) => nodes.push(status),
+                Ok(status) => found.nodes.push(status),
                 Err(failure) => {
                     note(&format!("warning: {}: what runs there is not known", words(&failure)));
-                    silent.push(host.clone());
+                    found.silent.push(host.clone());
                 }
             }
         }
-        Statuses { nodes, silent }
+        found
     }
 }
 

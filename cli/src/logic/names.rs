@@ -31,6 +31,8 @@ struct Host {
     pid: u32,
     /// The others that it reaches.
     sees: Vec<String>,
+    /// The others that it has reached of late, and that do not answer.
+    missing: Vec<String>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -85,7 +87,12 @@ impl Partition {
         let mut deployments: BTreeMap<&Deployment, (&str, BTreeSet<&str>)> = BTreeMap::new();
         for HostNames { status, names } in told {
             let host = || status.host.clone();
-            all.hosts.push(Host { host: host(), pid: status.pid, sees: status.peers.clone() });
+            all.hosts.push(Host {
+                host: host(),
+                pid: status.pid,
+                sees: status.peers.clone(),
+                missing: status.missing.clone(),
+            });
             for part in &status.deployments {
                 let known = deployments.entry(&part.deployment).or_insert((&part.home, BTreeSet::new()));
                 known.1.insert(&status.host);

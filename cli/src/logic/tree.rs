@@ -103,6 +103,7 @@ pub(crate) mod tests {
             network: Network::default(),
             estop: None,
             policy: None,
+            missing: vec![],
         }
     }
 

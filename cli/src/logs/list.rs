@@ -1,5 +1,6 @@
 //! `dca logs` without a name: lists the processes whose output can be asked for.
 
+use crate::absent;
 use crate::client::Clients;
 use node::console::{self, Failure};
 use node::logic::protocol::{LeafStatus, NodeStatus, leaves};
@@ -7,8 +8,11 @@ use node::logic::table::table;
 
 /// Lists the programs of all deployments, or of one.
 pub(super) async fn all(clients: &Clients, deployment: Option<&str>, is_json: bool) -> Result<(), Failure> {
-    let nodes: Vec<NodeStatus> = clients.statuses().await?.into_iter().flat_map(|(_, found)| found.nodes).collect();
+    let all = clients.statuses().await?;
+    let away = absent::ask(&all).await;
+    let nodes: Vec<NodeStatus> = all.into_iter().flat_map(|(_, found)| found.nodes).collect();
     let rows = rows(&nodes, deployment);
+    away.warnings().iter().for_each(|warning| console::note(warning));
     if is_json {
         let object = |row: &Vec<String>| {
             let names = ["deployment", "process", "state", "host"].into_iter().map(str::to_owned);
@@ -23,7 +27,10 @@ pub(super) async fn all(clients: &Clients, deployment: Option<&str>, is_json: bo
             "`dca logs PROCESS` prints what one has written, the end of its path will do; `-f` goes on as it writes",
         );
     } else {
-        console::note("nothing runs; `dca logs PROCESS` prints what one of a deployment that is over has written");
+        let where_known = if away.hosts.is_empty() && away.silent.is_empty() { "" } else { " on hosts that answer" };
+        console::note(&format!(
+            "nothing runs{where_known}; `dca logs PROCESS` prints what one of a deployment that is over has written"
+        ));
     }
     Ok(())
 }

@@ -135,7 +135,8 @@ impl View {
             None if self.statuses.is_empty() => {}
             None => table.push_str(&text(&self.statuses, &self.away, name)),
         }
-        let silent = self.away.silent.iter().map(|host| format!("warning: `{host}` does not answer"));
+        let silent = self.away.silent.iter().filter(|host| !self.away.back.contains(*host));
+        let silent = silent.map(|host| format!("warning: `{host}` does not answer"));
         for warning in silent.chain(self.away.warnings()) {
             write!(table, "\n{warning}").unwrap_or_default();
         }

@@ -166,6 +166,11 @@ impl Absence {
         gone.into_iter().chain(ends).min()
     }
 
+    /// Returns the hosts that do not answer, in order of name.
+    pub fn hosts(&self) -> impl Iterator<Item = &str> {
+        self.gone.keys().map(String::as_str)
+    }
+
     /// Returns what people are told, but for the processes.
     pub fn report(&self, now: Time) -> Absent {
         let ago = |host: &str| self.gone.get(host).map(|gone| now.since(gone.heard));

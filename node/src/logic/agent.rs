@@ -378,6 +378,7 @@ impl Agent {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             up: now - self.started,
             peers: self.names.present().map(str::to_owned).collect(),
+            missing: self.absence.hosts().filter(|host| !self.names.reaches(host)).map(str::to_owned).collect(),
             deployments: self.participants.values().map(Participant::status).collect(),
             // The driver knows.
             containment: Containment::default(),

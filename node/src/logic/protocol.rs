@@ -357,8 +357,9 @@ mod tests {
             network: Network::Insecure,
             estop: None,
             policy: None,
+            missing: vec!["c2".into()],
         };
-        let text = r#"{"host":"c1","pid":7,"version":"1","up":1.5,"peers":[],"deployments":[],"containment":"control_group","network":"insecure","estop":null,"policy":null}"#;
+        let text = r#"{"host":"c1","pid":7,"version":"1","up":1.5,"peers":[],"deployments":[],"containment":"control_group","network":"insecure","estop":null,"policy":null,"missing":["c2"]}"#;
         check(serde_json::to_string(&status), text);
         assert_eq!(serde_json::from_str::<NodeStatus>(text).unwrap(), status);
         let dot = Dot { origin: ReplicaId::new(0xfedc_ba98_7654_3210), seq: 3 };
@@ -383,8 +384,11 @@ mod tests {
         let containment = Containment::ControlGroup;
         let network = Network::Host;
         let (estop, policy) = (None, Some(PolicyInUse { file: "p".into(), sandbox: "none".into() }));
-        let status = NodeStatus { host, pid: 7, version, up, peers, deployments, containment, network, estop, policy };
-        assert_eq!(postcard::to_stdvec(&status).unwrap(), *b"\x02c1\x07\x011\x03\x04\0\0\x01\0\0\x01\x01p\x04none");
+        let missing = vec!["c2".into()];
+        let status =
+            NodeStatus { host, pid: 7, version, up, peers, deployments, containment, network, estop, policy, missing };
+        let bytes = *b"\x02c1\x07\x011\x03\x04\0\0\x01\0\0\x01\x01p\x04none\x01\x02c2";
+        assert_eq!(postcard::to_stdvec(&status).unwrap(), bytes);
         let ping = Ping { from: "c1".into(), boot: 5, round: 300 };
         assert_eq!(codec::encode(&ping).unwrap(), *b"DC\x01\x00\x69\x00\x02c1\x05\xac\x02");
         let dot = Dot { origin: ReplicaId::new(300), seq: 3 };

@@ -34,6 +34,9 @@ pub struct NodeStatus {
     /// The execution policy that holds there, if one does.
     #[serde(default)]
     pub policy: Option<PolicyInUse>,
+    /// Other nodes that it has reached of late, and that do not answer. At each moment one that is known is there or here.
+    #[serde(default)]
+    pub missing: Vec<String>,
 }
 
 /// The execution policy of a node, as it was when a program was started last.
