@@ -58,7 +58,7 @@ pub mod verify;
 use clap::{Args, Parser, Subcommand};
 use client::signer::KeyPlace;
 use comms::io::session::{self, Role};
-use node::console::{finish, parsed};
+use node::console::{finish, on_own_stack, parsed};
 use node::io::{logging, run_dir};
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
@@ -212,6 +212,10 @@ pub struct Controllers {
 /// Runs the command line of this process.
 pub fn main() -> ExitCode {
     session::prepare_process(Role::Relay);
+    on_own_stack(run_verb)
+}
+
+fn run_verb() -> ExitCode {
     let command: Command = match parsed() {
         Ok(command) => command,
         Err(code) => return code,

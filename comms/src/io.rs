@@ -12,4 +12,5 @@ pub mod file;
 pub mod queue;
 #[cfg(feature = "zenoh")]
 pub mod session;
+pub mod stack;
 pub mod stream;

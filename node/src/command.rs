@@ -3,7 +3,7 @@
 mod arguments;
 mod install;
 
-use crate::console::{self, Failure, block_on, ended, finish, parsed};
+use crate::console::{self, Failure, block_on, ended, finish, on_own_stack, parsed};
 use crate::io::driver::{self, Config};
 use crate::io::leave::Leave;
 use crate::io::logging::{self, Log};
@@ -44,6 +44,10 @@ pub fn command() -> clap::Command {
 /// Runs the agent of this process.
 pub fn main() -> ExitCode {
     session::prepare_process(Role::Relay);
+    on_own_stack(run_verb)
+}
+
+fn run_verb() -> ExitCode {
     match parsed() {
         Ok(Command { verb: Some(Verb::Install(install)), .. }) => finish(install::run(&install)),
         Ok(Command { verb: None, node: Some(node) }) => finish(run(node, logging::start(logging::NODE))),

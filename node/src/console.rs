@@ -7,6 +7,7 @@ mod given;
 use crate::logic::printable::printable;
 use anyhow::anyhow;
 use clap::Parser;
+use comms::io::stack;
 use std::io::{self, Write};
 use std::process::ExitCode;
 use std::sync::OnceLock;
@@ -199,6 +200,12 @@ pub fn block_on<T>(work: impl Future<Output = Result<T, Failure>>) -> Result<T, 
 }
 
 #[cfg(test)]
+/// Runs a program, whose stack is as large as usual whatever the caller of the process has limited.
+pub fn on_own_stack(program: fn() -> ExitCode) -> ExitCode {
+    let no_thread = |error| finish(Err(anyhow!("its main thread cannot be started: {error}").into()));
+    stack::on_own_stack(program).unwrap_or_else(no_thread)
+}
+
 mod tests {
     use super::*;
 

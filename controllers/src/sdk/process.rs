@@ -35,6 +35,7 @@ use comms::io::control::ControlError;
 use comms::io::data::DataSession;
 use comms::io::direct::DirectPath;
 use comms::io::session::{OpenError, Reach, Role, prepare_process};
+use comms::io::stack::on_own_stack;
 use comms::logic::control::{Dial, Location, Notice, Order, VERSION};
 use comms::logic::seal::{LINK, Refusal};
 use cycle::Cycle;
@@ -79,6 +80,11 @@ enum ProcessError {
 /// Runs this process as the controller that its arguments name. Everything `main` has to do.
 pub fn run(registry: &Registry) -> ExitCode {
     prepare_process(Role::End);
+    let no_thread = |error| tell(&ProcessError::Thread(error).to_string(), ExitCode::FAILURE);
+    on_own_stack(|| run_named(registry)).unwrap_or_else(no_thread)
+}
+
+fn run_named(registry: &Registry) -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let text = match arguments.first().map(String::as_str) {
         None => return tell(USAGE, ExitCode::from(2)),
