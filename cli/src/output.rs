@@ -95,7 +95,7 @@ impl Output {
     /// Writes a line for a person: an error, a warning, a step that is over.
     pub fn note(&mut self, text: &str) {
         self.clear();
-        self.write(&format!("{}\n", text.trim_end_matches('\n')));
+        self.write(&format!("{}\n", console::written_out(text).trim_end_matches('\n')));
     }
 
     /// Writes a question, and leaves the cursor behind it.

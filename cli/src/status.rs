@@ -10,6 +10,7 @@ use crate::absent::{self, Absences, open_hosts};
 use crate::client::{Client, Clients, Statuses};
 use crate::logic::tree::{Unknown, tree};
 use node::console::{self, Failure, block_on};
+use node::logic::printable::one_line;
 use node::logic::protocol::{Absent, LostValues, Network, NodeStatus};
 use node::logic::table::table;
 
@@ -106,7 +107,7 @@ fn text(statuses: &[NodeStatus], away: &Absences, name: Option<&str>) -> String 
     blocks.retain(|block| !block.is_empty());
     if blocks.len() == usize::from(!stopped.is_empty()) {
         let hosts: Vec<&str> = statuses.iter().map(|status| status.host.as_str()).collect();
-        let what = name.map_or_else(|| "nothing".to_owned(), |name| format!("nothing of `{name}`"));
+        let what = name.map_or_else(|| "nothing".to_owned(), |name| format!("nothing of `{}`", one_line(name)));
         let open = |status: &&NodeStatus| status.network != Network::Host || status.policy.is_some();
         let networks = statuses.iter().filter(open).map(|status| vec![status.host.clone(), guard(status)]);
         let blocks = [

@@ -52,6 +52,12 @@ pub fn parsed<T: Parser>() -> Result<T, ExitCode> {
     T::try_parse().map_err(|answer| {
         let is_result = !answer.use_stderr();
         let taken = if is_result { results().flush() } else { Ok(()) };
+        let text = answer.render().to_string();
+        let shown = given::written_out(&text);
+        if !is_result && shown != text {
+            note(&shown);
+            return u8::try_from(answer.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from);
+        }
         match taken.and_then(|()| answer.print()).and_then(|()| io::stdout().flush()) {
             Err(error) if is_result && error.kind() != io::ErrorKind::BrokenPipe => finish(Err(unwritten(&error))),
             _ => u8::try_from(answer.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from),
@@ -150,9 +156,15 @@ pub fn pass(bytes: &[u8]) -> anyhow::Result<bool> {
     }
 }
 
+/// Returns a text for a person in which what this process was given stands as a terminal may show it: a line break in a name is none of
+/// the text.
+pub fn written_out(text: &str) -> String {
+    given::written_out(text)
+}
+
 /// Writes a line for a person: a warning, a step that is over.
 pub fn note(text: &str) {
-    let mut err = io::stderr();
+    let (mut err, text) = (io::stderr(), written_out(text));
     // Where should one say that standard error is gone?
     drop(err.write_all(format!("{}\n", text.trim_end_matches('\n')).as_bytes()).and_then(|()| err.flush()));
 }
@@ -173,7 +185,7 @@ fn complaint(text: &str) -> String {
         let end: String = line.chars().skip(length - ERROR_LINE_MAX / 2).collect();
         format!("{begin} … {end}")
     };
-    printable(text).lines().map(clipped).collect::<Vec<_>>().join("\n")
+    printable(&written_out(text)).lines().map(clipped).collect::<Vec<_>>().join("\n")
 }
 
 /// Waits for the first of some tasks to end, and returns how it did.
@@ -188,6 +200,12 @@ pub async fn ended(tasks: &mut JoinSet<anyhow::Result<()>>) -> anyhow::Result<()
     ended.map_or(Ok(()), |joined| joined.unwrap_or_else(|panic| Err(panic.into())))
 }
 
+/// Runs a program, whose stack is as large as usual whatever the caller of the process has limited.
+pub fn on_own_stack(program: fn() -> ExitCode) -> ExitCode {
+    let no_thread = |error| finish(Err(anyhow!("its main thread cannot be started: {error}").into()));
+    stack::on_own_stack(program).unwrap_or_else(no_thread)
+}
+
 /// Runs what talks to nodes.
 ///
 /// # Errors
@@ -200,12 +218,6 @@ pub fn block_on<T>(work: impl Future<Output = Result<T, Failure>>) -> Result<T, 
 }
 
 #[cfg(test)]
-/// Runs a program, whose stack is as large as usual whatever the caller of the process has limited.
-pub fn on_own_stack(program: fn() -> ExitCode) -> ExitCode {
-    let no_thread = |error| finish(Err(anyhow!("its main thread cannot be started: {error}").into()));
-    stack::on_own_stack(program).unwrap_or_else(no_thread)
-}
-
 mod tests {
     use super::*;
 

@@ -1,10 +1,11 @@
 //! Acceptance 9: whatever is wrong is said in one clear sentence, with the right exit code, and leaves nothing behind.
 
-use dca_tests::cluster::{Cluster, Ended, Program, SOON, Stream, spec};
+use dca_tests::cluster::{Cluster, Ended, Program, SOON, Stream, executable, spec};
 use rustix::fs::{CWD, FileType, Gid, Mode, Uid, mknodat};
 use rustix::process::{Signal, getuid};
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
+use std::process::Command;
 use std::time::Duration;
 
 /// One plain program on host `c1`.
@@ -353,4 +354,63 @@ fn a_deployment_that_is_already_there() {
 fn a_spec_with_errors() {
     let misspelt = |cluster: &Cluster| cluster.file("misspelt.dca", &IDLE.replace("{ idle }", "{ idel, idel }"));
     check_run(&misspelt, 1, &["error[E0201]: unknown process `idel`"]);
+}
+
+/// A name is on one line whatever is in it, in the errors of all verbs.
+#[test]
+fn a_name_with_a_line_break() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let name = "no\nsuch\x1b[31m";
+    let node = here.node("c1", &[]);
+    let spec = cluster.file("idle.dca", IDLE);
+    let verbs: [&[&str]; 16] = [
+        &["stop", name],
+        &["attach", name],
+        &["status", name],
+        &["events", name],
+        &["logs", name],
+        &["replace", name, name],
+        &["remove", name, name],
+        &["switch", name, name, name],
+        &["call", "idle:no\nsuch\x1b[31m.Grip"],
+        &["get", "no\nsuch\x1b[31m:idle.state"],
+        &["list", name],
+        &["echo", "no\nsuch\x1b[31m.Out"],
+        &["param", "list", name],
+        &["audit", name],
+        &["check", &spec, "--no\nsuch\x1b[31m"],
+        &[name],
+    ];
+    for verb in verbs {
+        let ended = here.ask(verb);
+        let all = format!("{}{}", ended.err, ended.out);
+        assert!(!all.contains("no\nsuch") && !all.contains("\x1b[31m"), "{verb:?}: {ended}");
+        assert!(all.is_empty() || all.contains("no\\nsuch\\x1b[31m") || ended.code == Some(2), "{verb:?}: {ended}");
+    }
+    end(node);
+}
+
+/// Whoever limits the stack of a process does not kill it by that.
+#[test]
+fn a_small_stack() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let spec = cluster.file("one.dca", &IDLE.replace("sleep 3600", "true").replace("plain;", "plain; done;"));
+    let run_dir = here.run_dir().display().to_string();
+    for size in [16384, 65536] {
+        let limit = format!("--stack={size}");
+        // It starts by asking the programs of controllers what they offer.
+        let node = here.node_under(&["prlimit", &limit], "c1");
+        for verb in [&["--help"][..], &["status", "--run-dir", &run_dir], &["check", &spec]] {
+            let limited = Command::new("prlimit").arg(&limit).arg(executable("dca")).args(verb).output();
+            let limited = limited.expect("util-linux is there");
+            assert_eq!(limited.status.code(), Some(0), "{verb:?} with {size} B: {limited:?}");
+        }
+        if size == 65536 {
+            let done = here.ask(&["deploy", "--no-record", &spec]);
+            assert_eq!(done.code, Some(0), "{done}");
+        }
+        end(node);
+    }
 }

@@ -1,4 +1,5 @@
-//! Checks that this process was given a standard output that can be written, and takes back what was done to its signals.
+//! Checks that this process was given a standard output that can be written, takes back what was done to its signals, and writes out
+//! what stands in its arguments.
 //!
 //! Before `main`, the runtime of Rust opens `/dev/null` in the place of a standard stream that is closed; and of one that is open
 //! for reading alone it takes each write for done. So a result would be lost, and nobody would know. Once the runtime has begun, nothing
@@ -10,6 +11,8 @@
 //! SIGTERM. Where SIGCHLD is ignored, the kernel forgets how a child has ended. Source: signal(7), "Execution of signal handlers";
 //! sigaction(2). A SIGHUP that is ignored is a wish (`nohup`), and stays so.
 
+use crate::logic::printable::one_line;
+use std::collections::BTreeSet;
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -56,4 +59,42 @@ pub(super) fn check() -> io::Result<()> {
         return Err(io::Error::other("it is closed, or open for reading alone"));
     }
     Ok(())
+}
+
+/// What stands between the names in an argument: `DEPLOYMENT:INSTANCE`, `KEY=VALUE`.
+const BETWEEN: [char; 6] = [':', '/', '=', '.', ',', ' '];
+
+/// Returns a text in which the arguments of this process, and the names in them, stand as a terminal may show them.
+pub(super) fn written_out(text: &str) -> String {
+    let arguments = std::env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned());
+    of_arguments(text, arguments)
+}
+
+fn of_arguments(text: &str, arguments: impl Iterator<Item = String>) -> String {
+    let mut given = BTreeSet::new();
+    for argument in arguments.filter(|argument| *argument != one_line(argument)) {
+        given.extend(argument.split(BETWEEN).map(str::to_owned));
+        given.insert(argument);
+    }
+    let mut given: Vec<String> = given.into_iter().filter(|name| *name != one_line(name)).collect();
+    // The whole before its parts.
+    given.sort_by_key(|name| std::cmp::Reverse(name.len()));
+    given.iter().fold(text.to_owned(), |text, name| text.replace(name.as_str(), &one_line(name)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_were_given_are_on_one_line() {
+        let check = |text: &str, arguments: &[&str], expected: &str| {
+            assert_eq!(of_arguments(text, arguments.iter().map(|one| (*one).to_owned())), expected);
+        };
+        check("two\nlines of `plain`", &["stop", "plain"], "two\nlines of `plain`");
+        check("no `a\nb` runs\nsee `c`", &["stop", "a\nb"], "no `a\\nb` runs\nsee `c`");
+        check("no `a\nb` in `d`", &["get", "d:a\nb"], "no `a\\nb` in `d`");
+        check("`d\r:a\nb` and `a\nb`", &["get", "d\r:a\nb"], "`d\\x0d:a\\nb` and `a\\nb`");
+        check("`\x1b[31m`", &["\x1b[31m"], "`\\x1b[31m`");
+    }
 }

@@ -41,6 +41,11 @@ pub fn printable(text: &str) -> String {
     shown
 }
 
+/// Returns a text on one line: as [`printable`], with line ends and tabs written out, too.
+pub fn one_line(text: &str) -> String {
+    printable(&text.replace('\n', "\\n").replace('\t', "\\t"))
+}
+
 /// Whether a character turns the text around it. Source: Unicode Standard Annex 9, table 3-4.
 fn is_direction(character: char) -> bool {
     matches!(character, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{200e}' | '\u{200f}' | '\u{61c}')
@@ -71,6 +76,12 @@ mod tests {
         check("100 %\rdone", "100 %\\x0ddone");
         check("\u{9b}31m\u{7f}", "\\u{9b}31m\\x7f");
         check("a\u{202e}b", "a\\u{202e}b");
+    }
+
+    #[test]
+    fn a_name_is_on_one_line() {
+        assert_eq!(one_line("a\nb\r\n\tc\x1b"), "a\\nb\\x0d\\n\\tc\\x1b");
+        assert_eq!(one_line("plain ß"), "plain ß");
     }
 
     #[test]
