@@ -1,8 +1,9 @@
 //! Every way to end a mission before its time leaves nothing behind.
 
-use dca_tests::cluster::{Cluster, Process, Program, SOON, Stream, Trace, spec, wait_until};
+use dca_tests::cluster::{Cluster, Process, Program, SOON, Stream, Trace, executable, spec, wait_until};
 use node::logic::protocol::Ending;
 use rustix::process::Signal;
+use std::os::unix::fs::FileTypeExt as _;
 use std::time::Duration;
 
 /// How long anything may last once nobody holds it.
@@ -261,4 +262,50 @@ fn a_home_that_does_not_answer_is_waited_for_with_a_note() {
     assert!(matches!(watched.code, Some(1 | 3)), "{watched}");
     nodes.iter().for_each(|node| node.signal(Signal::TERM));
     cluster.expect_nothing_left(ORPHAN_MAX);
+}
+
+/// Of a deployment that is over its output stays, and no socket: neither where programs were killed, nor where they have ended.
+#[test]
+fn sockets_go_with_their_deployment() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    let program = executable("dca-counting").display().to_string();
+    let text = format!(
+        "module Source(host) {{ exec \"'{program}' Source\"; out Out: Numbers; service; }}
+        module Sleep(host) {{ exec \"sh -c 'echo here; exec sleep 600'\"; plain; done; }}
+        process main() {{
+        host {{ c1 }} instantiated_processes {{ source instof Source(c1); sleep instof Sleep(c1) {{ watchdog 1 h; }} }}
+        internal_event_actions {{ source , sleep }} }}"
+    );
+    let spec = cluster.file("two.dca", &text);
+    let sockets = || {
+        let mut found = Vec::new();
+        let mut folders = vec![here.run_dir().join("c1")];
+        while let Some(folder) = folders.pop() {
+            for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+                let kind = entry.file_type().expect("Linux says it");
+                if kind.is_dir() {
+                    folders.push(entry.path());
+                } else if kind.is_socket() && entry.file_name() != "node.sock" {
+                    found.push(entry.path());
+                }
+            }
+        }
+        found
+    };
+    for kills in [false, true] {
+        let mission = here.mission(&spec);
+        wait_until(SOON, || here.ask(&["logs", "sleep"]).out.contains("here")).expect("it runs");
+        assert!(sockets().len() >= 4, "{:?}", sockets());
+        if kills {
+            for path in ["main/source", "main/sleep"] {
+                cluster.leaf(path).expect("it runs").signal(Signal::KILL);
+            }
+        }
+        here.ask(&["stop", "two"]);
+        mission.ended(SOON);
+        assert!(wait_until(SOON, || sockets().is_empty()).is_some(), "{:?}", sockets());
+        assert!(here.ask(&["logs", "sleep"]).out.contains("here"));
+    }
 }

@@ -11,7 +11,7 @@
 //!     node.sock             its zenoh session, for other nodes and command lines of this machine; beside it zenoh's lock
 //!     journal               what it has committed, if it has no folder that survives it
 //!     inputs                what its agent was told, while something runs: for the next node, if this one is killed
-//!     door_opening.1/       one deployment
+//!     door_opening.1/       one deployment; of those that are over the last few, without sockets
 //!       control.sock        where its programs talk to the node
 //!       12/                 one program: out.log, exit (until its node knows), processes (while it runs), data.sock, data.wire,
 //!                           shim.sock, beat.sock
@@ -21,6 +21,8 @@
 //!       12/                 0700, of that user: data.sock, data.wire, beat.sock
 //! ```
 //! With such programs whoever knows its name may enter BASE.
+
+mod sockets;
 
 use crate::io::child::leftovers;
 use crate::io::folder::{self, FolderError};
@@ -35,6 +37,8 @@ use std::io::{self, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt, chown};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+
+pub(crate) use sockets::remove_sockets;
 
 /// How long a node that was killed may take to be gone.
 const LEAVING: Duration = Duration::from_secs(3);
@@ -76,6 +80,8 @@ pub(crate) const DATA_VARIABLE: &str = "DCA_DATA_SOCKET";
 pub(crate) const TEAM_VARIABLE: &str = "DCA_TEAM";
 /// The socket of a data session.
 pub(crate) const DATA_SOCKET: &str = "data.sock";
+/// The socket where the programs of a deployment talk to the node.
+const CONTROL_SOCKET: &str = "control.sock";
 /// What a data session leaves when it is killed.
 const DATA_FILES: [&str; 3] = [DATA_SOCKET, "data.sock.lock", "data.wire"];
 /// Whoever may enter a folder and not look into it.
@@ -332,7 +338,7 @@ impl RunDir {
 
     /// Returns the socket where the programs of a deployment talk to the node.
     pub fn control_socket(&self, deployment: &Deployment) -> PathBuf {
-        self.deployment(deployment).join("control.sock")
+        self.deployment(deployment).join(CONTROL_SOCKET)
     }
 
     /// Returns the folder of a program.

@@ -37,8 +37,12 @@ pub(crate) enum Job {
     Start(Box<Start>),
     /// A program that a killed node has left.
     Adopt(Box<Adopted>),
-    /// Nobody of this deployment connects any more.
-    Close(Deployment),
+    /// Nobody of this deployment connects any more; its folder, and that of the node.
+    Close {
+        deployment: Deployment,
+        folder: PathBuf,
+        node: PathBuf,
+    },
     /// Its output is not wanted any more.
     Remove(PathBuf),
     /// The shim of the program with this folder has not ended it in time.
@@ -124,10 +128,15 @@ impl Starter {
             match job {
                 Job::Start(start) => self.start(*start).await,
                 Job::Adopt(adopted) => self.adopt(*adopted),
-                Job::Close(deployment) => {
+                Job::Close { deployment, folder, node } => {
                     self.database.forget(&deployment);
                     let ended = self.listeners.extract_if(.., |(of, _), _| *of == deployment);
                     ended.for_each(|(_, listener)| listener.abort());
+                    // Here, so that no other program is started in its folder meanwhile.
+                    let removing = tokio::task::spawn_blocking(move || run_dir::remove_sockets(&node, &folder));
+                    if let Err(error) = removing.await {
+                        tracing::error!(%error, "the sockets of a deployment cannot be removed");
+                    }
                 }
                 // Here, so that no other program is started in its folder meanwhile.
                 Job::Kill(dir) => {

@@ -159,7 +159,7 @@ impl Driver {
 
     /// Closes what belongs to a deployment; the output of the last few stays in their folders.
     pub(super) fn bury(&mut self, deployment: &Deployment) {
-        self.later(Job::Close(deployment.clone()));
+        self.close_sockets(deployment);
         self.living.remove(deployment);
         self.programs.retain(|process, _| process.deployment != *deployment);
         self.losses.forget(|process| process.deployment == *deployment);
@@ -175,7 +175,12 @@ impl Driver {
         self.losses.forget(|other| other == process);
         self.programs.remove(process);
         if !self.state.attachments.has_programs(&process.deployment) {
-            self.later(Job::Close(process.deployment.clone()));
+            self.close_sockets(&process.deployment);
         }
+    }
+
+    fn close_sockets(&self, deployment: &Deployment) {
+        let (folder, node) = (self.dir.deployment(deployment), self.dir.path().to_owned());
+        self.later(Job::Close { deployment: deployment.clone(), folder, node });
     }
 }
