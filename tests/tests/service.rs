@@ -2,6 +2,8 @@
 
 use dca_tests::cluster::{Cluster, SOON, executable, wait_until};
 use rustix::process::{Pid, Signal, kill_process};
+use std::ffi::OsStr;
+use std::os::unix::ffi::OsStrExt as _;
 use std::os::unix::net::UnixDatagram;
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
@@ -64,6 +66,11 @@ fn the_unit_of_a_node_is_one_that_systemd_takes() {
         assert_eq!(run("dca-node", &["install", "--print", "--name", "c1", "--user", user]).status.code(), Some(1));
     }
     assert_eq!(run("dca-node", &[]).status.code(), Some(2));
+    let mut odd = Command::new(executable("dca-node"));
+    odd.args(["install", "--print", "--name", "c1", "--state"]).arg(OsStr::from_bytes(b"/var/lib/\xff"));
+    let refused = odd.output().expect("it can be started");
+    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(refused.status.code() == Some(1) && said.contains("no text in UTF-8"), "{refused:?}");
     let Ok(verified) = Command::new("systemd-analyze").args(["verify", &file]).output() else { return };
     let said = String::from_utf8_lossy(&verified.stderr);
     let about_it: Vec<&str> =

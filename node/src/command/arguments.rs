@@ -8,6 +8,8 @@ use std::net::Ipv6Addr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+/// The longest name of a network interface, in bytes. Source: `IFNAMSIZ` of Linux, less its final zero.
+const INTERFACE_MAX: usize = 15;
 /// The longest name for a boot of the machine, in bytes.
 const BOOT_ID_MAX: usize = 128;
 /// The longest time that may be given, in seconds.
@@ -59,7 +61,12 @@ impl Arguments {
         self.run_dir.clone().unwrap_or_else(run_dir::default_base)
     }
 
-    /// Returns the words that say the same in any working folder.
+    /// Returns the paths that were given.
+    pub(super) fn paths(&self) -> impl Iterator<Item = &Path> {
+        self.controllers.iter().chain(&self.run_dir).chain(&self.state).map(PathBuf::as_path)
+    }
+
+    /// Returns the words that say the same in any working folder. Paths are to be text.
     pub(super) fn words(&self) -> Vec<String> {
         let path = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).display().to_string();
         let mut words = vec!["--name".to_owned(), self.name.as_str().to_owned()];
@@ -95,10 +102,21 @@ fn peer(text: &str) -> Result<String, &'static str> {
     }
     let is_v6 = host.strip_prefix('[').and_then(|host| host.strip_suffix(']'));
     let is_address = match is_v6 {
-        Some(address) => address.split('%').next().is_some_and(|address| address.parse::<Ipv6Addr>().is_ok()),
+        Some(address) => {
+            let (address, zone) =
+                address.split_once('%').map_or((address, None), |(address, zone)| (address, Some(zone)));
+            address.parse::<Ipv6Addr>().is_ok() && zone.is_none_or(is_interface)
+        }
         None => !host.is_empty() && host.chars().all(|c| c.is_ascii_alphanumeric() || "-._".contains(c)),
     };
     if is_address { Ok(text.to_owned()) } else { Err("the address is a name, `10.0.0.7` or `[fd00::7]`") }
+}
+
+/// Returns whether a network interface can have this name. What has a meaning in the locators of zenoh is left out. Source: `dev_valid_name`
+/// of Linux.
+fn is_interface(name: &str) -> bool {
+    let is_plain = |c: char| c.is_ascii_graphic() && !"/:?#%[]".contains(c);
+    (1..=INTERFACE_MAX).contains(&name.len()) && name.chars().all(is_plain)
 }
 
 /// Reads a name for a boot of the machine.
@@ -124,7 +142,8 @@ mod tests {
         }
         let bad =
             ["x", "tcp/1.2.3.4", "tcp/[::1]:70000", "tcp/:1", "tcp/a b:1", "udp/1.1.1.1:1", "tcp/[x]:1", "tcp/a:0"];
-        for bad in bad {
+        let zones = ["tcp/[fe80::1%]:1", "tcp/[fe80::1%a b]:1", "tcp/[fe80::1%a#iface=b]:1", "tcp/[fe80::1%a/../b]:1"];
+        for bad in bad.into_iter().chain(zones) {
             assert!(peer(bad).is_err(), "{bad}");
         }
     }

@@ -46,6 +46,14 @@ enum Written {
 /// Runs the verb.
 pub(super) fn run(install: &Install) -> Result<(), Failure> {
     let executable = std::env::current_exe().context("finding the executable of this command")?;
+    if let Some(path) = install.node.paths().chain([&*executable]).find(|path| path.to_str().is_none()) {
+        let path = printable(&path.display().to_string());
+        return Err(anyhow!("a unit cannot hold the path `{path}`, which is no text in UTF-8").into());
+    }
+    if !executable.is_file() {
+        let path = executable.display();
+        return Err(anyhow!("the executable of this command was removed meanwhile: `{path}`; run the new one").into());
+    }
     let command: Vec<String> = std::iter::once(executable.display().to_string()).chain(install.node.words()).collect();
     if let Some(word) = command.iter().chain(&install.user).find(|word| word.contains(char::is_control)) {
         let word = printable(word);
