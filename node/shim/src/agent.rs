@@ -66,20 +66,24 @@ impl Agent {
         std::thread::Builder::new().name("agent".into()).spawn(move || reader.run(&listener)).map(drop)
     }
 
-    /// Tells the agent. One that is gone does not hear it; its successor asks for it, or reads the record of the end.
-    pub(crate) fn report(&self, report: &ShimReport) {
+    /// Tells the agent, and says whether there is one. One that is gone does not hear it; its successor asks for it, or reads the record of
+    /// the end.
+    pub(crate) fn report(&self, report: &ShimReport) -> bool {
         let mut reports = lock(&self.reports);
         let line = format!("{report}\n");
-        match &mut reports.attached {
+        let is_heard = match &mut reports.attached {
             Some(stream) => {
-                if stream.write_all(line.as_bytes()).is_err() {
+                let is_written = stream.write_all(line.as_bytes()).is_ok();
+                if !is_written {
                     // Half a line may be there, and nothing may follow it.
                     stream.shutdown(Shutdown::Both).unwrap_or_default();
                 }
+                is_written
             }
-            None => print(&line).unwrap_or_default(),
-        }
+            None => print(&line).is_ok(),
+        };
         reports.made.push(line);
+        is_heard
     }
 
     /// Makes the last report. The socket goes before it, because the folder may be another shim's right after.

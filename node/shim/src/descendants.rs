@@ -1,6 +1,7 @@
 //! Finds every process below this one.
 
-use rustix::process::{Signal, getpid};
+use rustix::io::Errno;
+use rustix::process::{Signal, WaitId, WaitIdOptions, getpid, waitid};
 use shim::process_record::Process;
 use shim::processes;
 use std::collections::BTreeSet;
@@ -11,6 +12,10 @@ const ROUNDS_MAX: usize = 20;
 /// Kills every process below this one. Some may be left when it returns, if they were made meanwhile; the caller looks
 /// again until it has no child.
 pub(crate) fn kill_descendants() {
+    // The walk over all processes of the machine takes milliseconds. What a child leaves comes to this process, as its child.
+    if is_childless() {
+        return;
+    }
     // Stopped first, so that none forks while others are being killed.
     let mut stopped = BTreeSet::new();
     for _ in 0..ROUNDS_MAX {
@@ -27,4 +32,10 @@ pub(crate) fn kill_descendants() {
     for process in stopped {
         processes::signal(process, Signal::KILL);
     }
+}
+
+/// Returns whether nothing is below this process. A child that has ended counts as long as nobody has collected it.
+fn is_childless() -> bool {
+    let look = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
+    waitid(WaitId::All, look).is_err_and(|error| error == Errno::CHILD)
 }

@@ -132,7 +132,9 @@ fn main() -> ExitCode {
         Err(error) => {
             let agent = Agent::new(&start.dir);
             let reason = format!("its secrets cannot be kept: {}", cause(&error));
-            [ShimReport::ExecFailed { reason }, ShimReport::Gone].iter().for_each(|report| agent.report(report));
+            for report in [ShimReport::ExecFailed { reason }, ShimReport::Gone] {
+                agent.report(&report);
+            }
             return ExitCode::FAILURE;
         }
     };

@@ -37,7 +37,7 @@ pub const REFUSED_FILE: &str = "refused";
 pub const LAUNCH: &str = "--launch";
 /// The argument of a shim that says what its sandbox takes where the kernel has it, a word each: `landlock seccomp`.
 pub const LEVELS: &str = "--sandbox-levels";
-/// How the program ended, as the line of the [`ShimReport`]; durable before the report is made.
+/// How the program ended, as the line of the [`ShimReport`]; in place before the report is made.
 pub const EXIT_FILE: &str = "exit";
 /// Where an agent attaches to a shim whose own agent is gone, in the instance directory.
 pub const SOCKET_FILE: &str = "shim.sock";

@@ -45,19 +45,26 @@ impl Record {
     }
 }
 
-/// Makes the end durable, then reports it: an agent that comes too late to attach reads the record.
+/// Records the end, then reports it: an agent that comes too late to attach reads the record, in the same boot of the kernel. So an agent
+/// that hears of the end does not wait for the disk. Where none does, the record is all that there is, and it is synced.
 pub(super) fn conclude(dir: &Path, agent: &Agent, end: &ShimReport) {
-    if let Err(error) = write_end(dir, end) {
+    let written = write_end(dir, end);
+    let is_heard = agent.report(end);
+    let kept = written.and_then(|file| if is_heard { Ok(()) } else { sync(&file, dir) });
+    if let Err(error) = kept {
         complain(&format!("dca-shim: cannot write `{}`: {error}", dir.join(EXIT_FILE).display()));
     }
-    agent.report(end);
 }
 
-fn write_end(dir: &Path, end: &ShimReport) -> io::Result<()> {
+fn write_end(dir: &Path, end: &ShimReport) -> io::Result<File> {
     let unfinished = dir.join("exit.new");
     let mut file = file::created(&unfinished, Privacy::Usual)?;
     writeln!(file, "{end}")?;
-    file.sync_all()?;
     std::fs::rename(&unfinished, dir.join(EXIT_FILE))?;
+    Ok(file)
+}
+
+fn sync(file: &File, dir: &Path) -> io::Result<()> {
+    file.sync_all()?;
     File::open(dir)?.sync_all()
 }

@@ -40,10 +40,17 @@ impl Driver {
         let (now, mut effects, mut over) = (clock::now(), Vec::new(), false);
         self.inputs.append(now, &input);
         self.state.take(now, input, &mut effects);
-        for effect in effects {
+        // What people are told does not hold up what programs are told.
+        let (words, deeds): (Vec<Effect>, Vec<Effect>) = effects.into_iter().partition(is_for_caller);
+        for effect in deeds.into_iter().chain(words) {
             over |= matches!(effect, Effect::Leave | Effect::Yield { .. });
             self.carry_out(effect);
         }
         over
     }
+}
+
+/// Returns whether an effect is for somebody who has called.
+fn is_for_caller(effect: &Effect) -> bool {
+    matches!(effect, Effect::Answer { .. } | Effect::EndAnswers { .. } | Effect::Tail { .. } | Effect::TailAll { .. })
 }
