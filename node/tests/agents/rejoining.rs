@@ -1,5 +1,6 @@
 //! Hosts that were lost, or whose nodes were started anew, take part again: on virtual time.
 
+use crate::changes::outcome;
 use crate::losses::{active, cut, heal};
 use crate::world::{Draw, World};
 use node::logic::protocol::{Answer, Ending, Report};
@@ -143,4 +144,32 @@ fn whatever_is_cut_whenever_all_run_again() {
             assert!((0..30).any(|_| runs(&mut world)), "seed {seed}: {:?}", world.answers[&call]);
         }
     }
+}
+
+/// A program is replaced on a host at any time of its return: that is refused with the reason, or it is done, and either way the host takes
+/// part again.
+#[test]
+fn a_program_is_replaced_on_a_host_that_comes_back() {
+    let mut outcomes = BTreeSet::new();
+    for millis in (0..3000).step_by(30) {
+        let (mut world, call) = begun();
+        cut(&mut world, "c2");
+        world.run_for(Duration::from_secs(12));
+        heal(&mut world, "c2");
+        world.run_for(Duration::from_millis(millis));
+        let replaced = world.change("c1", AGAIN, (1, 0), &["main/far/long"]);
+        world.run_for(Duration::from_secs(60));
+        outcomes.insert(match outcome(&world, replaced) {
+            Ok(_) => "done",
+            Err(reasons) if reasons[0] == "host `c2` is lost, so nothing can be changed on it" => "lost",
+            Err(reasons) if reasons[0].starts_with("host `c2` is just about to take part again") => "coming",
+            Err(reasons) => panic!("after {millis} ms: {reasons:?}"),
+        });
+        let runs = |world: &mut World| {
+            world.run_for(Duration::from_millis(100));
+            active(world, "c2").len() == 2
+        };
+        assert!((0..30).any(|_| runs(&mut world)), "after {millis} ms: {:?}", world.answers[&call]);
+    }
+    assert_eq!(outcomes, BTreeSet::from(["coming", "done", "lost"]));
 }

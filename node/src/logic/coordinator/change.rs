@@ -140,7 +140,11 @@ impl Coordinator {
             )]);
         }
         if let Some(lost) = self.lost.first() {
-            return Err(vec![format!("host `{lost}` is lost, so nothing can be changed on it")]);
+            return Err(vec![if self.rejoins.is_asked(lost) {
+                format!("host `{lost}` is just about to take part again: try again once it does")
+            } else {
+                format!("host `{lost}` is lost, so nothing can be changed on it")
+            }]);
         }
         if let Err(why) = plan.validate() {
             return Err(vec![format!("the plan is not sound: {why}")]);
