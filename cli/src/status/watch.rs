@@ -14,7 +14,7 @@ use comms::io::clock;
 use comms::logic::time::Time;
 use node::console::{self, Failure, block_on};
 use node::logic::protocol::NodeStatus;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::pin::pin;
 use std::time::Duration;
@@ -111,7 +111,8 @@ impl Shown {
                 drawn
             }
             Self::Lines(before) => {
-                let now = view.lines();
+                let mut now = view.lines();
+                view.keep_unknown(before, &mut now);
                 let said = changed(before, &now);
                 *before = now;
                 said
@@ -165,6 +166,21 @@ impl View {
             lines.insert(format!("{host}  node"), self.away.word(host));
         }
         lines
+    }
+
+    /// Goes on with what was known of hosts that do not answer: nobody says that it is over.
+    fn keep_unknown(&self, before: &BTreeMap<String, String>, now: &mut BTreeMap<String, String>) {
+        let away = self.away.silent.iter().chain(&self.away.revoked).chain(self.away.hosts.iter().map(|one| &one.host));
+        let away: BTreeSet<&str> = away.map(String::as_str).collect();
+        let is_away = |host: &str| self.failure.is_some() || away.contains(host);
+        for what in before.keys() {
+            let host = what.split("  ").next().unwrap_or_default();
+            if !now.contains_key(what) && is_away(host) {
+                let word = self.away.word(host);
+                let is_node = what.ends_with("  node");
+                now.insert(what.clone(), if is_node { word } else { format!("unknown ({word})") });
+            }
+        }
     }
 
     /// Returns everything on one line, and without what is different each time.
@@ -240,8 +256,17 @@ mod tests {
         assert_eq!(said(&BTreeMap::new(), &first), ["c1  door@1  main/hit  idle  pid 7", "c1  node  answers"]);
         assert_eq!(said(&first, &second), ["c1  door@1  main/hit  running  pid 7"]);
         assert_eq!(said(&second, &second), Vec::<String>::new());
-        let gone = said(&second, &View::default().lines());
-        assert_eq!(gone, ["c1  door@1  main/hit  is over", "c1  node  is over"]);
+        // A node that has left as it was told to is missed by nobody. Of one that does not answer nobody knows what has become of it.
+        let after = |view: View| {
+            let mut now = view.lines();
+            view.keep_unknown(&second, &mut now);
+            said(&second, &now)
+        };
+        assert_eq!(after(View::default()), ["c1  door@1  main/hit  is over", "c1  node  is over"]);
+        let unknown = ["c1  door@1  main/hit  unknown (c1 does not answer)", "c1  node  c1 does not answer"];
+        assert_eq!(after(View { failure: Some("nobody answers".to_owned()), ..View::default() }), unknown);
+        let silent = Absences { silent: ["c1".to_owned()].into(), ..Absences::default() };
+        assert_eq!(after(View { away: silent, ..View::default() }), unknown);
     }
 
     #[test]
