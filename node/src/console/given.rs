@@ -61,8 +61,9 @@ pub(super) fn check() -> io::Result<()> {
     Ok(())
 }
 
-/// What stands between the names in an argument: `DEPLOYMENT:INSTANCE`, `KEY=VALUE`.
-const BETWEEN: [char; 6] = [':', '/', '=', '.', ',', ' '];
+/// What stands between the names in an argument: `DEPLOYMENT:INSTANCE`, `KEY=VALUE`. In texts without colours what begins with an escape may
+/// be left out.
+const BETWEEN: [char; 7] = [':', '/', '=', '.', ',', ' ', '\x1b'];
 
 /// Returns a text in which the arguments of this process, and the names in them, stand as a terminal may show them.
 pub(super) fn written_out(text: &str) -> String {
@@ -96,5 +97,6 @@ mod tests {
         check("no `a\nb` in `d`", &["get", "d:a\nb"], "no `a\\nb` in `d`");
         check("`d\r:a\nb` and `a\nb`", &["get", "d\r:a\nb"], "`d\\x0d:a\\nb` and `a\\nb`");
         check("`\x1b[31m`", &["\x1b[31m"], "`\\x1b[31m`");
+        check("no `a\nb`", &["a\nb\x1b[31m"], "no `a\\nb`");
     }
 }
