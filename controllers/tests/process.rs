@@ -82,7 +82,7 @@ fn an_activation_ends_once() {
 fn links_that_cannot_be_made_are_told() {
     let mut sensor = Program::start(&["ForceTorque"]);
     let owner = Dial { session: "nobody".to_owned(), locators: vec!["unixsock-stream//no/such/socket".to_owned()] };
-    let devices = vec![Device { device: "ft".to_owned(), owner }];
+    let devices = vec![Device { device: "ft".to_owned(), owner, deployment: "test".to_owned() }];
     sensor.order(&Order::Connect { robot: "test".to_owned(), incoming: vec![], outgoing: vec![], devices });
     let Some(Notice::ConnectFailed { reason }) = sensor.next() else { panic!("it connected") };
     assert!(reason.starts_with("device `ft`: cannot reach session nobody"), "{reason}");

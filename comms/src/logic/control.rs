@@ -22,7 +22,7 @@ use std::time::Duration;
 
 /// Version of this protocol: one more with every order, notice or field that is appended, and with every kind of locator. Node and program must be of the
 /// same one. Of any other they understand no more than [`Notice::Hello`] and [`Notice::Resume`] say at their beginning, so that each can be told.
-pub const VERSION: u16 = 12;
+pub const VERSION: u16 = 13;
 
 /// Where a program's data session can be dialled.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -100,6 +100,8 @@ pub struct Device {
     pub device: String,
     /// The program that owns its keys.
     pub owner: Dial,
+    /// The deployment of that program: the device's keys begin with its name.
+    pub deployment: String,
 }
 
 /// The way of a call to what another program exports.

@@ -93,8 +93,10 @@ impl Program {
             let port = (*port).to_owned();
             Outgoing { wire: 0, port, key: key(), pull: false }
         });
-        let devices =
-            devices.iter().map(|(device, owner)| Device { device: (*device).to_owned(), owner: owner.dial() });
+        let devices = devices.iter().map(|(device, owner)| {
+            let (device, deployment) = ((*device).to_owned(), "test".to_owned());
+            Device { device, owner: owner.dial(), deployment }
+        });
         let (incoming, outgoing, devices) = (incoming.collect(), outgoing.collect(), devices.collect());
         self.order(&Order::Connect { robot: "test".to_owned(), incoming, outgoing, devices });
     }

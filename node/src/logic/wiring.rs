@@ -49,8 +49,13 @@ pub fn links(
         }
     }
     for device in registrations.facts.get(&leaf).map_or(&[][..], |facts| &facts.needs) {
-        match owner(plan, registrations, leaf, device).and_then(|owner| dial(plan, registrations, leaf, owner)) {
-            Ok(owner) => devices.push(Device { device: device.clone(), owner }),
+        let owner = owner(plan, registrations, leaf, device);
+        match owner.and_then(|owner| Ok((owner, dial(plan, registrations, leaf, owner)?))) {
+            Ok((leaf, owner)) => {
+                let external = plan.external(leaf).map(|external| &external.deployment);
+                let deployment = external.unwrap_or(&deployment.name).clone();
+                devices.push(Device { device: device.clone(), owner, deployment });
+            }
             Err(why) => problems.push(why),
         }
     }
@@ -316,6 +321,29 @@ process main() {
             Some(Order::Relink { lost: "old".into(), found })
         };
         assert_eq!((relink(1), relink(2)), (order("unix"), order("tcp")));
+    }
+
+    /// The server of another deployment has its devices under the name of that.
+    #[test]
+    fn a_device_is_of_the_deployment_whose_program_owns_it() {
+        let mut plan = plan();
+        let mut registrations = Registrations {
+            facts: [facts(0, "a"), facts(1, "b")].map(|facts| (facts.leaf, facts)).into(),
+            machines: vec!["one".into(), "other".into()],
+        };
+        registrations.facts.entry(1).and_modify(|facts| facts.owns = vec!["arm".into()]);
+        registrations.facts.entry(0).and_modify(|facts| facts.needs = vec!["arm".into()]);
+        let mission = Deployment { name: "mission".into(), epoch: 1 };
+        for (external, deployment) in [(None, "mission"), (Some("hardware"), "hardware")] {
+            let path = "main/robot".to_owned();
+            plan.leaves[1].external =
+                external.map(|name| language::plan::External { deployment: name.to_owned(), path });
+            let owner = Dial { session: "b".into(), locators: vec!["unix".into()] };
+            let expected = Device { device: "arm".into(), owner, deployment: deployment.into() };
+            let order = links(&plan, &mission, &registrations, (0, &BTreeSet::new()));
+            let Ok(Order::Connect { devices, robot, .. }) = order else { panic!("{order:?}") };
+            assert_eq!((devices, robot), (vec![expected], "mission".to_owned()));
+        }
     }
 
     /// In a team both ends of a wire know each other, by the keys that they have now.

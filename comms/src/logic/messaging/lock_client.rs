@@ -130,6 +130,11 @@ impl LockClient {
         matches!(self.state, State::Waiting { .. } | State::Holding { .. })
     }
 
+    /// Returns whether nothing is wanted or held, and the server knows it, or has not answered to it several times.
+    pub const fn is_idle(&self) -> bool {
+        matches!(self.state, State::Idle)
+    }
+
     fn want(&mut self, now: Time, priority: u8) {
         match &mut self.state {
             State::Holding { .. } => {}

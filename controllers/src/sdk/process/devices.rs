@@ -73,7 +73,7 @@ impl Devices {
     ) -> Result<Self, String> {
         let mut devices = Self::default();
         for port in interface.ports.iter().filter(|port| port.binding != Binding::Wire) {
-            devices.port((session, keyring), &orders.robot, port, inbox)?;
+            devices.port((session, keyring), orders, port, inbox)?;
         }
         if interface.about.signals_every.is_some() {
             let key = key::signals(&orders.robot, &orders.instance);
@@ -89,12 +89,15 @@ impl Devices {
     fn port(
         &mut self,
         (session, keyring): (&DataSession, Option<&Keyring>),
-        robot: &str,
+        orders: &LinkOrders,
         port: &PortInterface,
         inbox: &Arc<Inbox>,
     ) -> Result<(), String> {
         let device = port.device_key().ok_or_else(|| format!("`{}` is no device key", port.name))?;
         let channel = if device.channel == "state" { Channel::State } else { Channel::Command };
+        // A device of another deployment has the keys of that.
+        let owner = orders.devices.iter().find(|other| other.device == device.name);
+        let robot = owner.map_or(&orders.robot, |owner| &owner.deployment);
         let key = key::hardware(robot, device.name, channel);
         match port.direction {
             Direction::In => {

@@ -88,7 +88,8 @@ impl Participant {
         let mut claims = Claims::of(&self.plan, &self.host);
         let own = self.registrations.facts.values();
         let own = own.filter(|facts| leaf_host(&self.plan, facts.leaf) == Some(&self.host));
-        for facts in own {
+        // What another deployment runs has its devices itself.
+        for facts in own.filter(|facts| self.plan.external(facts.leaf).is_none()) {
             let path = self.path(facts.leaf).unwrap_or_default();
             claims.extend(Claims::of_owner(path, &facts.owns));
         }

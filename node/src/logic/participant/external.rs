@@ -19,6 +19,8 @@ use std::collections::BTreeMap;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Seen {
     location: Location,
+    /// The devices whose keys are its own.
+    owns: Vec<String>,
     is_active: bool,
 }
 
@@ -89,10 +91,11 @@ impl Participant {
             return Err(format!("{external} has no `{missing}`: its `{module}` is another one"));
         }
         let instance = self.instances.get(leaf).filter(|instance| instance.has_joined());
-        let location = self.registrations.facts.get(&leaf).and_then(|facts| facts.location.clone());
-        match instance.zip(location) {
+        let facts = self.registrations.facts.get(&leaf);
+        let found = facts.and_then(|facts| Some((facts.location.clone()?, facts.owns.clone())));
+        match instance.zip(found) {
             Some((instance, _)) if instance.is_gone() => Err(format!("{external} has died")),
-            Some((instance, location)) => Ok(Seen { location, is_active: instance.is_active() }),
+            Some((instance, (location, owns))) => Ok(Seen { location, owns, is_active: instance.is_active() }),
             None => Err(format!("{external} is not there")),
         }
     }
@@ -217,5 +220,5 @@ impl Participant {
 }
 
 fn facts(leaf: u32, seen: &Seen) -> LeafFacts {
-    LeafFacts { location: Some(seen.location.clone()), ..LeafFacts::plain(leaf) }
+    LeafFacts { location: Some(seen.location.clone()), owns: seen.owns.clone(), ..LeafFacts::plain(leaf) }
 }
