@@ -11,6 +11,7 @@ mod compliant;
 mod distance;
 mod force;
 mod fusion;
+mod grant;
 mod gripper;
 mod look;
 mod model;

@@ -93,6 +93,56 @@ messages! {
         /// x, y (m), yaw (rad), in the frame of the first sample.
         pose: [f64; 3] = "Number[3]",
     }
+    /// The base as its server shows it. Times are since the host was started.
+    BaseStatus {
+        /// x, y (m), yaw (rad) by dead reckoning, in the frame of the server's start.
+        pose: [f64; 3] = "Number[3]",
+        /// x, y (m/s), yaw (rad/s), base axes.
+        velocity: [f64; 3] = "Number[3]",
+        /// When a command was obeyed last; 0 if none was (s).
+        commanded: f64 = "Time",
+        /// When the watchdog has ended a command last; 0 if it never had to (s).
+        stopped: f64 = "Time",
+        /// How many commands were refused: without the lock, or under a grant that is over.
+        refused: f64 = "Number",
+        /// Who holds the lock; empty if nobody does.
+        holder: String = "Text",
+    }
+    /// The arm as its server shows it. Times are since the host was started.
+    ArmStatus {
+        /// (rad).
+        angles: [f64; 6] = "Angle[6]",
+        /// (rad/s).
+        rates: [f64; 6] = "AngularSpeed[6]",
+        /// As of the base (s).
+        commanded: f64 = "Time",
+        /// As of the base (s).
+        stopped: f64 = "Time",
+        /// As of the base.
+        refused: f64 = "Number",
+        /// As of the base.
+        holder: String = "Text",
+    }
+    /// The gripper as its server shows it. Times are since the host was started.
+    GripperStatus {
+        /// Between the fingers (m).
+        width: f64 = "Length",
+        /// With which they press (N).
+        force: f64 = "Force",
+        /// As of the base (s).
+        commanded: f64 = "Time",
+        /// As of the base.
+        refused: f64 = "Number",
+        /// As of the base.
+        holder: String = "Text",
+    }
+    /// A width for the fingers to go to.
+    Grip {
+        /// Between the fingers (m).
+        width: f64 = "Length",
+        /// They press with no more than this (N).
+        force: f64 = "Force",
+    }
     /// One sweep of the laser.
     LaserScan {
         /// From right to left, half a degree apart, from -90 to 90 degrees about straight ahead (m).
@@ -113,6 +163,8 @@ messages! {
         owner: String,
         /// (rad/s); none to let go of the device.
         rates: Option<[f64; 6]>,
+        /// The fencing number under which the device is held; none where no lock is used.
+        fence: Option<u64>,
     }
     /// Device `base`: what its encoders say.
     BaseState {
@@ -129,6 +181,8 @@ messages! {
         owner: String,
         /// x, y (m/s), yaw (rad/s), base axes; none to let go of the device.
         velocity: Option<[f64; 3]>,
+        /// The fencing number under which the device is held; none where no lock is used.
+        fence: Option<u64>,
     }
     /// Device `ft`: the wrench on the hand, tool axes, tool weight removed.
     FtState {
@@ -163,6 +217,8 @@ messages! {
         width: Option<f64>,
         /// The fingers press with no more than this (N).
         force: f64,
+        /// The fencing number under which the device is held; none where no lock is used.
+        fence: Option<u64>,
     }
     /// Device `laser`: one sweep, as in [`LaserScan`].
     LaserState {

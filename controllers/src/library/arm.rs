@@ -1,10 +1,11 @@
 //! The Puma 560: the controller that moves it, the one that only listens, and a whole arm for compliant motion.
 
+use super::grant::{Grant, LockCalls, PRIORITY, Right};
 use super::{FRESH, SENSED, Watch, ramp_dt, seconds};
 use crate::control::puma560::{self, Joints};
 use crate::control::ramp::towards;
 use crate::message::{ArmCommand, ArmState, JointState, JointVelocity, Velocity};
-use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Progress, Stopping, Tick};
+use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Parameter, Progress, Stopping, Tick};
 use comms::logic::time::Time;
 use nalgebra::Vector6;
 use std::time::Duration;
@@ -37,17 +38,59 @@ pub(super) struct CtrlOutputs {
     /// To the arm.
     #[device("arm/cmd")]
     command: Out<ArmCommand>,
+    /// The lock of the arm.
+    #[calls("Lock", optional)]
+    lock: LockCalls,
 }
 
-/// The last command to the arm, and how it may change.
-#[derive(Clone, Debug, Default)]
+/// The last command to the arm, how it may change, and the right to give it.
+#[derive(Debug)]
 struct Servo {
+    owner: &'static str,
     command: Joints,
     watch: Watch,
     resting: Duration,
+    grant: Grant,
 }
 
+/// The parameters of who moves the arm.
+const PARAMETERS: &[Parameter] = &[PRIORITY];
+
 impl Servo {
+    fn new(owner: &'static str, arguments: &Arguments) -> Result<Self, String> {
+        let (command, watch, grant) = (Joints::zeros(), Watch::default(), Grant::new("arm", arguments)?);
+        Ok(Self { owner, command, watch, resting: Duration::ZERO, grant })
+    }
+
+    fn begin(&mut self) -> Result<(), String> {
+        (self.command, self.watch, self.resting) = (Joints::zeros(), Watch::default(), Duration::ZERO);
+        self.grant.begin()
+    }
+
+    /// Sends what brings the joints to `wanted` (rad/s), if it may.
+    fn work(
+        &mut self,
+        tick: Tick,
+        (state, wanted): (Option<&ArmState>, &Joints),
+        (command, lock): (&mut Out<ArmCommand>, &mut LockCalls),
+    ) -> Progress {
+        let fence = match self.grant.ask(tick.now, lock) {
+            Right::Command(fence) => Some(fence),
+            Right::Wait => None,
+            Right::Lost(why) => return Progress::Aborted(why),
+        };
+        let rates = match self.step(tick, state, wanted) {
+            Ok(rates) => rates,
+            Err(reason) => return Progress::Aborted(reason),
+        };
+        match fence {
+            Some(fence) => command.send(ArmCommand { owner: self.owner.to_owned(), rates: Some(rates), fence }),
+            // The watchdog has stopped it meanwhile.
+            None => self.command = Joints::zeros(),
+        }
+        Progress::Continue
+    }
+
     /// Moves the command towards `wanted` (rad/s); gives up when the arm is silent.
     fn step(&mut self, tick: Tick, state: Option<&ArmState>, wanted: &Joints) -> Result<[f64; 6], String> {
         if self.watch.is_silent(tick.now, state.is_some()) {
@@ -72,20 +115,22 @@ impl Servo {
     }
 
     /// Moves the command to rest, then lets go of the arm.
-    fn stop(&mut self, tick: Tick, owner: &str, command: &mut Out<ArmCommand>) -> Stopping {
+    fn stop(&mut self, tick: Tick, command: &mut Out<ArmCommand>, lock: &mut LockCalls) -> Stopping {
         let step = ACCELERATION_MAX * ramp_dt(tick);
         self.command = self.command.map(|rate| towards(rate, 0.0, step));
         let still = self.command.amax() <= 0.0;
         self.resting = if still { self.resting + tick.elapsed } else { Duration::ZERO };
         let rests = self.resting >= SETTLING;
-        let rates = (!rests).then(|| self.command.into());
-        command.send(ArmCommand { owner: owner.to_owned(), rates });
-        if rests { Stopping::Finished } else { Stopping::Again }
+        if let Right::Command(fence) = self.grant.keep(tick.now, lock) {
+            let rates = (!rests).then(|| self.command.into());
+            command.send(ArmCommand { owner: self.owner.to_owned(), rates, fence });
+        }
+        if self.grant.is_over(tick.now, rests, lock) { Stopping::Finished } else { Stopping::Again }
     }
 }
 
 /// Moves the arm's joints as told, within their limits, and tells where they are.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Puma560Ctrl {
     servo: Servo,
 }
@@ -96,19 +141,19 @@ impl Controller for Puma560Ctrl {
     const TYPE: &'static str = "Puma560Ctrl";
 
     fn about() -> About {
-        About::service("Moves the joints of the Puma 560 as told, and tells where they are.")
+        About::service("Moves the joints of the Puma 560 as told, under its lock where that is connected, and tells where they are.")
+            .with(PARAMETERS)
             .every(Duration::from_millis(10))
             .triggered_by("In")
             .stop_within(Duration::from_secs(1))
     }
 
-    fn new(_: &Arguments) -> Result<Self, String> {
-        Ok(Self::default())
+    fn new(arguments: &Arguments) -> Result<Self, String> {
+        Ok(Self { servo: Servo::new(Self::TYPE, arguments)? })
     }
 
     fn init(&mut self, _: &[u8]) -> Result<(), String> {
-        *self = Self::default();
-        Ok(())
+        self.servo.begin()
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &CtrlInputs, outputs: &mut CtrlOutputs) -> Progress {
@@ -120,15 +165,12 @@ impl Controller for Puma560Ctrl {
             });
         }
         let wanted = inputs.rates.fresh_within(tick.now, FRESH).map_or_else(Joints::zeros, |v| v.rates.into());
-        match self.servo.step(tick, inputs.state.fresh_within(tick.now, SENSED), &wanted) {
-            Ok(rates) => outputs.command.send(ArmCommand { owner: Self::TYPE.to_owned(), rates: Some(rates) }),
-            Err(reason) => return Progress::Aborted(reason),
-        }
-        Progress::Continue
+        let state = inputs.state.fresh_within(tick.now, SENSED);
+        self.servo.work(tick, (state, &wanted), (&mut outputs.command, &mut outputs.lock))
     }
 
     fn stop(&mut self, tick: Tick, _: &CtrlInputs, outputs: &mut CtrlOutputs) -> Stopping {
-        self.servo.stop(tick, Self::TYPE, &mut outputs.command)
+        self.servo.stop(tick, &mut outputs.command, &mut outputs.lock)
     }
 }
 
@@ -207,10 +249,13 @@ pub(super) struct ArmOutputs {
     /// To the arm.
     #[device("arm/cmd")]
     command: Out<ArmCommand>,
+    /// The lock of the arm.
+    #[calls("Lock", optional)]
+    lock: LockCalls,
 }
 
 /// Moves the hand as told with the arm alone; the base stays.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Puma560 {
     servo: Servo,
 }
@@ -229,31 +274,30 @@ impl Controller for Puma560 {
     const TYPE: &'static str = "Puma560";
 
     fn about() -> About {
-        About::service("Moves the hand of the Puma 560 as told, with the arm alone.")
-            .every(Duration::from_millis(10))
-            .triggered_by("In1")
-            .stop_within(Duration::from_secs(1))
+        About::service(
+            "Moves the hand of the Puma 560 as told, with the arm alone, under its lock where that is connected.",
+        )
+        .with(PARAMETERS)
+        .every(Duration::from_millis(10))
+        .triggered_by("In1")
+        .stop_within(Duration::from_secs(1))
     }
 
-    fn new(_: &Arguments) -> Result<Self, String> {
-        Ok(Self::default())
+    fn new(arguments: &Arguments) -> Result<Self, String> {
+        Ok(Self { servo: Servo::new(Self::TYPE, arguments)? })
     }
 
     fn init(&mut self, _: &[u8]) -> Result<(), String> {
-        *self = Self::default();
-        Ok(())
+        self.servo.begin()
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &ArmInputs, outputs: &mut ArmOutputs) -> Progress {
         let wanted = Self::wanted(tick.now, inputs).unwrap_or_else(Joints::zeros);
-        match self.servo.step(tick, inputs.state.fresh_within(tick.now, SENSED), &wanted) {
-            Ok(rates) => outputs.command.send(ArmCommand { owner: Self::TYPE.to_owned(), rates: Some(rates) }),
-            Err(reason) => return Progress::Aborted(reason),
-        }
-        Progress::Continue
+        let state = inputs.state.fresh_within(tick.now, SENSED);
+        self.servo.work(tick, (state, &wanted), (&mut outputs.command, &mut outputs.lock))
     }
 
     fn stop(&mut self, tick: Tick, _: &ArmInputs, outputs: &mut ArmOutputs) -> Stopping {
-        self.servo.stop(tick, Self::TYPE, &mut outputs.command)
+        self.servo.stop(tick, &mut outputs.command, &mut outputs.lock)
     }
 }

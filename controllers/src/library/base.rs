@@ -1,5 +1,6 @@
 //! The XR4000: the controller that moves it, and its odometry.
 
+use super::grant::{Grant, LockCalls, PRIORITY, Right};
 use super::{FRESH, Watch, ramp_dt, seconds};
 use crate::control::caster::{Casters, Odometry};
 use crate::control::ramp::towards_together;
@@ -28,13 +29,17 @@ pub(super) struct CtrlOutputs {
     /// To the base.
     #[device("base/cmd")]
     command: Out<BaseCommand>,
+    /// The lock of the base.
+    #[calls("Lock", optional)]
+    lock: LockCalls,
 }
 
 /// Moves the base as told.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Xr4000Ctrl {
     command: [f64; 3],
     resting: Duration,
+    grant: Grant,
 }
 
 impl Xr4000Ctrl {
@@ -42,6 +47,10 @@ impl Xr4000Ctrl {
         let steps = BASE_ACCELERATION_MAX.map(|most| most * ramp_dt(tick));
         self.command = towards_together(&self.command, &wanted, &steps);
         self.command
+    }
+
+    fn send(velocity: Option<[f64; 3]>, fence: Option<u64>, outputs: &mut CtrlOutputs) {
+        outputs.command.send(BaseCommand { owner: Self::TYPE.to_owned(), velocity, fence });
     }
 }
 
@@ -51,25 +60,35 @@ impl Controller for Xr4000Ctrl {
     const TYPE: &'static str = "XR4000Ctrl";
 
     fn about() -> About {
-        About::service("Moves the XR4000 base as told.")
+        const PARAMETERS: &[Parameter] = &[PRIORITY];
+        About::service("Moves the XR4000 base as told, under its lock where that is connected.")
+            .with(PARAMETERS)
             .every(Duration::from_millis(10))
             .triggered_by("In")
             .stop_within(Duration::from_millis(1500))
     }
 
-    fn new(_: &Arguments) -> Result<Self, String> {
-        Ok(Self::default())
+    fn new(arguments: &Arguments) -> Result<Self, String> {
+        Ok(Self { command: [0.0; 3], resting: Duration::ZERO, grant: Grant::new("base", arguments)? })
     }
 
     fn init(&mut self, _: &[u8]) -> Result<(), String> {
-        *self = Self::default();
-        Ok(())
+        (self.command, self.resting) = ([0.0; 3], Duration::ZERO);
+        self.grant.begin()
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &CtrlInputs, outputs: &mut CtrlOutputs) -> Progress {
+        let fence = match self.grant.ask(tick.now, &mut outputs.lock) {
+            Right::Command(fence) => fence,
+            Right::Wait => {
+                // The watchdog has stopped it meanwhile.
+                self.command = [0.0; 3];
+                return Progress::Continue;
+            }
+            Right::Lost(why) => return Progress::Aborted(why),
+        };
         let wanted = inputs.velocity.fresh_within(tick.now, FRESH).map_or([0.0; 3], |velocity| velocity.rates);
-        let velocity = Some(self.step(tick, wanted));
-        outputs.command.send(BaseCommand { owner: Self::TYPE.to_owned(), velocity });
+        Self::send(Some(self.step(tick, wanted)), fence, outputs);
         Progress::Continue
     }
 
@@ -78,9 +97,11 @@ impl Controller for Xr4000Ctrl {
         let still = velocity.iter().all(|v| v.abs() <= 0.0);
         self.resting = if still { self.resting + tick.elapsed } else { Duration::ZERO };
         let rests = self.resting >= SETTLING;
-        let velocity = (!rests).then_some(velocity);
-        outputs.command.send(BaseCommand { owner: Self::TYPE.to_owned(), velocity });
-        if rests { Stopping::Finished } else { Stopping::Again }
+        if let Right::Command(fence) = self.grant.keep(tick.now, &mut outputs.lock) {
+            Self::send((!rests).then_some(velocity), fence, outputs);
+        }
+        let is_over = self.grant.is_over(tick.now, rests, &mut outputs.lock);
+        if is_over { Stopping::Finished } else { Stopping::Again }
     }
 }
 

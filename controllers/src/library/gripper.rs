@@ -1,5 +1,6 @@
 //! GripperControl: opens or closes the fingers, and knows whether they hold anything.
 
+use super::grant::{Grant, LockCalls, PRIORITY, Right};
 use super::{SENSED, Watch};
 use crate::control::filter::Debounce;
 use crate::message::{FtState, GripperCommand, GripperState};
@@ -44,6 +45,9 @@ pub(super) struct Outputs {
     /// To the gripper.
     #[device("gripper/cmd")]
     command: Out<GripperCommand>,
+    /// The lock of the gripper.
+    #[calls("Lock", optional)]
+    lock: LockCalls,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,6 +67,7 @@ pub(super) struct GripperControl {
     met: Option<Time>,
     at_ease: Debounce,
     watch: Watch,
+    grant: Grant,
 }
 
 impl GripperControl {
@@ -114,7 +119,7 @@ impl Controller for GripperControl {
     const TYPE: &'static str = "GripperControl";
 
     fn about() -> About {
-        const GOAL: &[Parameter] = &[Parameter::new("goal", Kind::Text(&["open", "close"]))];
+        const GOAL: &[Parameter] = &[Parameter::new("goal", Kind::Text(&["open", "close"])), PRIORITY];
         About::task("Opens the gripper, or closes it on something; aborts when it closed on nothing.")
             .every(Duration::from_millis(20))
             .with(GOAL)
@@ -124,14 +129,15 @@ impl Controller for GripperControl {
         let goal = if arguments.text("goal") == "open" { Goal::Open } else { Goal::Close };
         let debounce = Debounce::new(IN_A_ROW);
         let (started, at_ease) = (Time::ZERO, Debounce::new(AT_EASE_IN_A_ROW));
-        Ok(Self { goal, held: debounce, empty: debounce, started, met: None, at_ease, watch: Watch::default() })
+        let (watch, grant) = (Watch::default(), Grant::new("gripper", arguments)?);
+        Ok(Self { goal, held: debounce, empty: debounce, started, met: None, at_ease, watch, grant })
     }
 
     fn init(&mut self, _: &[u8]) -> Result<(), String> {
         (self.held, self.empty) = (Debounce::new(IN_A_ROW), Debounce::new(IN_A_ROW));
         (self.met, self.at_ease) = (None, Debounce::new(AT_EASE_IN_A_ROW));
         self.watch = Watch::default();
-        Ok(())
+        self.grant.begin()
     }
 
     fn run(&mut self, now: Time) {
@@ -139,12 +145,21 @@ impl Controller for GripperControl {
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
+        let fence = match self.grant.ask(tick.now, &mut outputs.lock) {
+            Right::Command(fence) => fence,
+            Right::Wait => {
+                // The time of its task is that of its fingers.
+                self.started = tick.now;
+                return Progress::Continue;
+            }
+            Right::Lost(why) => return Progress::Aborted(why),
+        };
         let width = match self.goal {
             Goal::Open => OPEN,
             Goal::Close => 0.0,
         };
         let force = self.press(tick.now, inputs);
-        outputs.command.send(GripperCommand { owner: self.owner(), width: Some(width), force });
+        outputs.command.send(GripperCommand { owner: self.owner(), width: Some(width), force, fence });
         if self.watch.is_silent(tick.now, inputs.state.fresh_within(tick.now, SENSED).is_some()) {
             return Progress::Aborted("no word from the gripper for 1 s".to_owned());
         }
@@ -155,9 +170,11 @@ impl Controller for GripperControl {
         progress
     }
 
-    fn stop(&mut self, _: Tick, _: &Inputs, outputs: &mut Outputs) -> Stopping {
+    fn stop(&mut self, tick: Tick, _: &Inputs, outputs: &mut Outputs) -> Stopping {
         // The gripper keeps its width; only the right to command it is given back.
-        outputs.command.send(GripperCommand { owner: self.owner(), width: None, force: FIRM });
-        Stopping::Finished
+        if let Right::Command(fence) = self.grant.keep(tick.now, &mut outputs.lock) {
+            outputs.command.send(GripperCommand { owner: self.owner(), width: None, force: FIRM, fence });
+        }
+        if self.grant.is_over(tick.now, true, &mut outputs.lock) { Stopping::Finished } else { Stopping::Again }
     }
 }

@@ -3,20 +3,25 @@
 mod delay;
 mod failing;
 mod parameters;
+mod server;
+mod shown;
+#[cfg(test)]
+mod tests;
 
+use crate::control::caster::Odometry;
 use crate::message::{
     ArmCommand, ArmState, BaseCommand, BaseState, CameraState, FtCommand, FtState, GripperCommand, GripperState,
     LaserState,
 };
-use crate::robot::drive::Owner;
 use crate::robot::plant::{Plant, STEP};
 use crate::robot::setup::Setup;
-use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Progress, Random, Tick};
+use crate::sdk::{About, Arguments, Controller, Exports, In, Inputs, Out, Outputs, Progress, Random, Tick};
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use delay::{Delayed, Delays};
 use failing::{Failing, Failure, Stamped};
 use nalgebra::Vector3;
+use server::Servers;
 use std::time::Duration;
 
 /// A plant that was held up longer than this loses the time.
@@ -73,6 +78,8 @@ pub(super) struct DoorWorld {
     /// The time at which a visitor begins to push the hand (s), never if negative, and the final force (N).
     push: (f64, f64),
     failing: Failing,
+    /// Who may command what: it outlives what the plant does.
+    servers: Servers,
     state: Option<Box<State>>,
 }
 
@@ -81,7 +88,8 @@ pub(super) struct DoorWorld {
 struct State {
     plant: Plant,
     began: Time,
-    owners: [Owner; 3],
+    /// Where the base believes that it is.
+    odometry: Odometry,
     due: [Due; 6],
     delays: Delays,
     /// The generator of all jitter.
@@ -185,7 +193,7 @@ impl State {
         Self {
             plant,
             began: now,
-            owners: Default::default(),
+            odometry: Odometry::default(),
             due,
             delays,
             random: Random::new(seed.rotate_left(17)),
@@ -197,7 +205,7 @@ impl State {
     }
 
     /// Takes what has come in, and does what has reached its device.
-    fn obey(&mut self, now: Time, inputs: &Inputs) {
+    fn obey(&mut self, now: Time, inputs: &Inputs, servers: &mut Servers) {
         let orders = [
             inputs.arm.fresh().cloned().map(Order::Arm),
             inputs.base.fresh().cloned().map(Order::Base),
@@ -205,30 +213,30 @@ impl State {
             inputs.force.fresh().cloned().map(Order::Force),
         ];
         let times = (self.delays.command, self.delays.jitter);
-        for order in orders.into_iter().flatten() {
+        for order in orders.into_iter().flatten().chain(queued(now, servers)) {
             self.orders.put(now, order, times, &mut self.random);
         }
         while let Some(order) = self.orders.take(now) {
-            self.execute(now, order);
+            self.execute(now, order, servers);
         }
     }
 
-    fn execute(&mut self, now: Time, order: Order) {
-        let [arm, base, gripper] = &mut self.owners;
+    fn execute(&mut self, now: Time, order: Order, servers: &mut Servers) {
+        let Servers { base, arm, gripper } = servers;
         match order {
-            Order::Arm(command) if arm.admit(&command.owner, now) => {
+            Order::Arm(command) if arm.admit((&command.owner, command.fence), now) => {
                 self.plant.arm_drive.command(command.rates.as_ref(), now);
                 if command.rates.is_none() {
                     arm.release();
                 }
             }
-            Order::Base(command) if base.admit(&command.owner, now) => {
+            Order::Base(command) if base.admit((&command.owner, command.fence), now) => {
                 self.plant.base_drive.command(command.velocity.as_ref(), now);
                 if command.velocity.is_none() {
                     base.release();
                 }
             }
-            Order::Gripper(command) if gripper.admit(&command.owner, now) => match command.width {
+            Order::Gripper(command) if gripper.admit((&command.owner, command.fence), now) => match command.width {
                 Some(width) => self.plant.grip_to(width, command.force),
                 None => gripper.release(),
             },
@@ -287,6 +295,7 @@ impl State {
         }
         if due[1] {
             let casters = plant.casters();
+            self.odometry.update(casters);
             let (steering, rolling) = (std::array::from_fn(|i| casters[i]), std::array::from_fn(|i| casters[i + 4]));
             samples.base.put(now, (1, BaseState { stamp, steering, rolling }), &mut bus);
         }
@@ -341,6 +350,25 @@ impl State {
     }
 }
 
+/// Returns the commands that have come as messages.
+fn queued(now: Time, servers: &mut Servers) -> Vec<Order> {
+    let Servers { base, arm, gripper } = servers;
+    let mut orders = Vec::new();
+    while let Some(taken) = base.take(now) {
+        let (owner, velocity) = (taken.header.sender, Some(taken.data.rates));
+        orders.push(Order::Base(BaseCommand { owner, velocity, fence: taken.fence }));
+    }
+    while let Some(taken) = arm.take(now) {
+        let (owner, rates) = (taken.header.sender, Some(taken.data.rates));
+        orders.push(Order::Arm(ArmCommand { owner, rates, fence: taken.fence }));
+    }
+    while let Some(taken) = gripper.take(now) {
+        let (owner, width, force) = (taken.header.sender, Some(taken.data.width), taken.data.force);
+        orders.push(Order::Gripper(GripperCommand { owner, width, force, fence: taken.fence }));
+    }
+    orders
+}
+
 fn signal(name: &str, unit: &str, value: f64, headline: bool) -> Signal {
     Signal { name: name.into(), unit: unit.into(), value, headline }
 }
@@ -367,13 +395,19 @@ impl Controller for DoorWorld {
             delays: parameters::delays(arguments),
             push: (arguments.number("push_at"), arguments.number("push")),
             failing: Failing::new(arguments),
+            servers: Servers::new(arguments),
             state: None,
         })
     }
 
     fn init(&mut self, _: &[u8]) -> Result<(), String> {
         self.state = None;
+        self.servers.begin();
         Ok(())
+    }
+
+    fn exports(exports: &mut Exports<Self>) {
+        shown::exports(exports);
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
@@ -381,7 +415,7 @@ impl Controller for DoorWorld {
             let plant = Plant::new(self.setup, tick.now);
             Box::new(State::new(plant, (self.delays, self.failing), self.setup.seed, tick.now))
         });
-        state.obey(tick.now, inputs);
+        state.obey(tick.now, inputs, &mut self.servers);
         state.advance(tick.now, self.push);
         state.publish(tick.now, outputs);
         Progress::Continue

@@ -39,6 +39,8 @@ pub struct Drive<const N: usize> {
     limits: Limits<N>,
     target: [f64; N],
     heard: Option<Time>,
+    /// When the watchdog has ended a command last; none if it never had to.
+    pub stopped: Option<Time>,
     /// The present speed of each axis (SI).
     pub velocity: [f64; N],
 }
@@ -57,7 +59,7 @@ pub struct Limits<const N: usize> {
 impl<const N: usize> Drive<N> {
     /// Returns a drive at rest.
     pub const fn new(limits: Limits<N>) -> Self {
-        Self { limits, target: [0.0; N], heard: None, velocity: [0.0; N] }
+        Self { limits, target: [0.0; N], heard: None, stopped: None, velocity: [0.0; N] }
     }
 
     /// Takes a command, clamped to the speed limits; none brings the axes to rest.
@@ -71,7 +73,10 @@ impl<const N: usize> Drive<N> {
 
     /// Lets `dt` (s) pass until `now`.
     pub fn step(&mut self, now: Time, dt: f64) {
-        let alive = self.heard.is_some_and(|heard| now.since(heard) <= WATCHDOG);
+        if self.heard.take_if(|heard| now.since(*heard) > WATCHDOG).is_some() {
+            self.stopped = Some(now);
+        }
+        let alive = self.heard.is_some();
         for i in 0..N {
             let target = if alive { self.target[i] } else { 0.0 };
             // The lag is integrated exactly, so that it is stable for any step.

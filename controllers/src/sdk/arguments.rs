@@ -41,6 +41,7 @@ pub enum Kind {
 pub struct Arguments {
     values: BTreeMap<&'static str, Value>,
     instance: String,
+    deployment: String,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -267,13 +268,25 @@ impl Arguments {
                 values.insert(parameter.name, parameter.value(default)?);
             }
         }
-        Ok(Self { values, instance: String::new() })
+        Ok(Self { values, instance: String::new(), deployment: String::new() })
     }
 
-    /// Returns the same for the process of this path.
+    /// Returns the same for the process of this deployment and path.
     #[must_use]
-    pub fn of(self, instance: &str) -> Self {
-        Self { instance: instance.to_owned(), ..self }
+    pub fn of(self, deployment: &str, instance: &str) -> Self {
+        Self { instance: instance.to_owned(), deployment: deployment.to_owned(), ..self }
+    }
+
+    /// Returns the name of the deployment; empty where nobody has said which it is, as in a test.
+    pub fn deployment(&self) -> &str {
+        &self.deployment
+    }
+
+    /// Returns the name of the process among those of all deployments, `door:main/arm/hand`; its path alone where nobody has said which
+    /// deployment it is in.
+    pub fn full_name(&self) -> String {
+        let (deployment, instance) = (&self.deployment, &self.instance);
+        if deployment.is_empty() { instance.clone() } else { format!("{deployment}:{instance}") }
     }
 
     /// Returns the path of the process in its deployment, `main/arm/hand`; empty where it has none, as in a test.

@@ -16,6 +16,7 @@ const PENDING_MAX: usize = 64;
 /// Nothing waits: [`Calls::call`] sends after this calculation, and [`Calls::answer`] returns what has come since.
 #[derive(Debug)]
 pub struct Calls<A, R> {
+    is_connected: bool,
     made: u64,
     pending: BTreeSet<u64>,
     orders: Vec<CallOrder>,
@@ -49,7 +50,14 @@ pub enum CallOrder {
 
 impl<A, R> Default for Calls<A, R> {
     fn default() -> Self {
-        Self { made: 0, pending: BTreeSet::new(), orders: Vec::new(), answers: VecDeque::new(), of: PhantomData }
+        Self {
+            is_connected: false,
+            made: 0,
+            pending: BTreeSet::new(),
+            orders: Vec::new(),
+            answers: VecDeque::new(),
+            of: PhantomData,
+        }
     }
 }
 
@@ -84,6 +92,12 @@ impl<A: Message, R: Message> Calls<A, R> {
         number
     }
 
+    /// Returns whether the spec connects this call with something, in whatever connection set. What is not connected is answered with
+    /// [`ObjectError::NotConnected`]; so is what is connected in a set that is not open.
+    pub const fn is_connected(&self) -> bool {
+        self.is_connected
+    }
+
     /// Returns the next answer, with the number of its call.
     pub fn answer(&mut self) -> Option<Answered<R>> {
         self.answers.pop_front()
@@ -104,6 +118,8 @@ impl<A: Message, R: Message> Calls<A, R> {
 
 /// Calls of whatever types. Implemented by [`Calls`]; used by [`super::Module`].
 pub trait AnyCalls {
+    /// Takes note that the spec connects it.
+    fn connect(&mut self);
     /// Takes what is to be done, in order.
     fn take(&mut self) -> Vec<CallOrder>;
     /// Takes the answer to a call; one that nobody waits for is dropped.
@@ -111,6 +127,10 @@ pub trait AnyCalls {
 }
 
 impl<A: Message, R: Message> AnyCalls for Calls<A, R> {
+    fn connect(&mut self) {
+        self.is_connected = true;
+    }
+
     fn take(&mut self) -> Vec<CallOrder> {
         std::mem::take(&mut self.orders)
     }

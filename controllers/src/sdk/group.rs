@@ -194,7 +194,8 @@ impl InProcessGroup {
     ) -> Self {
         let make = move |of_group: &Arguments| {
             let arguments = Arguments::parse(C::about().parameters, &given(of_group));
-            let arguments = arguments.map_err(|error| error.to_string())?.of(of_group.instance());
+            let arguments =
+                arguments.map_err(|error| error.to_string())?.of(of_group.deployment(), of_group.instance());
             let controller = C::new(&arguments)?;
             Ok(Box::new(Instance::new(controller)) as Box<dyn Module>)
         };

@@ -52,6 +52,15 @@ pub trait Module: Send {
     /// The controller's reason for not running.
     fn init(&mut self, value: &[u8], now: Time) -> Result<(), String>;
 
+    /// The same, in a spec that connects these calls to others.
+    ///
+    /// # Errors
+    /// As [`Module::init`].
+    fn init_with(&mut self, calls: &[&'static str], value: &[u8], now: Time) -> Result<(), String> {
+        self.connect_calls(calls);
+        self.init(value, now)
+    }
+
     /// Goes on with other parameters: a controller that runs is asked, one that does not is made anew.
     ///
     /// # Errors
@@ -80,6 +89,11 @@ pub trait Module: Send {
     fn serve(&mut self, name: &str, argument: &[u8], activity: Activity, reply: RawReply) {
         let _ = (argument, activity);
         reply.answer(Err(ObjectError::NoSuchProcedure { name: name.to_owned(), known: Vec::new() }));
+    }
+
+    /// Takes which of its calls to others the spec connects; before it is activated.
+    fn connect_calls(&mut self, calls: &[&'static str]) {
+        let _ = calls;
     }
 
     /// Takes what the last call wants done about calls to others, as (call, order), in order of declaration.
@@ -157,6 +171,8 @@ pub(super) struct Instance<C: Controller> {
     outputs: C::Outputs,
     exports: Exports<C>,
     key_ports: KeyPorts,
+    /// Calls that the spec connects.
+    connected: Vec<&'static str>,
     input_count: usize,
     last: Option<Time>,
     /// Parameters that wait for the next activation.
@@ -188,6 +204,7 @@ impl<C: Controller> Instance<C> {
             outputs: C::Outputs::unconnected(),
             exports: exports(),
             key_ports: KeyPorts::default(),
+            connected: Vec::new(),
             input_count,
             last: None,
             next: None,
@@ -254,6 +271,12 @@ impl<C: Controller> Module for Instance<C> {
 
     fn init(&mut self, value: &[u8], now: Time) -> Result<(), String> {
         self.outputs = C::Outputs::unconnected();
+        let (declared, connected) = (&self.interface.calls, &self.connected);
+        self.outputs.visit_calls(&mut |at, calls| {
+            if declared.get(at).is_some_and(|call| connected.contains(&call.name)) {
+                calls.connect();
+            }
+        });
         self.key_ports.begin(&self.interface.ports, now);
         self.last = None;
         match self.next.take().map(|arguments| C::new(&arguments)) {
@@ -334,6 +357,10 @@ impl<C: Controller> Module for Instance<C> {
 
     fn serve(&mut self, name: &str, argument: &[u8], activity: Activity, reply: RawReply) {
         self.exports.serve(&mut self.controller, (name, argument), activity, reply);
+    }
+
+    fn connect_calls(&mut self, calls: &[&'static str]) {
+        self.connected = calls.to_vec();
     }
 
     fn drain_calls(&mut self, order: &mut dyn FnMut(&'static str, CallOrder)) {

@@ -7,10 +7,10 @@
 //! after `stop` has finished. A node that is gone changes nothing of this: the listener looks for the next one, and the cycle
 //! goes on. It ends only if the process that has started this one is gone, too.
 //!
-//! What a program is told by its environment: `DCA_CONTROL`, the node's socket; `DCA_INSTANCE`, its path in the plan, and a number
-//! behind `#` where there may be two of it; `DCA_DATA_SOCKET`, where its data session listens; `DCA_REMOTE`, present when other
-//! hosts must reach it; `NOTIFY_SOCKET` and `WATCHDOG_USEC`, who watches its loop, and how closely; `DCA_DIRECT`, with `off` wires
-//! on one host go over zenoh, too.
+//! What a program is told by its environment: `DCA_CONTROL`, the node's socket; `DCA_INSTANCE`, its path in the plan, and a
+//! number behind `#` where there may be two of it; `DCA_DEPLOYMENT`, the name of its deployment, for people; `DCA_DATA_SOCKET`,
+//! where its data session listens; `DCA_REMOTE`, present when other hosts must reach it; `NOTIFY_SOCKET` and `WATCHDOG_USEC`, who
+//! watches its loop, and how closely; `DCA_DIRECT`, with `off` wires on one host go over zenoh, too.
 
 mod agreement;
 mod cycle;
@@ -124,7 +124,8 @@ fn take_part(registry: &Registry, name: &str, arguments: &[String]) -> Result<Ex
     let word = std::env::var_os("DCA_INSTANCE").unwrap_or_default().to_string_lossy().into_owned();
     // A number behind the path tells it from another program of the same process.
     let instance = word.split('#').next().unwrap_or_default().to_owned();
-    let module = registry.create_at(&instance, name, arguments)?;
+    let deployment = std::env::var_os("DCA_DEPLOYMENT").unwrap_or_default().to_string_lossy().into_owned();
+    let module = registry.create_at((&deployment, &instance), name, arguments)?;
     let variable = |variable| std::env::var_os(variable).ok_or(ProcessError::NoNode { variable });
     let (socket, _) = (PathBuf::from(variable("DCA_CONTROL")?), variable("DCA_INSTANCE")?);
     let interface = module.interface().clone();
@@ -156,7 +157,7 @@ fn take_part(registry: &Registry, name: &str, arguments: &[String]) -> Result<Ex
     notices.send(&hello(&interface, &word, location))?;
     let parameters = interface.about.parameters;
     // The registry has made a controller of them already, so they fit.
-    let arguments = Arguments::parse(parameters, arguments).unwrap_or_default().of(&instance);
+    let arguments = Arguments::parse(parameters, arguments).unwrap_or_default().of(&deployment, &instance);
     let program = Program { interface, instance, arguments, overlay: Vec::new(), session, notices };
     program.serve(module, (inbox, links), orders)
 }

@@ -114,16 +114,16 @@ impl Registry {
     /// # Errors
     /// If there is no such type, or the arguments do not fit it.
     pub fn create<S: AsRef<str>>(&self, type_name: &str, given: &[S]) -> Result<Box<dyn Module>, CreateError> {
-        self.create_at("", type_name, given)
+        self.create_at(("", ""), type_name, given)
     }
 
-    /// Makes an idle instance for the process of this path.
+    /// Makes an idle instance for the process of this deployment and path.
     ///
     /// # Errors
     /// As [`Registry::create`].
     pub fn create_at<S: AsRef<str>>(
         &self,
-        instance: &str,
+        (deployment, instance): (&str, &str),
         type_name: &str,
         given: &[S],
     ) -> Result<Box<dyn Module>, CreateError> {
@@ -133,6 +133,6 @@ impl Registry {
         })?;
         let arguments = Arguments::parse(entry.interface.about.parameters, given)
             .map_err(|cause| CreateError::Argument { type_name, cause })?;
-        (entry.create)(&arguments.of(instance)).map_err(|reason| CreateError::Refused { type_name, reason })
+        (entry.create)(&arguments.of(deployment, instance)).map_err(|reason| CreateError::Refused { type_name, reason })
     }
 }

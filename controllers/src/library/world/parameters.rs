@@ -139,6 +139,7 @@ parameters! {
     "fails_at": time(-1.0, 1e6), "-1", "s", "when it begins to; -1: never";
     "fails_door": angle(-1.0, 2.5), "-1", "rad", "it begins when the door is so far open; -1: never";
     "fails_for": time(0.0, 60.0), "1", "s", "for how long it does";
+    "commands": Kind::Text(&["anyone", "holder"]), "anyone", "", "whose commands count while nobody holds a device: of anyone, one at a time, or of nobody";
 }
 
 /// Returns the world of the arguments.
@@ -255,7 +256,7 @@ mod tests {
     fn every_number_reaches_the_world() {
         let nominal = setup(&Arguments::parse::<&str>(PARAMETERS, &[]).unwrap());
         let quiet = delays(&Arguments::parse::<&str>(PARAMETERS, &[]).unwrap());
-        let own = ["push_at", "push", "fails", "fails_how", "fails_at", "fails_door", "fails_for"];
+        let own = ["push_at", "push", "fails", "fails_how", "fails_at", "fails_door", "fails_for", "commands"];
         for parameter in PARAMETERS.iter().filter(|parameter| !own.contains(&parameter.name)) {
             let value = match parameter.kind {
                 Kind::Number(low, high) | Kind::Quantity(_, low, high) => (0.4 * low + 0.6 * high).to_string(),

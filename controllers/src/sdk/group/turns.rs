@@ -29,6 +29,8 @@ pub(super) struct GroupModule {
     passing: Vec<(&'static str, Vec<u8>)>,
     /// Arguments that wait for the next activation.
     next: Option<Arguments>,
+    /// Calls that the spec connects.
+    connected: Vec<&'static str>,
 }
 
 struct Running {
@@ -79,7 +81,7 @@ impl Running {
 impl GroupModule {
     pub(super) fn new(layout: Arc<Layout>, arguments: &Arguments) -> Result<Self, String> {
         let members = layout.make(arguments)?.into_iter().map(Running::new).collect();
-        Ok(Self { layout, members, sent: Vec::new(), passing: Vec::new(), next: None })
+        Ok(Self { layout, members, sent: Vec::new(), passing: Vec::new(), next: None, connected: Vec::new() })
     }
 
     /// Passes on what a member has sent.
@@ -162,6 +164,7 @@ impl Module for GroupModule {
         for (at, (member, place)) in self.members.iter_mut().zip(&self.layout.members).enumerate() {
             (member.due, member.is_triggered, member.is_active) = (now, false, true);
             let value = if at == 0 { value } else { &[] };
+            member.module.connect_calls(&self.connected);
             member.module.init(value, now).map_err(|why| format!("`{}`: {why}", place.name))?;
         }
         Ok(())
@@ -227,6 +230,10 @@ impl Module for GroupModule {
                 reply.answer(Err(ObjectError::NoSuchProcedure { name: name.to_owned(), known }));
             }
         }
+    }
+
+    fn connect_calls(&mut self, calls: &[&'static str]) {
+        self.connected = calls.to_vec();
     }
 
     fn drain_calls(&mut self, order: &mut dyn FnMut(&'static str, CallOrder)) {

@@ -119,6 +119,8 @@ pub struct LockUser {
     open: BTreeMap<u64, u64>,
     inputs: Vec<ClientInput>,
     lost: Option<Denied>,
+    /// Who held it when this user was last told to wait; empty if nobody did.
+    holder: String,
 }
 
 impl LockUser {
@@ -129,7 +131,7 @@ impl LockUser {
     pub fn new(name: &str) -> io::Result<Self> {
         // 0 is nobody.
         let client = LockClient::new(entropy::number()?.max(1), name.to_owned());
-        Ok(Self { client, open: BTreeMap::new(), inputs: Vec::new(), lost: None })
+        Ok(Self { client, open: BTreeMap::new(), inputs: Vec::new(), lost: None, holder: String::new() })
     }
 
     /// Wants the lock, from the next [`LockUser::work`] on.
@@ -147,6 +149,9 @@ impl LockUser {
         let mut effects = Vec::new();
         while let Some((number, answer)) = calls.answer() {
             if let Some(call) = self.open.remove(&number) {
+                if let Ok(LockAnswer::Waiting { holder, .. }) = &answer {
+                    self.holder.clone_from(holder);
+                }
                 self.client.handle(now, ClientInput::Answer { call, answer: answer.ok() }, &mut effects);
             }
         }
@@ -173,6 +178,16 @@ impl LockUser {
     /// Returns whether somebody with a greater priority waits for this user to let go.
     pub const fn is_wanted(&self) -> bool {
         self.client.is_wanted()
+    }
+
+    /// Returns the name of who held it when this user was last told to wait; empty if nobody did, or it was never told.
+    pub fn holder(&self) -> &str {
+        &self.holder
+    }
+
+    /// Returns whether nothing is wanted or held, and the server knows that.
+    pub const fn is_idle(&self) -> bool {
+        self.inputs.is_empty() && self.client.is_idle()
     }
 
     /// Returns why the lock was lost, or was not to be had, since it was wanted last.

@@ -197,7 +197,7 @@ impl Cycle {
     fn activate(&mut self, activation: u32, value: &[u8]) {
         self.activation = activation;
         self.take_samples();
-        let time = now();
+        let (time, connected) = (now(), self.links.callers().connected());
         (self.due, self.signals_due, self.overruns, self.lost) = (time, time, 0, 0);
         self.peaks = Watch::default();
         self.phase = Phase::Running;
@@ -205,7 +205,7 @@ impl Cycle {
             self.deliver(&sample);
         }
         self.heartbeat.enter(Spends::Initialising);
-        let initialised = self.call(|module| module.init(value, time));
+        let initialised = self.call(|module| module.init_with(&connected, value, time));
         self.heartbeat.enter(Spends::Working);
         match initialised {
             Some(Ok(())) => {

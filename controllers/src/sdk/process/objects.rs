@@ -134,6 +134,11 @@ impl Callers {
         Ok(())
     }
 
+    /// Returns the calls that have a route, open or closed.
+    pub(super) fn connected(&self) -> Vec<&'static str> {
+        self.shared.routes().values().map(|route| route.call).collect()
+    }
+
     /// Opens or closes routes.
     pub(super) fn switch(&self, wires: &[u32], open: bool) {
         let mut routes = self.shared.routes();

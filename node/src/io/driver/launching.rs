@@ -72,7 +72,7 @@ impl Driver {
             sandbox: Sandbox::default(),
             groups: Vec::new(),
             descriptors: descriptors::before(),
-            environment: self.environment(order.word(), &dir, control.as_deref()),
+            environment: self.environment((&process, order.word()), &dir, control.as_deref()),
             secrets: order.secrets.iter().map(|secret| secret.word).collect(),
             command: order.command.clone(),
             dir,
@@ -106,11 +106,17 @@ impl Driver {
     }
 
     /// Returns the whole environment of a program.
-    fn environment(&self, instance: String, dir: &Path, control: Option<&Path>) -> Vec<(String, String)> {
+    fn environment(
+        &self,
+        (process, instance): (&ProcessId, String),
+        dir: &Path,
+        control: Option<&Path>,
+    ) -> Vec<(String, String)> {
         let inherited = INHERITED.iter().filter_map(|name| Some(((*name).to_owned(), std::env::var(name).ok()?)));
         let path = |path: &Path| path.display().to_string();
         let mut environment: Vec<(String, String)> = inherited.collect();
         environment.push(("DCA_INSTANCE".into(), instance));
+        environment.push(("DCA_DEPLOYMENT".into(), process.deployment.name.clone()));
         environment.push(("DCA_DIR".into(), path(dir)));
         if let Some(control) = control {
             environment.push((CONTROL_VARIABLE.into(), path(control)));

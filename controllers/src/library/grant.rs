@@ -1,0 +1,148 @@
+//! The right to command a device, as a controller has it: by the lock of the device where the spec connects that, else by its name alone.
+//!
+//! A controller that has the lock stamps each command with the fencing number of its grant. One that loses the lock ends: whoever has it
+//! now may have moved the device.
+
+use crate::sdk::messaging::{Denied, LockAnswer, LockRequest, LockUser};
+use crate::sdk::{Arguments, Calls, Kind, Parameter};
+use comms::logic::time::Time;
+use std::time::Duration;
+
+/// How long a device may be somebody else's before its user gives up: longer than the lease of one who has died.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// How long a stop waits until the server knows that its lock is free again; after that the lease ends it.
+const RELEASE_WITHIN: Duration = Duration::from_millis(100);
+
+/// Who goes first where several want one device: a greater number before a smaller one.
+pub(super) const PRIORITY: Parameter = Parameter::new("priority", Kind::Number(0.0, 255.0)).or("0");
+
+/// The calls of the lock of a device.
+pub(super) type LockCalls = Calls<LockRequest, LockAnswer>;
+
+/// What may be sent to a device now.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Right {
+    /// Commands with this fencing number; without one where the spec connects no lock.
+    Command(Option<u64>),
+    /// Nothing yet.
+    Wait,
+    /// Nothing any more: the reason, for a person.
+    Lost(String),
+}
+
+/// The user of the lock of one device.
+#[derive(Debug)]
+pub(super) struct Grant {
+    device: &'static str,
+    name: String,
+    priority: u8,
+    user: LockUser,
+    /// Since when the lock is waited for.
+    waiting: Option<Time>,
+    /// The number of the last grant.
+    fence: Option<u64>,
+    /// Whether a stop has nothing more to send.
+    has_said_all: bool,
+    /// When it was let go.
+    released: Option<Time>,
+}
+
+impl Grant {
+    /// Returns a user that has asked for nothing yet; `device` is for people.
+    ///
+    /// # Errors
+    /// If the system gives no random number for it.
+    pub(super) fn new(device: &'static str, arguments: &Arguments) -> Result<Self, String> {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the parameter is from 0 to 255")]
+        let priority = arguments.number("priority") as u8;
+        let name = arguments.full_name();
+        let user = user(&name)?;
+        Ok(Self { device, name, priority, user, waiting: None, fence: None, has_said_all: false, released: None })
+    }
+
+    /// Begins anew: what was held in an earlier activation counts no more.
+    ///
+    /// # Errors
+    /// As of [`Grant::new`].
+    pub(super) fn begin(&mut self) -> Result<(), String> {
+        self.user = user(&self.name)?;
+        (self.waiting, self.fence, self.has_said_all, self.released) = (None, None, false, None);
+        Ok(())
+    }
+
+    /// Takes the lock, keeps it, and says what may be sent in this calculation.
+    pub(super) fn ask(&mut self, now: Time, calls: &mut LockCalls) -> Right {
+        if !calls.is_connected() {
+            return Right::Command(None);
+        }
+        let device = self.device;
+        if self.user.held(now).is_none() {
+            match self.user.lost() {
+                Some(why @ (Denied::Preempted | Denied::TooManyWait)) => {
+                    return Right::Lost(format!("lost the {device}: {why}"));
+                }
+                // Nobody else may have had it meanwhile: the next number says so.
+                Some(Denied::Expired | Denied::Released | Denied::NotHeld) | None => self.user.want(self.priority),
+            }
+        }
+        self.user.work(now, calls);
+        let Some(fence) = self.user.held(now) else { return self.wait(now) };
+        if self.fence.replace(fence).is_some_and(|before| fence > before.saturating_add(1)) {
+            return Right::Lost(format!("lost the {device}: somebody else has had it meanwhile"));
+        }
+        self.waiting = None;
+        if self.user.is_wanted() {
+            return Right::Lost(format!("lost the {device}: {}", Denied::Preempted));
+        }
+        Right::Command(Some(fence))
+    }
+
+    /// Keeps the lock while its user comes to rest, and says what may be sent in this calculation of a stop. What was lost is not
+    /// taken again: the watchdog brings the device to rest.
+    pub(super) fn keep(&mut self, now: Time, calls: &mut LockCalls) -> Right {
+        if !calls.is_connected() {
+            return Right::Command(None);
+        }
+        if self.has_said_all {
+            return Right::Wait;
+        }
+        self.user.work(now, calls);
+        self.user.held(now).map_or(Right::Wait, |fence| Right::Command(Some(fence)))
+    }
+
+    /// Lets go of the lock once its user `rests`; returns whether the stop is over. The last command has one calculation to arrive
+    /// before its number is over.
+    pub(super) fn is_over(&mut self, now: Time, rests: bool, calls: &mut LockCalls) -> bool {
+        if !calls.is_connected() {
+            return rests;
+        }
+        if !self.has_said_all && self.user.held(now).is_some() {
+            self.has_said_all = rests;
+            return false;
+        }
+        self.has_said_all = true;
+        if self.released.is_none() {
+            self.released = Some(now);
+            self.user.let_go();
+        }
+        self.user.work(now, calls);
+        self.user.is_idle() || self.released.is_some_and(|at| now.since(at) >= RELEASE_WITHIN)
+    }
+
+    fn wait(&mut self, now: Time) -> Right {
+        let since = *self.waiting.get_or_insert(now);
+        if now.since(since) < PATIENCE {
+            return Right::Wait;
+        }
+        let (device, holder) = (self.device, self.user.holder());
+        Right::Lost(if holder.is_empty() {
+            format!("the lock of the {device} does not answer")
+        } else {
+            format!("the {device} is held by `{holder}`")
+        })
+    }
+}
+
+fn user(name: &str) -> Result<LockUser, String> {
+    LockUser::new(name).map_err(|cause| format!("no number for a user of a lock: {cause}"))
+}

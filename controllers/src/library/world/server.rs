@@ -1,0 +1,127 @@
+//! The devices as others command them: a lock in front of each, a queue of commands beside its port, and what was refused.
+//!
+//! Each command is checked where it is obeyed: what was sent under a grant of the lock that has ended since is refused, however long it
+//! was on its way.
+
+use crate::message::{BaseVelocity, Grip, JointVelocity};
+use crate::robot::drive::Owner;
+use crate::sdk::messaging::{
+    Full, Lock, LockAnswer, LockRequest, LockSettings, Queue, QueueMessage, QueueStatus, Receipt, Rejected, Taken,
+};
+use crate::sdk::{Arguments, Message, Reply};
+use comms::logic::time::Time;
+use std::time::Duration;
+
+/// A grant lasts so long without a renewal; who has a greater priority waits so long for the holder to come to rest.
+const LOCK: LockSettings =
+    LockSettings { lease: Duration::from_millis(500), preempt_after: Some(Duration::from_millis(300)), waiting_max: 8 };
+/// How many commands wait for the next calculation; the newest count.
+const COMMANDS_MAX: usize = 4;
+
+/// Whose commands count while nobody holds the lock of a device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Unlocked {
+    /// Anyone's, one speaker at a time.
+    Anyone,
+    /// Nobody's.
+    Nobody,
+}
+
+/// One device, commanded by values of type `T`.
+#[derive(Debug)]
+pub(super) struct Server<T> {
+    unlocked: Unlocked,
+    lock: Lock,
+    commands: Queue<T>,
+    owner: Owner,
+    /// When a command was obeyed last.
+    commanded: Option<Time>,
+    refused: u64,
+}
+
+impl<T: Message> Server<T> {
+    fn new(unlocked: Unlocked) -> Self {
+        let commands = Queue::new(COMMANDS_MAX, Full::DropOldest);
+        Self { unlocked, lock: Lock::new(LOCK), commands, owner: Owner::default(), commanded: None, refused: 0 }
+    }
+
+    /// Takes a request to the lock.
+    pub(super) fn ask(&mut self, request: LockRequest, reply: Reply<LockAnswer>) {
+        self.lock.ask(request, reply);
+    }
+
+    /// Takes a command into the queue, from who holds the lock alone.
+    pub(super) fn receive(&mut self, message: QueueMessage) -> Receipt {
+        let receipt = self.commands.receive_under(&mut self.lock, message);
+        if matches!(receipt, Receipt::Rejected(Rejected::Fenced(_))) {
+            self.refused += 1;
+        }
+        receipt
+    }
+
+    /// Returns the next command of the queue. Called in each calculation until there is none: it looks after the lock, too.
+    pub(super) fn take(&mut self, now: Time) -> Option<Taken<T>> {
+        self.commands.take_under(&mut self.lock, now)
+    }
+
+    /// Returns whether a command is obeyed that has come from `owner` with a fencing number.
+    pub(super) fn admit(&mut self, (owner, fence): (&str, Option<u64>), now: Time) -> bool {
+        let is_locked = self.unlocked == Unlocked::Nobody || fence.is_some() || self.lock.held(now).is_some();
+        let is_obeyed = if is_locked { self.lock.admit(fence).is_ok() } else { self.owner.admit(owner, now) };
+        if is_obeyed {
+            self.commanded = Some(now);
+        } else if is_locked {
+            self.refused += 1;
+        }
+        is_obeyed
+    }
+
+    /// Lets somebody else speak who uses no lock.
+    pub(super) fn release(&mut self) {
+        self.owner.release();
+    }
+
+    /// Returns when a command was obeyed last (s since the host was started, 0 if none was), how many were refused, and who holds the lock.
+    pub(super) fn status(&self) -> (f64, f64, String) {
+        let commanded = self.commanded.map_or(0.0, super::super::seconds);
+        (commanded, self.refused as f64, self.holder().unwrap_or_default())
+    }
+
+    /// Returns what people see of the queue.
+    pub(super) fn queue(&self) -> QueueStatus {
+        self.commands.status()
+    }
+
+    fn holder(&self) -> Option<String> {
+        self.lock.status().holder
+    }
+}
+
+/// All devices that move.
+#[derive(Debug)]
+pub(super) struct Servers {
+    pub(super) base: Server<BaseVelocity>,
+    pub(super) arm: Server<JointVelocity>,
+    pub(super) gripper: Server<Grip>,
+}
+
+impl Servers {
+    /// Returns servers of devices that nobody holds.
+    pub(super) fn new(arguments: &Arguments) -> Self {
+        let unlocked = if arguments.text("commands") == "holder" { Unlocked::Nobody } else { Unlocked::Anyone };
+        Self { base: Server::new(unlocked), arm: Server::new(unlocked), gripper: Server::new(unlocked) }
+    }
+
+    /// Lets anybody speak who uses no lock; who holds one goes on.
+    pub(super) fn begin(&mut self) {
+        self.base.release();
+        self.arm.release();
+        self.gripper.release();
+    }
+
+    /// Returns a device that somebody holds, and who that is.
+    pub(super) fn held(&self) -> Option<(&'static str, String)> {
+        let all = [("base", self.base.holder()), ("arm", self.arm.holder()), ("gripper", self.gripper.holder())];
+        all.into_iter().find_map(|(device, holder)| Some((device, holder?)))
+    }
+}
