@@ -4,6 +4,7 @@
 //! a link that is lost is dialled again until the session closes. Nothing here needs tokio, and nothing may be called from
 //! a tokio task.
 
+mod answers;
 mod calls;
 mod devices;
 mod listeners;
@@ -11,6 +12,7 @@ mod object;
 mod seal;
 mod sealed;
 
+use answers::Answers;
 pub(crate) use listeners::Listeners;
 
 pub use calls::{CallGate, CallWay, Caller, Signs, Visitor};
@@ -48,6 +50,7 @@ const CLOSE_WITHIN: Duration = Duration::from_secs(1);
 #[derive(Debug)]
 pub struct DataSession {
     opened: Opened,
+    answers: Answers,
 }
 
 /// How urgent samples are when a link is congested.
@@ -140,7 +143,7 @@ impl DataSession {
             }
         }
         let settings = Settings::data().listen(&listen);
-        Ok(Self { opened: Opened::open(settings, Redial::Listed, Search::Off, tunnels)? })
+        Ok(Self { opened: Opened::open(settings, Redial::Listed, Search::Off, tunnels)?, answers: Answers::default() })
     }
 
     /// Opens a data session that only dials. With an identity, it dials others of the team from a folder that only this user can
@@ -153,7 +156,10 @@ impl DataSession {
             let (listen, entrance) = (Vec::new(), folder.join("nobody"));
             TunnelOptions { identity, listen, entrance }
         });
-        Ok(Self { opened: Opened::open(Settings::data(), Redial::Listed, Search::Off, tunnels)? })
+        Ok(Self {
+            opened: Opened::open(Settings::data(), Redial::Listed, Search::Off, tunnels)?,
+            answers: Answers::default(),
+        })
     }
 
     /// Returns where others can dial this session.
@@ -261,8 +267,7 @@ impl DataSession {
         self.on_samples(key, on_sample)
     }
 
-    /// Answers whoever fetches `key` with what `answer` returns; with nothing, there is no answer. It runs on zenoh's
-    /// threads, so it must not wait.
+    /// Answers whoever fetches `key` with what `answer` returns; with nothing, there is no answer.
     ///
     /// # Errors
     /// If the session is closed.
@@ -271,7 +276,7 @@ impl DataSession {
         key: &str,
         answer: impl Fn() -> Option<Vec<u8>> + Send + Sync + 'static,
     ) -> Result<Responder, DataError> {
-        let on_query = move |query: Query| {
+        let on_query = move |query: &Query| {
             let Some(bytes) = answer() else { return };
             if let Err(error) = query.reply(query.key_expr().clone(), bytes).wait() {
                 tracing::debug!(key = query.key_expr().as_str(), %error, "an answer was not sent");
@@ -289,11 +294,6 @@ impl DataSession {
         subscriber
             .map(|subscriber| Subscription { _subscriber: subscriber })
             .map_err(|cause| session_error(key, &cause))
-    }
-
-    fn on_queries(&self, key: &str, on_query: impl Fn(Query) + Send + Sync + 'static) -> Result<Responder, DataError> {
-        let queryable = self.opened.session.declare_queryable(key).complete(true).callback(on_query).wait();
-        queryable.map(|queryable| Responder { _queryable: queryable }).map_err(|cause| session_error(key, &cause))
     }
 
     /// Fetches what the producer of `key` has now; none if it has nothing, or cannot be reached.
@@ -341,13 +341,21 @@ impl PendingFetch {
     /// # Errors
     /// If somebody is there, but does not answer before `until`.
     pub fn answer(self, until: Time) -> Result<Option<Vec<u8>>, DataError> {
-        let timeout = || DataError::Timeout { key: self.key.clone(), within: self.within };
+        self.answer_by(until).unwrap_or_else(|| Err(self.timeout()))
+    }
+
+    /// Waits as [`Self::answer`] does; none if the answer may still come.
+    pub fn answer_by(&self, until: Time) -> Option<Result<Option<Vec<u8>>, DataError>> {
         match self.reply.recv_timeout(until.since(now())) {
-            Ok(Ok(bytes)) => Ok(Some(bytes)),
-            Ok(Err(_)) => Err(timeout()),
-            Err(RecvTimeoutError::Disconnected) => Ok(None),
-            Err(RecvTimeoutError::Timeout) => Err(timeout()),
+            Ok(Ok(bytes)) => Some(Ok(Some(bytes))),
+            Ok(Err(_)) => Some(Err(self.timeout())),
+            Err(RecvTimeoutError::Disconnected) => Some(Ok(None)),
+            Err(RecvTimeoutError::Timeout) => None,
         }
+    }
+
+    fn timeout(&self) -> DataError {
+        DataError::Timeout { key: self.key.clone(), within: self.within }
     }
 }
 

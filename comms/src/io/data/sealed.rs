@@ -77,7 +77,7 @@ impl DataSession {
         sealer: Arc<Sealer>,
         answer: impl Fn() -> Option<Vec<u8>> + Send + Sync + 'static,
     ) -> Result<Responder, DataError> {
-        let on_query = move |query: Query| {
+        let on_query = move |query: &Query| {
             let question = query.payload().and_then(|question| <[u8; 8]>::try_from(&*question.to_bytes()).ok());
             let sealed = question.map(u64::from_le_bytes).zip(answer());
             let sealed = sealed.and_then(|(about, bytes)| sealer.seal(Content::Answer, about, &bytes.into()));

@@ -176,7 +176,7 @@ impl Links {
             if incoming.pull {
                 let (key, session) = (incoming.key.clone(), Arc::clone(session));
                 let opener = keyring.map(|keyring| keyring.opener((number, Use::Values), &key));
-                made.fetches.insert(number, Arc::new(Fetch { port, key, session, opener }));
+                made.fetches.insert(number, Arc::new(Fetch::new(port, key, session, opener)));
             } else {
                 let hold = Hold::of(&self.shape_of(number));
                 inbox.link(number);
@@ -411,6 +411,7 @@ mod tests {
     use std::net::Shutdown;
     use std::os::unix::net::{UnixListener, UnixStream};
     use std::path::{Path, PathBuf};
+    use std::sync::atomic::AtomicU64;
     use std::sync::mpsc::sync_channel;
 
     const LONG: Duration = Duration::from_secs(20);
@@ -436,7 +437,7 @@ mod tests {
         let location = producer.location();
         consumer.dial(&Dial { session: location.session, locators: location.local }, LONG).unwrap();
         assert!(publisher.wait_heard(LONG));
-        let fetch = |key: String| Arc::new(Fetch { port: "In", key, session: Arc::clone(&consumer), opener: None });
+        let fetch = |key: String| Arc::new(Fetch::new("In", key, Arc::clone(&consumer), None));
         let fetches: Vec<_> = keys.into_iter().map(fetch).collect();
         let (began, within) = (now(), Duration::from_millis(500));
         let got = fetch_all(&fetches, within);
@@ -444,6 +445,35 @@ mod tests {
         assert_eq!(got, []);
         assert!(took >= within && took < within * 4, "{took:?}");
         drop((release, subscriptions, responders, publisher));
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    /// A way there and back that takes longer than the time to wait for an answer: each value comes with a later call, none comes twice, and
+    /// none after a newer one.
+    #[test]
+    fn an_answer_that_is_late_is_taken_later() {
+        let folder = std::env::temp_dir().join(format!("dca-late-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let open = |name: &str| Arc::new(DataSession::open(&folder.join(name), Reach::Host).unwrap());
+        let (producer, consumer) = (open("p.sock"), open("c.sock"));
+        relay(&folder.join("x.sock"), folder.join("p.sock"), Duration::from_millis(150));
+        let key = key::wire("late", 1, 0);
+        let count = AtomicU64::new(0);
+        let number = move || count.fetch_add(1, Ordering::Relaxed);
+        let _answering = producer.answer(&key, move || Some(number().to_le_bytes().to_vec())).unwrap();
+        let _hearing = producer.on_sample(&key::wire("late", 1, 1), |_| ()).unwrap();
+        // What is declared before this publisher's other end is known when that is.
+        let publisher = consumer.publisher(&key::wire("late", 1, 1), Priority::Wire).unwrap();
+        let locators = vec![format!("unixsock-stream/{}", folder.join("x.sock").display())];
+        consumer.dial(&Dial { session: producer.location().session, locators }, LONG).unwrap();
+        assert!(publisher.wait_heard(LONG));
+        let fetch = Arc::new(Fetch::new("In", key, Arc::clone(&consumer), None));
+        let (began, mut got) = (now(), Vec::new());
+        while got.len() < 20 && now() - began < LONG {
+            let values = fetch_all(std::slice::from_ref(&fetch), Duration::from_millis(20));
+            got.extend(values.into_iter().map(|(_, bytes)| u64::from_le_bytes(bytes.try_into().unwrap())));
+        }
+        assert!(got.len() == 20 && got.is_sorted_by(|one, next| one < next), "{got:?}");
         std::fs::remove_dir_all(&folder).unwrap();
     }
 

@@ -13,13 +13,18 @@ use comms::io::direct::{DirectPath, Inlet, Memory, Outlet, Parcel};
 use comms::logic::control::{Dial, Incoming, Outgoing, Shape};
 use comms::logic::key;
 use comms::logic::switch::{Arrival, Boundary, Flow, Sequence};
+use comms::logic::time::Time;
 use std::borrow::Cow;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 /// How long a producer of the same host has to take a consumer. Then the wire goes over zenoh.
 const DIRECT_WITHIN: Duration = Duration::from_secs(2);
+/// How long an answer to a consumer that fetches may take: as long as a silent link stands.
+const ANSWER_WITHIN: Duration = Duration::from_secs(5);
+/// How many questions of one wire may be on their way.
+const ASKED_MAX: usize = 8;
 
 /// An output's way to one consumer.
 #[derive(Debug)]
@@ -124,37 +129,63 @@ impl Transport {
 /// A pull wire's other end.
 #[derive(Debug)]
 pub(super) struct Fetch {
-    pub(super) port: &'static str,
-    pub(super) key: String,
-    pub(super) session: Arc<DataSession>,
+    port: &'static str,
+    key: String,
+    session: Arc<DataSession>,
     /// Opens what the producer has sealed, in a team.
-    pub(super) opener: Option<Arc<Opener>>,
+    opener: Option<Arc<Opener>>,
+    /// The questions whose answers have not come, the oldest first.
+    asked: Mutex<VecDeque<PendingFetch>>,
 }
 
 impl Fetch {
-    fn ask(&self, within: Duration) -> Result<PendingFetch, DataError> {
-        match &self.opener {
-            None => self.session.ask(&self.key, within),
-            Some(opener) => self.session.ask_sealed(&self.key, Arc::clone(opener), within),
+    pub(super) fn new(port: &'static str, key: String, session: Arc<DataSession>, opener: Option<Arc<Opener>>) -> Self {
+        Self { port, key, session, opener, asked: Mutex::default() }
+    }
+
+    fn ask(&self) {
+        let mut asked = self.asked.lock().unwrap_or_else(PoisonError::into_inner);
+        if asked.len() >= ASKED_MAX {
+            return;
         }
+        let question = match &self.opener {
+            None => self.session.ask(&self.key, ANSWER_WITHIN),
+            Some(opener) => self.session.ask_sealed(&self.key, Arc::clone(opener), ANSWER_WITHIN),
+        };
+        match question {
+            Ok(question) => asked.push_back(question),
+            Err(error) => tracing::debug!(port = self.port, %error, "a value cannot be fetched"),
+        }
+    }
+
+    /// Returns the answer to the latest question that has one; forgets those before it.
+    fn newest(&self, until: Time) -> Option<Vec<u8>> {
+        let mut asked = self.asked.lock().unwrap_or_else(PoisonError::into_inner);
+        for index in (0..asked.len()).rev() {
+            // The last one has the time that there is; those before it have had theirs.
+            let until = if index + 1 == asked.len() { until } else { Time::ZERO };
+            match asked[index].answer_by(until) {
+                None => {}
+                Some(Ok(value)) => {
+                    asked.drain(..=index);
+                    return value;
+                }
+                Some(Err(error)) => {
+                    tracing::debug!(port = self.port, %error, "a value cannot be fetched");
+                    asked.remove(index);
+                }
+            }
+        }
+        None
     }
 }
 
-/// Fetches the latest values of several producers at once, in their order; none for a wire that is closed, or for a producer
-/// that does not answer within the time that all of them have together.
+/// Fetches the latest values of several producers at once, in their order, and waits no longer than `within` for all of them together.
+/// An answer that comes later is taken by the next call. None for a wire that is closed, and for a producer of which nothing new has come.
 pub(super) fn fetch_all(fetches: &[Arc<Fetch>], within: Duration) -> Vec<(&'static str, Vec<u8>)> {
     let until = now() + within;
-    let asked: Vec<_> = fetches.iter().map(|fetch| (fetch.port, fetch.ask(within))).collect();
-    let answered = asked.into_iter().map(|(port, asked)| (port, asked.and_then(|asked| asked.answer(until))));
-    answered
-        .filter_map(|(port, answer)| match answer {
-            Ok(bytes) => Some((port, bytes?)),
-            Err(error) => {
-                tracing::debug!(port, %error, "a value cannot be fetched");
-                None
-            }
-        })
-        .collect()
+    fetches.iter().for_each(|fetch| fetch.ask());
+    fetches.iter().filter_map(|fetch| Some((fetch.port, fetch.newest(until)?))).collect()
 }
 
 pub(super) fn subscribe(

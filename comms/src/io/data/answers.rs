@@ -1,0 +1,60 @@
+//! The thread that answers who fetches.
+//!
+//! Who answers waits for room on the link. Zenoh's threads must not: they also hear from the system that there is room, and two that
+//! wait for each other's link keep all links of a process silent until zenoh gives one up, after 5 s.
+
+use super::{DataError, DataSession, Responder, session_error};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, OnceLock};
+use zenoh::Wait as _;
+use zenoh::query::Query;
+
+/// How many questions wait. What is more gets no answer; who has asked asks again.
+const WAITING_MAX: usize = 1024;
+
+/// An answer to be given.
+pub(super) type Answer = Box<dyn FnOnce() + Send>;
+
+/// The way to the thread, which begins with the first one who answers and ends with the last.
+#[derive(Debug, Default)]
+pub(super) struct Answers(OnceLock<SyncSender<Answer>>);
+
+impl Answers {
+    /// Returns what takes an answer and does not wait.
+    pub(super) fn later(&self) -> impl Fn(Answer) + Send + Sync + use<> {
+        let sender = self.0.get_or_init(|| {
+            let (sender, waiting) = sync_channel(WAITING_MAX);
+            if let Err(error) = std::thread::Builder::new().name("answers".to_owned()).spawn(move || give(&waiting)) {
+                tracing::warn!(%error, "there is no thread to answer on: who fetches gets nothing");
+            }
+            sender
+        });
+        let sender = sender.clone();
+        move |answer| {
+            if let Err(TrySendError::Full(_)) = sender.try_send(answer) {
+                tracing::debug!("too many fetch at once: one gets no answer");
+            }
+        }
+    }
+}
+
+impl DataSession {
+    /// Answers whoever asks for a key, on the thread for that.
+    pub(super) fn on_queries(
+        &self,
+        key: &str,
+        on_query: impl Fn(&Query) + Send + Sync + 'static,
+    ) -> Result<Responder, DataError> {
+        let (later, on_query) = (self.answers.later(), Arc::new(on_query));
+        let on_query = move |query: Query| {
+            let on_query = Arc::clone(&on_query);
+            later(Box::new(move || on_query(&query)));
+        };
+        let queryable = self.opened.session.declare_queryable(key).complete(true).callback(on_query).wait();
+        queryable.map(|queryable| Responder { _queryable: queryable }).map_err(|cause| session_error(key, &cause))
+    }
+}
+
+fn give(waiting: &Receiver<Answer>) {
+    waiting.iter().for_each(|answer| answer());
+}
