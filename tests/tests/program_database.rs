@@ -124,6 +124,9 @@ fn a_program_writes_100_keys_a_second_and_another_one_hears_of_each() {
     let number = |txn: &String| txn.split(':').nth(1).and_then(|seq| seq.parse::<u64>().ok()).expect("it is a name");
     let told: Vec<u64> = changes.iter().map(|change| number(&change.txn)).collect();
     assert!(told.is_sorted_by(|one, next| one < next), "{told:?}");
+    // What is put later is committed later: each value is the time of its calculation.
+    let values: Vec<u64> = changes.iter().map(|change| change.values[0]).collect();
+    assert!(values.is_sorted(), "{values:?}");
     let committed: BTreeSet<u64> = lines(&cluster, "writer", "committed").iter().map(number).collect();
     let meanwhile: Vec<u64> = committed.range(told[0]..=told[told.len() - 1]).copied().collect();
     assert!(meanwhile.iter().all(|seq| told.contains(seq)), "{meanwhile:?} and {told:?}");

@@ -124,15 +124,9 @@ impl ProgramDatabase {
         answers
     }
 
-    /// Asks for one answer.
-    async fn answer(self, question: Question) -> DatabaseAnswer {
-        let mut answers = self.ask(question);
-        while let Some(answer) = answers.next().await {
-            if let Some(answer) = reply(answer).and_then(program::answer) {
-                return answer;
-            }
-        }
-        DatabaseAnswer::Unknown { why: "the database has ended without an answer".to_owned() }
+    /// Asks for one answer. The database hears of it before this returns, so it has questions in the order in which they were asked.
+    fn answer(&self, question: Question) -> impl Future<Output = DatabaseAnswer> + Send + use<> {
+        answer(self.ask(question))
     }
 
     /// Tells a program what a watch brings, from the beginning again and again when it ends.
@@ -180,6 +174,15 @@ impl ProgramDatabase {
         };
         sender.send(&Order::Secret { parameter: name.clone(), value }).is_ok()
     }
+}
+
+async fn answer(mut answers: caller::Answers) -> DatabaseAnswer {
+    while let Some(answer) = answers.next().await {
+        if let Some(answer) = reply(answer).and_then(program::answer) {
+            return answer;
+        }
+    }
+    DatabaseAnswer::Unknown { why: "the database has ended without an answer".to_owned() }
 }
 
 fn reply(answer: Answer) -> Option<Reply> {
@@ -237,10 +240,9 @@ impl ProgramRequests {
         let question = if self.requests.len() < REQUESTS_MAX { question } else { Err(program::busy()) };
         match question {
             Ok(question) => {
-                let (way, sender) = (self.way.clone(), self.sender.clone());
+                let (answer, sender) = (self.way.answer(question), self.sender.clone());
                 self.requests.spawn(async move {
-                    let answer = way.answer(question).await;
-                    send(&sender, number, answer);
+                    send(&sender, number, answer.await);
                 });
             }
             Err(why) => drop(send(&self.sender, number, DatabaseAnswer::Refused(why))),
