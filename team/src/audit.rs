@@ -320,13 +320,15 @@ impl Writer {
     }
 }
 
-/// Returns whether a record of the log in a folder, or of the one before, says such a thing. One that cannot be read says nothing.
-pub(crate) fn mentions(folder: &Path, what: &str) -> bool {
+/// Returns whether a record of a node's log in a folder, or of the one before, has a field that begins so. A log that cannot be read says
+/// nothing, and neither does one that the node has written with earlier keys.
+pub fn mentions(folder: &Path, node: KeyId, what: &str) -> bool {
     let path = folder.join(FILE);
     let what = format!("\t{what}");
     [path.with_extension("1"), path].iter().any(|path| {
         let log = file::bytes(path, LOG_MAX).unwrap_or_default();
-        log.windows(what.len()).any(|text| text == what.as_bytes())
+        let begin = log.split(|byte| *byte == b'\n').next().and_then(|line| std::str::from_utf8(line).ok());
+        begin.and_then(Log::node_of) == Some(node) && log.windows(what.len()).any(|text| text == what.as_bytes())
     })
 }
 

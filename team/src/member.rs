@@ -111,7 +111,7 @@ impl Member {
         if credential.certificate().claims().keys != *keys.public() || credential.certificate().kind() != Kind::Node {
             bail!("{}", broken(CREDENTIAL));
         }
-        let revoked = revoked::open(&folder, &team)?;
+        let revoked = revoked::open(&folder, &team, keys.public().id())?;
         let audit = Audit::open(&folder, team.id(), keys.public().id());
         let audit =
             audit.inspect_err(|error| tracing::error!(error = format!("{error:#}"), "there is no audit log")).ok();

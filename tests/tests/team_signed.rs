@@ -242,6 +242,16 @@ fn what_is_not_signed_as_it_has_to_be_is_refused() {
     assert_eq!(at.ask_signed(&good), Answer::Stop(StopReply::Unknown), "it is accepted once");
     at.signed_refused(good.clone(), "was here before");
     at.restart();
+    at.signed_refused(good.clone(), "was here before");
+    // Without the list of those a node would carry it out again, so it does not run.
+    let accepted = at.host.state().join("c2/team/accepted");
+    let kept = at.cluster.folder().join("accepted");
+    at.node.take().expect("it runs").kill();
+    fs::rename(&accepted, &kept).expect("it is there");
+    let refused = at.host.start_node("c2", &[]).ended(SOON);
+    assert!(refused.code == Some(1) && refused.err.contains("it is not known which were here before"), "{refused}");
+    fs::rename(&kept, &accepted).expect("it was there");
+    at.restart();
     at.signed_refused(good, "was here before");
 
     let gone = BTreeMap::from([(dan.keys.public().id(), team::now())]);

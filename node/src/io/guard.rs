@@ -6,9 +6,10 @@ mod ledger_file;
 
 use crate::logic::gate::{Attempt, Gate, Outcome, Passed, Refused};
 use crate::logic::protocol::{Deployment, Request, Signed, ToParticipant};
+use anyhow::bail;
 use ledger_file::LedgerFile;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use team::audit::AuditEntry;
+use team::audit::{self, AuditEntry};
 use team::member::Member;
 use trust::audit::Decision;
 
@@ -31,9 +32,17 @@ impl Guard {
     /// Opens the gate of a member with what it has accepted before.
     ///
     /// # Errors
-    /// The ledger cannot be read: it is not known which requests were here before.
+    /// The ledger cannot be read, or is missing although the node has accepted requests: it is not known which were here before.
     pub(crate) fn open(member: &Arc<Member>) -> anyhow::Result<Self> {
         let path = member.folder().join(FILE);
+        let is_missed = || path.is_symlink() || audit::mentions(member.folder(), member.id(), "accepted\t");
+        if !path.exists() && is_missed() {
+            bail!(
+                "`{}` is not there, but the audit log says that this node has accepted requests: it is not known which were here before; \
+                 take this node into its team again",
+                path.display()
+            );
+        }
         let (file, ledger) = member.with_judge(|judge| LedgerFile::open(path, judge.revoked))?;
         let gate = Mutex::new(Gate::new(member.id(), member.name().clone(), ledger));
         Ok(Self(Arc::new(Inner { member: Arc::clone(member), gate, ledger: Mutex::new(file) })))

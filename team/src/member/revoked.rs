@@ -7,6 +7,7 @@ use crate::folder;
 use anyhow::{Context as _, anyhow, bail, ensure};
 use std::path::Path;
 use trust::audit::Decision;
+use trust::identity::KeyId;
 use trust::revocation::{ADMINS_BYTES_MAX, Received, RevocationError, Revocations, RevokedSet, SET_MAX, SETS_MAX};
 use trust::team::Team;
 
@@ -22,7 +23,7 @@ const REVOKE: &str = "revoke: number ";
 ///
 /// # Errors
 /// The file cannot be read, is broken, or is missing although this node has heard of revocations: it would trust those who are revoked.
-pub(super) fn open(folder: &Path, team: &Team) -> anyhow::Result<Revocations> {
+pub(super) fn open(folder: &Path, team: &Team, node: KeyId) -> anyhow::Result<Revocations> {
     let path = folder.join(REVOKED);
     let help = "copy that of another node of the team, whose lines are signed, or take this node into its team again";
     if let Some(sets) = folder::read(&path, REVOKED_BYTES_MAX)? {
@@ -30,7 +31,7 @@ pub(super) fn open(folder: &Path, team: &Team) -> anyhow::Result<Revocations> {
     }
     ensure!(path.symlink_metadata().is_err(), "`{}` leads nowhere: {help}", path.display());
     ensure!(
-        !audit::mentions(folder, REVOKE),
+        !audit::mentions(folder, node, REVOKE),
         "`{}` is not there, but the audit log says that this node has heard who is revoked: {help}",
         path.display()
     );
