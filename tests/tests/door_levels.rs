@@ -1,7 +1,6 @@
 //! The door on two levels, by real processes: its hardware is a deployment of its own, and whatever becomes of a mission, the wheels stop and
 //! the next mission has them.
 
-#![expect(clippy::print_stdout, reason = "a test says how long it took")]
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
 use comms::io::clock::now;

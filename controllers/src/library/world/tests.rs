@@ -69,10 +69,9 @@ impl Bench {
 
     /// Takes the lock, which is free.
     fn granted(&mut self, client: u64) -> u64 {
-        match self.acquire(client, 0) {
-            LockAnswer::Granted { fence, .. } => fence,
-            other => panic!("{other:?}"),
-        }
+        let answer = self.acquire(client, 0);
+        let LockAnswer::Granted { fence, .. } = answer else { panic!("{answer:?}") };
+        fence
     }
 
     fn release(&mut self, client: u64) {
