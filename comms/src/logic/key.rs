@@ -5,7 +5,8 @@
 //! <any key that is called>/s!/<session>  the same, to one of those that serve it
 //! dca/n/<host>/in                    messages from node to node
 //! dca/n/<host>/ping                  a node asks who is there
-//! dca/n/<host>/pong                  answers to it
+//! dca/n/<host>/asked                 another node asks whether this one is there
+//! dca/n/<host>/pong                  answers to both
 //! dca/n/<host>/namesake              what nodes of one name say to each other
 //! dca/n/<host>/revoked               a node has heard of keys that its team has revoked
 //! dca/n/<host>/audit                 where the audit log of a node has come to
@@ -189,6 +190,11 @@ pub fn ping(host: &str) -> String {
 /// Returns the key expression on which any node asks who is there.
 pub fn ping_any() -> String {
     "dca/n/*/ping".to_owned()
+}
+
+/// Returns the key on which a node alone is asked whether it is there.
+pub fn asked(host: &str) -> String {
+    format!("dca/n/{}/asked", escape(host))
 }
 
 /// Returns the key of answers to a node that has asked who is there.
@@ -406,7 +412,7 @@ mod tests {
     proptest! {
         #[test]
         fn every_name_gives_a_plain_key_and_comes_back(a in ".*", b in ".*", boot: u64) {
-            for key in [rpc(&a, &b), inbox(&a), ping(&a), pong(&a), live(&a, boot), wire(&a, boot, 3), signals(&a, &b),
+            for key in [rpc(&a, &b), inbox(&a), ping(&a), asked(&a), pong(&a), live(&a, boot), wire(&a, boot, 3), signals(&a, &b),
                         db_news(&a, boot), db_inbox(&a, boot), db_ask(&a, boot), hardware(&a, &b, Channel::State)] {
                 let key = KeyExpr::try_from(key).unwrap();
                 prop_assert!(!key.is_wild());

@@ -321,7 +321,7 @@ impl Driver {
     fn carry_out(&mut self, effect: Effect) {
         match effect {
             Effect::Transmit { to, frame } => self.peers.send(&to, &frame),
-            Effect::Ping { round } => self.peers.ping(round),
+            Effect::Ping { round, only } => self.peers.ping(round, only.as_ref()),
             Effect::Greet(namesake) => self.peers.greet(&namesake),
             Effect::Holders(holders) => self.peers.hold(holders),
             Effect::Peer(change) => self.peer(&change),

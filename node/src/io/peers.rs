@@ -14,7 +14,7 @@ use comms::logic::port::Policy;
 use comms::logic::time::Time;
 use comms::logic::{codec, key};
 use std::borrow::Cow;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -98,9 +98,9 @@ impl Peers {
         let authors = Authors::new(member.clone(), &session, host.as_str());
         let inbox = session.subscribe(&key::inbox(host.as_str()), Policy::reject(FRAMES_MAX))?;
         let calls = session.serve(&key::rpc_any(host.as_str()))?;
-        let (pings, pongs) = (key::ping_any(), key::pong(host.as_str()));
-        let pings = session.subscribe(&pings, Policy::reject(FRAMES_MAX))?;
-        let pongs = session.subscribe(&pongs, Policy::reject(FRAMES_MAX))?;
+        let [pings, asked, pongs] = [key::ping_any(), key::asked(host.as_str()), key::pong(host.as_str())]
+            .map(|key| session.subscribe(&key, Policy::reject(FRAMES_MAX)));
+        let (pings, asked, pongs) = (pings?, asked?, pongs?);
         let presence = session.watch(&key::live_any())?;
         let namesakes = session.subscribe(&key::namesake(host.as_str()), Policy::reject(NAMESAKES_MAX))?;
         tasks.spawn(hear_namesakes(namesakes, (authors.clone(), host.as_str().to_owned()), sink.clone()));
@@ -115,6 +115,7 @@ impl Peers {
         tasks.spawn(hear_presence(presence, Arc::clone(&own), sink.clone()));
         let speaking = || (Arc::clone(&session), Arc::clone(&own), authors.clone());
         tasks.spawn(answer_pings(pings, speaking(), sink.clone()));
+        tasks.spawn(answer_pings(asked, speaking(), sink.clone()));
         tasks.spawn(hear_pongs(pongs, speaking(), sink.clone()));
         let revoked = session.subscribe(&key::revoked_any(), Policy::reject(REVOKED_MAX))?;
         if let Some(member) = &member {
@@ -127,25 +128,26 @@ impl Peers {
         Ok(Self { session, token, calls: BTreeMap::new(), own, authors })
     }
 
-    /// Asks all other nodes whether they are there.
-    pub fn ping(&self, round: u64) {
+    /// Asks other nodes whether they are there: those of some names, or all.
+    pub fn ping(&self, round: u64, only: Option<&BTreeSet<String>>) {
         let ping = Ping { from: self.own.host.clone(), boot: self.own.boot, round };
         let mut rounds = self.own.rounds();
         rounds.push_back((round, clock::now()));
         let old = rounds.len().saturating_sub(ROUNDS_MAX);
         rounds.drain(..old);
         drop(rounds);
-        let sent = codec::encode(&ping).map_err(anyhow::Error::from);
-        let sent = sent.and_then(|bytes| {
-            let key = key::ping(&ping.from);
-            Ok(if self.own.is_to_show(round) {
-                self.session.put_shown(&key, bytes)
-            } else {
-                self.session.put(&key, bytes)
-            }?)
-        });
-        if let Err(error) = sent {
-            tracing::warn!(error = format!("{error:#}"), "cannot ask who is there");
+        let keys =
+            only.map_or_else(|| vec![key::ping(&ping.from)], |hosts| hosts.iter().map(|to| key::asked(to)).collect());
+        // Who has just come does not know yet who this is.
+        let shows = only.is_some() || self.own.is_to_show(round);
+        for key in keys {
+            let sent = codec::encode(&ping).map_err(anyhow::Error::from).and_then(|bytes| {
+                let sent = if shows { self.session.put_shown(&key, bytes) } else { self.session.put(&key, bytes) };
+                Ok(sent?)
+            });
+            if let Err(error) = sent {
+                tracing::warn!(error = format!("{error:#}"), "cannot ask who is there");
+            }
         }
     }
 
@@ -250,7 +252,8 @@ async fn answer_pings(mut pings: Subscription, (session, own, authors): Speaking
             continue;
         };
         let is_own = from == own.host && boot == own.boot;
-        if is_own || key != key::ping(&from) || !authors.admits(&author, &from) {
+        let is_fit = key == key::ping(&from) || key == key::asked(&own.host);
+        if is_own || !is_fit || !authors.admits(&author, &from) {
             continue;
         }
         let pong = Pong {

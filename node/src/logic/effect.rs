@@ -10,7 +10,7 @@ use comms::logic::time::Time;
 use language::plan::{KeyBinding, LeafKind, Policy};
 use serde::{Deserialize, Serialize};
 use shim::protocol::ShimOrder;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -73,10 +73,12 @@ pub enum Effect {
         /// The frame.
         frame: Box<Frame>,
     },
-    /// Ask all other nodes whether they are there.
+    /// Ask other nodes whether they are there.
     Ping {
         /// Numbers the question.
         round: u64,
+        /// The names of those who are asked; none for all.
+        only: Option<BTreeSet<String>>,
     },
     /// Tell another node of this one's name what runs here.
     Greet(Box<Namesake>),

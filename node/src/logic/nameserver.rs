@@ -2,7 +2,8 @@
 //!
 //! A node is there because it has answered: about once a second this one asks all others, in numbered rounds, and each
 //! answers with the number of the round. A token that appears or vanishes, a second node of the same name, or a word of
-//! somebody who is not listed is only a reason to ask at once: tokens get lost when a session is made anew, they come in
+//! somebody who is not listed is only a reason to ask nodes of that name at once, and nobody else: of 32 nodes one that comes
+//! would have all others ask all others. Tokens get lost when a session is made anew, they come in
 //! any order, and anybody can make one. What speaks against a node is cleared by its answer to a later round, never by what
 //! was on its way before.
 //!
@@ -20,7 +21,7 @@ use comms::logic::time::Time;
 use detour::Detour;
 pub use detour::{RelayedPong, Round};
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
 
 /// How long a node may be missing before its part of a deployment counts as lost.
@@ -29,6 +30,8 @@ pub const LOST_AFTER: Duration = Duration::from_secs(5);
 pub(super) const ASK_EVERY: Duration = Duration::from_secs(1);
 /// How often at the most, whatever happens.
 pub(super) const ASK_GAP: Duration = Duration::from_millis(100);
+/// How many names are asked between two rounds to all; of more, all are asked.
+const ASKED_MAX: usize = 64;
 /// How many rounds an answer may be late: longer than the longest way, which is 3 s, at the shortest gap.
 const ROUNDS_MAX: usize = 64;
 /// How long a node whose token has vanished has to answer, besides its usual time.
@@ -88,7 +91,10 @@ pub struct NameServer {
     peers: BTreeMap<String, Peer>,
     rounds: VecDeque<(u64, Time)>,
     round: u64,
+    /// When all others are asked, and when some are, and who.
     ask_at: Time,
+    ask_some_at: Time,
+    to_ask: BTreeSet<String>,
     seen: Time,
     changes: Vec<Change>,
 }
@@ -104,6 +110,8 @@ impl NameServer {
             rounds: VecDeque::new(),
             round: 0,
             ask_at: now,
+            ask_some_at: now,
+            to_ask: BTreeSet::new(),
             seen: now,
             changes: Vec::new(),
         }
@@ -121,7 +129,7 @@ impl NameServer {
         life.proof = proof;
         let until = now + DOUBT + 2 * life.took;
         life.doubted = Some(life.doubted.map_or((now, until), |(since, before)| (since, before.min(until))));
-        self.ask_soon(now);
+        self.ask_soon(now, host);
     }
 
     /// Returns whether all others, who ask every second, have had time to hear of this node.
@@ -135,7 +143,7 @@ impl NameServer {
         let is_there = self.peers.get(host).and_then(|peer| peer.lives.get(&boot)).is_some_and(Boot::is_there);
         if !is_own && !is_there {
             tracing::debug!("the node `{host}` is heard, and not there: it is asked");
-            self.ask_soon(now);
+            self.ask_soon(now, host);
         }
     }
 
@@ -223,7 +231,7 @@ impl NameServer {
             self.changes.push(Change::Refused { host: host.to_owned(), place, first });
         } else {
             (holder.proof, holder.doubted) = (next, Some((now, now + DOUBT_RIVAL + 2 * holder.took)));
-            self.ask_soon(now);
+            self.ask_soon(now, host);
         }
     }
 
@@ -273,18 +281,28 @@ impl NameServer {
         self.peers.keys().map(String::as_str).filter(|host| self.reaches(host))
     }
 
-    /// Lets time pass. Returns what has changed since the last call, and the round to ask all others in, if it is time.
+    /// Lets time pass. Returns what has changed since the last call, and the round to ask others in, if it is time.
     pub fn tick(&mut self, now: Time) -> (Vec<Change>, Option<Round>) {
         self.make_up(now);
         for host in self.peers.keys().cloned().collect::<Vec<_>>() {
             self.grow_old(now, &host);
         }
-        let round = (self.ask_at <= now).then(|| {
+        let is_for_all = self.ask_at <= now;
+        let is_due = is_for_all || (!self.to_ask.is_empty() && self.ask_some_at <= now);
+        let round = is_due.then(|| {
             self.round += 1;
             self.rounds.push_back((self.round, now));
             self.rounds.drain(..self.rounds.len().saturating_sub(ROUNDS_MAX));
-            self.ask_at = now + ASK_EVERY;
-            Round { number: self.round, through: self.asked_through(now) }
+            let some = std::mem::take(&mut self.to_ask);
+            let mut through = self.asked_through(now);
+            let only = if is_for_all {
+                self.ask_at = now + ASK_EVERY;
+                None
+            } else {
+                through.retain(|(_, host)| some.contains(host));
+                Some(some)
+            };
+            Round { number: self.round, only, through }
         });
         (std::mem::take(&mut self.changes), round)
     }
@@ -336,12 +354,21 @@ impl NameServer {
     /// Returns when [`NameServer::tick`] wants to be called.
     pub fn deadline(&self) -> Option<Time> {
         let lives = self.peers.values().flat_map(|peer| peer.lives.values());
-        Some(lives.filter_map(Boot::deadline).fold(self.ask_at, Time::min))
+        let ask_at = if self.to_ask.is_empty() { self.ask_at } else { self.ask_at.min(self.ask_some_at) };
+        Some(lives.filter_map(Boot::deadline).fold(ask_at, Time::min))
     }
 
-    fn ask_soon(&mut self, now: Time) {
-        let last = self.rounds.back().map_or(Time::ZERO, |(_, at)| *at + ASK_GAP);
-        self.ask_at = self.ask_at.min(last.max(now));
+    /// Has the nodes of a name asked as soon as the last round is not too close.
+    fn ask_soon(&mut self, now: Time, host: &str) {
+        let soon = self.rounds.back().map_or(Time::ZERO, |(_, at)| *at + ASK_GAP).max(now);
+        if self.to_ask.contains(host) || self.to_ask.len() < ASKED_MAX {
+            if self.to_ask.is_empty() {
+                self.ask_some_at = soon;
+            }
+            self.to_ask.insert(host.to_owned());
+        } else {
+            self.ask_at = self.ask_at.min(soon);
+        }
     }
 
     fn held(&self, host: &str) -> Option<&Boot> {

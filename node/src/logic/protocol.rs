@@ -378,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn what_goes_over_the_wire_stays_as_it_was() {
+    fn a_status_stays_as_it_was() {
         let (peers, deployments) = (Vec::new(), Vec::new());
         let (host, version, up) = ("c1".into(), "1".into(), Duration::new(3, 4));
         let containment = Containment::ControlGroup;
@@ -389,6 +389,10 @@ mod tests {
             NodeStatus { host, pid: 7, version, up, peers, deployments, containment, network, estop, policy, missing };
         let bytes = *b"\x02c1\x07\x011\x03\x04\0\0\x01\0\0\x01\x01p\x04none\x01\x02c2";
         assert_eq!(postcard::to_stdvec(&status).unwrap(), bytes);
+    }
+
+    #[test]
+    fn what_goes_over_the_wire_stays_as_it_was() {
         let ping = Ping { from: "c1".into(), boot: 5, round: 300 };
         assert_eq!(codec::encode(&ping).unwrap(), *b"DC\x01\x00\x69\x00\x02c1\x05\xac\x02");
         let dot = Dot { origin: ReplicaId::new(300), seq: 3 };
@@ -447,6 +451,8 @@ mod tests {
         assert_eq!(postcard::to_stdvec(&Request::ReleaseEstop).unwrap(), [25]);
         let estopped = Answer::Estopped(Estopped { unended: vec!["d@2 m".into()], unwritten: None });
         assert_eq!(postcard::to_stdvec(&estopped).unwrap(), *b"\x14\x01\x05d@2 m\x00");
+        let released = Answer::Released { was_stopped: true, unwritten: None };
+        assert_eq!(postcard::to_stdvec(&released).unwrap(), [21, 1, 0]);
         let report = Report::Connected { host: "c2".into() };
         let time = Duration::new(5, 6);
         let event = Event { deployment, number: 300, host: "c2".into(), ago: heard, report, time };

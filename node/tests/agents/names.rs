@@ -40,7 +40,10 @@ impl Asker {
         loop {
             let (changes, round) = self.names.tick(self.now);
             self.changes.extend(changes);
-            for (&(from, boot), &(late, holder)) in self.answering.iter().filter(|_| round.is_some()) {
+            let is_asked = |host: &str| {
+                round.as_ref().is_some_and(|round| round.only.as_ref().is_none_or(|only| only.contains(host)))
+            };
+            for (&(from, boot), &(late, holder)) in self.answering.iter().filter(|((host, _), _)| is_asked(host)) {
                 let (from, place, session) = (from.to_owned(), format!("boot {boot}"), String::new());
                 // The lower a boot number, the longer it has been up.
                 let up = Duration::from_secs(3600 / boot);
@@ -84,6 +87,30 @@ fn a_token_alone_makes_nobody_present_and_takes_nobody_away() {
         c1.pass(3000);
     }
     assert!(c1.took().is_empty() && c1.names.holder("c2") == Some(7));
+}
+
+/// Of many nodes one that comes or goes is a matter between each of them and it: nobody asks the others about it.
+#[test]
+fn what_is_heard_of_one_node_asks_nobody_else() {
+    let mut c1 = Asker::new();
+    c1.lives("c2", 7);
+    c1.pass(500);
+    c1.names.token(c1.now, "c3", 7);
+    c1.names.no_token(c1.now, "c2", 7);
+    let (_, round) = c1.names.tick(c1.now);
+    let only = round.expect("it is asked at once").only.expect("not all are asked");
+    assert_eq!(only, ["c2".to_owned(), "c3".to_owned()].into());
+    c1.pass(50);
+    c1.names.token(c1.now, "c3", 7);
+    assert!(c1.names.tick(c1.now).1.is_none(), "not so soon again");
+    assert_eq!(c1.names.deadline(), Some(c1.now + Duration::from_millis(50)));
+    // All are asked each second all the same, and at once where there are too many names.
+    c1.pass(450);
+    for number in 0..65 {
+        c1.names.token(c1.now, &format!("r{number}"), 7);
+    }
+    let (_, round) = c1.names.tick(c1.now);
+    assert_eq!(round.expect("one is due").only, None);
 }
 
 /// The order that made a node invisible for ever: the new transport's token comes before the end of the old one's.

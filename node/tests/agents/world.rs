@@ -293,10 +293,7 @@ impl World {
     pub(super) fn carry_out(&mut self, host: &str, effect: Effect) {
         match effect {
             Effect::Transmit { to, frame } => self.transmit(host, &to, frame),
-            Effect::Ping { round } => {
-                self.rounds.insert(host.to_owned(), round);
-                self.ping(host, round);
-            }
+            Effect::Ping { round, only } => self.ping(host, round, only.as_ref()),
             Effect::Greet(namesake) => self.greeted.push(*namesake),
             Effect::Holders(holders) => drop(self.holders.insert(host.into(), holders)),
             Effect::Peer(change) => self.changes.push((host.into(), change)),
@@ -385,11 +382,13 @@ impl World {
     }
 
     /// Asks every other host, which answers at once where the network lets it.
-    fn ping(&mut self, host: &str, round: u64) {
+    fn ping(&mut self, host: &str, round: u64, only: Option<&BTreeSet<String>>) {
+        self.rounds.insert(host.to_owned(), round);
         let boots: BTreeMap<String, u64> = self.boots.clone();
         let to_boot = boots[host];
         for (from, &boot) in boots.iter().filter(|(from, _)| *from != host) {
-            if self.down.contains_key(from) || !self.passes(host, from) {
+            let is_asked = only.is_none_or(|only| only.contains(from));
+            if !is_asked || self.down.contains_key(from) || !self.passes(host, from) {
                 continue;
             }
             self.at(1, from, Coming::Input(Input::Ping { host: host.into(), boot: to_boot }));

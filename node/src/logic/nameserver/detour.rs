@@ -7,6 +7,7 @@
 use super::{Boot, Change, NameServer, SILENCE_MAX};
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 /// How long nothing may be heard of a node, besides its usual time, before it is asked through others.
@@ -14,11 +15,13 @@ const SUSPECT_AFTER: Duration = Duration::from_millis(1500);
 /// Through how many others at the most.
 const THROUGH_MAX: usize = 3;
 
-/// A round of questions to all other nodes.
+/// A round of questions to other nodes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Round {
     /// Its number.
     pub number: u64,
+    /// The names of those who are asked; none for all.
+    pub only: Option<BTreeSet<String>>,
     /// The questions that go through others: the helper, and the silent node.
     pub through: Vec<(String, String)>,
 }
