@@ -1,6 +1,7 @@
 //! The file `estop` in the folder of a node's state: while it is there, everything is stopped. It has a line with who has stopped it,
 //! and a line with why. One that cannot be read counts: nothing begins before somebody releases it.
 
+use crate::io::folder::sync_entry;
 use crate::logic::protocol::Estop;
 use comms::io::file::{self, Privacy};
 use std::fs::File;
@@ -59,7 +60,7 @@ impl EstopFile {
         let wanted = lock(&inner.wanted).clone();
         let written = match wanted {
             Some(Estop { by, reason }) => mark(&inner.path, &format!("{}\n{}\n", line(&by), line(&reason))),
-            None => removed(std::fs::remove_file(&inner.path)).and_then(|()| sync_folder(&inner.path)),
+            None => removed(std::fs::remove_file(&inner.path).and_then(|()| sync_entry(&inner.path))),
         };
         drop(turn);
         written.map_err(|error| {
@@ -74,18 +75,14 @@ impl EstopFile {
 fn mark(path: &Path, words: &str) -> io::Result<()> {
     // A file that says it already is never away, not even for a moment.
     if file::bytes(path, SIZE_MAX).is_ok_and(|there| there == words.as_bytes()) {
-        return File::open(path)?.sync_all().and_then(|()| sync_folder(path));
+        return File::open(path)?.sync_all().and_then(|()| sync_entry(path));
     }
     let mut made = file::created(path, Privacy::Usual)?;
     if let Err(error) = made.write_all(words.as_bytes()) {
         tracing::warn!(file = %path.display(), %error, "who has stopped everything, and why, is not on the disk");
     }
     made.sync_all()?;
-    sync_folder(path)
-}
-
-fn sync_folder(path: &Path) -> io::Result<()> {
-    File::open(path.parent().unwrap_or(Path::new("/")))?.sync_all()
+    sync_entry(path)
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {

@@ -54,6 +54,14 @@ pub fn check_kept(path: &Path, option: &'static str) -> Result<(), FolderError> 
     file::check(path).map_err(|cause| FolderError::kept(path, cause, option))
 }
 
+/// Puts what a folder says of a file on the disk: that the file was made, has another name now, or is gone.
+///
+/// # Errors
+/// The system refuses.
+pub(crate) fn sync_entry(file: &Path) -> io::Result<()> {
+    file.parent().map_or(Ok(()), |folder| fs::File::open(folder)?.sync_all())
+}
+
 /// Says that a file stands where a folder is expected.
 pub fn no_folder(file: &Path) -> String {
     format!("`{}` is a file, where a folder is expected", file.display())

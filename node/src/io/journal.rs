@@ -11,6 +11,7 @@
 //! without having written anything. So the next commit writes a new file and puts it in the place of the old one, as it does
 //! when somebody has removed the file or put another in its place: what is written to a file without a name is lost.
 
+use crate::io::folder::sync_entry;
 use crate::logic::absence::ENDS_MAX;
 use crate::logic::protocol::Deployment;
 use comms::io::clock::unix_time;
@@ -143,7 +144,7 @@ impl Journal {
         }
         file.sync_data()?;
         std::fs::rename(&unfinished, &self.path)?;
-        self.path.parent().map_or(Ok(()), |folder| File::open(folder)?.sync_all())?;
+        sync_entry(&self.path)?;
         Ok(file)
     }
 }

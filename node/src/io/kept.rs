@@ -4,6 +4,7 @@
 //! A file of a deployment begins with the boot of the machine, by which the next node sees whether that was rebooted since. It is
 //! there from before its first program runs until it is to end. A damaged one is told, and removed: what it says is not begun.
 
+use crate::io::folder::sync_entry;
 use crate::logic::protocol::{Before, Deployment, Earlier, Kept, Tombstone};
 use anyhow::Context;
 use comms::io::clock::unix_time;
@@ -12,7 +13,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
-use std::fs::{DirBuilder, File};
+use std::fs::DirBuilder;
 use std::io::{ErrorKind, Write};
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
@@ -182,15 +183,14 @@ fn put(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
         file.write_all(bytes)?;
         file.sync_data()?;
         std::fs::rename(&unfinished, path)?;
-        path.parent().map_or(Ok(()), |folder| File::open(folder)?.sync_all())
+        sync_entry(path)
     };
     written().with_context(|| format!("writing `{}`", path.display()))
 }
 
 /// Removes a file, so that it is gone after a power cut, too.
 fn remove(path: &Path) -> anyhow::Result<()> {
-    let removed =
-        std::fs::remove_file(path).and_then(|()| path.parent().map_or(Ok(()), |at| File::open(at)?.sync_all()));
+    let removed = std::fs::remove_file(path).and_then(|()| sync_entry(path));
     match removed {
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
         removed => removed.with_context(|| format!("removing `{}`", path.display())),
