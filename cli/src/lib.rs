@@ -28,6 +28,7 @@ pub mod graph;
 pub mod hz;
 pub mod io;
 pub mod list;
+mod lock;
 pub mod logic;
 pub mod logs;
 pub mod lsp;
@@ -148,6 +149,8 @@ enum Verb {
     Queue(shown::Arguments),
     /// Show the routers of running programs: who has subscribed, with which filters, and what was lost
     Router(shown::Arguments),
+    /// Show the resource locks of running programs: who holds them, for how long, and who waits
+    Lock(shown::Arguments),
     /// Stop a deployment everywhere
     Stop(stop::Arguments),
     /// Stop everything on every host at once, so that nothing begins before it is released; not a safety function
@@ -258,6 +261,7 @@ fn run_verb() -> ExitCode {
         Verb::Get(arguments) => object::get(&arguments),
         Verb::Queue(arguments) => queue::run(&arguments),
         Verb::Router(arguments) => router::run(&arguments),
+        Verb::Lock(arguments) => lock::run(&arguments),
         Verb::Stop(arguments) => stop::run(&arguments),
         Verb::Estop(arguments) => estop::run(&arguments),
         Verb::Param(arguments) => param::run(arguments),

@@ -3,6 +3,7 @@
 pub mod checkup;
 pub(crate) mod clock;
 pub(crate) mod externals;
+mod locks;
 pub mod mission;
 pub mod names;
 pub(crate) mod object;

@@ -23,7 +23,8 @@ use std::time::Duration;
 #[derive(Debug, clap::Args)]
 struct ObjectArgs {
     /// What is meant: [DEPLOYMENT:]INSTANCE.NAME, such as `hand.Grip`; of the path of the instance its end is enough
-    name: String,
+    #[arg(value_parser = ObjectName::parse)]
+    name: ObjectName,
     /// How many seconds the program has to answer
     #[arg(long, value_name = "SECONDS", default_value = "5", value_parser = |text: &str| crate::seconds(text, &(0.001..=86_400.0)), allow_negative_numbers = true)]
     within: f64,
@@ -76,14 +77,12 @@ struct Program<'a> {
 
 /// Runs `dca call`.
 pub(crate) fn call(arguments: &CallArguments) -> Result<(), Failure> {
-    let name = ObjectName::parse(&arguments.object.name).map_err(|why| anyhow!(why))?;
+    let name = &arguments.object.name;
     block_on(with_taps(&arguments.object, async |clients, taps| {
-        let found = find(clients, taps, &name).await?;
-        let exported = exported(&found, &name)?;
+        let found = find(clients, taps, name).await?;
+        let exported = exported(&found, name)?;
         if exported.kind == ExportKind::State {
-            return Err(
-                anyhow!("`{}` is a state, which is read: `dca get {}`", name.name, arguments.object.name).into()
-            );
+            return Err(anyhow!("`{}` is a state, which is read: `dca get {name}`", name.name).into());
         }
         let bytes = argument(&found.exports, &exported.signature, &arguments.argument);
         let bytes = bytes.map_err(|why| anyhow!("`{}` cannot be called so: {why}", name.name))?;
@@ -95,12 +94,12 @@ pub(crate) fn call(arguments: &CallArguments) -> Result<(), Failure> {
 
 /// Runs `dca get`.
 pub(crate) fn get(arguments: &GetArguments) -> Result<(), Failure> {
-    let name = ObjectName::parse(&arguments.object.name).map_err(|why| anyhow!(why))?;
+    let name = &arguments.object.name;
     block_on(with_taps(&arguments.object, async |clients, taps| {
-        let found = find(clients, taps, &name).await?;
-        let exported = exported(&found, &name)?;
+        let found = find(clients, taps, name).await?;
+        let exported = exported(&found, name)?;
         if exported.kind == ExportKind::Procedure {
-            return Err(anyhow!("`{}` is a procedure: `dca call {}`", name.name, arguments.object.name).into());
+            return Err(anyhow!("`{}` is a procedure: `dca call {name}`", name.name).into());
         }
         let mut shown = None;
         loop {

@@ -1,4 +1,4 @@
-//! Finds what running programs show in states of one type, and reads it: for `dca queue` and `dca router`.
+//! Finds what running programs show in states of one type, and reads it: for `dca queue`, `dca router` and `dca lock`.
 //!
 //! The nodes say where the programs are; each is asked itself.
 
@@ -24,11 +24,12 @@ use tokio::task::JoinSet;
 /// How often states are looked at.
 const WATCH_EVERY: Duration = Duration::from_millis(100);
 
-/// The arguments of `dca queue` and `dca router`.
+/// The arguments of `dca queue`, `dca router` and `dca lock`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// One of them, or those of a process: [DEPLOYMENT:]INSTANCE[.NAME], of the path its end is enough [default: all]
-    name: Option<String>,
+    #[arg(value_parser = ShownName::parse)]
+    name: Option<ShownName>,
     /// Go on, and print them whenever something has changed; looks ten times in a second
     #[arg(long)]
     watch: bool,
@@ -46,7 +47,7 @@ pub struct Arguments {
 pub(crate) struct Wanted {
     /// The type of the states.
     pub(crate) type_name: &'static str,
-    /// `queue`, `router`
+    /// `queue`, `router`, `lock`
     pub(crate) word: &'static str,
 }
 
@@ -74,14 +75,13 @@ pub(crate) fn run<T: Shown + DeserializeOwned + Send + 'static>(
     arguments: &Arguments,
     wanted: &Wanted,
 ) -> Result<(), Failure> {
-    let name = arguments.name.as_deref().map(ShownName::parse).transpose().map_err(|why| anyhow!(why))?;
     block_on(async {
         let clients = Clients::open(&arguments.connect).await?;
         let taps = Taps::open(clients.iter().find_map(Client::team)).await?;
         let taps = Arc::new(taps.within(Duration::from_secs_f64(arguments.within)));
         let mut reader = Reader::new()?;
         let done = tokio::select! {
-            done = show_all::<T>(&clients, &taps, (arguments, wanted), name.as_ref()) => done,
+            done = show_all::<T>(&clients, &taps, arguments, wanted) => done,
             () = reader.left() => Ok(()),
         };
         if let Some(taps) = Arc::into_inner(taps) {
@@ -95,11 +95,12 @@ pub(crate) fn run<T: Shown + DeserializeOwned + Send + 'static>(
 async fn show_all<T: Shown + DeserializeOwned + Send + 'static>(
     clients: &Clients,
     taps: &Arc<Taps>,
-    (arguments, wanted): (&Arguments, &Wanted),
-    name: Option<&ShownName>,
+    arguments: &Arguments,
+    wanted: &Wanted,
 ) -> Result<(), Failure> {
+    let name = arguments.name.as_ref();
     let mut found = find(clients, taps, wanted, name).await?;
-    if let (true, true, Some(named)) = (found.places.is_empty(), found.silent.is_empty(), &arguments.name) {
+    if let (true, true, Some(named)) = (found.places.is_empty(), found.silent.is_empty(), name) {
         let known: Vec<String> = found.known.iter().map(|known| format!("`{known}`")).collect();
         let hint = if known.is_empty() { "it shows none".to_owned() } else { format!("it shows {}", known.join(", ")) };
         return Err(anyhow!("no {} `{named}`: {hint}", wanted.word).into());

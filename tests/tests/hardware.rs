@@ -53,6 +53,10 @@ fn motion(host: &Host) -> Value {
     serde_json::from_str(got.out.trim()).unwrap_or_else(|why| panic!("{why}: {got}"))
 }
 
+fn json(text: &str) -> Value {
+    serde_json::from_str(text).unwrap_or_else(|error| panic!("{error}: {text}"))
+}
+
 fn number(motion: &Value, name: &str) -> f64 {
     motion[name].as_f64().unwrap_or_else(|| panic!("no `{name}` in {motion}"))
 }
@@ -112,8 +116,16 @@ fn missions_come_and_go_and_the_hardware_stays() {
     // One that is stopped, while the next one waits for the lock.
     let endless = example.deploy(&here, &example.endless);
     moves(&here);
+    let lock = |name: &str| json(&here.ask(&["lock", name, "--json", "--within", "60"]).out);
+    let held = &lock("hardware:main/base")[0];
+    assert!(held["name"] == "lock" && held["holder"].is_string() && held["fence"].is_u64(), "{held}");
+    let read = json(&here.ask(&["get", "base.lock", "--within", "60"]).out);
+    assert_eq!(read["holder"], held["holder"], "{read}");
     let next = example.deploy(&here, &example.mission);
     let before = number(&motion(&here), "travelled");
+    let waits = here.dca(&["lock", "base.lock", "--watch", "--json", "--within", "60"]);
+    waits.wait_for(Stream::Out, "\"waiting\":[\"", SOON);
+    drop(waits);
     let stop = here.ask(&["stop", "endless"]);
     assert_eq!(stop.code, Some(0), "{stop}");
     assert_eq!(endless.ended(SOON).code, Some(1), "it was stopped");

@@ -82,7 +82,7 @@ fn what_cannot_be_called_says_why() {
         (&["call", "idle.Drive", "speed=1 m/s"], 1, "`Drive` is not answered now: its process does not run"),
         (&["get", "wheels.Drive"], 1, "`Drive` is a procedure: `dca call wheels.Drive`"),
         (&["call", "wheels.place"], 1, "`place` is a state, which is read: `dca get wheels.place`"),
-        (&["call", "Drive"], 1, "names nothing to call"),
+        (&["call", "Drive"], 2, "names nothing to call"),
         (&["call", "wheels.Drive", "speed=1 m/s", "--within", "no"], 2, "this is no number of seconds"),
     ] {
         let asked = here.ask(arguments);

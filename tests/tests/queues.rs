@@ -56,7 +56,7 @@ fn queues_are_shown_from_the_command_line() {
         (&["queue", "nobody"][..], 1, "no process `nobody` is running"),
         (&["queue", "calm.letters"], 1, "no queue `calm.letters`: it shows `news`"),
         (&["queue", "clerk.letters"], 1, "no queue `clerk.letters`: it shows `orders`"),
-        (&["queue", "clerk."], 1, "names nothing"),
+        (&["queue", "clerk."], 2, "names nothing"),
         (&["queue", "--within", "no"], 2, "this is no number of seconds"),
     ] {
         let asked = here.ask(arguments);

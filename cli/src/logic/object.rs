@@ -4,13 +4,17 @@ mod listed;
 
 pub(crate) use listed::{Listed, ListedKind, is_listed};
 
+use crate::logic::queues::Shown;
 use crate::logic::record::decoded;
 use crate::logic::tap::is_path;
+use comms::logic::messaging::wire::{LockStatus, QueueStatus, RouterStatus};
 use comms::logic::object::{Exports, Signature, TypeForm};
 use language::plan::Constant;
 use language::{Code, Layout, Message, Options, Severity, Source, compile};
+use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::{self, Display, Formatter};
 
 /// What a person calls or reads: `Grip` of `hand`, `door:main/hand.Grip`.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -40,6 +44,15 @@ impl ObjectName {
     /// Returns whether the process with this path, of this deployment, is meant.
     pub(crate) fn is_process(&self, deployment: &str, path: &str) -> bool {
         self.deployment.as_ref().is_none_or(|named| named == deployment) && is_path(path, &self.process)
+    }
+}
+
+impl Display for ObjectName {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        if let Some(deployment) = &self.deployment {
+            write!(f, "{deployment}:")?;
+        }
+        write!(f, "{}.{}", self.process, self.name)
     }
 }
 
@@ -87,12 +100,20 @@ pub(crate) fn argument(exports: &Exports, signature: &Signature, given: &[String
 
 /// Has the compiler read a value; returns its parts by name: `value.force`, `value.corner.0`.
 fn constants(types: &str, kind: &str, value: &str) -> Result<BTreeMap<String, Constant>, String> {
-    let text = format!(
+    let before = format!(
         "{types}module Called(host: Host, value: {kind}) {{ done; }}\nprocess main() {{ host {{ c1 }}\n\
-         instantiated_processes {{ call instof Called(c1, value = {value}); }}\ninternal_event_actions {{ call }} }}\n"
+         instantiated_processes {{ call instof Called(c1, value = "
     );
+    let end = before.len() + value.len();
+    let text = format!("{before}{value}); }}\ninternal_event_actions {{ call }} }}\n");
     let compiled = compile(&Source::new("call", text), &[], &Options::named("call"));
     let error = compiled.diagnostics.iter().find(|found| found.severity == Severity::Error);
+    // What is found behind the value is none of its words.
+    let is_behind =
+        error.is_some_and(|error| usize::try_from(error.primary.span.start).is_ok_and(|start| start >= end));
+    if !is_one(value) || is_behind {
+        return Err(format!("`{value}` is not one whole value"));
+    }
     let plan = compiled.plan.filter(|plan| plan.leaves.len() == 1);
     let Some(leaf) = plan.and_then(|mut plan| plan.leaves.pop()) else {
         return Err(match error {
@@ -103,6 +124,25 @@ fn constants(types: &str, kind: &str, value: &str) -> Result<BTreeMap<String, Co
     };
     let named = leaf.arguments.into_iter().filter_map(|argument| Some((argument.name?, argument.value)));
     Ok(named.collect())
+}
+
+/// Returns whether no bracket is closed that was not opened, and nothing is separated outside of brackets.
+fn is_one(value: &str) -> bool {
+    let (mut depth, mut is_text, mut is_escaped) = (0_usize, false, false);
+    for sign in value.chars() {
+        match sign {
+            _ if is_escaped => is_escaped = false,
+            '\\' if is_text => is_escaped = true,
+            '"' => is_text = !is_text,
+            _ if is_text => {}
+            '{' | '[' | '(' => depth += 1,
+            '}' | ']' | ')' if depth == 0 => return false,
+            '}' | ']' | ')' => depth -= 1,
+            ',' | ';' if depth == 0 => return false,
+            _ => {}
+        }
+    }
+    depth == 0 && !is_text
 }
 
 /// Writes a value as postcard lays it out; nothing if a part of it is missing, or of another kind.
@@ -146,17 +186,26 @@ fn length(mut length: usize, bytes: &mut Vec<u8>) {
 
 /// Returns a result as JSON: nothing where there is none, and how long it is where its program does not say what is in it.
 pub(crate) fn result(exports: &Exports, signature: &Signature, bytes: &[u8]) -> Value {
-    if signature.result.name.is_empty() {
-        return Value::Null;
-    }
-    let message = message(exports, &signature.result);
-    message.and_then(|message| decoded(&message, bytes)).unwrap_or_else(|| json!({ "size": bytes.len() }))
+    let known = match signature.result.name.as_str() {
+        "" => return Value::Null,
+        "QueueStatus" => fields::<QueueStatus>(bytes),
+        "RouterStatus" => fields::<RouterStatus>(bytes),
+        "LockStatus" => fields::<LockStatus>(bytes),
+        _ => message(exports, &signature.result).and_then(|message| decoded(&message, bytes)),
+    };
+    known.unwrap_or_else(|| json!({ "size": bytes.len() }))
+}
+
+/// Reads what has a table of its own; nothing if its program was built with another version of DCA.
+fn fields<T: Shown + DeserializeOwned>(bytes: &[u8]) -> Option<Value> {
+    postcard::from_bytes::<T>(bytes).ok().map(|value| value.fields())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use comms::logic::object::{ExportKind, Exported};
+    use std::time::Duration;
 
     fn exports(arguments: &[(&str, &str)]) -> Exports {
         let exported = |(name, fields): &(&str, &str)| Exported {
@@ -209,7 +258,13 @@ mod tests {
             (0, &["{ force = 20 m, soft = true }"][..], "Force"),
             (0, &["force=20 N"], "soft"),
             (0, &[], "its argument is missing; expected Push { force: Force, soft: Truth }"),
-            (0, &["force=1 N); } process"], "`{ force=1 N); } process }` cannot be read: expected"),
+            (0, &["force=1 N); } process"], "`{ force=1 N); } process }` is not one whole value"),
+            (0, &["force=1 N", "soft=true // c"], "`{ force=1 N, soft=true // c }` is not one whole value"),
+            (0, &["force=1 N }, { soft=true"], "is not one whole value"),
+            (0, &["force=1 N soft=true"], "cannot be read: expected"),
+            (1, &["{ name = \"}\\\"}\" }"], "expected Way"),
+            (4, &["1 m), c2, (2 m"], "is not one whole value"),
+            (4, &["\"1"], "is not one whole value"),
             (3, &["1"], "its program does not say what is in a `Odd`"),
             (4, &["1", "2"], "there is one argument"),
         ] {
@@ -229,5 +284,23 @@ mod tests {
         let two = 2_f64.to_le_bytes();
         assert_eq!(result(&two), json!({ "value": 2.0 }));
         assert_eq!(result(b"abc"), json!({ "size": 3 }));
+    }
+
+    #[test]
+    fn who_holds_a_lock_is_told() {
+        let lock = LockStatus {
+            holder: Some("drive".into()),
+            fence: Some(7),
+            left: None,
+            lease: Duration::from_millis(600),
+            waiting: vec![],
+            grants: 1,
+            expired: 0,
+            preempted: 0,
+        };
+        let signature = Signature { result: TypeForm::new("LockStatus", ""), ..Signature::default() };
+        let bytes = postcard::to_allocvec(&lock).unwrap();
+        assert_eq!(result(&Exports::default(), &signature, &bytes)["holder"], json!("drive"));
+        assert_eq!(result(&Exports::default(), &signature, &[9]), json!({ "size": 1 }));
     }
 }

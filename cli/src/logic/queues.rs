@@ -1,4 +1,4 @@
-//! Queues as people see them: `dca queue`.
+//! What has a table of its own, and how people name it; queues: `dca queue`.
 
 use crate::logic::tap::is_path;
 use comms::logic::messaging::queue::Full;
@@ -6,6 +6,7 @@ use comms::logic::messaging::wire::QueueStatus;
 use node::logic::printable::printable;
 use node::logic::table::table;
 use serde_json::{Value, json};
+use std::fmt::{self, Display, Formatter};
 
 /// What a person means by `[DEPLOYMENT:]INSTANCE[.NAME]`.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -21,12 +22,25 @@ pub(crate) struct ShownName {
 pub(crate) trait Shown: Sized {
     /// Returns a table for people.
     fn table(rows: &[(String, String, Self)]) -> String;
-    /// Returns one object of JSON.
-    fn object(&self, process: &str, name: &str) -> Value;
+    /// Returns what is known of it, as an object of JSON.
+    fn fields(&self) -> Value;
 
-    /// Returns an array of JSON.
+    /// Returns an array of JSON: the fields of each, with its process and its name.
     fn json(rows: &[(String, String, Self)]) -> String {
-        Value::Array(rows.iter().map(|(process, name, value)| value.object(process, name)).collect()).to_string()
+        let object = |(process, name, value): &(String, String, Self)| {
+            let mut fields = value.fields();
+            fields["process"] = json!(process);
+            fields["name"] = json!(name);
+            fields
+        };
+        Value::Array(rows.iter().map(object).collect()).to_string()
+    }
+}
+
+impl Display for ShownName {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.process())?;
+        self.state.iter().try_for_each(|state| write!(f, ".{state}"))
     }
 }
 
@@ -103,11 +117,9 @@ impl Shown for QueueStatus {
         table(&lines)
     }
 
-    fn object(&self, process: &str, name: &str) -> Value {
+    fn fields(&self) -> Value {
         let counters = &self.counters;
         json!({
-            "process": process,
-            "name": name,
             "type": self.type_name,
             "fields": self.fields,
             "waiting": counters.depth,
@@ -138,7 +150,7 @@ mod tests {
         let all = name("base");
         assert!(all.is_process("door", "main/base") && all.is_state("commands"));
         assert!(name("door:").is_process("door", "main/any") && !name("door:").is_process("gate", "main/any"));
-        assert_eq!(one.process(), "door:main/base");
+        assert_eq!((one.process(), one.to_string()), ("door:main/base".into(), "door:main/base.commands".into()));
         for wrong in ["", ".commands", "base.", ":", "door:.x"] {
             assert!(ShownName::parse(wrong).is_err(), "{wrong}");
         }

@@ -51,7 +51,7 @@ impl Shown for RouterStatus {
         table(&lines)
     }
 
-    fn object(&self, process: &str, name: &str) -> Value {
+    fn fields(&self) -> Value {
         let subscriber = |one: &SubscriberStatus| {
             json!({
                 "name": one.queue,
@@ -65,8 +65,6 @@ impl Shown for RouterStatus {
             })
         };
         json!({
-            "process": process,
-            "name": name,
             "type": self.type_name,
             "fields": self.fields,
             "sent": self.counters.published,

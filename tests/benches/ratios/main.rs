@@ -94,12 +94,20 @@ fn say(text: &str) -> anyhow::Result<()> {
     Ok(writeln!(std::io::stdout(), "{text}")?)
 }
 
-/// A folder for sockets, removed at the end.
+/// Where a machine with Linux has files in memory, as `/run` is, where a node of a service has its own.
+const MEMORY: &str = "/dev/shm";
+
+/// A folder for sockets and what nodes write down, in memory if there is any; removed at the end.
 struct Folder(PathBuf);
 
 impl Folder {
     fn new() -> anyhow::Result<Self> {
-        let path = std::env::temp_dir().join(format!("dca-bench-{}", std::process::id()));
+        let name = format!("dca-bench-{}", std::process::id());
+        let in_memory = Path::new(MEMORY).join(&name);
+        if std::fs::create_dir(&in_memory).is_ok() {
+            return Ok(Self(in_memory));
+        }
+        let path = std::env::temp_dir().join(name);
         std::fs::create_dir(&path).with_context(|| format!("making {}", path.display()))?;
         Ok(Self(path))
     }

@@ -135,13 +135,14 @@ impl Deployment {
     }
 }
 
-/// Returns the folder of the node's programs, up to date.
+/// Returns the folder of the node's programs, up to date and in the profile of this program.
 fn built() -> anyhow::Result<PathBuf> {
     let own = std::env::current_exe()?;
     let folder = own.ancestors().nth(2).context("this program stands in no target folder")?.to_owned();
     if let Some(cargo) = std::env::var_os("CARGO") {
         let mut command = Command::new(cargo);
-        command.args(["build", "--quiet", "--release", "-p", "node", "--bins"]).current_dir(env!("CARGO_MANIFEST_DIR"));
+        command.args(["build", "--quiet", "-p", "node", "-p", "shim", "--bins"]);
+        command.args(folder.ends_with("release").then_some("--release")).current_dir(env!("CARGO_MANIFEST_DIR"));
         ensure!(command.status()?.success(), "the node does not build");
     }
     Ok(folder)
