@@ -166,6 +166,14 @@ fn a_host_that_is_cut_off_does_as_its_programs_say() {
     end(&cluster, nodes);
 }
 
+const SHORT: &str = "
+    module Near(host) { exec \"true\"; plain; done; }
+    process main() {
+        host { c1 }
+        instantiated_processes { near instof Near(c2); }
+        internal_event_actions { near }
+    }";
+
 /// A host is cut off for longer than it may be, and comes back: its group begins anew, and a wire across the cut carries data again.
 #[test]
 fn a_lost_host_takes_part_again() {
@@ -204,6 +212,14 @@ fn a_lost_host_takes_part_again() {
     let again = wait_until(SOON, || sleeper().is_some_and(|pid| pid != first));
     assert!(again.is_some(), "{}", mission.text(Stream::Err));
     assert!(wait_until(SOON, || received() > before + 50.0).is_some(), "{}", hosts[0].ask(&["status"]));
+    // The folders of the last eight deployments that are over are kept; the first part of this one was over, too.
+    let short = cluster.file("short.dca", SHORT);
+    for _ in 0..9 {
+        let done = hosts[0].ask(&["deploy", "--no-record", &short]);
+        assert_eq!(done.code, Some(0), "{done}");
+    }
+    let socket = hosts[1].run_dir().join("c2/again.1/control.sock");
+    assert!(socket.exists(), "what runs has its folder: {}", socket.display());
     assert_eq!(hosts[0].ask(&["stop", "again"]).code, Some(0));
     assert_eq!(mission.ended(SOON).code, Some(1));
     end(&cluster, nodes);

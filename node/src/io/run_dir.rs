@@ -22,6 +22,7 @@
 //! ```
 //! With such programs whoever knows its name may enter BASE.
 
+mod names;
 mod sockets;
 
 use crate::io::child::leftovers;
@@ -31,6 +32,7 @@ use crate::logic::protocol::Deployment;
 use comms::io::clock::{Wakeup, now};
 use comms::io::entropy;
 use comms::io::file::{self, Privacy};
+use names::{NAME_MAX, folder_name};
 use rustix::fs::{FlockOperation, flock};
 use std::fs::{self, File, Permissions};
 use std::io::{self, Write};
@@ -45,9 +47,6 @@ const LEAVING: Duration = Duration::from_secs(3);
 
 /// The longest path of a Unix socket that Linux accepts, less its final zero. Source: unix(7).
 const SOCKET_PATH_MAX: usize = 107;
-
-/// How much of a deployment's name is in the name of its folder, in bytes.
-const NAME_MAX: usize = 24;
 
 /// How the folder of a command's own nodes begins; its process id follows.
 const COMMAND_PREFIX: &str = "run-";
@@ -330,10 +329,7 @@ impl RunDir {
 
     /// Returns the folder of a deployment.
     pub fn deployment(&self, deployment: &Deployment) -> PathBuf {
-        // A name comes from the network: it must not lead elsewhere, and sockets need short paths.
-        let plain = |c: char| if c.is_ascii_alphanumeric() || "_-".contains(c) { c } else { '_' };
-        let name: String = deployment.name.chars().map(plain).take(NAME_MAX).collect();
-        self.path.join(format!("{name}.{}", deployment.epoch))
+        self.path.join(format!("{}.{}", folder_name(&deployment.name), deployment.epoch))
     }
 
     /// Returns the socket where the programs of a deployment talk to the node.

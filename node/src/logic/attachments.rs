@@ -101,6 +101,8 @@ impl Attachments {
     pub fn given(&mut self, effect: &Effect) {
         match effect {
             Effect::Spawn(order) => {
+                // A part that was over may begin anew, in the same epoch and the same folder.
+                self.buried.retain(|buried| *buried != order.process.deployment);
                 self.programs.insert(order.process.clone(), Attachment::new((**order).clone()));
             }
             Effect::Shim { process, order } => {
@@ -119,6 +121,7 @@ impl Attachments {
             Effect::CloseProcess { process } => self.forget(|other| other == process),
             Effect::CloseDeployment { deployment } => {
                 self.forget(|process| process.deployment == *deployment);
+                self.buried.retain(|buried| buried != deployment);
                 self.buried.push_back(deployment.clone());
             }
             Effect::PersistEpoch { deployment, hosts } => drop(self.commits.insert(deployment.clone(), hosts.clone())),
@@ -199,9 +202,11 @@ impl Attachments {
         self.commits.iter().map(|(deployment, hosts)| (deployment, hosts.as_slice()))
     }
 
-    /// Takes the oldest of the deployments that are over, if there are more than `count`.
+    /// Takes the oldest of the deployments that are over and have no program left, if more than `count` are over.
     pub fn take_buried(&mut self, count: usize) -> Option<Deployment> {
-        if self.buried.len() > count { self.buried.pop_front() } else { None }
+        let has_ended = |deployment: &Deployment| self.of(deployment).next().is_none();
+        let oldest = self.buried.iter().position(has_ended).filter(|_| self.buried.len() > count)?;
+        self.buried.remove(oldest)
     }
 
     /// Returns whether the node was to leave.
@@ -269,5 +274,80 @@ fn is_ending(report: &ShimReport) -> bool {
         | ShimReport::ExecFailed { .. }
         | ShimReport::Ended { .. } => true,
         ShimReport::Ready | ShimReport::Started { .. } | ShimReport::Gone => false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use language::plan::{LeafKind, Policy};
+
+    fn deployment(epoch: u64) -> Deployment {
+        Deployment { name: "door".into(), epoch }
+    }
+
+    fn spawn(epoch: u64) -> Effect {
+        Effect::Spawn(Box::new(SpawnOrder {
+            process: ProcessId { deployment: deployment(epoch), leaf: 0 },
+            path: "main/a".into(),
+            is_next: false,
+            command: Vec::new(),
+            secrets: Vec::new(),
+            devices: Vec::new(),
+            kind: LeafKind::Controller,
+            policy: Policy::default(),
+            keys: Vec::new(),
+        }))
+    }
+
+    fn close(epoch: u64) -> Effect {
+        Effect::CloseDeployment { deployment: deployment(epoch) }
+    }
+
+    fn gone(epoch: u64) -> Input {
+        let process = ProcessId { deployment: deployment(epoch), leaf: 0 };
+        Input::Shim { process, report: ShimReport::Gone, output: Vec::new() }
+    }
+
+    #[test]
+    fn only_the_folders_of_what_is_over_are_given_up_the_oldest_first() {
+        let mut attachments = Attachments::default();
+        for epoch in 1..=3 {
+            attachments.given(&spawn(epoch));
+            attachments.taken(&gone(epoch));
+            attachments.given(&close(epoch));
+        }
+        assert_eq!(attachments.take_buried(3), None);
+        assert_eq!(attachments.take_buried(2), Some(deployment(1)));
+        assert_eq!(attachments.take_buried(2), None);
+    }
+
+    #[test]
+    fn the_folder_of_a_part_that_begins_anew_stays() {
+        let mut attachments = Attachments::default();
+        attachments.given(&spawn(1));
+        attachments.taken(&gone(1));
+        attachments.given(&close(1));
+        attachments.given(&spawn(1));
+        attachments.given(&close(2));
+        assert_eq!(attachments.take_buried(0), Some(deployment(2)));
+        assert_eq!(attachments.take_buried(0), None, "it runs again");
+        attachments.taken(&gone(1));
+        attachments.given(&close(1));
+        attachments.given(&close(1));
+        assert_eq!(attachments.take_buried(0), Some(deployment(1)));
+        assert_eq!(attachments.take_buried(0), None, "once");
+    }
+
+    #[test]
+    fn the_folder_of_a_program_that_could_not_be_ended_stays_until_it_is_gone() {
+        let mut attachments = Attachments::default();
+        attachments.given(&spawn(1));
+        attachments.given(&close(1));
+        attachments.given(&close(2));
+        assert_eq!(attachments.take_buried(1), Some(deployment(2)), "the next one that has ended");
+        assert_eq!(attachments.take_buried(0), None);
+        attachments.taken(&gone(1));
+        assert_eq!(attachments.take_buried(0), Some(deployment(1)));
     }
 }
