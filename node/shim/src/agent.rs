@@ -35,6 +35,8 @@ pub(crate) struct Agent {
 /// The reports so far, and the connection that gets the next ones.
 struct Reports {
     made: Vec<String>,
+    /// How many of them an agent was told.
+    told: usize,
     /// The agent that attached last; with none the one that has started this shim.
     attached: Option<UnixStream>,
 }
@@ -49,7 +51,7 @@ pub(crate) fn is_lost() -> bool {
 impl Agent {
     /// Returns the agent that has started this shim for the instance in `dir`.
     pub(crate) fn new(dir: &Path) -> Self {
-        let reports = Reports { made: Vec::new(), attached: None };
+        let reports = Reports { made: Vec::new(), told: 0, attached: None };
         Self { reports: Arc::new(Mutex::new(reports)), socket: dir.join(SOCKET_FILE) }
     }
 
@@ -83,7 +85,16 @@ impl Agent {
             None => print(&line).is_ok(),
         };
         reports.made.push(line);
+        if is_heard {
+            reports.told = reports.made.len();
+        }
         is_heard
+    }
+
+    /// Returns whether an agent was told every report.
+    pub(crate) fn is_told(&self) -> bool {
+        let reports = lock(&self.reports);
+        reports.told == reports.made.len()
     }
 
     /// Makes the last report. The socket goes before it, because the folder may be another shim's right after.
@@ -151,6 +162,7 @@ impl Reader {
         let missing: String = reports.made.iter().skip(had).map(String::as_str).collect();
         (&copy).write_all(format!("{reply}\n{missing}").as_bytes())?;
         reports.attached = Some(copy);
+        reports.told = reports.made.len();
         Ok(())
     }
 

@@ -34,7 +34,7 @@ use comms::logic::time::Time;
 use descendants::kill_descendants;
 use group::Group;
 use output::Output;
-use record::{Record, conclude};
+use record::{Record, conclude, hold};
 use rustix::io::Errno;
 use rustix::process::{Pid, PidfdFlags, Signal, WaitOptions, WaitStatus, pidfd_open, pidfd_send_signal};
 use shim::process_record::RECORD_FILE;
@@ -162,7 +162,7 @@ fn supervise(start: &ShimStart, secrets: Vec<OwnedFd>) -> io::Result<()> {
     let (record, group) = match prepare(start, &agent, events_tx.clone()) {
         Ok(prepared) => prepared,
         Err(reason) => {
-            conclude(&start.dir, &agent, &ShimReport::ExecFailed { reason });
+            conclude(&start.dir, &agent, ShimReport::ExecFailed { reason });
             agent.leave();
             return Ok(());
         }
@@ -180,7 +180,7 @@ fn supervise(start: &ShimStart, secrets: Vec<OwnedFd>) -> io::Result<()> {
         Err(error) => {
             // It was as it should be before the gate.
             let reason = format!("cannot open `{}`: {}", start.dir.join(OUTPUT_FILE).display(), cause(&error));
-            conclude(&start.dir, &agent, &ShimReport::ExecFailed { reason });
+            conclude(&start.dir, &agent, ShimReport::ExecFailed { reason });
             record.remove();
             drop(group);
             agent.leave();
@@ -193,7 +193,7 @@ fn supervise(start: &ShimStart, secrets: Vec<OwnedFd>) -> io::Result<()> {
     }
     let executed = execute(&group.start(start), &output);
     drop(secrets);
-    match executed {
+    let unknown = match executed {
         Ok(program) => {
             record.add(program.pid);
             let pid = program.pid.as_raw_nonzero().get();
@@ -203,10 +203,12 @@ fn supervise(start: &ShimStart, secrets: Vec<OwnedFd>) -> io::Result<()> {
             }
             std::thread::Builder::new().name("reaper".into()).spawn(move || reap(&events_tx))?;
             let (agent, output, group) = (&agent, &output, &group);
-            Supervision { start, agent, program, output, group, deadline: None, killing: false, why: None }
-                .run(&events);
+            Supervision { start, agent, program, output, group, deadline: None, killing: false, why: None }.run(&events)
         }
-        Err(reason) => conclude(&start.dir, &agent, &ShimReport::ExecFailed { reason }),
+        Err(reason) => conclude(&start.dir, &agent, ShimReport::ExecFailed { reason }),
+    };
+    if let Some(end) = unknown {
+        hold(&start.dir, &agent, &end, &events);
     }
     output.settle(SETTLE);
     record.remove();
@@ -316,7 +318,9 @@ struct Supervision<'a> {
 }
 
 impl Supervision<'_> {
-    fn run(&mut self, events: &Receiver<Event>) {
+    /// Returns the end of the program if nobody knows of it yet.
+    fn run(&mut self, events: &Receiver<Event>) -> Option<ShimReport> {
+        let mut unknown = None;
         loop {
             match next(events, self.deadline) {
                 Ok(Event::Order(ShimOrder::Stop { grace })) => self.stop(grace),
@@ -330,12 +334,12 @@ impl Supervision<'_> {
                 Ok(Event::Overdue(why)) => self.abort(why),
                 Ok(Event::Ended(pid, status)) if pid == self.program.pid => {
                     self.output.settle(SETTLE);
-                    conclude(&self.start.dir, self.agent, &self.ending(status));
+                    unknown = conclude(&self.start.dir, self.agent, self.ending(status));
                     self.kill();
                 }
                 Ok(Event::Order(ShimOrder::Go) | Event::Ended(..) | Event::Attached) => {}
                 // The reaper ends with the first.
-                Ok(Event::NoneLeft) | Err(RecvTimeoutError::Disconnected) => return,
+                Ok(Event::NoneLeft) | Err(RecvTimeoutError::Disconnected) => return unknown,
             }
         }
     }

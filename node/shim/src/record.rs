@@ -1,15 +1,21 @@
 //! The files that a shim writes: which process runs here, and how it has ended.
 
-use super::complain;
+use super::{Event, complain, next};
 use crate::agent::Agent;
+use comms::io::clock::now;
 use comms::io::file::{self, Privacy};
 use rustix::process::Pid;
 use shim::process_record::{ProcessRecord, RECORD_FILE};
 use shim::processes;
-use shim::protocol::{AGENT_LOSS_GRACE, EXIT_FILE, ShimReport, ShimStart};
+use shim::protocol::{AGENT_LOSS_GRACE, EXIT_FILE, SOCKET_FILE, ShimReport, ShimStart};
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::time::Duration;
+
+/// Until a disk that has not taken the record of an end is asked again.
+const WRITE_AGAIN: Duration = Duration::from_millis(500);
 
 /// The record of who runs here, for a node that starts after this shim and its node were killed.
 pub(super) struct Record {
@@ -46,13 +52,28 @@ impl Record {
 }
 
 /// Records the end, then reports it: an agent that comes too late to attach reads the record, in the same boot of the kernel. So an agent
-/// that hears of the end does not wait for the disk. Where none does, the record is all that there is, and it is synced.
-pub(super) fn conclude(dir: &Path, agent: &Agent, end: &ShimReport) {
-    let written = write_end(dir, end);
-    let is_heard = agent.report(end);
+/// that hears of the end does not wait for the disk. Where none does, the record is all that there is, and it is synced. Returns the
+/// end if it is known to nobody: neither to an agent nor to the disk.
+pub(super) fn conclude(dir: &Path, agent: &Agent, end: ShimReport) -> Option<ShimReport> {
+    let written = write_end(dir, &end);
+    let (is_heard, is_written) = (agent.report(&end), written.is_ok());
     let kept = written.and_then(|file| if is_heard { Ok(()) } else { sync(&file, dir) });
     if let Err(error) = kept {
         complain(&format!("dca-shim: cannot write `{}`: {error}", dir.join(EXIT_FILE).display()));
+    }
+    if is_heard || is_written { None } else { Some(end) }
+}
+
+/// Holds an end that nobody has heard of and the disk did not take, until one of them does: nobody else knows it. Where the socket is gone,
+/// nobody will ever ask.
+pub(super) fn hold(dir: &Path, agent: &Agent, end: &ShimReport, events: &Receiver<Event>) {
+    let socket = dir.join(SOCKET_FILE);
+    while !agent.is_told() && socket.exists() && write_end(dir, end).and_then(|file| sync(&file, dir)).is_err() {
+        // An agent that attaches gets every report. Nothing runs that it could give orders about.
+        match next(events, Some(now() + WRITE_AGAIN)) {
+            Ok(_) | Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return,
+        }
     }
 }
 

@@ -124,6 +124,35 @@ fn what_ends_without_an_agent_leaves_its_cause() {
     }
 }
 
+/// The disk does not take the record, and nobody hears: the shim stays until one of the two changes, or its folder is gone.
+#[test]
+fn an_end_that_the_disk_does_not_take_waits_for_an_agent_or_the_disk() {
+    for (is_agent_first, is_folder_gone) in [(true, false), (false, false), (false, true)] {
+        let mut shim = start(Gate::None, None, &WAITING.replace("exit 9", "echo ended > ended; exit 9"));
+        assert_eq!(shim.next(), Some(STARTED));
+        wait_for(&shim.dir, "up");
+        let lost = Lost::of(shim);
+        // In the place of the file that becomes the record.
+        let in_the_way = lost.dir.join("exit.new");
+        std::fs::create_dir(&in_the_way).unwrap();
+        std::fs::write(lost.dir.join("end"), "").unwrap();
+        wait_for(&lost.dir, "ended");
+        if is_agent_first {
+            lost.attach(1).expect(&[exited(9), ShimReport::Gone]);
+        }
+        if is_folder_gone {
+            let elsewhere = lost.dir.with_extension("gone");
+            std::fs::rename(&lost.dir, &elsewhere).unwrap();
+            let over = lost.left();
+            std::fs::rename(&elsewhere, &over.dir).unwrap();
+            continue;
+        }
+        std::fs::remove_dir(&in_the_way).unwrap();
+        let over = lost.left();
+        assert!(is_agent_first || over.read(EXIT_FILE) == "exited 9\n");
+    }
+}
+
 /// The end comes while one agent is there and another waits behind it.
 #[test]
 fn an_end_between_two_agents_is_told_whole_or_not_at_all() {
