@@ -139,7 +139,7 @@ enum Verb {
     /// Say how often values leave an output, how regularly, and how many bytes they are
     #[command(visible_alias = "bw")]
     Hz(hz::Arguments),
-    /// List the ports, procedures and states of running programs, with their types
+    /// List the ports, procedures and states of running programs, and the wires inside in-process groups, with their types
     List(list::Arguments),
     /// Call a procedure that a running program exports
     Call(object::CallArguments),

@@ -1,4 +1,4 @@
-//! `dca list`: what running programs have: ports, procedures and states, with their types.
+//! `dca list`: what running programs have: ports, procedures, states and inner wires, with their types.
 //!
 //! The nodes say where the programs are; each is asked itself.
 
@@ -125,6 +125,7 @@ fn input(port: PortName) -> Listed {
     Listed {
         process,
         name: port.port,
+        to: None,
         kind: ListedKind::Input,
         types: port.kind.unwrap_or_default(),
         doc: String::new(),
@@ -148,7 +149,10 @@ async fn program(
         }
     }
     match outputs_of(&taps, &deployment, &path, dial).await {
-        Ok(outputs) => rows.extend(outputs.outputs.into_iter().map(|output| Listed::output(&process, output))),
+        Ok(outputs) => {
+            rows.extend(outputs.outputs.into_iter().map(|output| Listed::output(&process, output)));
+            rows.extend(outputs.inner.into_iter().flat_map(|inner| Listed::inner(&process, inner)));
+        }
         Err(failure) => failures.push(format!("warning: `{process}`: {}", words(&failure))),
     }
     (process, rows, failures)

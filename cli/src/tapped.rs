@@ -29,8 +29,8 @@ const SECOND: Duration = Duration::from_secs(1);
 /// Which outputs are followed.
 #[derive(Debug, clap::Args)]
 pub(crate) struct TapArgs {
-    /// The output, and the end of its process's path: `force.Out`, `hit/force.Out`; of a device: `plant.arm/state`; without a
-    /// process all that have it
+    /// The output, and the end of its process's path: `force.Out`, `hit/force.Out`; of a device: `plant.arm/state`; inside
+    /// an in-process group: `filter.smooth.Out`; without a process all that have it
     output: String,
     /// In this deployment
     #[arg(long)]
@@ -266,7 +266,7 @@ async fn hear(
                 continue;
             }
         };
-        for output in &outputs.outputs {
+        for output in outputs.all() {
             let name = format!("{path}.{}", output.name);
             if !wanted.is_output(&output.name) {
                 known.insert(name);

@@ -110,9 +110,9 @@ pub use database::{
 };
 pub use export::{Activity, CallInterface, ExportInterface, Exports, RawReply, Reply};
 pub use group::{GroupError, InProcessGroup};
-pub use interface::{Binding, Device, Direction, Interface, PortInterface};
+pub use interface::{Binding, Device, Direction, InnerOutput, Interface, PortInterface};
 pub use key_ports::{KeyAnswer, KeyNews, KeyPut, KeyResult};
-pub use module::{Delivery, DeliveryError, Module, Outlets};
+pub use module::{Delivery, DeliveryError, InnerValue, Module, Outlets};
 pub use port::{AnyIn, AnyOut, Every, In, InputPort, InputSet, Message, Out, OutputPort, OutputSet};
 pub use quantity::Quantity;
 pub use random::Random;

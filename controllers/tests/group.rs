@@ -2,10 +2,11 @@
 
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
+use comms::io::direct::Filler;
 use controllers::sdk::harness::{Disturbance, Ending, Harness, ModuleId};
 use controllers::sdk::{
-    About, Arguments, Configured, Controller, Every, GroupError, InProcessGroup, Inputs, Kind, Message, Module, Out,
-    Outcome, Outputs, Parameter, PortInterface, Progress, Registry, Signal, Stopping, Tick, Time,
+    About, Arguments, Configured, Controller, Every, GroupError, InProcessGroup, InnerValue, Inputs, Kind, Message,
+    Module, Out, Outcome, Outlets, Outputs, Parameter, PortInterface, Progress, Registry, Signal, Stopping, Tick, Time,
 };
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
@@ -307,6 +308,69 @@ impl Controller for Metronome {
     fn main_calc(&mut self, tick: Tick, (): &(), outputs: &mut Says) -> Progress {
         self.0.main_calc(tick, &(), outputs)
     }
+}
+
+/// Looks at some of the outputs inside a group.
+#[derive(Default)]
+struct Person {
+    looks_at: Vec<usize>,
+    /// The outputs, the numbers of their values, and what the head had counted then.
+    seen: Vec<(usize, u64, u64)>,
+}
+
+impl Outlets for Person {
+    fn send(&mut self, _: &'static str, _: Vec<u8>) {}
+
+    fn send_filled(&mut self, _: &'static str, _: &mut dyn FnMut(&mut Filler<'_>) -> bool) -> bool {
+        false
+    }
+
+    fn show_inner(&mut self, values: &mut Vec<InnerValue>, heard: &mut [bool]) {
+        let step = |value: &InnerValue| postcard::from_bytes::<Step>(&value.bytes).unwrap().0;
+        self.seen.extend(values.drain(..).map(|value| (value.at, value.number, step(&value))));
+        for (at, is_heard) in heard.iter_mut().enumerate() {
+            *is_heard = self.looks_at.contains(&at);
+        }
+    }
+}
+
+/// Only outputs that lead to other members are inside, and only those that somebody looks at are shown. All are counted.
+#[test]
+fn what_is_sent_inside_is_shown_while_somebody_looks() {
+    let mut group = create(caterpillar(2, false).expose(("stage2", "Out"), "Out"), &[]);
+    let names = |group: &dyn Module| {
+        let inner = group.interface().inner.iter();
+        inner.map(|inner| format!("{}: {} -> {}", inner.name, inner.type_name, inner.inputs.join(", "))).collect()
+    };
+    let inner: Vec<String> = names(&*group);
+    let expected =
+        ["head.Out: Step -> stage1.In", "stage1.Out: Step -> sink1.In, stage2.In", "stage2.Out: Step -> sink2.In"];
+    assert_eq!(inner, expected);
+    let alone: Vec<String> =
+        names(&*create(InProcessGroup::new("G", "One.").member::<Head>("a", nothing).expose(("a", "Out"), "Out"), &[]));
+    assert_eq!(alone, Vec::<String>::new());
+
+    group.init(b"", Time::ZERO).unwrap();
+    let (mut person, mut turns) = (Person::default(), 0);
+    let mut turn = |person: &mut Person, looks_at: &[usize]| {
+        looks_at.clone_into(&mut person.looks_at);
+        assert_eq!(group.calculate(Time::ZERO + PERIOD * turns), Progress::Continue);
+        turns += 1;
+        group.drain_to(person);
+        std::mem::take(&mut person.seen)
+    };
+    // Who comes during a turn sees the next one, who goes does not see it any more.
+    assert_eq!(turn(&mut person, &[]), []);
+    assert_eq!(turn(&mut person, &[1]), []);
+    assert_eq!(turn(&mut person, &[0, 1, 2]), [(1, 3, 3)]);
+    assert_eq!(turn(&mut person, &[]), [(0, 4, 4), (1, 4, 4), (2, 4, 4)]);
+    assert_eq!(turn(&mut person, &[2]), []);
+    assert_eq!(turn(&mut person, &[2]), [(2, 6, 6)]);
+    // They are counted from the start of the program on, as other outputs are.
+    group.init(b"", Time::ZERO).unwrap();
+    assert_eq!(group.calculate(Time::ZERO), Progress::Continue);
+    group.drain_to(&mut person);
+    assert_eq!(person.seen, [(2, 7, 1)]);
 }
 
 #[test]

@@ -9,7 +9,7 @@ use language::{Message, Source};
 use serde_json::{Value, json};
 use std::time::Duration;
 
-/// The outputs that a person means: `Out`, `force.Out`, `hit/force.Out`, `plant.arm/state`.
+/// The outputs that a person means: `Out`, `force.Out`, `hit/force.Out`, `plant.arm/state`, inside a group `filter.smooth.Out`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Wanted {
     /// The end of a path; every process if absent.
@@ -19,7 +19,8 @@ pub(crate) struct Wanted {
 
 impl Wanted {
     pub(crate) fn new(text: &str) -> Self {
-        let (process, output) = match text.rsplit_once('.') {
+        // No path has a dot; inside a group an output has one behind its member.
+        let (process, output) = match text.split_once('.') {
             Some((process, output)) => (Some(process.to_owned()), output),
             None => (None, text),
         };
@@ -45,7 +46,9 @@ pub(crate) fn is_path(path: &str, meant: &str) -> bool {
 /// Returns the type of an output's values, as far as the program names what is in them. `all` has the types that it may be
 /// made of.
 pub(crate) fn message(output: &OutputType, all: &Outputs) -> Option<Message> {
-    let mut types: Vec<&OutputType> = all.outputs.iter().filter(|one| !one.fields.is_empty()).collect();
+    // First its own: two members of a group may have different types of one name.
+    let types = std::iter::once(output).chain(all.all());
+    let mut types: Vec<&OutputType> = types.filter(|one| !one.fields.is_empty()).collect();
     types.sort_by_key(|one| &one.type_name);
     types.dedup_by_key(|one| &one.type_name);
     let mut text: String =
@@ -180,6 +183,7 @@ fn a_second(bytes: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use comms::logic::tap::InnerOutput;
 
     fn tapped(number: u64, millis: u64) -> Tapped {
         Tapped { number, stamp: Time::from_nanos(millis * 1_000_000), bytes: vec![0; 50] }
@@ -198,6 +202,10 @@ mod tests {
         check("force.In", "main/hit/force", "Out", false);
         check("plant.arm/state", "main/plant", "arm/state", true);
         check("arm/state", "main/plant", "arm/state", true);
+        check("filter.smooth.Out", "main/filter", "smooth.Out", true);
+        check("arm/filter.smooth.Out", "main/arm/filter", "smooth.Out", true);
+        check("smooth.Out", "main/filter", "smooth.Out", false);
+        check("filter.Out", "main/filter", "smooth.Out", false);
     }
 
     #[test]
@@ -207,13 +215,24 @@ mod tests {
             type_name: type_name.into(),
             fields: fields.into(),
         };
-        let all =
-            Outputs { outputs: vec![output("Out", "Wrench", "force: Force[2], soft: Truth"), output("N", "Odd", "")] };
+        let inner = |member: &str, fields: &str| InnerOutput {
+            output: output(&format!("{member}.Out"), "Wrench", fields),
+            inputs: vec!["end.In".into()],
+        };
+        let inner = vec![inner("one", "force: Force[2], soft: Truth"), inner("two", "soft: Truth")];
+        let all = Outputs {
+            outputs: vec![output("Out", "Wrench", "force: Force[2], soft: Truth"), output("N", "Odd", "")],
+            inner,
+        };
         let known = message(&all.outputs[0], &all).unwrap();
         let bytes: Vec<u8> = [1.5_f64.to_le_bytes(), 2.0_f64.to_le_bytes()].concat().into_iter().chain([1]).collect();
         assert_eq!(value(Some(&known), &bytes), json!({ "force": [1.5, 2.0], "soft": true }));
         assert_eq!(value(Some(&known), &bytes[1..]), json!({ "size": 16 }));
         assert_eq!((message(&all.outputs[1], &all), value(None, b"abc")), (None, json!({ "size": 3 })));
+        // Members of a group know only their own types.
+        let of = |at: usize| message(&all.inner[at].output, &all);
+        assert_eq!(value(of(0).as_ref(), &bytes), json!({ "force": [1.5, 2.0], "soft": true }));
+        assert_eq!(value(of(1).as_ref(), &[1]), json!({ "soft": true }));
     }
 
     #[test]

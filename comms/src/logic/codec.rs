@@ -157,7 +157,7 @@ impl Enveloped for Tapped {
 
 impl Enveloped for Outputs {
     const KIND: Kind = Kind::Outputs;
-    const VERSION: u16 = 1;
+    const VERSION: u16 = 2;
     const SIZE_MAX: usize = 1 << 20;
 }
 
@@ -298,7 +298,7 @@ mod tests {
     use crate::logic::seal::{Refusal, Refused};
     use crate::logic::signals::{Peak, Signal};
     use crate::logic::switch::{Boundary, Expect, Flip, Opening};
-    use crate::logic::tap::OutputType;
+    use crate::logic::tap::{InnerOutput, OutputType};
     use crate::logic::time::Time;
     use proptest::prelude::*;
     use std::time::Duration;
@@ -428,7 +428,9 @@ mod tests {
         let tapped = Tapped { number: 300, stamp: Time::from_nanos(5), bytes: vec![7, 8] };
         check(&tapped, "444301000800ac0205020708");
         let output = OutputType { name: "Out".into(), type_name: "W".into(), fields: "x: N".into() };
-        check(&Outputs { outputs: vec![output] }, "44430100090001034f7574015704783a204e");
+        let inner = InnerOutput { output: output.clone(), inputs: vec!["b.In".into()] };
+        let outputs = Outputs { outputs: vec![output], inner: vec![inner] };
+        check(&outputs, "44430200090001034f7574015704783a204e01034f7574015704783a204e0104622e496e");
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! Values of an output as people look at them while a robot works: `dca echo`, `dca hz`.
 //!
 //! A program publishes each value that leaves an output on `key::tap(robot, instance, output)`, whether wires are open or not, and
-//! only while somebody listens. On `key::outputs(robot, instance)` it answers which outputs it has.
+//! only while somebody listens. On `key::outputs(robot, instance)` it answers which outputs it has. An in-process group shows the outputs
+//! of its members that lead to other members, too.
 
 use crate::logic::time::Time;
 use serde::{Deserialize, Serialize};
@@ -23,12 +24,30 @@ pub struct Tapped {
 pub struct Outputs {
     /// In order of declaration; those to devices, too.
     pub outputs: Vec<OutputType>,
+    /// Of an in-process group: the outputs of members that lead to other members.
+    pub inner: Vec<InnerOutput>,
+}
+
+impl Outputs {
+    /// Returns all outputs that can be looked at: its own, then those of its members.
+    pub fn all(&self) -> impl Iterator<Item = &OutputType> {
+        self.outputs.iter().chain(self.inner.iter().map(|inner| &inner.output))
+    }
+}
+
+/// An output of a member of an in-process group, and where its values go inside.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct InnerOutput {
+    /// Its name has the member in front: `smooth.Out`.
+    pub output: OutputType,
+    /// The inputs that have its values, in order of the wires: `limit.In`.
+    pub inputs: Vec<String>,
 }
 
 /// An output and the type of its values.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct OutputType {
-    /// The output: `Out`, or a device key as `arm/state`.
+    /// The output: `Out`, a device key as `arm/state`, or `member.Out` inside an in-process group.
     pub name: String,
     /// The type of the values: `Wrench`.
     pub type_name: String,

@@ -8,6 +8,7 @@
 //! The members share their fate: one that ends, ends the group, and one that crashes takes the process of all of them along.
 
 mod checks;
+mod inner;
 mod turns;
 
 use super::arguments::{Arguments, Parameter};

@@ -19,6 +19,21 @@ pub struct Interface {
     pub exports: Vec<ExportInterface>,
     /// What it calls of others, in order of declaration.
     pub calls: Vec<CallInterface>,
+    /// Of an in-process group: the outputs of members that lead to other members, by member in the order of their turns.
+    pub inner: Vec<InnerOutput>,
+}
+
+/// An output of a member of an in-process group, and where its values go inside. No spec knows it; people look at it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct InnerOutput {
+    /// The member and its port: `smooth.Out`.
+    pub name: String,
+    /// The message type.
+    pub type_name: &'static str,
+    /// The fields of the message, as of a record; empty if the message type does not name them.
+    pub fields: &'static str,
+    /// The inputs that have its values, in order of the wires: `limit.In`.
+    pub inputs: Vec<String>,
 }
 
 impl Interface {
@@ -129,7 +144,14 @@ mod tests {
 
     fn interface() -> Interface {
         let about = About::task("Looks for something.").ends_with(OUTCOMES);
-        Interface { type_name: "Search", about, ports: Vec::new(), exports: Vec::new(), calls: Vec::new() }
+        Interface {
+            type_name: "Search",
+            about,
+            ports: Vec::new(),
+            exports: Vec::new(),
+            calls: Vec::new(),
+            inner: Vec::new(),
+        }
     }
 
     #[test]
@@ -149,9 +171,16 @@ mod tests {
     #[test]
     fn what_remembers_says_so_in_its_text() {
         let told = |about| {
-            Interface { type_name: "Count", about, ports: Vec::new(), exports: Vec::new(), calls: Vec::new() }
-                .text()
-                .contains("  remembers;\n")
+            Interface {
+                type_name: "Count",
+                about,
+                ports: Vec::new(),
+                exports: Vec::new(),
+                calls: Vec::new(),
+                inner: Vec::new(),
+            }
+            .text()
+            .contains("  remembers;\n")
         };
         assert!(told(About::service("Counts.").remembers()) && !told(About::service("Counts.")));
     }
@@ -159,8 +188,14 @@ mod tests {
     #[test]
     fn what_declares_no_outcomes_ends_as_it_likes() {
         let about = About::task("Ends.");
-        let interface =
-            Interface { type_name: "Step", about, ports: Vec::new(), exports: Vec::new(), calls: Vec::new() };
+        let interface = Interface {
+            type_name: "Step",
+            about,
+            ports: Vec::new(),
+            exports: Vec::new(),
+            calls: Vec::new(),
+            inner: Vec::new(),
+        };
         assert!(interface.text().contains("  done;\n") && interface.may_end_with(b"anything"));
     }
 }

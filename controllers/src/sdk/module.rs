@@ -127,8 +127,26 @@ pub trait Outlets {
     /// Sends an encoded value.
     fn send(&mut self, port: &'static str, bytes: Vec<u8>);
 
+    /// Shows people what outputs inside a group have sent, and takes it out of `values`. `heard` has a place for each of
+    /// [`Interface::inner`](super::interface::Interface::inner), in that order: whether somebody looks at it from now on.
+    fn show_inner(&mut self, values: &mut Vec<InnerValue>, heard: &mut [bool]) {
+        values.clear();
+        heard.fill(false);
+    }
+
     /// Sends a value that `fill` encodes, if all that it goes to share memory; says whether it is sent. `fill` says whether it found room.
     fn send_filled(&mut self, port: &'static str, fill: &mut dyn FnMut(&mut Filler<'_>) -> bool) -> bool;
+}
+
+/// A value of an output inside a group, for people.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct InnerValue {
+    /// The place of its output in [`Interface::inner`](super::interface::Interface::inner).
+    pub at: usize,
+    /// How many values have left that output, this one included.
+    pub number: u64,
+    /// The value, encoded.
+    pub bytes: Vec<u8>,
 }
 
 /// The answer of a module to a delivered sample.
@@ -184,7 +202,7 @@ pub(super) fn interface<C: Controller>() -> Interface {
     let mut ports = C::Inputs::declared();
     ports.extend(C::Outputs::declared());
     let (exports, calls) = (exports::<C>().interfaces(), C::Outputs::declared_calls());
-    Interface { type_name: C::TYPE, about: C::about(), ports, exports, calls }
+    Interface { type_name: C::TYPE, about: C::about(), ports, exports, calls, inner: Vec::new() }
 }
 
 fn exports<C: Controller>() -> Exports<C> {

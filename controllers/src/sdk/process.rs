@@ -172,7 +172,8 @@ fn team(inbox: &Arc<Inbox>) -> Result<Option<Arc<ProgramIdentity>>, ProcessError
 
 fn needs_session(interface: &Interface) -> bool {
     let is_called = !interface.exports.is_empty() || !interface.calls.is_empty();
-    !interface.ports.is_empty() || interface.about.signals_every.is_some() || is_called
+    let is_seen = interface.about.signals_every.is_some() || !interface.inner.is_empty();
+    !interface.ports.is_empty() || is_seen || is_called
 }
 
 /// Opens the way of wires to programs of this host, beside the data session. Without it they go over that. In a team both ends of a wire

@@ -2,7 +2,7 @@
 
 use crate::logic::tap::is_path;
 use comms::logic::object::{ExportKind, Exported, TypeForm};
-use comms::logic::tap::OutputType;
+use comms::logic::tap::{InnerOutput, OutputType};
 use serde_json::{Value, json};
 
 /// A name of a running program.
@@ -11,6 +11,8 @@ pub(crate) struct Listed {
     /// `door:main/hand`
     pub(crate) process: String,
     pub(crate) name: String,
+    /// Of a wire inside a group, the input that it leads to.
+    pub(crate) to: Option<String>,
     pub(crate) kind: ListedKind,
     pub(crate) types: String,
     pub(crate) doc: String,
@@ -24,6 +26,8 @@ pub(crate) enum ListedKind {
     Output,
     /// The end of a connection.
     Input,
+    /// Between two members of an in-process group.
+    InnerWire,
 }
 
 impl ListedKind {
@@ -33,6 +37,7 @@ impl ListedKind {
             Self::State => "state",
             Self::Output => "out",
             Self::Input => "in",
+            Self::InnerWire => "wire",
         }
     }
 }
@@ -44,23 +49,37 @@ impl Listed {
             ExportKind::State => exported.signature.result.to_string(),
             ExportKind::Procedure => format!("{} -> {}", exported.signature.argument, exported.signature.result),
         };
-        Self { process: process.to_owned(), name: exported.name, kind, types, doc: exported.doc }
+        Self { process: process.to_owned(), name: exported.name, to: None, kind, types, doc: exported.doc }
     }
 
     pub(crate) fn output(process: &str, output: OutputType) -> Self {
         let types = TypeForm::new(&output.type_name, &output.fields).to_string();
         let (process, kind) = (process.to_owned(), ListedKind::Output);
-        Self { process, name: output.name, kind, types, doc: String::new() }
+        Self { process, name: output.name, to: None, kind, types, doc: String::new() }
+    }
+
+    /// Returns a row for each wire inside a group that begins at this output.
+    pub(crate) fn inner(process: &str, InnerOutput { output, inputs }: InnerOutput) -> Vec<Self> {
+        let of_output = Self { kind: ListedKind::InnerWire, ..Self::output(process, output) };
+        inputs.into_iter().map(|input| Self { to: Some(input), ..of_output.clone() }).collect()
     }
 
     /// Returns the cells of its row.
     pub(crate) fn cells(&self) -> [String; 4] {
-        [self.process.clone(), self.name.clone(), self.kind.word().to_owned(), self.types.clone()]
+        let name = match &self.to {
+            Some(to) => format!("{} -> {to}", self.name),
+            None => self.name.clone(),
+        };
+        [self.process.clone(), name, self.kind.word().to_owned(), self.types.clone()]
     }
 
     pub(crate) fn json(&self) -> Value {
         let (process, name, kind) = (&self.process, &self.name, self.kind.word());
-        json!({ "process": process, "name": name, "kind": kind, "type": self.types, "doc": self.doc })
+        let mut row = json!({ "process": process, "name": name, "kind": kind, "type": self.types, "doc": self.doc });
+        if let (Some(to), Some(row)) = (&self.to, row.as_object_mut()) {
+            row.insert("to".to_owned(), to.clone().into());
+        }
+        row
     }
 }
 
@@ -93,7 +112,13 @@ mod tests {
         assert_eq!(row.json()["doc"], "Does.");
         assert_eq!(Listed::exported("d:main/a", exported(ExportKind::State)).cells()[2..], ["state", "()"]);
         let output = OutputType { name: "Out".into(), type_name: "W".into(), fields: "x: Force".into() };
-        assert_eq!(Listed::output("d:main/a", output).cells()[1..], ["Out", "out", "W { x: Force }"]);
+        assert_eq!(Listed::output("d:main/a", output.clone()).cells()[1..], ["Out", "out", "W { x: Force }"]);
+        let output = OutputType { name: "b.Out".into(), ..output };
+        let wires = Listed::inner("d:main/a", InnerOutput { output, inputs: vec!["c.In".into(), "d.In".into()] });
+        let [one, other] = &wires[..] else { panic!("{wires:?}") };
+        assert_eq!(one.cells()[1..], ["b.Out -> c.In", "wire", "W { x: Force }"]);
+        assert_eq!((&other.json()["name"], &other.json()["to"]), (&json!("b.Out"), &json!("d.In")));
+        assert_eq!(row.json().get("to"), None);
         for (meant, is_meant) in [
             (None, true),
             (Some("a"), true),

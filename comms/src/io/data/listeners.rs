@@ -1,5 +1,6 @@
 //! Who listens to a publisher.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -7,6 +8,8 @@ use std::time::Duration;
 #[derive(Debug, Default)]
 pub(crate) struct Listeners {
     heard: Mutex<Matching>,
+    /// The same in one word: loops ask each time that they send.
+    is_any: AtomicBool,
     changed: Condvar,
 }
 
@@ -47,11 +50,14 @@ impl Listeners {
 
     /// Returns whether anybody listens.
     pub(crate) fn is_any(&self) -> bool {
-        self.heard.lock().unwrap_or_else(PoisonError::into_inner).is_any()
+        self.is_any.load(Ordering::Acquire)
     }
 
     fn change(&self, change: impl FnOnce(&mut Matching)) {
-        change(&mut self.heard.lock().unwrap_or_else(PoisonError::into_inner));
+        let mut heard = self.heard.lock().unwrap_or_else(PoisonError::into_inner);
+        change(&mut heard);
+        self.is_any.store(heard.is_any(), Ordering::Release);
+        drop(heard);
         self.changed.notify_all();
     }
 }

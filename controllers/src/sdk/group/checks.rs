@@ -3,7 +3,7 @@
 use super::{End, GroupError, InProcessGroup, MEMBERS_MAX, Make, Member};
 use crate::sdk::arguments::Arguments;
 use crate::sdk::controller::{About, Outcome, Schedule};
-use crate::sdk::interface::{Binding, Direction, Interface, PortInterface};
+use crate::sdk::interface::{Binding, Direction, InnerOutput, Interface, PortInterface};
 use crate::sdk::module::Module;
 use std::collections::BTreeMap;
 
@@ -25,7 +25,14 @@ pub(super) struct Place {
     pub(super) is_service: bool,
     make: Box<Make>,
     /// Where its outputs lead.
-    pub(super) outputs: BTreeMap<&'static str, Vec<Target>>,
+    pub(super) outputs: BTreeMap<&'static str, Outlet>,
+}
+
+/// Where all values of an output go.
+pub(super) struct Outlet {
+    pub(super) targets: Vec<Target>,
+    /// Its place among those that lead to other members.
+    pub(super) inner: Option<usize>,
 }
 
 /// Where an output leads.
@@ -51,6 +58,7 @@ impl Layout {
         joints.devices()?;
         joints.check_inputs()?;
         let Joints { ports, inputs, outputs, .. } = joints;
+        let (inner, outlets) = inner(&members, outputs);
         let about = About { parameters, ..about(type_name, doc, &members)? };
         let exports = members.iter().flat_map(|member| &member.interface.exports).cloned().collect::<Vec<_>>();
         let calls = members.iter().flat_map(|member| &member.interface.calls).cloned().collect::<Vec<_>>();
@@ -63,9 +71,9 @@ impl Layout {
         Ok(Self {
             exports: of(|interface| interface.exports.iter().map(|export| export.name).collect()),
             calls: of(|interface| interface.calls.iter().map(|call| call.name).collect()),
-            interface: Interface { type_name, about, ports, exports, calls },
+            interface: Interface { type_name, about, ports, exports, calls, inner },
             inputs,
-            members: members.into_iter().zip(outputs).map(|(member, outputs)| Place::new(member, outputs)).collect(),
+            members: members.into_iter().zip(outlets).map(|(member, outputs)| Place::new(member, outputs)).collect(),
         })
     }
 
@@ -80,10 +88,36 @@ impl Layout {
 }
 
 impl Place {
-    fn new(Member { name, interface, make }: Member, outputs: BTreeMap<&'static str, Vec<Target>>) -> Self {
+    fn new(Member { name, interface, make }: Member, outputs: BTreeMap<&'static str, Outlet>) -> Self {
         let About { schedule, service: is_service, .. } = interface.about;
         Self { name, schedule, is_service, make, outputs }
     }
+}
+
+/// Returns the outputs that lead to other members, and where all outputs of each member go.
+fn inner(
+    members: &[Member],
+    outputs: Vec<BTreeMap<&'static str, Vec<Target>>>,
+) -> (Vec<InnerOutput>, Vec<BTreeMap<&'static str, Outlet>>) {
+    let mut all = Vec::new();
+    let mut outlet = |member: &Member, port: &'static str, targets: Vec<Target>| {
+        let inputs = targets.iter().filter_map(|target| match target {
+            Target::Member(to, input) => members.get(*to).map(|to| format!("{}.{input}", to.name)),
+            Target::Outside(_) => None,
+        });
+        let (inputs, declared) = (inputs.collect::<Vec<_>>(), member.interface.port(port));
+        let inner = declared.filter(|_| !inputs.is_empty()).map(|declared| {
+            let (name, type_name, fields) = (format!("{}.{port}", member.name), declared.type_name, declared.fields);
+            all.push(InnerOutput { name, type_name, fields, inputs });
+            all.len() - 1
+        });
+        (port, Outlet { targets, inner })
+    };
+    let of_member = |(member, outputs): (&Member, BTreeMap<&'static str, Vec<Target>>)| {
+        outputs.into_iter().map(|(port, targets)| outlet(member, port, targets)).collect()
+    };
+    let outlets = members.iter().zip(outputs).map(of_member).collect();
+    (all, outlets)
 }
 
 /// The group with the shortest period of its members; it is a task if one of them is.

@@ -1,13 +1,14 @@
 //! A group that runs: its members in turns, what they send in memory.
 
-use super::checks::{Layout, Target};
+use super::checks::{Layout, Outlet, Target};
+use super::inner::InnerTaps;
 use crate::sdk::arguments::Arguments;
 use crate::sdk::calls::CallOrder;
 use crate::sdk::controller::{Configured, Progress, Schedule, Stopping};
 use crate::sdk::database::{DatabaseOrder, Unknown};
 use crate::sdk::export::{Activity, RawReply};
 use crate::sdk::interface::Interface;
-use crate::sdk::module::{Delivery, DeliveryError, Module};
+use crate::sdk::module::{Delivery, DeliveryError, Module, Outlets};
 use comms::logic::control::KeyPort;
 use comms::logic::database::DatabaseAnswer;
 use comms::logic::object::ObjectError;
@@ -27,6 +28,8 @@ pub(super) struct GroupModule {
     sent: Vec<(&'static str, Vec<u8>)>,
     /// What the member that calculates has sent.
     passing: Vec<(&'static str, Vec<u8>)>,
+    /// What people look at between the members.
+    taps: InnerTaps,
     /// Arguments that wait for the next activation.
     next: Option<Arguments>,
     /// Calls that the spec connects.
@@ -81,7 +84,9 @@ impl Running {
 impl GroupModule {
     pub(super) fn new(layout: Arc<Layout>, arguments: &Arguments) -> Result<Self, String> {
         let members = layout.make(arguments)?.into_iter().map(Running::new).collect();
-        Ok(Self { layout, members, sent: Vec::new(), passing: Vec::new(), next: None, connected: Vec::new() })
+        let taps = InnerTaps::new(layout.interface.inner.len());
+        let (sent, passing, connected) = Default::default();
+        Ok(Self { layout, members, sent, passing, taps, next: None, connected })
     }
 
     /// Passes on what a member has sent.
@@ -92,8 +97,10 @@ impl GroupModule {
         }
         let layout = Arc::clone(&self.layout);
         for (port, bytes) in passing.drain(..) {
-            let targets = layout.members.get(at).and_then(|place| place.outputs.get(port));
-            let Some((last, others)) = targets.and_then(|targets| targets.split_last()) else { continue };
+            let outlet = layout.members.get(at).and_then(|place| place.outputs.get(port));
+            let Some(Outlet { targets, inner }) = outlet else { continue };
+            let Some((last, others)) = targets.split_last() else { continue };
+            inner.iter().for_each(|inner| self.taps.pass(*inner, &bytes));
             for target in others {
                 self.send(*target, bytes.clone(), now);
             }
@@ -161,6 +168,7 @@ impl Module for GroupModule {
             None => {}
         }
         self.sent.clear();
+        self.taps.clear();
         for (at, (member, place)) in self.members.iter_mut().zip(&self.layout.members).enumerate() {
             (member.due, member.is_triggered, member.is_active) = (now, false, true);
             let value = if at == 0 { value } else { &[] };
@@ -213,6 +221,11 @@ impl Module for GroupModule {
         self.sent.drain(..).for_each(|(port, bytes)| send(port, bytes));
     }
 
+    fn drain_to(&mut self, outlets: &mut dyn Outlets) {
+        self.drain(&mut |port, bytes| outlets.send(port, bytes));
+        self.taps.show(outlets);
+    }
+
     fn signals(&self) -> Vec<Signal> {
         let all = self.members.iter().zip(&self.layout.members);
         let named = |(member, name): (&Running, &str)| {
@@ -256,7 +269,7 @@ impl Module for GroupModule {
                 let leads = |targets: &[Target]| {
                     targets.iter().any(|to| matches!(to, Target::Outside(name) if *name == port.port))
                 };
-                let outputs = place.outputs.iter().filter(|(_, targets)| port.is_write && leads(targets));
+                let outputs = place.outputs.iter().filter(|(_, outlet)| port.is_write && leads(&outlet.targets));
                 let names = inputs.chain(outputs.map(|(name, _)| *name));
                 names.map(|name| KeyPort { port: name.to_owned(), ..port.clone() }).collect::<Vec<_>>()
             });

@@ -530,8 +530,14 @@ mod tests {
         std::fs::remove_file(&path).unwrap();
         let period = Duration::from_millis(1);
         let about = About::service("Panics once.").every(period).signals_every(period);
-        let interface =
-            Interface { type_name: "Fragile", about, ports: Vec::new(), exports: Vec::new(), calls: Vec::new() };
+        let interface = Interface {
+            type_name: "Fragile",
+            about,
+            ports: Vec::new(),
+            exports: Vec::new(),
+            calls: Vec::new(),
+            inner: Vec::new(),
+        };
         let module = Box::new(Fragile { interface, breaks_in: Cell::new(call) });
         let inbox = Arc::new(Inbox::default());
         let cycle = Cycle::new(module, Arc::clone(&inbox), Arc::default(), NoticeLog::new(notices));

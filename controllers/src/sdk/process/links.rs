@@ -7,7 +7,7 @@ use super::keyring::{Keyring, Use};
 use super::objects::Callers;
 use super::wire::{Fetch, Push, Transport, Ways, Wire, WireInput, port, wire};
 use crate::sdk::interface::{Direction, Interface};
-use crate::sdk::module::Outlets;
+use crate::sdk::module::{InnerValue, Outlets};
 use comms::io::clock::now;
 use comms::io::data::{DataError, DataSession, Payload, Responder};
 use comms::io::direct::{DirectPath, Filler, Memory, Parcel};
@@ -392,6 +392,10 @@ impl Made {
 impl Outlets for &Links {
     fn send(&mut self, port: &'static str, bytes: Vec<u8>) {
         Links::send(self, port, bytes);
+    }
+
+    fn show_inner(&mut self, values: &mut Vec<InnerValue>, heard: &mut [bool]) {
+        self.lock().devices.taps.show_inner(values, heard);
     }
 
     fn send_filled(&mut self, port: &'static str, fill: &mut dyn FnMut(&mut Filler<'_>) -> bool) -> bool {

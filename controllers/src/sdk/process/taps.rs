@@ -1,24 +1,39 @@
 //! The outputs of a program as people look at them while it works: each value goes to whoever listens, over no wire.
 
 use crate::sdk::interface::{Direction, Interface};
+use crate::sdk::module::InnerValue;
 use comms::io::clock::now;
 use comms::io::data::{DataError, DataSession, Priority, Publisher, Responder};
-use comms::logic::tap::{OutputType, Outputs, Tapped};
+use comms::logic::tap::{InnerOutput, OutputType, Outputs, Tapped};
 use comms::logic::{codec, key};
 
 /// The taps of a program, from its first links on.
 #[derive(Debug, Default)]
 pub(super) struct Taps {
     taps: Vec<Tap>,
+    /// Those of the outputs inside a group, in the order of [`Interface::inner`].
+    inner: Vec<Tap>,
     _describing: Option<Responder>,
 }
 
 #[derive(Debug)]
 struct Tap {
-    output: &'static str,
+    output: String,
     publisher: Publisher,
-    /// How many values have left the output.
+    /// How many values have left the output; inside a group those are counted there.
     number: u64,
+}
+
+impl Tap {
+    /// Shows a value to whoever listens.
+    fn show(&self, tapped: &Tapped) {
+        if let Err(error) = codec::encode(tapped)
+            .map_err(|error| error.to_string())
+            .and_then(|bytes| self.publisher.put(bytes).map_err(|error| error.to_string()))
+        {
+            tracing::debug!(output = self.output, error, "a value is not shown");
+        }
+    }
 }
 
 impl Taps {
@@ -27,20 +42,16 @@ impl Taps {
         interface: &Interface,
         (robot, instance): (&str, &str),
     ) -> Result<Self, DataError> {
-        let outputs = || interface.ports.iter().filter(|port| port.direction == Direction::Out);
-        let tap = |output: &'static str| {
-            let publisher = session.publisher(&key::tap(robot, instance, output), Priority::Background)?;
-            Ok(Tap { output, publisher, number: 0 })
+        let described = described(interface);
+        let tap = |output: &OutputType| {
+            let publisher = session.publisher(&key::tap(robot, instance, &output.name), Priority::Background)?;
+            Ok(Tap { output: output.name.clone(), publisher, number: 0 })
         };
-        let taps = outputs().map(|port| tap(port.name)).collect::<Result<_, DataError>>()?;
-        let described = outputs().map(|port| OutputType {
-            name: port.name.to_owned(),
-            type_name: port.type_name.to_owned(),
-            fields: port.fields.trim_end_matches([',', ' ']).to_owned(),
-        });
-        let described = codec::encode(&Outputs { outputs: described.collect() }).ok();
+        let taps = described.outputs.iter().map(tap).collect::<Result<_, DataError>>()?;
+        let inner = described.inner.iter().map(|inner| tap(&inner.output)).collect::<Result<_, DataError>>()?;
+        let described = codec::encode(&described).ok();
         let describing = session.answer(&key::outputs(robot, instance), move || described.clone())?;
-        Ok(Self { taps, _describing: Some(describing) })
+        Ok(Self { taps, inner, _describing: Some(describing) })
     }
 
     /// Returns whether somebody looks at an output.
@@ -57,15 +68,36 @@ impl Taps {
     pub(super) fn pass(&mut self, output: &str, bytes: &[u8]) {
         let Some(tap) = self.taps.iter_mut().find(|tap| tap.output == output) else { return };
         tap.number += 1;
-        if !tap.publisher.is_heard() {
-            return;
-        }
-        let tapped = Tapped { number: tap.number, stamp: now(), bytes: bytes.to_vec() };
-        if let Err(error) = codec::encode(&tapped)
-            .map_err(|error| error.to_string())
-            .and_then(|bytes| tap.publisher.put(bytes).map_err(|error| error.to_string()))
-        {
-            tracing::debug!(output, error, "a value is not shown");
+        if tap.publisher.is_heard() {
+            tap.show(&Tapped { number: tap.number, stamp: now(), bytes: bytes.to_vec() });
         }
     }
+
+    /// Shows values of outputs inside a group, and says at which of them somebody looks from now on.
+    pub(super) fn show_inner(&self, values: &mut Vec<InnerValue>, heard: &mut [bool]) {
+        for InnerValue { at, number, bytes } in values.drain(..) {
+            if let Some(tap) = self.inner.get(at) {
+                tap.show(&Tapped { number, stamp: now(), bytes });
+            }
+        }
+        for (at, is_heard) in heard.iter_mut().enumerate() {
+            *is_heard = self.inner.get(at).is_some_and(|tap| tap.publisher.is_heard());
+        }
+    }
+}
+
+/// Returns what the program says of its outputs.
+fn described(interface: &Interface) -> Outputs {
+    let output = |name: &str, type_name: &str, fields: &str| OutputType {
+        name: name.to_owned(),
+        type_name: type_name.to_owned(),
+        fields: fields.trim_end_matches([',', ' ']).to_owned(),
+    };
+    let own = interface.ports.iter().filter(|port| port.direction == Direction::Out);
+    let own = own.map(|port| output(port.name, port.type_name, port.fields));
+    let inner = interface.inner.iter().map(|inner| InnerOutput {
+        output: output(&inner.name, inner.type_name, inner.fields),
+        inputs: inner.inputs.clone(),
+    });
+    Outputs { outputs: own.collect(), inner: inner.collect() }
 }

@@ -1,0 +1,42 @@
+//! What people see of the values inside a group: nothing is copied, and no clock is read, while nobody looks.
+
+use crate::sdk::module::{InnerValue, Outlets};
+
+/// The outputs of members that lead to other members.
+#[derive(Debug)]
+pub(super) struct InnerTaps {
+    /// How many values have left each since the program's start.
+    numbers: Vec<u64>,
+    /// Whether somebody looks at it, as of the end of the last turn.
+    heard: Vec<bool>,
+    /// What is to be shown at the end of this turn: of each output one value at the most for each of its calculations.
+    values: Vec<InnerValue>,
+}
+
+impl InnerTaps {
+    pub(super) fn new(count: usize) -> Self {
+        Self { numbers: vec![0; count], heard: vec![false; count], values: Vec::new() }
+    }
+
+    /// Counts a value, and keeps it to be shown if somebody looks.
+    pub(super) fn pass(&mut self, at: usize, bytes: &[u8]) {
+        let (Some(number), Some(is_heard)) = (self.numbers.get_mut(at), self.heard.get(at)) else { return };
+        *number += 1;
+        if *is_heard {
+            self.values.push(InnerValue { at, number: *number, bytes: bytes.to_vec() });
+        }
+    }
+
+    /// Shows what was kept, and asks who looks from now on.
+    pub(super) fn show(&mut self, outlets: &mut dyn Outlets) {
+        if !self.heard.is_empty() {
+            outlets.show_inner(&mut self.values, &mut self.heard);
+            self.values.clear();
+        }
+    }
+
+    /// Forgets what was not shown.
+    pub(super) fn clear(&mut self) {
+        self.values.clear();
+    }
+}
