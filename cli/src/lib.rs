@@ -135,6 +135,7 @@ enum Verb {
     /// Print the output of a process
     Logs(logs::Arguments),
     /// Print the values that leave an output of a process
+    #[command(visible_alias = "tap")]
     Echo(echo::Arguments),
     /// Say how often values leave an output, how regularly, and how many bytes they are
     #[command(visible_alias = "bw")]

@@ -3,8 +3,8 @@
 
 use crate::headline;
 use controllers::sdk::messaging::{
-    Delivery, Filter, Full, Queue, QueueClient, QueueMessage, Receipt, Router, RouterUser, SendEnd, Subscribed,
-    Subscription,
+    Delivery, Filter, Full, Queue, QueueClient, QueueMessage, Receipt, Router, RouterRefusal, RouterUser, SendEnd,
+    Subscribed, Subscription,
 };
 use controllers::sdk::serde::{Deserialize, Serialize};
 use controllers::sdk::{
@@ -176,6 +176,11 @@ impl Controller for Customer {
             Subscribed::Yes => true,
             // A spec need not connect it.
             Subscribed::Unknown(ObjectError::NotConnected { .. }) => false,
+            // What is connected is no router of orders, and never will be.
+            Subscribed::Refused(why @ RouterRefusal::WrongType { .. }) => return Progress::Aborted(why.to_string()),
+            Subscribed::Unknown(why @ (ObjectError::WrongType { .. } | ObjectError::NoSuchProcedure { .. })) => {
+                return Progress::Aborted(why.to_string());
+            }
             Subscribed::Asking | Subscribed::Refused(_) | Subscribed::Unknown(_) => return Progress::Continue,
         };
         let done = if hears { u64::try_from(self.ready.len()).unwrap_or(u64::MAX) } else { self.accepted };

@@ -294,7 +294,7 @@ impl Host {
         command.args(arguments);
         let asks_nodes = [
             "run", "deploy", "plan", "replace", "attach", "nodes", "status", "logs", "stop", "db", "param", "events",
-            "names", "echo", "hz", "call", "get", "list", "queue", "router", "lock", "clock", "add", "remove",
+            "names", "echo", "tap", "hz", "call", "get", "list", "queue", "router", "lock", "clock", "add", "remove",
             "switch", "estop",
         ];
         if arguments.first().is_some_and(|verb| asks_nodes.contains(verb)) {

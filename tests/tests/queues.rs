@@ -134,3 +134,19 @@ fn the_spec_with_a_router_runs() {
     let ended = cluster.here().ask(&["run", &cluster.file("news.dca", &text)]);
     assert!(ended.code == Some(0) && ended.out.starts_with("news: done"), "{ended}");
 }
+
+/// The module of a spec can say of a program what is not so. A customer whose router takes something else says so, and ends.
+#[test]
+fn who_subscribes_to_no_router_says_so() {
+    let cluster = Cluster::new();
+    let program = executable("dca-examples").display().to_string();
+    let text = include_str!("../../specs/news.dca")
+        .replace("module Customer", "module Other(host: Host, pace: Time) { exec \"target/debug/dca-examples Clerk\"; proc Orders(Subscription) -> Delivery; service; }\nmodule Customer")
+        .replace("target/debug/dca-examples", &program)
+        .replace("ann instof", "other instof Other(c1, pace = 5 ms); ann instof")
+        .replace("ann, Ready -> clerk, Ready", "ann, Ready -> other, Orders")
+        .replace("clerk, (ann, bob)", "clerk, other, (ann, bob)");
+    let ended = cluster.here().ask(&["run", &cluster.file("news.dca", &text)]);
+    let told = format!("{}{}", ended.out, ended.err);
+    assert!(ended.code == Some(1) && told.contains("Subscription") && told.contains("QueueMessage"), "{ended}");
+}
