@@ -42,6 +42,8 @@ mod orders;
 mod overlap;
 #[path = "agents/programs.rs"]
 mod programs;
+#[path = "agents/quiet.rs"]
+mod quiet;
 #[path = "agents/refusals.rs"]
 mod refusals;
 #[path = "agents/rejoining.rs"]

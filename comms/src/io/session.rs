@@ -26,7 +26,7 @@ pub use call::{CallError, Replies};
 pub(crate) use config::{Settings, unix_locator};
 pub use interfaces::dialled as addresses;
 pub(crate) use interfaces::{dialled, locator};
-pub use message::{Presence, Subscription, Token, Watch};
+pub use message::{Beats, Presence, Subscription, Token, Watch};
 pub use nearby::discovery;
 pub(crate) use open::{Opened, Redial, Search, plain};
 pub(crate) use proof::question;
@@ -240,6 +240,12 @@ impl Session {
         let millis = patience::of(took).as_millis().max(1);
         let millis = u64::try_from(millis).unwrap_or(u64::MAX).checked_next_power_of_two().unwrap_or(u64::MAX);
         self.opened.set_patience(session, Duration::from_millis(millis));
+    }
+
+    /// Gives the link to a session up, whose process takes nothing any more although its system does. A link to a process of the same
+    /// machine is left to its lease.
+    pub fn cut(&self, session: &str) {
+        self.opened.cut(session);
     }
 
     /// Opens the session of a command line through the node that listens on `socket`.

@@ -7,6 +7,7 @@
 //! dca/n/<host>/ping                  a node asks who is there
 //! dca/n/<host>/asked                 another node asks whether this one is there
 //! dca/n/<host>/pong                  answers to both
+//! dca/n/<host>/beat                  others let this node hear of them, all the time
 //! dca/n/<host>/namesake              what nodes of one name say to each other
 //! dca/n/<host>/revoked               a node has heard of keys that its team has revoked
 //! dca/n/<host>/audit                 where the audit log of a node has come to
@@ -200,6 +201,11 @@ pub fn asked(host: &str) -> String {
 /// Returns the key of answers to a node that has asked who is there.
 pub fn pong(host: &str) -> String {
     format!("dca/n/{}/pong", escape(host))
+}
+
+/// Returns the key on which others let a node hear of them, all the time.
+pub fn beat(host: &str) -> String {
+    format!("dca/n/{}/beat", escape(host))
 }
 
 /// Returns the key on which nodes of one name speak to each other.
@@ -412,7 +418,7 @@ mod tests {
     proptest! {
         #[test]
         fn every_name_gives_a_plain_key_and_comes_back(a in ".*", b in ".*", boot: u64) {
-            for key in [rpc(&a, &b), inbox(&a), ping(&a), asked(&a), pong(&a), live(&a, boot), wire(&a, boot, 3), signals(&a, &b),
+            for key in [rpc(&a, &b), inbox(&a), ping(&a), asked(&a), pong(&a), beat(&a), live(&a, boot), wire(&a, boot, 3), signals(&a, &b),
                         db_news(&a, boot), db_inbox(&a, boot), db_ask(&a, boot), hardware(&a, &b, Channel::State)] {
                 let key = KeyExpr::try_from(key).unwrap();
                 prop_assert!(!key.is_wild());

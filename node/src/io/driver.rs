@@ -230,6 +230,7 @@ impl Driver {
             Peers::open(options, (state.agent.boot(), state.agent.started()), config.member.clone(), sink, &mut tasks)
                 .await?;
         peers.hold(state.agent.holders().clone());
+        peers.beat(state.agent.beaten().clone());
         let options = start::database_options(&config, &dir);
         let session = Arc::clone(peers.session());
         let database = tokio::task::spawn_blocking(move || database::start(&options, &session)).await??;
@@ -321,9 +322,10 @@ impl Driver {
     fn carry_out(&mut self, effect: Effect) {
         match effect {
             Effect::Transmit { to, frame } => self.peers.send(&to, &frame),
-            Effect::Ping { round, only } => self.peers.ping(round, only.as_ref()),
+            Effect::Ping { round, only, shows } => self.peers.ping(round, only.as_ref(), shows),
             Effect::Greet(namesake) => self.peers.greet(&namesake),
             Effect::Holders(holders) => self.peers.hold(holders),
+            Effect::Beat(hosts) => self.peers.beat(hosts),
             Effect::Peer(change) => self.peer(&change),
             Effect::Spawn(order) => self.spawn(*order),
             Effect::Shim { process, order } => {
@@ -391,10 +393,17 @@ impl Driver {
         self.pending.push_back(Input::Undelivered { process, why });
     }
 
-    /// Tells the database of a node that has come, and people of every change, where the log is this node's alone.
+    /// Tells the database of a node that has come, drops the link to one that is lost, and tells people of every change, where the log is this node's alone.
     fn peer(&self, change: &Change) {
-        if matches!(change, Change::Appeared { .. }) {
-            self.database.handle().appeared();
+        match change {
+            Change::Appeared { .. } => self.database.handle().appeared(),
+            // It may be suspended: its system still takes what is sent.
+            Change::Lost { host } => self.peers.cut(host),
+            Change::Missing { .. }
+            | Change::Detour { .. }
+            | Change::Refused { .. }
+            | Change::Namesake { .. }
+            | Change::Twice { .. } => {}
         }
         if self.config.log.is_some() {
             logging::peer(change);

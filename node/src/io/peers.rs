@@ -1,15 +1,18 @@
 //! The node's session with other nodes and with command lines: presence, frames and calls, as inputs for the agent.
 
+mod beat;
+mod calls;
+
 use crate::io::authors::Authors;
-use crate::io::calendar;
-use crate::io::caller::{Answers, Caller, answers};
-use crate::io::{heads, renewal, team_calls};
+use crate::io::caller::Caller;
+use crate::io::{heads, renewal};
 use crate::logic::agent::Input;
 use crate::logic::link::Frame;
-use crate::logic::protocol::{Answer, Body, Namesake, Ping, Pong, Request, SILENCE_MAX};
+use crate::logic::protocol::{Answer, Body, Namesake, Ping, Pong, Request};
 use anyhow::Context;
+use beat::Sessions;
 use comms::io::clock;
-use comms::io::session::{self, Identity as _, NodeOptions, Presence, Server, Session, Subscription, Token, Watch};
+use comms::io::session::{Beats, Identity as _, NodeOptions, Presence, Session, Subscription, Token, Watch};
 use comms::logic::port::Policy;
 use comms::logic::time::Time;
 use comms::logic::{codec, key};
@@ -19,8 +22,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use team::member::Member;
-use tokio::sync::broadcast;
 use tokio::sync::mpsc::Sender;
+use tokio::sync::{broadcast, watch};
 use tokio::task::JoinSet;
 
 /// How many frames wait for the agent; more are dropped, and their senders send them again.
@@ -35,8 +38,8 @@ const NAMESAKES_MAX: usize = 64;
 const ROUNDS_MAX: usize = 64;
 /// How many words about what others have refused wait; they say it again.
 const REFUSED_MAX: usize = 16;
-/// In how many rounds a node of a team shows who it is after another one has come, and every how many rounds else.
-const SHOWN_ROUNDS: [u64; 2] = [5, 16];
+/// In how many rounds a node of a team shows who it is after another one has come.
+const SHOWN_ROUNDS: u64 = 5;
 
 /// The open session of a node.
 #[derive(Debug)]
@@ -46,6 +49,9 @@ pub struct Peers {
     calls: BTreeMap<u64, Caller>,
     own: Arc<Own>,
     authors: Authors,
+    /// Who is to have beats, and that others send theirs.
+    beaten: watch::Sender<BTreeSet<String>>,
+    _beats: Beats,
 }
 
 /// The answers of this node about itself. A task of its own gives them, so that a node whose driver is busy does not
@@ -58,6 +64,7 @@ struct Own {
     place: String,
     /// The boot of each other name that the node deals with.
     holders: Mutex<BTreeMap<String, u64>>,
+    sessions: Sessions,
     /// When the last rounds of questions went out.
     rounds: Mutex<VecDeque<(u64, Time)>>,
     /// In how many rounds it still shows who it is.
@@ -109,9 +116,12 @@ impl Peers {
         let refused = session.subscribe(&key::refused(host.as_str()), Policy::reject(REFUSED_MAX))?;
         tasks.spawn(hear_refusals(refused, authors.clone()));
         let host = host.as_str().to_owned();
-        let (holders, rounds, shows) = (Mutex::default(), Mutex::default(), AtomicU64::new(SHOWN_ROUNDS[0]));
-        let (place, appeared) = (place(), broadcast::Sender::new(1));
-        let own = Arc::new(Own { host, boot, started, place, holders, rounds, shows, appeared });
+        let (holders, rounds, shows) = (Mutex::default(), Mutex::default(), AtomicU64::new(SHOWN_ROUNDS));
+        let (place, sessions, appeared) = (place(), Sessions::default(), broadcast::Sender::new(1));
+        let own = Arc::new(Own { host, boot, started, place, holders, sessions, rounds, shows, appeared });
+        let (beaten, to_beat) = watch::channel(BTreeSet::new());
+        let beats = session.hear_beats(&key::beat(&own.host))?;
+        tasks.spawn(beat::beat(Arc::clone(&session), to_beat));
         tasks.spawn(hear_presence(presence, Arc::clone(&own), sink.clone()));
         let speaking = || (Arc::clone(&session), Arc::clone(&own), authors.clone());
         tasks.spawn(answer_pings(pings, speaking(), sink.clone()));
@@ -124,12 +134,12 @@ impl Peers {
             renewal::spawn(speaker(), own.appeared.subscribe(), tasks)?;
             tasks.spawn(spread_revocations(Arc::clone(member), revoked, Arc::clone(&session), Arc::clone(&own)));
         }
-        tasks.spawn(hear_calls(calls, Arc::clone(&session), member, sink));
-        Ok(Self { session, token, calls: BTreeMap::new(), own, authors })
+        tasks.spawn(calls::hear(calls, Arc::clone(&session), member, sink));
+        Ok(Self { session, token, calls: BTreeMap::new(), own, authors, beaten, _beats: beats })
     }
 
-    /// Asks other nodes whether they are there: those of some names, or all.
-    pub fn ping(&self, round: u64, only: Option<&BTreeSet<String>>) {
+    /// Asks other nodes whether they are there: those of some names, or all. `shows` to those who may not know this node.
+    pub fn ping(&self, round: u64, only: Option<&BTreeSet<String>>, shows: bool) {
         let ping = Ping { from: self.own.host.clone(), boot: self.own.boot, round };
         let mut rounds = self.own.rounds();
         rounds.push_back((round, clock::now()));
@@ -139,7 +149,7 @@ impl Peers {
         let keys =
             only.map_or_else(|| vec![key::ping(&ping.from)], |hosts| hosts.iter().map(|to| key::asked(to)).collect());
         // Who has just come does not know yet who this is.
-        let shows = only.is_some() || self.own.is_to_show(round);
+        let shows = self.own.is_to_show() || shows;
         for key in keys {
             let sent = codec::encode(&ping).map_err(anyhow::Error::from).and_then(|bytes| {
                 let sent = if shows { self.session.put_shown(&key, bytes) } else { self.session.put(&key, bytes) };
@@ -162,7 +172,20 @@ impl Peers {
 
     /// Tells those who ask from now on which boot of their name this node deals with.
     pub fn hold(&self, holders: BTreeMap<String, u64>) {
+        self.own.sessions.keep(&holders);
         *self.own.holders() = holders;
+    }
+
+    /// Lets these hosts hear of this node all the time from now on, and no others.
+    pub fn beat(&self, hosts: BTreeSet<String>) {
+        self.beaten.send_replace(hosts);
+    }
+
+    /// Drops the link to a node that is lost.
+    pub fn cut(&self, host: &str) {
+        let boot = self.own.holders().get(host).copied();
+        let session = boot.and_then(|boot| self.own.sessions.take(host, boot));
+        session.into_iter().for_each(|session| self.session.cut(&session));
     }
 
     /// Sends a frame; one that is lost is sent again by its link.
@@ -222,10 +245,9 @@ impl Own {
         self.rounds.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns whether a round shows who this node is.
-    fn is_to_show(&self, round: u64) -> bool {
-        let left = self.shows.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1));
-        left.is_ok() || round.is_multiple_of(SHOWN_ROUNDS[1])
+    /// Returns whether a round shows who this node is, since another one has come.
+    fn is_to_show(&self) -> bool {
+        self.shows.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1)).is_ok()
     }
 
     fn holders(&self) -> MutexGuard<'_, BTreeMap<String, u64>> {
@@ -283,6 +305,7 @@ async fn hear_pongs(mut pongs: Subscription, (session, own, authors): Speaking, 
             Ok(pong) => {
                 let asked = own.rounds().iter().find(|(round, _)| *round == pong.round).map(|(_, at)| *at);
                 if let Some(asked) = asked.filter(|_| pong.to_boot == own.boot) {
+                    own.sessions.note(&pong.from, pong.boot, &pong.session);
                     session.note_round_trip(&pong.session, clock::now() - asked);
                 }
                 if sink.send(Arrival::Input(Input::Pong(Box::new(pong)))).await.is_err() {
@@ -338,7 +361,7 @@ async fn hear_presence(mut watch: Watch, own: Arc<Own>, sink: Sender<Arrival>) {
         let Some((host, boot)) = key::parse_live(&key) else { continue };
         if appeared {
             // It has not met this node yet.
-            own.shows.store(SHOWN_ROUNDS[0], Ordering::Relaxed);
+            own.shows.store(SHOWN_ROUNDS, Ordering::Relaxed);
             drop(own.appeared.send(()));
         }
         let input = if appeared { Input::Appeared { host, boot } } else { Input::Vanished { host, boot } };
@@ -367,71 +390,6 @@ async fn spread_revocations(member: Arc<Member>, mut revoked: Subscription, sess
                 Some((_, sets)) => drop(member.hear(&sets)),
                 None => return,
             },
-        }
-    }
-}
-
-async fn hear_calls(mut calls: Server, session: Arc<Session>, member: Option<Arc<Member>>, sink: Sender<Arrival>) {
-    // No number of before: a node that was killed may have left calls that wait.
-    let (mut number, mut answering) = (clock::now().nanos(), JoinSet::new());
-    while let Some(request) = calls.next().await {
-        while answering.try_join_next().is_some() {}
-        number += 1;
-        match codec::decode::<Request>(request.payload()) {
-            Ok(Request::Clock) => at_once(request, &Answer::Clock(calendar::read())).await,
-            Ok(Request::Team) => at_once(request, &Answer::Team(member.as_deref().map(team_calls::team))).await,
-            Ok(Request::Credentials) => {
-                let known = member.as_ref().map_or_else(Vec::new, |member| member.known_credentials());
-                at_once(request, &Answer::Credentials(known)).await;
-            }
-            Ok(Request::Unlinked) => at_once(request, &Answer::Unlinked(session.unlinked())).await,
-            Ok(Request::Revoke { set }) => at_once(request, &team_calls::revoke(member.as_deref(), &set)).await,
-            Ok(Request::Revocations(told)) => {
-                at_once(request, &team_calls::revocations(member.as_deref(), &told)).await;
-            }
-            Ok(Request::RenewUser { ask }) => at_once(request, &team_calls::renew_user(member.as_deref(), &ask)).await,
-            Ok(asked) => {
-                let (caller, to_send) = answers();
-                answering.spawn(reply(request, to_send));
-                if sink.send(Arrival::Call(number, asked, caller)).await.is_err() {
-                    return;
-                }
-            }
-            Err(error) => request.refuse(&format!("the request cannot be read: {error}")),
-        }
-    }
-}
-
-async fn at_once(mut request: session::Request, answer: &Answer) {
-    match codec::encode(answer) {
-        Ok(bytes) => {
-            request.reply(bytes).await;
-            request.finish();
-        }
-        Err(error) => request.refuse(&format!("the answer cannot be written: {error}")),
-    }
-}
-
-/// Passes answers on, says in the pauses that there may be more, and at the end whether that was everything.
-async fn reply(mut request: session::Request, mut answers: Answers) {
-    let mut pause = tokio::time::interval(SILENCE_MAX / 4);
-    pause.reset();
-    loop {
-        tokio::select! {
-            answer = answers.next() => match answer.map(|answer| codec::encode(&answer)) {
-                Some(Ok(bytes)) => {
-                    if !request.reply(bytes).await {
-                        return;
-                    }
-                }
-                Some(Err(error)) => return request.refuse(&format!("the answer cannot be written: {error}")),
-                None => return match answers.end() {
-                    Ok(()) => request.finish(),
-                    Err(why) => request.break_off(&why),
-                },
-            },
-            _ = pause.tick() => request.still_here(),
-            () = request.left() => return,
         }
     }
 }

@@ -171,6 +171,11 @@ impl Absence {
         self.gone.keys().map(String::as_str)
     }
 
+    /// Returns the hosts that are looked for: those that do not answer, and those that have not confirmed an end.
+    pub fn wanted(&self) -> impl Iterator<Item = &str> {
+        self.hosts().chain(self.ends.values().flat_map(|end| end.hosts.keys().map(String::as_str)))
+    }
+
     /// Returns what people are told, but for the processes.
     pub fn report(&self, now: Time) -> Absent {
         let ago = |host: &str| self.gone.get(host).map(|gone| now.since(gone.heard));

@@ -1,5 +1,6 @@
 //! The agent of a host: routes every input to the machine it belongs to, and nothing else.
 
+mod attention;
 mod boot;
 mod calls;
 mod crash_loop;
@@ -87,6 +88,8 @@ pub struct Agent {
     links: BTreeMap<String, Vec<Link>>,
     /// The holder of each name, as it was reported last.
     holders: BTreeMap<String, u64>,
+    /// Who hears of this node all the time, as it was ordered last.
+    beaten: BTreeSet<String>,
     coordinators: BTreeMap<Deployment, Coordinator>,
     participants: BTreeMap<Deployment, Participant>,
     requests: BTreeSet<u64>,
@@ -157,6 +160,7 @@ impl Agent {
             programs,
             links: BTreeMap::new(),
             holders: BTreeMap::new(),
+            beaten: BTreeSet::new(),
             coordinators: BTreeMap::new(),
             participants: BTreeMap::new(),
             requests: BTreeSet::new(),
@@ -247,6 +251,11 @@ impl Agent {
         &self.holders
     }
 
+    /// Returns who hears of it all the time.
+    pub fn beaten(&self) -> &BTreeSet<String> {
+        &self.beaten
+    }
+
     /// Goes on in another process, with the programs that this one offers, in a team or not.
     pub fn move_to(&mut self, pid: u32, programs: Programs, is_guarded: bool) {
         (self.identity.pid, self.programs, self.identity.is_guarded) = (pid, programs, is_guarded);
@@ -290,7 +299,10 @@ impl Agent {
             Input::Pong(pong) => self.names.answered(out.now, &pong),
             Input::Namesake(namesake) => self.greeted(&namesake, out),
             Input::Frame(frame) => self.frame(*frame, out),
-            Input::Call { call, request } => self.take_call(call, *request, out),
+            Input::Call { call, request } => {
+                self.names.watch(out.now);
+                self.take_call(call, *request, out);
+            }
             Input::Judged { number, verdict } => self.judged(number, verdict, out),
             Input::Resumable { deployment, verdict } => self.resumable(&deployment, verdict, out),
             Input::CallGone { call } => {

@@ -133,6 +133,7 @@ impl Attachments {
             | Effect::Ping { .. }
             | Effect::Greet(_)
             | Effect::Holders(_)
+            | Effect::Beat(_)
             | Effect::Peer(_)
             | Effect::Settled { .. }
             | Effect::KeepEstop { .. }

@@ -79,11 +79,15 @@ pub enum Effect {
         round: u64,
         /// The names of those who are asked; none for all.
         only: Option<BTreeSet<String>>,
+        /// Whether some may not know yet who asks.
+        shows: bool,
     },
     /// Tell another node of this one's name what runs here.
     Greet(Box<Namesake>),
     /// Tell those who ask from now on which boot has their name.
     Holders(BTreeMap<String, u64>),
+    /// Let these hosts hear of this node all the time from now on, and no others: a cut is noticed by what does not arrive.
+    Beat(BTreeSet<String>),
     /// Tell people, and whoever else wants to know, what has become of another node.
     Peer(Change),
     /// Start a program under a shim.

@@ -1,7 +1,7 @@
 //! The table of other nodes: which are there, which are missing, and which are lost.
 //!
-//! A node is there because it has answered: about once a second this one asks all others, in numbered rounds, and each
-//! answers with the number of the round. A token that appears or vanishes, a second node of the same name, or a word of
+//! A node is there because it has answered: this one asks others, in numbered rounds, and each answers with the number of the
+//! round. Those that matter now are asked about once a second, the others seldom ([`attention`]). A token that appears or vanishes, a second node of the same name, or a word of
 //! somebody who is not listed is only a reason to ask nodes of that name at once, and nobody else: of 32 nodes one that comes
 //! would have all others ask all others. Tokens get lost when a session is made anew, they come in any order, and anybody can
 //! make one. What speaks against a node is cleared by its answer to a later round, never by what was on its way before.
@@ -10,11 +10,14 @@
 //! suspended, must not end a mission. Two nodes with one name are both kept: the first one that answered holds the name for
 //! as long as it answers, the second is refused, and takes over only when the first is gone. Never acts on a wall clock.
 
+mod attention;
 mod change;
 mod detour;
 mod duplicates;
 
+use super::effect::earliest;
 use super::protocol::Pong;
+pub(in crate::logic) use attention::{NEW_FOR, QUIET_EVERY};
 pub use change::Change;
 use comms::logic::time::Time;
 use detour::Detour;
@@ -25,11 +28,11 @@ use std::time::Duration;
 
 /// How long a node may be missing before its part of a deployment counts as lost.
 pub const LOST_AFTER: Duration = Duration::from_secs(5);
-/// How often all others are asked.
+/// How often those are asked that matter now.
 pub(super) const ASK_EVERY: Duration = Duration::from_secs(1);
 /// How often at the most, whatever happens.
 pub(super) const ASK_GAP: Duration = Duration::from_millis(100);
-/// How many names are asked between two rounds to all; of more, all are asked.
+/// How many names are asked in a round; of more, all are asked.
 const ASKED_MAX: usize = 64;
 /// How many rounds an answer may be late: longer than the longest way, which is 3 s, at the shortest gap.
 const ROUNDS_MAX: usize = 64;
@@ -37,18 +40,18 @@ const ROUNDS_MAX: usize = 64;
 pub(super) const DOUBT: Duration = Duration::from_millis(300);
 /// How long a node has to answer when another one has taken its name: it may be a busy one.
 const DOUBT_RIVAL: Duration = Duration::from_secs(2);
-/// How long nothing may be heard of a node, besides its usual time.
+/// How long nothing may be heard of a node that is asked each second, besides its usual time.
 pub(super) const SILENCE_MAX: Duration = Duration::from_millis(2500);
 /// From the last answer of a silent node to when it is missing.
 pub(super) const SILENCE_MISSING: Duration = Duration::from_secs(1);
 /// How long nodes that are lost are remembered: no answer to a round from before the loss is accepted any more then.
-const REMEMBERED: Duration = Duration::from_secs(60);
+pub(super) const REMEMBERED: Duration = Duration::from_secs(120);
 /// How many names are kept.
 const NAMES_MAX: usize = 1024;
 /// How many nodes of one name are kept.
 const LIVES_MAX: usize = 8;
 /// How long a node that has come second to its name stays, so that the first one and others can hear of it and say so.
-const KNOWN_WITHIN: Duration = Duration::from_secs(3);
+pub(super) const KNOWN_WITHIN: Duration = Duration::from_secs(3);
 
 /// One boot of a node.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -56,6 +59,10 @@ struct Boot {
     place: String,
     /// When its last answer came.
     heard: Time,
+    /// From when its silence counts; none while nothing is expected of it.
+    owes: Option<Time>,
+    /// Since when it is there.
+    there_since: Time,
     /// How long that took.
     took: Duration,
     /// The first round that it answered.
@@ -90,11 +97,21 @@ pub struct NameServer {
     peers: BTreeMap<String, Peer>,
     rounds: VecDeque<(u64, Time)>,
     round: u64,
-    /// When all others are asked, and when some are, and who.
+    /// When all others are asked, and how often they were.
     ask_at: Time,
+    asked_all: u64,
+    /// When those are asked that matter now.
+    ask_close_at: Time,
+    /// When some more are asked, and who.
     ask_some_at: Time,
     to_ask: BTreeSet<String>,
+    /// The hosts that something here depends on.
+    close: BTreeSet<String>,
+    /// Until when a person looks.
+    watched_until: Time,
+    /// When it was looked at last, and when that is due again.
     seen: Time,
+    due: Time,
     changes: Vec<Change>,
 }
 
@@ -109,9 +126,14 @@ impl NameServer {
             rounds: VecDeque::new(),
             round: 0,
             ask_at: now,
+            asked_all: 0,
+            ask_close_at: now,
             ask_some_at: now,
             to_ask: BTreeSet::new(),
+            close: BTreeSet::new(),
+            watched_until: now,
             seen: now,
+            due: now,
             changes: Vec::new(),
         }
     }
@@ -131,7 +153,7 @@ impl NameServer {
         self.ask_soon(now, host);
     }
 
-    /// Returns whether all others, who ask every second, have had time to hear of this node.
+    /// Returns whether all others, whom it asks every second when it is new, have had time to hear of this node.
     pub fn is_known(&self, now: Time) -> bool {
         now.since(self.started) > KNOWN_WITHIN
     }
@@ -165,6 +187,9 @@ impl NameServer {
         (life.heard, life.took, life.place) = (now, now.since(asked), pong.place.clone());
         let (was_there, is_holder) = (life.is_there(), peer.holder == Some(boot));
         let had_detour = life.detour.take().is_some();
+        if !was_there {
+            life.there_since = now;
+        }
         if pong.holder.is_some_and(|holder| holder != self.boot) && *host != self.host {
             // Who deals with another node of this one's name is not there for this one.
             life.missing_since.get_or_insert(now);
@@ -187,6 +212,7 @@ impl NameServer {
             }
             self.settle(now, &pong.from);
         }
+        self.rest(now, &pong.from, boot);
     }
 
     /// Returns whether one more node can be remembered; forgets one of the same name that is lost if that helps.
@@ -286,34 +312,23 @@ impl NameServer {
         for host in self.peers.keys().cloned().collect::<Vec<_>>() {
             self.grow_old(now, &host);
         }
-        let is_for_all = self.ask_at <= now;
-        let is_due = is_for_all || (!self.to_ask.is_empty() && self.ask_some_at <= now);
-        let round = is_due.then(|| {
-            self.round += 1;
-            self.rounds.push_back((self.round, now));
-            self.rounds.drain(..self.rounds.len().saturating_sub(ROUNDS_MAX));
-            let some = std::mem::take(&mut self.to_ask);
-            let mut through = self.asked_through(now);
-            let only = if is_for_all {
-                self.ask_at = now + ASK_EVERY;
-                None
-            } else {
-                through.retain(|(_, host)| some.contains(host));
-                Some(some)
-            };
-            Round { number: self.round, only, through }
-        });
+        let round = self.next_round(now);
+        self.due = self.deadline().unwrap_or(now);
         (std::mem::take(&mut self.changes), round)
     }
 
-    /// Shifts all times by the span that this node has slept: that is no silence of others.
+    /// Shifts all times by the span that this node has slept: that is no silence of others. Who has slept for long asks all.
     fn make_up(&mut self, now: Time) {
-        let slept = now.since(self.seen).saturating_sub(ASK_EVERY);
+        let slept = now.since(self.due.max(self.seen + ASK_EVERY));
         self.seen = now;
+        if slept > SILENCE_MAX {
+            self.ask_at = now;
+        }
         if slept > Duration::ZERO {
             let lives = self.peers.values_mut().flat_map(|peer| peer.lives.values_mut());
             for life in lives {
                 life.heard = life.heard + slept;
+                life.owes = life.owes.map(|since| since + slept);
                 life.detour.iter_mut().for_each(|detour| detour.heard = detour.heard + slept);
                 life.doubted = life.doubted.map(|(since, until)| (since + slept, until + slept));
             }
@@ -353,8 +368,9 @@ impl NameServer {
     /// Returns when [`NameServer::tick`] wants to be called.
     pub fn deadline(&self) -> Option<Time> {
         let lives = self.peers.values().flat_map(|peer| peer.lives.values());
-        let ask_at = if self.to_ask.is_empty() { self.ask_at } else { self.ask_at.min(self.ask_some_at) };
-        Some(lives.filter_map(Boot::deadline).fold(ask_at, Time::min))
+        let some = (!self.to_ask.is_empty()).then_some(self.ask_some_at);
+        let asked = some.into_iter().chain(self.next_turn());
+        Some(lives.filter_map(Boot::deadline).chain(asked).fold(self.ask_at, Time::min))
     }
 
     /// Has the nodes of a name asked as soon as the last round is not too close.
@@ -385,6 +401,8 @@ impl Boot {
         Self {
             place: pong.place.clone(),
             heard: now,
+            owes: Some(now),
+            there_since: now,
             took: Duration::ZERO,
             first: pong.round,
             proof: 0,
@@ -404,7 +422,10 @@ impl Boot {
     /// Returns since when it is missing, if it is.
     fn missed(&self, now: Time) -> Option<Time> {
         let doubted = self.doubted.filter(|(_, until)| *until <= now).map(|(since, _)| since);
-        doubted.or_else(|| (self.silent_at() <= now).then(|| self.last_heard() + SILENCE_MISSING))
+        doubted.or_else(|| {
+            let (since, _) = self.silent_at().filter(|(_, at)| *at <= now)?;
+            Some(since + SILENCE_MISSING)
+        })
     }
 
     fn is_over(&self, now: Time) -> bool {
@@ -415,7 +436,7 @@ impl Boot {
         match (self.missing_since, self.lost_at) {
             (_, Some(lost)) => Some(lost + REMEMBERED),
             (Some(since), None) => Some(since + LOST_AFTER),
-            (None, None) => Some(self.doubted.map_or(self.silent_at(), |(_, until)| until.min(self.silent_at()))),
+            (None, None) => earliest(self.doubted.map(|(_, until)| until), self.silent_at().map(|(_, at)| at)),
         }
     }
 }

@@ -81,6 +81,8 @@ pub struct Participant {
     expecting: BTreeMap<u64, Expecting>,
     ticket: u64,
     loss: Loss,
+    /// The other hosts whose loss is one for something here.
+    relevant: BTreeSet<String>,
     /// The wires that are linked: those of the connection sets, and during a change also those of before.
     live: BTreeSet<u32>,
     change: Option<Changing>,
@@ -114,6 +116,7 @@ impl Participant {
         let executers = groups.filter_map(|(number, _)| supervisor(number)).collect();
         let mut participant = Self {
             supervisors: supervisors(&plan),
+            relevant: loss::relevant(&plan, host),
             claims: Claims::of(&plan, host),
             live: plan.live_wires(),
             change: None,

@@ -3,6 +3,7 @@
 //!
 //! ```text
 //! a node that answers no more    asked again every 1 s ─▶ silent for 2.5 s ─▶ missing, 1 s after its last answer ─▶ lost 5 s later
+//! one that nothing depends on    asked again every 60 s ─▶ from then on as above
 //! a stream of answers            8 s without a sign of life end it: its node was lost before
 //! a program that hangs at start  ready within 15 s ─▶ killed, gone within 20 s ─▶ the home has waited for 40 s
 //! a program that cannot link     its own 38 s ─▶ the home's 48 s
@@ -15,7 +16,7 @@ use super::executer::{PACE, SWITCH_WITHIN};
 use super::instance::watchdog::READY_WITHIN;
 use super::instance::{self, GRACE, KILL_WITHIN, SHIM_KILL_WITHIN};
 use super::link::{RESEND_AFTER, RESEND_AFTER_MAX};
-use super::nameserver::{self, ASK_EVERY, ASK_GAP, DOUBT, LOST_AFTER, SILENCE_MISSING};
+use super::nameserver::{self, ASK_EVERY, ASK_GAP, DOUBT, LOST_AFTER, NEW_FOR, QUIET_EVERY, SILENCE_MISSING};
 use super::{absence, protocol};
 use std::time::Duration;
 
@@ -34,6 +35,14 @@ const fn rise(durations: &[Duration]) -> bool {
 const _: () =
     assert!(rise(&[ASK_GAP, ASK_EVERY, nameserver::SILENCE_MAX]), "a node misses two rounds before it is silent");
 const _: () = assert!(rise(&[DOUBT, SILENCE_MISSING, nameserver::SILENCE_MAX]), "a silent node is missing at once");
+const _: () = assert!(
+    rise(&[nameserver::SILENCE_MAX, nameserver::KNOWN_WITHIN, NEW_FOR, QUIET_EVERY]),
+    "a node that comes is known before it is asked seldom"
+);
+const _: () = assert!(
+    QUIET_EVERY.as_nanos() + LOST_AFTER.as_nanos() < nameserver::REMEMBERED.as_nanos(),
+    "a host that is lost is remembered until all were asked once more"
+);
 const _: () = assert!(
     rise(&[nameserver::SILENCE_MAX, LOST_AFTER, protocol::SILENCE_MAX]),
     "silent, then lost; a stream ends after both"

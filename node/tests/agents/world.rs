@@ -293,7 +293,7 @@ impl World {
     pub(super) fn carry_out(&mut self, host: &str, effect: Effect) {
         match effect {
             Effect::Transmit { to, frame } => self.transmit(host, &to, frame),
-            Effect::Ping { round, only } => self.ping(host, round, only.as_ref()),
+            Effect::Ping { round, only, .. } => self.ping(host, round, only.as_ref()),
             Effect::Greet(namesake) => self.greeted.push(*namesake),
             Effect::Holders(holders) => drop(self.holders.insert(host.into(), holders)),
             Effect::Peer(change) => self.changes.push((host.into(), change)),
@@ -340,7 +340,7 @@ impl World {
                 self.tailed.push(programs.into_iter().map(process).collect());
             }
             Effect::CloseProcess { .. } | Effect::WriteDatabase(_) | Effect::Yield { .. } => {}
-            Effect::CloseDeployment { .. } => {}
+            Effect::CloseDeployment { .. } | Effect::Beat(_) => {}
             Effect::OrderEnded { outcome, .. } => self.ended.push((host.into(), outcome)),
             Effect::Judge { number, deployment, .. } => {
                 self.judged.push((host.into(), deployment));

@@ -7,6 +7,13 @@ use zenoh::Config;
 /// How long a session is silent before its peer gives it up: longer than the longest way there and back, which is 3 s, since
 /// a peer hears nothing in that time when a link is new. What is cut is noticed earlier, see `patience`.
 const LEASE_MS: u32 = 5000;
+/// The same for nodes, which are linked each to each, and mostly have nothing to say: 175 bytes on the cable per word and link over IPv6,
+/// with what TCP answers.
+const NODE_LEASE_MS: u32 = 15_000;
+/// How often a session says a word that has nothing to say: the system sees soon that it does not arrive.
+const WORD_EVERY_MS: u32 = 250;
+/// The same for nodes. To those that matter they say one more often, see [`Session::beat`](super::Session::beat).
+const NODE_WORD_EVERY_MS: u32 = 7500;
 /// The longest path of a Unix socket. Source: unix(7), `sun_path` less its final zero.
 const SOCKET_PATH_SIZE_MAX: usize = 107;
 
@@ -17,7 +24,7 @@ const ACCEPT_PENDING_MAX: &str = "28672";
 pub(crate) struct Settings(Config);
 
 impl Settings {
-    fn new(mode: &str, lease_ms: u32) -> Self {
+    fn new(mode: &str, [lease_ms, word_every_ms]: [u32; 2]) -> Self {
         Self(Config::default())
             .text("mode", mode)
             .set("scouting/gossip/enabled", "false")
@@ -31,8 +38,7 @@ impl Settings {
             .set("scouting/delay", "0")
             .set("scouting/multicast/enabled", "false")
             .set("transport/link/tx/lease", &lease_ms.to_string())
-            // A word each 250 ms: the system sees soon that it does not arrive.
-            .set("transport/link/tx/keep_alive", &(lease_ms / 250).to_string())
+            .set("transport/link/tx/keep_alive", &(lease_ms / word_every_ms).to_string())
             // Who connects and says nothing must not keep out who comes next.
             .set("transport/unicast/accept_pending", ACCEPT_PENDING_MAX)
             // Three ways of 3 s there and back, and two for who accepts. A place that does not answer at all is not dialled, see
@@ -44,7 +50,7 @@ impl Settings {
     /// A node: a peer in the clique of all nodes.
     pub(super) fn node() -> Self {
         // On a radio of 50 kbit/s the longest of its messages still comes within a lease: a part of one is no sign of life.
-        Self::new("peer", LEASE_MS)
+        Self::new("peer", [NODE_LEASE_MS, NODE_WORD_EVERY_MS])
             .set("transport/link/tx/batch_size", "16384")
             // What can go goes at once. What cannot shares a batch with what comes next.
             .set("transport/link/tx/queue/batching/time_limit", "0")
@@ -55,14 +61,14 @@ impl Settings {
     /// A controller's data session: it finds nobody and is found by nobody.
     pub(crate) fn data() -> Self {
         // Programs of one host notice a crash by the closed socket; the lease is for peers that are suspended.
-        Self::new("peer", LEASE_MS)
+        Self::new("peer", [LEASE_MS, WORD_EVERY_MS])
             // As for nodes.
             .set("transport/link/tx/queue/batching/time_limit", "0")
     }
 
     /// A command line, through the node at `locator`.
     pub(super) fn client(locator: &str) -> Self {
-        Self::new("client", 1000)
+        Self::new("client", [1000, WORD_EVERY_MS])
             .set("connect/timeout_ms", "0")
             .set("connect/exit_on_failure", "true")
             .set("connect/endpoints", &list(&[locator.to_owned()]))

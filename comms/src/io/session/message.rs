@@ -41,6 +41,12 @@ pub struct Watch {
     _subscriber: Subscriber<()>,
 }
 
+/// Has others send their beats, until it is dropped.
+#[derive(Debug)]
+pub struct Beats {
+    _subscriber: Subscriber<()>,
+}
+
 /// A change of who is there.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Presence {
@@ -74,6 +80,25 @@ impl Session {
         let put = self.opened.session.put(key, bytes).congestion_control(CongestionControl::Drop);
         let put = if let Some(proof) = proof { put.attachment(proof).wait() } else { put.wait() };
         put.map_err(|cause| session_error(key, &cause))
+    }
+
+    /// Lets who listens with [`Session::hear_beats`] hear of this session: nothing is said, so nothing is signed. What is on its way
+    /// is what shows the system that a link is cut.
+    ///
+    /// # Errors
+    /// If the session is closed.
+    pub fn beat(&self, key: &str) -> Result<(), CallError> {
+        let put = self.opened.session.put(key, Vec::new()).congestion_control(CongestionControl::Drop);
+        put.wait().map_err(|cause| session_error(key, &cause))
+    }
+
+    /// Has others send their beats on `key` until the returned value is dropped; what comes is of no account.
+    ///
+    /// # Errors
+    /// If the session is closed.
+    pub fn hear_beats(&self, key: &str) -> Result<Beats, CallError> {
+        let subscriber = self.opened.session.declare_subscriber(key).callback(drop::<Sample>).wait();
+        subscriber.map(|subscriber| Beats { _subscriber: subscriber }).map_err(|cause| session_error(key, &cause))
     }
 
     /// Receives what is put on keys that match `key`, with a queue of this policy.

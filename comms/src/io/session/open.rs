@@ -172,6 +172,15 @@ impl Opened {
         }
     }
 
+    /// Ends the links to a session.
+    pub(crate) fn cut(&self, session: &str) {
+        if self.dialler.tunnels.as_ref().is_some_and(|tunnels| tunnels.cut(session)) {
+            return;
+        }
+        let ends = lock(&self.dialler.links).ends.get(session).cloned();
+        ends.into_iter().flatten().for_each(|(ends, _)| patience::cut(ends));
+    }
+
     /// Notes, as long as this session lives, why nodes that it was told of are not linked. Zenoh dials them itself, and says
     /// nothing; those behind tunnels are dialled here.
     pub(crate) fn watch_told(&mut self, locators: &[String]) {

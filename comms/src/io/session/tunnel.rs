@@ -187,6 +187,11 @@ impl Tunnels {
         ends.is_some_and(|ends| patience::set(ends, patience))
     }
 
+    /// Ends a tunnel; says whether there is one.
+    pub(super) fn cut(&self, session: &str) -> bool {
+        self.table().get(session).map(|standing| standing.end.notify_one()).is_some()
+    }
+
     /// Makes a tunnel to who listens at an address, which has to be `wanted` if that is said. Returns its session, its name, and the
     /// path of a Unix socket that leads there, once.
     pub(super) async fn dial(

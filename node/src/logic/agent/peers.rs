@@ -12,6 +12,7 @@ const LINKS_MAX: usize = 4;
 impl Agent {
     /// Works out who is there now, and tells everybody whom that concerns.
     pub(super) fn look_around(&mut self, out: &mut Out<'_>) {
+        self.attend(out.now);
         let (changes, round) = self.names.tick(out.now);
         for change in changes {
             match &change {
@@ -32,6 +33,7 @@ impl Agent {
             self.holders.clone_from(&holders);
             out.effects.push(Effect::Holders(holders));
         }
+        self.beat(out);
         if let Some(round) = round {
             self.ask(round, out);
             self.greet(out);

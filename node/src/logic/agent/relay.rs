@@ -8,8 +8,8 @@ use crate::logic::protocol::{Message, Relay, Relayed};
 
 impl Agent {
     /// Asks other nodes whether they are there; those that are silent through others, too.
-    pub(super) fn ask(&mut self, Round { number, only, through }: Round, out: &mut Out<'_>) {
-        out.effects.push(Effect::Ping { round: number, only });
+    pub(super) fn ask(&mut self, Round { number, only, shows, through }: Round, out: &mut Out<'_>) {
+        out.effects.push(Effect::Ping { round: number, only, shows });
         for (via, host) in through {
             let what = Relayed::Ping { boot: self.identity.boot, round: number };
             let relay = Relay { from: self.identity.host.clone(), to: host, what, proof: Vec::new() };

@@ -7,6 +7,11 @@ use language::algebra::StepRecord;
 use std::time::Duration;
 
 impl Coordinator {
+    /// Returns the hosts that take part.
+    pub fn hosts(&self) -> &[String] {
+        &self.hosts
+    }
+
     pub(super) fn happened(&mut self, target: Target, change: Change, out: &mut Out<'_>) {
         let process = match target {
             Target::Leaf(leaf) => self.plan.leaves.get(leaf as usize).map(|leaf| (leaf.path.clone(), leaf.host)),

@@ -7,6 +7,7 @@
 use super::{Boot, Change, NameServer, SILENCE_MAX};
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
+use std::cmp::Reverse;
 use std::collections::BTreeSet;
 use std::time::Duration;
 
@@ -22,6 +23,8 @@ pub struct Round {
     pub number: u64,
     /// The names of those who are asked; none for all.
     pub only: Option<BTreeSet<String>>,
+    /// Whether some may not know yet who asks.
+    pub shows: bool,
     /// The questions that go through others: the helper, and the silent node.
     pub through: Vec<(String, String)>,
 }
@@ -105,10 +108,10 @@ impl NameServer {
         let helpers: Vec<&String> = self.peers.keys().filter(helps).collect();
         let mut through = Vec::new();
         for host in silent {
-            // The present way first, so that it is kept.
+            // The present way first, so that it is kept; then who has answered last, and is there for sure.
             let present = self.detour(host);
             let mut via: Vec<&String> = helpers.clone();
-            via.sort_by_key(|via| Some(via.as_str()) != present);
+            via.sort_by_key(|via| (Some(via.as_str()) != present, Reverse(self.heard(via))));
             through.extend(via.into_iter().take(THROUGH_MAX).map(|via| (via.clone(), host.clone())));
         }
         through
@@ -121,7 +124,7 @@ impl Boot {
         self.doubted.is_some()
             || self.missing_since.is_some()
             || self.detour.is_some()
-            || self.heard + SUSPECT_AFTER + 2 * self.took <= now
+            || self.owes.is_some_and(|since| since + SUSPECT_AFTER + 2 * self.took <= now)
     }
 
     /// Returns when its last answer came, whichever way.
@@ -129,7 +132,17 @@ impl Boot {
         self.detour.as_ref().map_or(self.heard, |detour| self.heard.max(detour.heard))
     }
 
-    pub(super) fn silent_at(&self) -> Time {
-        self.last_heard() + SILENCE_MAX + 2 * self.took
+    /// Returns from when its silence counts, and until when it may last; none while nothing is expected of it.
+    pub(super) fn silent_at(&self) -> Option<(Time, Time)> {
+        let owes = self.owes?;
+        let since = self.detour.as_ref().map_or(owes, |detour| owes.max(detour.heard));
+        Some((since, since + SILENCE_MAX + 2 * self.took))
+    }
+}
+
+impl Detour {
+    /// Returns who passes messages on.
+    pub(super) fn via(&self) -> &str {
+        &self.via
     }
 }

@@ -151,6 +151,7 @@ impl Participant {
     ) {
         let is_undoing = self.change.is_some();
         let before = std::mem::replace(&mut self.plan, Arc::new(plan));
+        self.extend_relevant();
         self.add_groups(host);
         let mut live = self.plan.live_wires();
         let rewired: BTreeSet<u32> = self.live.symmetric_difference(&live).copied().collect();

@@ -9,13 +9,14 @@
 //! When the home is lost, this part is on its own: programs that are to stop leave, and so does everything once nothing runs
 //! any more, since nobody could end it.
 
+use super::coming::supervisors;
 use super::{Participant, Phase};
 use crate::logic::effect::{Out, earliest};
-use crate::logic::executer::group_host;
+use crate::logic::executer::{group_host, leaf_host};
 use crate::logic::instance::Instance;
 use crate::logic::protocol::Target;
 use comms::logic::time::Time;
-use language::plan::LinkLoss;
+use language::plan::{LinkLoss, Plan};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -29,6 +30,17 @@ pub(super) struct Loss {
 }
 
 impl Participant {
+    /// Returns the hosts whose loss is one for something here: the home, those of what is supervised from here, on any level, and those
+    /// from which something here is. A loss of any other is its supervisors' matter.
+    pub fn relevant_hosts(&self) -> &BTreeSet<String> {
+        &self.relevant
+    }
+
+    /// Takes note of more of them, with another plan.
+    pub(super) fn extend_relevant(&mut self) {
+        self.relevant.extend(relevant(&self.plan, &self.host));
+    }
+
     /// Takes note that its host takes part again, for the time `number`; GO was `since_go` ago.
     pub fn rejoins(&mut self, number: u32, now: Time, since_go: Duration) {
         self.rejoining = true;
@@ -197,4 +209,27 @@ impl Participant {
         let members = self.plan.groups.get(group as usize).map_or(&[][..], |group| &group.members);
         members.iter().map(|member| member.kind.into())
     }
+}
+
+/// Works out the hosts whose loss is one for something on `host`.
+pub(super) fn relevant(plan: &Plan, host: &str) -> BTreeSet<String> {
+    let supervisors = supervisors(plan);
+    let mut relevant: BTreeSet<&str> = plan.home().into_iter().collect();
+    for target in supervisors.keys() {
+        let place = match target {
+            Target::Leaf(leaf) => leaf_host(plan, *leaf),
+            Target::Group(group) => group_host(plan, *group),
+        };
+        let above = |target: &Target| supervisors.get(target).map(|(group, _)| Target::Group(*group));
+        for above in std::iter::successors(above(target), above) {
+            let Target::Group(group) = above else { continue };
+            let from = group_host(plan, group);
+            if from == Some(host) {
+                relevant.extend(place);
+            } else if place == Some(host) {
+                relevant.extend(from);
+            }
+        }
+    }
+    relevant.into_iter().map(str::to_owned).collect()
 }

@@ -114,6 +114,32 @@ fn a_session_that_one_side_has_lost_begins_anew_on_both() {
     b.close();
 }
 
+/// A link that is given up ends at both sides, whoever has dialled it, and is made anew.
+#[test]
+fn a_link_that_is_given_up_is_made_anew() {
+    let (a, b, within) = (on_tcp(), on_tcp(), Duration::from_secs(20));
+    b.dial(&a.id(), &a.locators(), within).unwrap();
+    for (gives_up, other) in [(&a, &b), (&b, &a)] {
+        let began = crate::io::clock::now();
+        let is_known = || lock(&gives_up.dialler.links).ends.contains_key(&other.id());
+        while !is_known() && crate::io::clock::now() - began < within {
+            std::thread::yield_now();
+        }
+        let listening = [&a, &b].map(|side| {
+            let (events_tx, events) = sync_channel(16);
+            let on_event = move |event: TransportEvent| events_tx.try_send(event.kind()).unwrap_or_default();
+            let info = side.session.info();
+            (info.transport_events_listener().history(false).callback(on_event).wait().unwrap(), events)
+        });
+        gives_up.cut(&other.id());
+        for expected in [SampleKind::Delete, SampleKind::Put] {
+            assert!(listening.iter().all(|(_, events)| events.recv_timeout(within) == Ok(expected)), "{expected:?}");
+        }
+    }
+    a.close();
+    b.close();
+}
+
 /// A place that takes a connection and says nothing holds a dial up; the peer is dialled elsewhere all the same.
 #[test]
 fn who_was_dialled_in_vain_is_dialled_again() {

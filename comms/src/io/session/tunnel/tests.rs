@@ -5,6 +5,8 @@ use std::collections::BTreeSet;
 use std::io::{Read as _, Write as _};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use zenoh::Wait as _;
+use zenoh::sample::SampleKind;
+use zenoh::session::TransportEvent;
 
 const WITHIN: Duration = Duration::from_secs(20);
 /// Secret and public keys. Source: RFC 8032, section 7.1, tests 1 to 3.
@@ -119,6 +121,15 @@ fn who_is_trusted_is_linked_and_ends_with_the_trust() {
     assert!(b.dial(&a.id(), &[tcp(&a)], Duration::from_millis(500)).is_err());
     of_a.trusted.lock().unwrap().insert(bytes(KEYS[1].1));
     assert!(reaches(&a, &b), "who is trusted again is linked again");
+    // A tunnel that is given up is made anew.
+    let (events_tx, events) = sync_channel(16);
+    let on_event = move |event: TransportEvent| events_tx.try_send(event.kind()).unwrap_or_default();
+    let info = b.session.info();
+    let _listener = info.transport_events_listener().history(false).callback(on_event).wait().unwrap();
+    a.cut(&b.id());
+    assert_eq!(events.recv_timeout(WITHIN), Ok(SampleKind::Delete));
+    assert_eq!(events.recv_timeout(WITHIN), Ok(SampleKind::Put));
+    assert!(reaches(&a, &b));
     a.close();
     b.close();
 }

@@ -1,0 +1,68 @@
+//! Lets hosts hear of this node all the time, and drops links to those that are lost.
+//!
+//! A link without traffic tells nobody that it is cut, and what nodes with nothing to do send each other is seldom. So to the hosts
+//! that something here depends on a node sends a beat each 250 ms, which says nothing: that it does not arrive is what the system
+//! notices, see `comms/src/io/session/patience.rs`.
+
+use comms::io::session::Session;
+use comms::logic::key;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+use tokio::sync::watch;
+use tokio::time::MissedTickBehavior;
+
+/// How often: with the patience of a new link a cut is noticed after 1.9 s.
+const BEAT_EVERY: Duration = Duration::from_millis(250);
+/// How many sessions of other nodes are remembered.
+const SESSIONS_MAX: usize = 1024;
+
+/// Sends beats to whoever is to have them, until nobody can say so any more.
+pub(super) async fn beat(session: Arc<Session>, mut hosts: watch::Receiver<BTreeSet<String>>) {
+    let mut keys = keys(&mut hosts);
+    let mut every = tokio::time::interval(BEAT_EVERY);
+    every.set_missed_tick_behavior(MissedTickBehavior::Skip);
+    loop {
+        tokio::select! {
+            changed = hosts.changed() => match changed {
+                Ok(()) => keys = self::keys(&mut hosts),
+                Err(_closed) => return,
+            },
+            _ = every.tick(), if !keys.is_empty() => {
+                for key in &keys {
+                    if let Err(error) = session.beat(key) {
+                        tracing::debug!(%error, "a beat was not sent");
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn keys(hosts: &mut watch::Receiver<BTreeSet<String>>) -> Vec<String> {
+    hosts.borrow_and_update().iter().map(|host| key::beat(host)).collect()
+}
+
+/// The session of each boot of another node, as its answers say.
+#[derive(Debug, Default)]
+pub(super) struct Sessions(Mutex<BTreeMap<(String, u64), String>>);
+
+impl Sessions {
+    pub(super) fn note(&self, host: &str, boot: u64, session: &str) {
+        let mut sessions = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let boot = (host.to_owned(), boot);
+        if sessions.len() < SESSIONS_MAX || sessions.contains_key(&boot) {
+            sessions.insert(boot, session.to_owned());
+        }
+    }
+
+    /// Forgets all but those of these nodes.
+    pub(super) fn keep(&self, holders: &BTreeMap<String, u64>) {
+        let mut sessions = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        sessions.retain(|(host, boot), _| holders.get(host) == Some(boot));
+    }
+
+    pub(super) fn take(&self, host: &str, boot: u64) -> Option<String> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).remove(&(host.to_owned(), boot))
+    }
+}

@@ -1,0 +1,141 @@
+//! Whom a node asks each second, and whom seldom.
+//!
+//! An idle network is quiet: a node asks all others only each [`QUIET_EVERY`], and expects nothing of them in between. Each second it
+//! asks those that matter now: the *close* ones, which a deployment here depends on, those of which something is in doubt, those
+//! that have just come, and all while a person looks. The silence of a host counts from when it was asked, so one that becomes close is
+//! missing as soon as it would have been, had it been close all the time; and one at rest is missing at the latest
+//! [`SILENCE_MAX`](super::SILENCE_MAX) after the next question to all. A link that is lost takes the token along, which has its host
+//! asked at once.
+
+use super::{ASK_EVERY, ASKED_MAX, Boot, NameServer, ROUNDS_MAX, Round};
+use comms::logic::time::Time;
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+/// How often all others are asked. A link at rest may carry 52 bytes a second each way, over IPv6: a word each 7.5 s and what TCP
+/// answers are 23, questions and answers 10.
+pub(in crate::logic) const QUIET_EVERY: Duration = Duration::from_secs(60);
+/// For how long a host that has come is asked each second, and a node asks all each second that has come itself.
+pub(in crate::logic) const NEW_FOR: Duration = Duration::from_secs(5);
+/// For how long all are asked each second after a person has asked this node something.
+const WATCHED_FOR: Duration = Duration::from_secs(10);
+/// A node of a team shows who it is in every how many questions to all.
+const SHOWN_TO_ALL: u64 = 4;
+/// A node of a team shows who it is in every how many other rounds.
+const SHOWN: u64 = 16;
+
+impl NameServer {
+    /// Takes note of the hosts that something here depends on. Who was not among them is asked at once.
+    pub fn keep_close(&mut self, now: Time, hosts: BTreeSet<String>) {
+        let before = std::mem::replace(&mut self.close, hosts);
+        for host in self.close.difference(&before).cloned().collect::<Vec<_>>() {
+            self.ask_soon(now, &host);
+        }
+    }
+
+    /// Returns the hosts that something here depends on.
+    pub fn close(&self) -> &BTreeSet<String> {
+        &self.close
+    }
+
+    /// Returns the hosts that are to hear of this node all the time, so that a cut is noticed soon: the close ones, and those that pass
+    /// messages on to others.
+    pub fn beaten(&self) -> BTreeSet<String> {
+        self.close.iter().cloned().chain(self.helpers().into_iter().map(str::to_owned)).collect()
+    }
+
+    /// Takes note that a person looks: what is shown is not older than a moment.
+    pub fn watch(&mut self, now: Time) {
+        self.watched_until = now + WATCHED_FOR;
+    }
+
+    /// Returns the round to ask others in, if it is time.
+    pub(super) fn next_round(&mut self, now: Time) -> Option<Round> {
+        let attended = if self.ask_close_at <= now { self.attended(now) } else { BTreeSet::new() };
+        let is_turn = !attended.is_empty();
+        let is_some_due = !self.to_ask.is_empty() && self.ask_some_at <= now;
+        let is_for_all = self.ask_at <= now || attended.len() > ASKED_MAX;
+        if !is_for_all && !is_turn && !is_some_due {
+            return None;
+        }
+        self.round += 1;
+        self.rounds.push_back((self.round, now));
+        self.rounds.drain(..self.rounds.len().saturating_sub(ROUNDS_MAX));
+        let some = std::mem::take(&mut self.to_ask);
+        let (mut shows, mut through) = (!some.is_empty(), self.asked_through(now));
+        if is_for_all || is_turn {
+            self.ask_close_at = now + ASK_EVERY;
+        }
+        let only = if is_for_all {
+            let is_new = now.since(self.started) < NEW_FOR;
+            self.ask_at = now + if is_new { ASK_EVERY } else { QUIET_EVERY };
+            self.asked_all += 1;
+            shows |= self.asked_all.is_multiple_of(SHOWN_TO_ALL);
+            None
+        } else {
+            let only = &some | &attended;
+            shows |= self.round.is_multiple_of(SHOWN);
+            through.retain(|(_, host)| only.contains(host));
+            Some(only)
+        };
+        let asked = self.peers.iter_mut().filter(|(host, _)| only.as_ref().is_none_or(|only| only.contains(*host)));
+        for life in asked.flat_map(|(_, peer)| peer.lives.values_mut()) {
+            life.owes.get_or_insert(now);
+        }
+        Some(Round { number: self.round, only, shows, through })
+    }
+
+    /// Returns when some are to be asked each second, if any.
+    pub(super) fn next_turn(&self) -> Option<Time> {
+        let helpers = self.helpers();
+        let is_any =
+            !self.close.is_empty() || self.peers.keys().any(|host| self.is_attended(self.seen, host, &helpers));
+        is_any.then_some(self.ask_close_at)
+    }
+
+    /// After an answer nothing is expected of a host that is asked seldom.
+    pub(super) fn rest(&mut self, now: Time, host: &str, boot: u64) {
+        let is_of_concern = self.is_of_concern(now, host, &self.helpers());
+        if let Some(life) = self.life_mut(host, boot) {
+            life.owes = is_of_concern.then_some(now);
+        }
+    }
+
+    /// Returns who is asked each second.
+    fn attended(&self, now: Time) -> BTreeSet<String> {
+        let helpers = self.helpers();
+        let known = self.peers.keys().filter(|host| self.is_attended(now, host, &helpers));
+        // Also those that are close and were never heard.
+        known.chain(&self.close).cloned().collect()
+    }
+
+    fn is_attended(&self, now: Time, host: &str, helpers: &BTreeSet<&str>) -> bool {
+        let owes = |life: &Boot| life.is_there() && life.owes.is_some();
+        self.peers.get(host).is_some_and(|peer| peer.lives.values().any(owes)) || self.is_of_concern(now, host, helpers)
+    }
+
+    /// Returns whether a host matters now.
+    fn is_of_concern(&self, now: Time, host: &str, helpers: &BTreeSet<&str>) -> bool {
+        let of_life = |life: &Boot| {
+            let is_new = life.there_since + NEW_FOR > now;
+            is_new || life.doubted.is_some() || life.detour.is_some() || life.is_rival
+        };
+        // An earlier boot does not come back while a later one is there.
+        let of_lives = |lives: &BTreeMap<u64, Boot>| {
+            let mut there = lives.values().filter(|life| life.is_there()).peekable();
+            there.peek().is_none() || there.any(of_life)
+        };
+        let is_doubtful = || self.peers.get(host).is_some_and(|peer| of_lives(&peer.lives));
+        self.watched_until > now
+            || host == self.host
+            || self.close.contains(host)
+            || helpers.contains(host)
+            || is_doubtful()
+    }
+
+    /// Returns the nodes that pass messages on to others.
+    fn helpers(&self) -> BTreeSet<&str> {
+        let lives = self.peers.values().flat_map(|peer| peer.lives.values());
+        lives.filter_map(|life| life.detour.as_ref()).map(|detour| detour.via()).collect()
+    }
+}
