@@ -182,9 +182,9 @@ async fn stop(Located { client, deployment, home }: Located<'_>) -> Result<Vec<S
     }
 }
 
-/// Returns whether the deployment runs, as far as its home and the others say.
+/// Returns whether the deployment runs, as far as its home and the others say. Who does not answer is told once, by whoever asks.
 async fn runs(client: &Client, deployment: &Deployment) -> bool {
-    let Ok(Statuses { nodes, silent, .. }) = client.statuses().await else { return false };
+    let Ok(Statuses { nodes, silent, .. }) = client.statuses_noted(|_| {}).await else { return false };
     let mut parts = nodes.iter().flat_map(|node| &node.deployments);
     let part = parts.find(|part| part.deployment.name == deployment.name);
     part.is_some_and(|part| part.deployment == *deployment && !silent.contains(&part.home))

@@ -25,7 +25,8 @@ impl Client {
         self.statuses_noted(console::note).await
     }
 
-    pub(super) async fn statuses_noted(&self, note: fn(&str)) -> Result<Statuses, Failure> {
+    /// The same, with `note` for what is to be said of those that do not answer.
+    pub(crate) async fn statuses_noted(&self, note: fn(&str)) -> Result<Statuses, Failure> {
         let hosts = self.all().await?;
         let mut found = self.statuses_of(&hosts, note).await;
         // Who has vanished from the network a moment ago is missed by the others a little later.
