@@ -108,6 +108,7 @@ fn a_controller_goes_on_without_its_node() {
     program.kill_node(listener, channel);
     let listener = program.listener();
     let mut channel = Channel::resumed(&listener, 5);
+    assert_eq!(channel.made, 6);
     channel.order(&Order::Resumed { notices: 6 });
     channel.switch(4);
     ear.hear(Some(last), 20);
@@ -236,6 +237,7 @@ impl Machine {
         if random.below(5) == 0 {
             return None;
         }
+        assert!(channel.made >= self.heard.len() as u64, "it has made what was heard");
         channel.order(&Order::Resumed { notices: self.heard.len() as u64 });
         Some(channel)
     }

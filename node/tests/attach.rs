@@ -121,8 +121,8 @@ fn a_second_run_hears_the_end_and_gives_the_orders() {
     let shim = place.shim();
     place.lose();
 
-    let Attached { orders, reports, taken } = place.attach(2).unwrap();
-    assert_eq!(taken, 1);
+    let Attached { orders, reports, taken, missed } = place.attach(2).unwrap();
+    assert_eq!((taken, missed), (1, 0));
     let (sender, mut reports) = place.serve(orders, reports);
     // The program is past its first line once somebody can write to the pipe.
     std::fs::write(place.dir.join("never"), "go on\n").unwrap();
@@ -180,9 +180,10 @@ fn a_suspended_shim_does_not_hold_its_node_up() {
     drop(waiting);
 
     kill_process(shim, Signal::CONT).unwrap();
-    let Attached { orders, reports, taken } = place.attach(1).unwrap();
-    assert_eq!(taken, 0);
+    let Attached { orders, reports, taken, missed } = place.attach(0).unwrap();
+    assert_eq!((taken, missed), (0, 1), "that it was started was not heard");
     let (sender, mut reports) = place.serve(orders, reports);
+    assert!(matches!(place.next(&mut reports), Some((ShimReport::Started { .. }, _))));
     place.runtime.block_on(sender.send(ShimOrder::Kill)).unwrap();
     assert_eq!(place.next(&mut reports), Some((ShimReport::Signalled { signal: 9 }, Vec::new())));
     assert_eq!(place.next(&mut reports), Some((ShimReport::Gone, Vec::new())));

@@ -1,7 +1,7 @@
 //! The views of people who watch: `dca events` and `dca status --watch`, while programs run, end, and nodes die.
 
 use dca_tests::cluster::{Cluster, Ended, Host, Program, SOON, Stream, rounds, wait_until};
-use rustix::process::Signal;
+use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
@@ -162,6 +162,54 @@ fn what_is_complete_has_heard_every_host_that_is_known() {
             is_whole && is_shown
         });
         assert!(ready.is_some(), "round {round}");
+        starting.wait_for(Stream::Out, "node `c1` is ready", SOON);
+        println!("round {round}: whole after {answers} answers");
+        node = starting;
+    }
+}
+
+/// Programs of the home, and of another host, die while the node of the home is away: an answer that says that it is complete has that.
+#[test]
+fn a_home_that_is_back_tells_what_has_happened_meanwhile() {
+    let cluster = Cluster::new();
+    let text = "
+module Sleep(host) { exec \"sleep 600\"; plain; done; }
+process main() {
+    host { \"c1\" }
+    instantiated_processes {
+        near instof Sleep(\"c1\") { restart transient; }
+        far instof Sleep(\"c2\") { restart transient; on_link_loss keep; }
+    }
+    internal_event_actions { near , far }
+}
+";
+    let (here, spec) = (cluster.here(), cluster.file("two.dca", text));
+    let (mut node, _other) = (here.node("c1", &[]), here.node("c2", &[]));
+    let _deploy = here.dca(&["deploy", "--no-record", &spec]);
+    let restarts = |known: &Ended| {
+        let told = told(&objects(&known.out));
+        ["main/near", "main/far"]
+            .map(|path| told.iter().filter(|(_, kind, of)| kind == "restarting" && of.as_deref() == Some(path)).count())
+    };
+    for round in 0..rounds(3) {
+        let both_run = wait_until(SOON, || here.pids().len() == 2);
+        assert!(both_run.is_some(), "round {round}");
+        let pids: Vec<u32> = here.pids().into_values().collect();
+        node.kill();
+        for pid in pids.into_iter().filter_map(|pid| Pid::from_raw(i32::try_from(pid).ok()?)) {
+            kill_process(pid, Signal::SEGV).expect("it runs");
+        }
+        let starting = here.start_node("c1", &[]);
+        let mut answers = 0;
+        let whole = wait_until(SOON, || {
+            let known = here.ask(&["events", "--json", "two"]);
+            answers += 1;
+            // Who is asked first may not know of the other one yet, or may have not heard everything.
+            let is_whole = known.code == Some(0);
+            assert!(!is_whole || restarts(&known) == [round + 1; 2], "round {round}, answer {answers}: {known}");
+            is_whole
+        });
+        assert!(whole.is_some(), "round {round}");
         starting.wait_for(Stream::Out, "node `c1` is ready", SOON);
         println!("round {round}: whole after {answers} answers");
         node = starting;

@@ -68,6 +68,8 @@ enum SourceMessage {
     Client(Arc<Client>),
     Found(usize, BTreeSet<String>),
     Events(Place, Vec<Event>),
+    /// The node has told what it knows, and has not heard everything of these hosts.
+    Behind(Place, Vec<String>),
     Ended(Place),
     Broken(Place, String),
     /// Nobody is waited for any longer.
@@ -218,6 +220,7 @@ impl Feed {
             SourceMessage::Client(client) => self.add(client),
             SourceMessage::Found(client, hosts) => self.found(client, hosts),
             SourceMessage::Events(place, events) => self.events(place, events),
+            SourceMessage::Behind(place, hosts) => self.behind(&place, hosts),
             SourceMessage::Ended(place) if self.is_behind(&place) => {
                 self.lost(&place, "it has ended before it had told everything".to_owned());
                 self.silent(place, State::Lost);
@@ -295,6 +298,19 @@ impl Feed {
         }
     }
 
+    /// Says what a home has not heard from others, or from programs of its own that its node takes over.
+    fn behind(&mut self, home: &Place, hosts: Vec<String>) {
+        for host in hosts {
+            let why = if host == home.1 {
+                "its node was killed, and has not heard of all of its programs again".to_owned()
+            } else {
+                format!("`{}` has not heard everything that it had to report", home.1)
+            };
+            self.ready.push_back(FeedItem::Lost(host, why));
+        }
+        self.told(home);
+    }
+
     fn silent(&mut self, place: Place, state: State) {
         self.told(&place);
         self.places.insert(place, state);
@@ -325,11 +341,12 @@ async fn read(place: Place, mut answers: Answers, sink: Sender<SourceMessage>) {
     loop {
         let message = match answers.next().await {
             Some(Ok(Answer::Events(events))) => SourceMessage::Events(place.clone(), events),
+            Some(Ok(Answer::Behind(hosts))) => SourceMessage::Behind(place.clone(), hosts),
             Some(Ok(other)) => SourceMessage::Broken(place.clone(), words(&unasked(&place.1, &other))),
             Some(Err(failure)) => SourceMessage::Broken(place.clone(), words(&failure)),
             None => SourceMessage::Ended(place.clone()),
         };
-        let is_last = !matches!(message, SourceMessage::Events(..));
+        let is_last = !matches!(message, SourceMessage::Events(..) | SourceMessage::Behind(..));
         if sink.send(message).await.is_err() || is_last {
             return;
         }
@@ -391,6 +408,22 @@ mod tests {
         let why = "it has not answered in time";
         let expected = [format!("Lost(\"c2\", {why:?})"), format!("Lost(\"c3\", {why:?})")];
         assert_eq!(said, [&expected[..], &["Current".to_owned(), "Back(\"c2\")".to_owned()]].concat());
+    }
+
+    #[test]
+    fn a_home_that_has_not_heard_everything_says_so() {
+        let c1 = (0, "c1".to_owned());
+        let mut feed = Feed::new(Mode::Snapshot);
+        feed.catching_up = Some([c1.clone()].into());
+        feed.take(SourceMessage::Behind(c1.clone(), vec!["c2".to_owned(), "c1".to_owned()]));
+        feed.take(SourceMessage::Ended(c1));
+        let said: Vec<String> = feed.ready.iter().map(|item| format!("{item:?}")).collect();
+        let expected = [
+            "Lost(\"c2\", \"`c1` has not heard everything that it had to report\")",
+            "Lost(\"c1\", \"its node was killed, and has not heard of all of its programs again\")",
+            "Current",
+        ];
+        assert_eq!(said, expected);
     }
 
     #[test]

@@ -22,7 +22,7 @@ use std::time::Duration;
 
 /// Version of this protocol: one more with every order, notice or field that is appended, and with every kind of locator. Node and program must be of the
 /// same one. Of any other they understand no more than [`Notice::Hello`] and [`Notice::Resume`] say at their beginning, so that each can be told.
-pub const VERSION: u16 = 13;
+pub const VERSION: u16 = 14;
 
 /// Where a program's data session can be dialled.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -362,6 +362,8 @@ pub enum Notice {
         instance: String,
         /// How many counted orders the program has taken since its start.
         orders: u64,
+        /// How many counted notices it has made since then.
+        notices: u64,
     },
     /// A switch is expected.
     Expecting {

@@ -12,6 +12,8 @@ pub(super) struct Program {
 pub(super) struct Channel {
     pub(super) stream: UnixStream,
     pub(super) decoder: Decoder,
+    /// How many notices the program had made when it was taken over.
+    pub(super) made: u64,
 }
 
 pub(super) fn folder() -> PathBuf {
@@ -86,15 +88,18 @@ impl Channel {
         };
         stream.set_nonblocking(false).unwrap();
         stream.set_read_timeout(Some(SOON)).unwrap();
-        Self { stream, decoder: Decoder::new(1 << 20) }
+        Self { stream, decoder: Decoder::new(1 << 20), made: 0 }
     }
 
-    /// Accepts a program that had lost its node, and has taken so many orders.
+    /// Accepts a program that had lost its node, and has taken so many orders; it says how many notices it has made.
     #[track_caller]
     pub(super) fn resumed(listener: &UnixListener, orders: u64) -> Self {
         let mut channel = Self::accept(listener);
-        let resume = Notice::Resume { version: VERSION, instance: "main/source".to_owned(), orders };
-        assert_eq!(channel.next(), Some(resume));
+        let Some(Notice::Resume { version: VERSION, instance, orders: taken, notices }) = channel.next() else {
+            panic!("the program says something else");
+        };
+        assert_eq!((instance.as_str(), taken), ("main/source", orders));
+        channel.made = notices;
         channel
     }
 

@@ -24,7 +24,7 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
-use tokio::io::{AsyncBufReadExt, AsyncRead, AsyncWrite, AsyncWriteExt, BufReader};
+use tokio::io::{AsyncBufReadExt, AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, BufReader};
 use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::process::{ChildStdin, ChildStdout};
 use tokio::sync::mpsc::{Receiver, Sender};
@@ -66,7 +66,8 @@ pub struct ShimReports {
 #[derive(Debug)]
 enum ReportChannel {
     Started(std::process::Child, ChildStdout),
-    Attached(OwnedReadHalf),
+    /// What was read with the reply, and what comes behind it.
+    Attached(Vec<u8>, OwnedReadHalf),
 }
 
 /// A shim that an earlier run of the node has started, and that takes orders of this one now.
@@ -78,6 +79,8 @@ pub struct Attached {
     pub reports: ShimReports,
     /// How many orders the shim has taken, of all nodes.
     pub taken: u64,
+    /// How many of the reports it had made already.
+    pub missed: usize,
 }
 
 /// Starts a shim. Blocks while files are written.
@@ -136,13 +139,38 @@ pub fn attach(dir: &Path, known_reports: u64) -> io::Result<Attached> {
     stream.write_all(format!("{}\n", AttachRequest { reports: known_reports }).as_bytes()).map_err(silent)?;
     let reply = read_reply(&mut stream).map_err(silent)?;
     stream.set_nonblocking(true)?;
+    // They were written together with the reply.
+    let ahead = read_ready(&mut stream)?;
+    let missed = ahead.split_inclusive(|byte| *byte == b'\n').filter(|line| is_report(line)).count();
     let (reports, orders) = tokio::net::UnixStream::from_std(stream)?.into_split();
-    let channel = ReportChannel::Attached(reports);
+    let channel = ReportChannel::Attached(ahead, reports);
     Ok(Attached {
         orders: ShimOrders { channel: OrderChannel::Attached(orders), secrets: SecretBytes::default() },
         reports: ShimReports { channel, dir: dir.to_owned(), written_before: output_begin(dir) },
         taken: reply.orders,
+        missed,
     })
+}
+
+/// Reads what is there, without waiting for more.
+fn read_ready(stream: &mut UnixStream) -> io::Result<Vec<u8>> {
+    let (mut ready, mut bytes) = (Vec::new(), [0; 4096]);
+    while ready.len() < RECORD_MAX {
+        match stream.read(&mut bytes) {
+            Ok(0) => break,
+            Ok(count) => ready.extend_from_slice(&bytes[..count]),
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => break,
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(ready)
+}
+
+/// Returns whether these bytes are a whole line, and a report.
+fn is_report(line: &[u8]) -> bool {
+    let line = line.strip_suffix(b"\n").and_then(|line| std::str::from_utf8(line).ok());
+    line.and_then(ShimReport::parse).is_some()
 }
 
 /// Reads the reply, and not a byte of the reports behind it.
@@ -296,7 +324,9 @@ impl ShimReports {
         let Self { channel, dir, written_before } = self;
         let (mut child, reports): (_, Box<dyn AsyncRead + Send + Unpin>) = match channel {
             ReportChannel::Started(child, pipe) => (Some(child), Box::new(pipe)),
-            ReportChannel::Attached(socket) => (None, Box::new(socket)),
+            ReportChannel::Attached(ahead, socket) => {
+                (None, Box::new(AsyncReadExt::chain(io::Cursor::new(ahead), socket)))
+            }
         };
         let mut lines = BufReader::new(reports).lines();
         let mut gone = false;

@@ -6,6 +6,7 @@ mod inputs;
 mod keeping;
 mod launching;
 mod losses;
+mod returning;
 mod settings;
 mod start;
 
@@ -41,8 +42,9 @@ use comms::logic::control::Order;
 use comms::logic::key::HostName;
 use comms::logic::time::Time;
 use losses::Losses;
+use returning::Returning;
 use shim::protocol::{ShimOrder, ShimReport};
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeMap, VecDeque};
 use std::path::PathBuf;
 use std::process;
 use std::sync::{Arc, Mutex};
@@ -121,8 +123,7 @@ struct Driver {
     inputs: InputLog,
     /// What the wires of its programs have lost.
     losses: Losses,
-    /// Controllers of a node that was killed which have not come back yet: their orders are kept for them.
-    awaited: BTreeSet<ProcessId>,
+    returning: Returning,
     /// For each deployment that has programs here what ends with it.
     living: BTreeMap<Deployment, watch::Sender<()>>,
     pending: VecDeque<Input>,
@@ -255,7 +256,7 @@ impl Driver {
             programs: BTreeMap::new(),
             inputs,
             losses: Losses::default(),
-            awaited: BTreeSet::new(),
+            returning: Returning::default(),
             living: BTreeMap::new(),
             pending: VecDeque::new(),
             events,
@@ -282,19 +283,21 @@ impl Driver {
             Event::Shim(process, report, output) => {
                 if report == ShimReport::Gone {
                     self.shims.remove(&process);
-                    self.awaited.remove(&process);
+                    self.returning.is_gone(&process);
                 }
                 Some(Input::Shim { process, report, output })
             }
             Event::Program(Connection { deployment, instance, number }, sender) => {
                 let process = self.state.attachments.find(&deployment, &instance)?.clone();
+                self.returning.is_back(&process, 0);
                 self.tell_parameters(&sender, &process);
                 self.programs.insert(process, (number, sender));
                 None
             }
-            Event::Resumed { connection: Connection { deployment, instance, number }, sender, version, orders } => {
+            Event::Resumed { connection: Connection { deployment, instance, number }, sender, version, counts } => {
                 let process = self.state.attachments.find(&deployment, &instance)?.clone();
-                self.awaited.remove(&process);
+                let (orders, notices) = counts;
+                self.returning.is_back(&process, notices);
                 let why = self.resume(&process, &sender, (version, orders)).err();
                 // After the first order that it waits for.
                 self.tell_parameters(&sender, &process);
@@ -312,6 +315,10 @@ impl Driver {
                 None
             }
             Event::Refused(connection, wires) => self.refused(&connection, wires),
+            Event::Reached(process) => {
+                self.returning.shim_is_back(&process);
+                None
+            }
             Event::Alarm => Some(Input::Tick),
             Event::Committed(deployment, written) => Some(Input::Committed { deployment, written }),
             Event::EstopKept(number, written) => Some(Input::EstopKept { number, written }),
@@ -387,7 +394,7 @@ impl Driver {
         let why = match self.programs.get(&process).map(|(_, sender)| sender.send(order)) {
             Some(Ok(())) => return,
             Some(Err(error)) => error.to_string(),
-            None if self.awaited.contains(&process) => return,
+            None if self.returning.expects(&process) => return,
             None => "it has no control channel".to_owned(),
         };
         self.pending.push_back(Input::Undelivered { process, why });

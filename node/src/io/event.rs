@@ -21,6 +21,8 @@ pub(crate) enum Event {
     Arrival(Arrival),
     /// A word from a shim, with the end of the program's output.
     Shim(ProcessId, ShimReport, Vec<String>),
+    /// The shim of a program that a killed node has left was reached, or is gone; what it had to tell has come before.
+    Reached(ProcessId),
     /// A program has connected; its instance path is its own word.
     Program(Connection, ControlSender),
     /// A program has connected that has lost its node.
@@ -29,8 +31,8 @@ pub(crate) enum Event {
         sender: ControlSender,
         /// Of the control protocol.
         version: u16,
-        /// How many orders it has taken.
-        orders: u64,
+        /// How many orders it has taken, and how many notices it has made.
+        counts: (u64, u64),
     },
     /// A word from a program.
     Control(Connection, Notice),
@@ -102,9 +104,9 @@ async fn hear(
             connection.instance.clone_from(instance);
             (Event::Program(connection.clone(), sender), Some(hello))
         }
-        Notice::Resume { instance, version, orders } => {
+        Notice::Resume { instance, version, orders, notices } => {
             connection.instance = instance;
-            (Event::Resumed { connection: connection.clone(), sender, version, orders }, None)
+            (Event::Resumed { connection: connection.clone(), sender, version, counts: (orders, notices) }, None)
         }
         Notice::Connected
         | Notice::ConnectFailed { .. }

@@ -179,7 +179,8 @@ impl Starter {
             Reached::Running(attached) => {
                 let missed = program.shim_orders(attached.taken);
                 self.tasks.spawn(attached.orders.pass(missed, start.orders));
-                self.tasks.spawn(hear(process, attached.reports, self.events.clone()));
+                self.tasks.spawn(hear(process, attached.reports, Some(attached.missed), self.events.clone()));
+                return;
             }
             Reached::Never => self.start(start).await,
             Reached::Ended(end) => {
@@ -189,6 +190,7 @@ impl Starter {
                 }
             }
         }
+        self.events.send(Event::Reached(process)).await.unwrap_or_default();
     }
 
     fn listen(&mut self, listener: Listener, at: (Deployment, PathBuf)) {
@@ -203,7 +205,7 @@ impl Starter {
         match self.try_start(order, shim, (control, node)).await {
             Ok((shim, reports)) => {
                 self.tasks.spawn(shim.pass(Vec::new(), orders));
-                self.tasks.spawn(hear(process, reports, self.events.clone()));
+                self.tasks.spawn(hear(process, reports, None, self.events.clone()));
             }
             Err(error) => {
                 let reason = format!("{error:#}");
@@ -262,12 +264,17 @@ fn not_started(error: io::Error, shim: &Path) -> anyhow::Error {
     error.context(format!("starting {}", shim.display()))
 }
 
-/// Passes on what a shim says, until it is gone.
-async fn hear(process: ProcessId, reports: ShimReports, events: Sender<Event>) {
+/// Passes on what a shim says, until it is gone. One that was attached to is reached once it has told the `missed` reports.
+async fn hear(process: ProcessId, reports: ShimReports, mut missed: Option<usize>, events: Sender<Event>) {
     let (sink, mut arriving) = mpsc::channel(16);
     let forwarding = async {
-        while let Some((report, output)) = arriving.recv().await {
+        loop {
+            if missed.take_if(|missed| *missed == 0).is_some() {
+                events.send(Event::Reached(process.clone())).await.unwrap_or_default();
+            }
+            let Some((report, output)) = arriving.recv().await else { break };
             events.send(Event::Shim(process.clone(), report, output)).await.unwrap_or_default();
+            missed = missed.map(|missed| missed - 1);
         }
     };
     tokio::join!(reports.listen(sink), forwarding);

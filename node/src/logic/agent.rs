@@ -8,6 +8,7 @@ mod delivery;
 mod estop;
 mod external;
 mod input;
+mod inquiries;
 mod namesakes;
 mod orders;
 mod over;
@@ -17,6 +18,7 @@ mod relay;
 use boot::Resumed;
 use estop::Stopped;
 pub use input::Input;
+use inquiries::Inquiries;
 use namesakes::Rivalry;
 use orders::Orders;
 
@@ -100,6 +102,8 @@ pub struct Agent {
     over_until: Option<Time>,
     /// The calls that listen to all that happens.
     listeners: Vec<u64>,
+    /// The calls that want all that has happened.
+    inquiries: Inquiries,
     /// The programs that parts of deployments had here which are over, by leaf and path; the latest first.
     past: VecDeque<(Deployment, Vec<(u32, String)>)>,
     leaving: bool,
@@ -168,6 +172,7 @@ impl Agent {
             over: VecDeque::new(),
             over_until: None,
             listeners: Vec::new(),
+            inquiries: Inquiries::default(),
             past: VecDeque::new(),
             leaving: false,
             unended: BTreeMap::new(),
@@ -287,7 +292,8 @@ impl Agent {
             .chain(participants)
             .chain(links)
             .chain(gathering)
-            .chain([self.absence.deadline(), self.lingers_until, self.over_until, looking_back])
+            .chain([self.absence.deadline(), self.inquiries.deadline()])
+            .chain([self.lingers_until, self.over_until, looking_back])
             .fold(self.names.deadline(), earliest)
     }
 
@@ -307,6 +313,7 @@ impl Agent {
             Input::Resumable { deployment, verdict } => self.resumable(&deployment, verdict, out),
             Input::CallGone { call } => {
                 self.listeners.retain(|listener| *listener != call);
+                self.inquiries.forget(call);
                 self.forget_stopped(call);
                 self.coordinators.values_mut().for_each(|coordinator| coordinator.forget(call));
             }
@@ -339,13 +346,15 @@ impl Agent {
                 }
             }
             Input::EstopKept { number, written } => self.estop_kept(number, written, out),
-            Input::Adopted { away } => {
+            Input::Adopted { away, programs } => {
+                self.inquiries.adopted(programs);
                 self.adopted(out.now, away);
                 self.keep_estop(out);
                 self.keep_all(out);
                 self.judge_again(out);
                 self.ask_again(out);
             }
+            Input::Reached { process } => self.inquiries.reached(&process),
             Input::Leave => {
                 self.leaving = true;
                 self.stop_gathering(|_| true, out);
@@ -422,5 +431,6 @@ impl Agent {
         }
         self.coordinators.values_mut().for_each(|coordinator| coordinator.tick(out));
         self.participants.values_mut().for_each(|participant| participant.tick(out));
+        self.tick_inquiries(out);
     }
 }

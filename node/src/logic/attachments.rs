@@ -88,6 +88,7 @@ impl Attachments {
             | Input::Undelivered { .. }
             | Input::Found { .. }
             | Input::Adopted { .. }
+            | Input::Reached { .. }
             | Input::Leave
             | Input::EstopKept { .. }
             | Input::Judged { .. }

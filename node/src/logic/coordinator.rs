@@ -263,6 +263,11 @@ impl Coordinator {
         self.listeners.extend(stays.then_some(call));
     }
 
+    /// Returns the hosts whose reports it takes.
+    pub fn taking_part(&self) -> impl Iterator<Item = &String> {
+        self.hosts.iter().filter(|host| !self.left.contains(*host))
+    }
+
     /// Returns who has not confirmed that nothing of it is left, and why, once it is over.
     pub fn unconfirmed(&self) -> &BTreeMap<String, Why> {
         &self.unconfirmed

@@ -49,7 +49,7 @@ use std::fmt;
 use std::time::Duration;
 
 /// Version of these messages.
-pub const VERSION: u16 = 23;
+pub const VERSION: u16 = 24;
 
 /// How long a node that has more to say may be silent: it says several times in that time that it is still there.
 pub const SILENCE_MAX: Duration = Duration::from_secs(8);
@@ -312,6 +312,9 @@ pub enum Answer {
     Credentials(Vec<Vec<u8>>),
     /// To `Revocations`: all sets that the node holds; none contains another.
     Revocations(Vec<Vec<u8>>),
+    /// To `Events`, as its last one: the hosts of which the node may not have heard everything that had happened by the question,
+    /// itself included.
+    Behind(Vec<String>),
 }
 
 impl Enveloped for Request {

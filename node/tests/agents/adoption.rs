@@ -71,7 +71,7 @@ impl World {
         for deployment in commits {
             self.at(self.disk_ms, host, Coming::Input(Input::Committed { deployment, written: Ok(()) }));
         }
-        for (process, program) in programs.into_iter().filter(|(_, program)| !program.is_gone) {
+        for (process, program) in programs.clone().into_iter().filter(|(_, program)| !program.is_gone) {
             if program.reports == 0 && !self.took.contains_key(&process) {
                 self.spawn(host, program.order);
                 continue;
@@ -84,9 +84,12 @@ impl World {
                 self.carry_out(host, Effect::Control { process: process.clone(), order });
             }
         }
-        self.give(host, Input::Adopted { away });
+        let reached: BTreeSet<_> =
+            programs.iter().filter(|(_, one)| !one.is_gone).map(|(process, _)| process.clone()).collect();
+        self.give(host, Input::Adopted { away, programs: reached.clone() });
         calls.into_iter().for_each(|call| self.give(host, Input::CallGone { call }));
         held.into_iter().for_each(|coming| self.at(1, host, coming));
+        reached.into_iter().for_each(|process| self.at(1, host, Coming::Input(Input::Reached { process })));
         let boot = self.boots[host];
         for other in self.agents.keys().cloned().collect::<Vec<_>>() {
             self.at(1, &other, Coming::Input(Input::Appeared { host: host.to_owned(), boot }));

@@ -4,8 +4,8 @@ use comms::logic::switch::{Expect, Flip, Opening};
 use comms::logic::time::Time;
 use language::algebra::{Event, StepRecord, Value};
 use node::logic::protocol::{
-    Answer, Change, ChangeOrder, ChangeReply, LeafFacts, Report, Request, SetsSwitched, SwitchRequest, ToCoordinator,
-    ToParticipant,
+    Answer, Body, Change, ChangeOrder, ChangeReply, LeafFacts, Message, Report, Request, SetsSwitched, SwitchRequest,
+    ToCoordinator, ToParticipant,
 };
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -27,6 +27,13 @@ fn facts() -> Vec<LeafFacts> {
 fn golden_revocations() {
     check(&Request::Revocations(vec![vec![7]]), "1d010107");
     check(&Answer::Revocations(vec![vec![7]]), "17010107");
+}
+
+#[test]
+fn golden_inquiries() {
+    check(&Message::about_none(Body::Inquiry { number: 300 }), "000007ac02");
+    check(&Message::about_none(Body::Reported { number: 300 }), "000008ac02");
+    check(&Answer::Behind(vec!["c2".into()]), "1801026332");
 }
 
 #[test]

@@ -1,9 +1,11 @@
 //! Listeners to everything, and the names that a host has given out, on virtual time.
 
 use crate::TWO_HOSTS;
-use crate::world::{Coming, World};
+use crate::losses::{cut, heal};
+use crate::world::{Coming, Draw, World};
 use node::logic::agent::Input;
 use node::logic::protocol::{Answer, Change, Event, Names, Report, Request};
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 impl World {
@@ -97,6 +99,104 @@ fn the_time_of_an_event_is_one_time() {
     }
     // What comes while the clock is wrong has the time that it shows, and is in its place all the same.
     assert!(last.is_sorted_by(|a, b| a.number < b.number && a.ago >= b.ago), "{last:?}");
+}
+
+/// Four programs on two hosts that are started again.
+const FOUR: &str = r#"
+process main() {
+    host { "c1" }
+    instantiated_processes {
+        a instof Sensor("c1") { restart transient; }
+        b instof Sensor("c1") { restart transient; }
+        c instof Sensor("c2") { restart transient; on_link_loss keep; }
+        d instof Sensor("c2") { restart transient; on_link_loss keep; }
+        long instof Long("c1");
+    }
+    internal_event_actions { a, b, c, d, long }
+}
+"#;
+
+/// Returns how often each program was started again, as these events tell.
+fn restarts(events: &[Event]) -> BTreeMap<String, usize> {
+    let mut restarts = BTreeMap::new();
+    for event in events {
+        if let Report::Process { path, change: Change::Restarting { .. }, .. } = &event.report {
+            *restarts.entry(path.clone()).or_default() += 1;
+        }
+    }
+    restarts
+}
+
+/// Programs die, frames get lost, nodes are killed and come back: what counts as everything has all that had happened anywhere when it was
+/// asked for, though a home does not know it at that moment.
+#[test]
+fn everything_is_what_had_happened_on_any_host() {
+    let paths = ["main/a", "main/b", "main/c", "main/d"];
+    let (mut complete, mut were_early) = (0, 0);
+    for seed in 0..400 {
+        let (mut draw, mut world) = (Draw::new(seed), World::new(&["c1", "c2"]));
+        world.deploy("c1", FOUR);
+        world.run_for(Duration::from_secs(1));
+        world.loses_one_in = (draw.below(2) == 0).then_some(5);
+        let mut died = BTreeMap::<&str, usize>::new();
+        for _ in 0..8 {
+            let host = ["c1", "c2"][draw.index(2)];
+            let leaf = draw.below(4);
+            let (path, on) = (paths[usize::try_from(leaf).unwrap()], if leaf < 2 { "c1" } else { "c2" });
+            let leaf = u32::try_from(leaf).unwrap();
+            match draw.below(5) {
+                0 if !world.down.contains_key(host) => world.crash(host),
+                1 if world.down.contains_key(host) => world.adopt(host),
+                _ if world.alive.iter().any(|(there, process)| there == on && process.leaf == leaf) => {
+                    world.kill(on, leaf);
+                    *died.entry(path).or_default() += 1;
+                }
+                _ => {}
+            }
+            world.run_for(Duration::from_millis(draw.below(200)));
+        }
+        for host in world.down.keys().cloned().collect::<Vec<_>>() {
+            world.adopt(&host);
+        }
+        world.run_for(Duration::from_millis(draw.below(5)));
+        let [now, all] = [true, false].map(|follow| world.ask("c1", Request::Events { follow }));
+        world.run_for(Duration::from_secs(5));
+        let (early, known) = world.events(now);
+        let is_whole = |events: &[Event]| {
+            let restarts = restarts(events);
+            died.iter().all(|(path, count)| restarts.get(*path).is_some_and(|known| known >= count))
+        };
+        were_early += usize::from(!is_whole(&early[..known]));
+        if matches!(world.answers[&all].last(), Some(Answer::Behind(_))) {
+            continue;
+        }
+        complete += 1;
+        let events = world.events(all).0;
+        assert!(is_whole(&events), "seed {seed}: {died:?}, told {:?}", restarts(&events));
+    }
+    assert!(complete >= 300 && were_early >= 100, "{complete} complete, {were_early} would not have been at once");
+}
+
+/// A host that is cut off may have seen something; whoever asks is told after 3 s at the most.
+#[test]
+fn a_home_names_whom_it_has_not_heard() {
+    let mut world = World::new(&["c1", "c2"]);
+    world.deploy("c1", FOUR);
+    world.run_for(Duration::from_secs(1));
+    let ask = |world: &mut World, millis| {
+        let call = world.ask("c1", Request::Events { follow: false });
+        world.run_for(Duration::from_millis(millis));
+        world.answers.get(&call).and_then(|answers| answers.last().cloned())
+    };
+    assert_eq!(ask(&mut world, 5), Some(Answer::Events(Vec::new())));
+    let behind = Some(Answer::Behind(vec!["c2".into()]));
+    cut(&mut world, "c2");
+    assert_eq!(ask(&mut world, 100), None, "it may answer yet");
+    assert_eq!(ask(&mut world, 3000), behind);
+    assert_eq!(ask(&mut world, 5), behind, "it is missing");
+    heal(&mut world, "c2");
+    world.run_for(Duration::from_secs(1));
+    assert_eq!(ask(&mut world, 1000), Some(Answer::Events(Vec::new())));
 }
 
 #[test]

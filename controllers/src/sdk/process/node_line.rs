@@ -178,6 +178,11 @@ impl NoticeLog {
         }
     }
 
+    /// Returns how many notices there were.
+    fn made(&self) -> u64 {
+        self.lock().kept.made
+    }
+
     fn detach(&self) {
         self.lock().channel = None;
     }
@@ -266,7 +271,8 @@ impl NodeLine {
 
     fn resume(&mut self) -> Result<u64, NotFound> {
         let (sender, mut receiver) = control::connect(&self.socket, DIAL_EVERY)?;
-        sender.send(&Notice::Resume { version: VERSION, instance: self.instance.clone(), orders: self.orders })?;
+        let (instance, orders, notices) = (self.instance.clone(), self.orders, self.notices.made());
+        sender.send(&Notice::Resume { version: VERSION, instance, orders, notices })?;
         let until = now() + ANSWER_WITHIN;
         while now() < until {
             match receiver.recv_until(Some(now() + DIAL_EVERY))? {

@@ -39,27 +39,24 @@ impl Driver {
         // What was replayed was with the programs that the node before offered.
         self.inputs.begin(&self.state);
         let programs: Vec<ProcessId> = self.state.attachments.programs().map(|(process, _)| process.clone()).collect();
-        let mut count = 0_usize;
+        let mut adopted = BTreeSet::new();
         for process in programs {
             let Some(program) = self.state.attachments.program(&process).cloned() else { continue };
             if program.is_gone {
                 continue;
             }
-            count += 1;
-            if program.order.kind == LeafKind::Controller {
-                self.awaited.insert(process.clone());
-            }
+            adopted.insert(process.clone());
+            self.returning.expect(process.clone(), program.order.kind == LeafKind::Controller);
             let start = self.start(program.order.clone());
-            let adopted = Adopted { start, program };
-            self.later(Job::Adopt(Box::new(adopted)));
+            self.later(Job::Adopt(Box::new(Adopted { start, program })));
         }
         let commits: Vec<_> =
             self.state.attachments.commits().map(|(name, hosts)| (name.clone(), hosts.to_vec())).collect();
         commits.into_iter().for_each(|(deployment, hosts)| self.commit(deployment, hosts));
-        tracing::info!(programs = count, "a node of this name was killed: its programs are taken over");
+        tracing::info!(programs = adopted.len(), "a node of this name was killed: its programs are taken over");
         let away = clock::now() - self.state.at;
         let gone = self.state.attachments.calls().map(|call| Input::CallGone { call });
-        self.pending.extend(std::iter::once(Input::Adopted { away }).chain(gone));
+        self.pending.extend(std::iter::once(Input::Adopted { away, programs: adopted }).chain(gone));
         self.drain();
     }
 }

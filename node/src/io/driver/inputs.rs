@@ -4,7 +4,7 @@ use super::Driver;
 use crate::io::calendar;
 use crate::io::event::Event;
 use crate::logic::agent::Input;
-use crate::logic::effect::Effect;
+use crate::logic::effect::{Effect, ProcessId};
 use comms::io::clock::{self, Wakeup};
 
 impl Driver {
@@ -17,6 +17,10 @@ impl Driver {
                 over |= self.give(Input::Calendar { origin });
             }
             over |= self.give(input);
+            let programs = &self.state.attachments;
+            let taken = |process: &ProcessId| programs.program(process).map_or(u64::MAX, |program| program.notices);
+            let told = self.returning.complete(taken).into_iter();
+            self.pending.extend(told.map(|process| Input::Reached { process }));
         }
         self.inputs.keep_up(&self.state);
         self.set_alarm();

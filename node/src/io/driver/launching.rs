@@ -41,7 +41,7 @@ impl Driver {
         let process = order.process.clone();
         // Whatever the program before it has still to say is not the word of this one.
         self.programs.remove(&process);
-        self.awaited.remove(&process);
+        self.returning.is_gone(&process);
         let start = self.start(order);
         if self.jobs.try_send(Job::Start(Box::new(start))).is_err() {
             let reason = "too many programs wait to be started".to_owned();

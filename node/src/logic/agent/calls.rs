@@ -59,16 +59,13 @@ impl Agent {
             Request::StopAway(tombstone) => self.stop_away(call, *tombstone, out),
             Request::Duplicates => answer(call, self.duplicates(), out),
             Request::Names => answer(call, Answer::Names(self.given_names()), out),
-            Request::Events { follow } => {
-                self.over.iter().rev().for_each(|history| history.tell(call, out));
-                self.coordinators.values_mut().for_each(|coordinator| coordinator.listen(call, follow, out));
+            Request::Events { follow: true } => {
+                self.tell_events(call, true, out);
                 // That was all up to now.
                 answer(call, Answer::Events(Vec::new()), out);
-                if follow {
-                    self.listeners.push(call);
-                    return;
-                }
+                return self.listeners.push(call);
             }
+            Request::Events { follow: false } => return self.inquire(call, out),
             Request::Logs { deployment, process, follow } => match self.find(deployment.as_deref(), &process) {
                 Ok(process) => return out.effects.push(Effect::Tail { call, process, follow }),
                 Err(why) => answer(call, Answer::Refused(why), out),
@@ -89,6 +86,12 @@ impl Agent {
             Request::RenewUser { .. } => elsewhere(call, out),
         }
         out.effects.push(Effect::EndAnswers { call });
+    }
+
+    /// Tells every event of the deployments that have their home here, and those to come to a listener that stays.
+    pub(super) fn tell_events(&mut self, call: u64, stays: bool, out: &mut Out<'_>) {
+        self.over.iter().rev().for_each(|history| history.tell(call, out));
+        self.coordinators.values_mut().for_each(|coordinator| coordinator.listen(call, stays, out));
     }
 
     /// Tells the reports of a deployment that is over, behind the first `seen` ones.

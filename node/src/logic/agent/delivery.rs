@@ -20,6 +20,8 @@ impl Agent {
             Body::Stopped => self.was_stopped(&deployment, from, out),
             Body::Mourned => self.mourned(&deployment, from, out),
             Body::Leaves => self.absence.leaves(from),
+            Body::Inquiry { number } => self.inquired(number, from, out),
+            Body::Reported { number } => self.reported(number, from),
             Body::Relay(relay) => self.relay(*relay, from, out),
             Body::Coordinator(message) => {
                 if let Some(coordinator) = self.coordinators.get_mut(&deployment) {

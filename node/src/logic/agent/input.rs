@@ -8,6 +8,7 @@ use crate::logic::protocol::{Deployment, Namesake, Pong, Request};
 use comms::logic::control::Notice;
 use serde::{Deserialize, Serialize};
 use shim::protocol::ShimReport;
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 /// An input of an agent.
@@ -132,6 +133,13 @@ pub enum Input {
     Adopted {
         /// How long it was gone.
         away: Duration,
+        /// The programs that are being reached.
+        programs: BTreeSet<ProcessId>,
+    },
+    /// The shim of such a program was reached, or there is none any more; what it had to tell has come before this.
+    Reached {
+        /// The program.
+        process: ProcessId,
     },
     /// The calendar clock of this host was set, or is heard of for the first time. Nothing else follows from it than the times
     /// that events have for people.

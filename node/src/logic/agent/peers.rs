@@ -56,6 +56,7 @@ impl Agent {
         self.tell_tombstones(host, out);
         self.coordinators.values_mut().for_each(|coordinator| coordinator.host_back(host, out));
         self.participants.values_mut().for_each(|participant| participant.host_back(host, out));
+        self.inquire_again(host, out);
     }
 
     pub(super) fn host_lost(&mut self, host: &str, out: &mut Out<'_>) {

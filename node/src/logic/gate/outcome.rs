@@ -26,6 +26,7 @@ pub fn outcome(answer: &Answer) -> Option<Outcome> {
         | Answer::Plan(_)
         | Answer::Revision(_)
         | Answer::Events(_)
+        | Answer::Behind(_)
         | Answer::Names(_)
         | Answer::Locations(_)
         | Answer::Revoked { .. }

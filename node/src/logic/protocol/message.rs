@@ -15,12 +15,17 @@ pub struct Message {
 impl Message {
     /// Returns what a node says before it ends.
     pub fn leaves() -> Self {
-        Self { deployment: Deployment { name: String::new(), epoch: 0 }, body: Body::Leaves }
+        Self::about_none(Body::Leaves)
+    }
+
+    /// Returns a message about no deployment.
+    pub fn about_none(body: Body) -> Self {
+        Self { deployment: Deployment { name: String::new(), epoch: 0 }, body }
     }
 
     /// Returns what is to be passed on, or was.
     pub fn relay(relay: Relay) -> Self {
-        Self { deployment: Deployment { name: String::new(), epoch: 0 }, body: Body::Relay(Box::new(relay)) }
+        Self::about_none(Body::Relay(Box::new(relay)))
     }
 
     /// Returns whether it is the last word about something, that a process has ended or that everything is to end: true
@@ -51,4 +56,14 @@ pub enum Body {
     Stopped,
     /// The node: the sender has heard that.
     Mourned,
+    /// The node: the sender, a home, wants to know when all has come that has happened there so far. About no deployment.
+    Inquiry {
+        /// The number of the question; the sender counts.
+        number: u64,
+    },
+    /// The home: all that had happened by its question has come before this. About no deployment.
+    Reported {
+        /// The number of the question.
+        number: u64,
+    },
 }

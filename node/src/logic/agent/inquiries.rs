@@ -1,0 +1,138 @@
+//! Questions for every event so far, which are answered once everybody has reported.
+//!
+//! The home of a deployment alone has its events. What has happened on another host may still be on its way, or wait there for a
+//! home that was cut off or killed. So the home asks each host of its deployments; messages of a host come in order, so its answer
+//! comes behind all that it has reported. A host whose node was killed answers once it has heard the shims of its programs again,
+//! which tell what has happened meanwhile.
+//!
+//! Nobody is waited for longer than [`WITHIN`]: whoever has not answered by then is named in the answer.
+
+use super::Agent;
+use crate::logic::coordinator::Coordinator;
+use crate::logic::effect::{Effect, Out, ProcessId, earliest};
+use crate::logic::protocol::{Answer, Body, Message};
+use comms::logic::time::Time;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+/// How long a question waits: less than its caller does.
+pub(in crate::logic) const WITHIN: Duration = Duration::from_secs(3);
+/// How many questions wait, and how many of other hosts. What comes beside them is not waited for.
+const OPEN_MAX: usize = 64;
+
+/// The questions that wait.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct Inquiries {
+    /// How many were asked.
+    count: u64,
+    open: Vec<Inquiry>,
+    /// Programs that the node before has left, and whose shims are not reached again.
+    unreached: BTreeSet<ProcessId>,
+    /// The homes that have asked meanwhile, each with the number of its question.
+    asked_by: BTreeSet<(String, u64)>,
+}
+
+/// A question for all events of the deployments that have their home here.
+#[derive(Debug, Serialize, Deserialize)]
+struct Inquiry {
+    number: u64,
+    call: u64,
+    /// The hosts that have not answered.
+    hosts: BTreeSet<String>,
+    until: Time,
+}
+
+impl Inquiries {
+    /// Takes note that this node was made again, and that these programs are being reached.
+    pub(super) fn adopted(&mut self, programs: BTreeSet<ProcessId>) {
+        self.unreached = programs;
+    }
+
+    /// Takes note that a program was reached, and has told what it had to.
+    pub(super) fn reached(&mut self, process: &ProcessId) {
+        self.unreached.remove(process);
+    }
+
+    /// Forgets a caller that has gone away.
+    pub(super) fn forget(&mut self, call: u64) {
+        self.open.retain(|inquiry| inquiry.call != call);
+    }
+
+    /// Returns when [`Agent::tick_inquiries`] wants to be called.
+    pub(super) fn deadline(&self) -> Option<Time> {
+        self.open.iter().map(|inquiry| inquiry.until).fold(None, |first, until| earliest(first, Some(until)))
+    }
+
+    fn answered(&mut self, number: u64, from: &str) {
+        let inquiry = self.open.iter_mut().find(|inquiry| inquiry.number == number);
+        if let Some(inquiry) = inquiry {
+            inquiry.hosts.remove(from);
+        }
+    }
+}
+
+impl Agent {
+    /// Asks every host that takes part in what has its home here, and answers the call once they have answered.
+    pub(super) fn inquire(&mut self, call: u64, out: &mut Out<'_>) {
+        let own = &self.identity.host;
+        let all = self.coordinators.values().flat_map(Coordinator::taking_part);
+        let hosts: BTreeSet<String> = all.filter(|host| *host != own).cloned().collect();
+        let number = self.inquiries.count;
+        self.inquiries.count += 1;
+        let is_waited_for = self.inquiries.open.len() < OPEN_MAX;
+        if is_waited_for {
+            for host in hosts.iter().filter(|host| self.names.reaches(host)) {
+                out.send(host, Message::about_none(Body::Inquiry { number }));
+            }
+        }
+        let until = if is_waited_for { out.now + WITHIN } else { out.now };
+        self.inquiries.open.push(Inquiry { number, call, hosts, until });
+    }
+
+    /// Asks a host that is there again: the first question may not have reached it.
+    pub(super) fn inquire_again(&self, host: &str, out: &mut Out<'_>) {
+        for &Inquiry { number, .. } in self.inquiries.open.iter().filter(|inquiry| inquiry.hosts.contains(host)) {
+            out.send(host, Message::about_none(Body::Inquiry { number }));
+        }
+    }
+
+    /// Takes the question of a home.
+    pub(super) fn inquired(&mut self, number: u64, from: &str, out: &mut Out<'_>) {
+        if self.inquiries.unreached.is_empty() {
+            out.send(from, Message::about_none(Body::Reported { number }));
+        } else if self.inquiries.asked_by.len() < OPEN_MAX {
+            self.inquiries.asked_by.insert((from.to_owned(), number));
+        }
+    }
+
+    /// Takes the answer of a host: all that it had to report by the question has come before.
+    pub(super) fn reported(&mut self, number: u64, from: &str) {
+        self.inquiries.answered(number, from);
+    }
+
+    /// Answers what can be answered, or is not waited for any longer.
+    pub(super) fn tick_inquiries(&mut self, out: &mut Out<'_>) {
+        let is_reached = self.inquiries.unreached.is_empty();
+        if is_reached {
+            for (home, number) in std::mem::take(&mut self.inquiries.asked_by) {
+                out.send(&home, Message::about_none(Body::Reported { number }));
+            }
+        }
+        // The shims of a host tell of nothing that has its home elsewhere.
+        let waits_for_shims = !is_reached && !self.coordinators.is_empty();
+        let names = &self.names;
+        let is_due = |inquiry: &mut Inquiry| {
+            let is_waiting = waits_for_shims || inquiry.hosts.iter().any(|host| names.reaches(host));
+            inquiry.until <= out.now || !is_waiting
+        };
+        for Inquiry { call, hosts, .. } in self.inquiries.open.extract_if(.., is_due).collect::<Vec<_>>() {
+            self.tell_events(call, false, out);
+            let own = waits_for_shims.then(|| self.identity.host.clone());
+            let behind: Vec<String> = hosts.into_iter().chain(own).collect();
+            let answer = if behind.is_empty() { Answer::Events(Vec::new()) } else { Answer::Behind(behind) };
+            out.effects.push(Effect::Answer { call, answer: Box::new(answer) });
+            out.effects.push(Effect::EndAnswers { call });
+        }
+    }
+}
