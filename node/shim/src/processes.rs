@@ -96,6 +96,13 @@ pub fn is_running(process: Process) -> bool {
     stat(process.pid).is_some_and(|stat| stat.process == process && !stat.is_zombie)
 }
 
+/// Returns whether a process has files open, or does not let this one look. One that is being killed closes them before it is gone,
+/// which takes seconds on a busy machine.
+pub fn has_open_files(pid: i32) -> bool {
+    std::fs::read_dir(format!("/proc/{pid}/fd"))
+        .map_or_else(|error| error.kind() == std::io::ErrorKind::PermissionDenied, |mut files| files.next().is_some())
+}
+
 /// Returns the processor time of all children of this process that have ended, and of theirs. Source: proc_pid_stat(5), fields
 /// 16 and 17, which count hundredths of a second on every Linux.
 pub fn time_of_ended_children() -> Duration {
@@ -160,5 +167,19 @@ mod tests {
         }
         shell.kill().expect("it is ours");
         shell.wait().expect("it is ours");
+    }
+
+    #[test]
+    fn a_process_that_was_killed_has_no_open_files() {
+        let mut program = Command::new("sleep").arg("100").spawn().expect("a program starts");
+        let pid = program.id().cast_signed();
+        assert!(has_open_files(getpid().as_raw_nonzero().get()) && has_open_files(pid));
+        program.kill().expect("it is ours");
+        // It stays until its parent looks.
+        while !stat(pid).expect("nobody has looked").is_zombie {
+            std::thread::yield_now();
+        }
+        assert!(!has_open_files(pid));
+        program.wait().expect("it is ours");
     }
 }

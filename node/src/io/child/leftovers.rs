@@ -64,7 +64,8 @@ pub fn tell_left(left: &[i32], whose: &Path) {
     }
 }
 
-/// Returns the process id of a node that lives and has started programs of `folder`: its lock was taken from it, with the folder.
+/// Returns the process id of a node that lives and has started programs of `folder`: its lock was taken from it, with the folder. One
+/// that is being killed has no lock any more either, nor any other open file.
 pub fn living_node(folder: &Path) -> Option<i32> {
     let this = getpid().as_raw_nonzero().get();
     let all: Vec<Stat> = processes::all().into_iter().filter(|stat| !stat.is_zombie).collect();
@@ -75,7 +76,8 @@ pub fn living_node(folder: &Path) -> Option<i32> {
         command.split(|byte| *byte == 0).any(|word| Path::new(OsStr::from_bytes(word)).starts_with(folder))
     });
     // A shim whose node is gone has another parent.
-    ours.map(|shim| shim.parent).find(|parent| *parent != this && is_node(*parent))
+    ours.map(|shim| shim.parent)
+        .find(|parent| *parent != this && is_node(*parent) && processes::has_open_files(*parent))
 }
 
 /// Ends what earlier runs of the node in `folder` have left, and returns what could not be ended. A program has the grace
