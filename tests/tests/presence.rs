@@ -207,6 +207,36 @@ fn a_second_node_of_a_name_does_not_disturb_a_mission() {
     undisturbed(&hosts, mission);
 }
 
+/// The second comes up while the first is suspended: it does not take its place, and the mission goes on with the first.
+#[test]
+fn a_second_node_takes_no_name_from_one_that_is_away_for_a_moment() {
+    let Some(hosts) = start(4) else { return };
+    let mission = deployed(&hosts);
+    // It waits for a network, and nobody hears of it yet.
+    hosts.network.set(4, "link set eth0 down");
+    let second = hosts.host(4).start_node("c2", &["--lan"]);
+    second.wait_for(Stream::Err, "no network interface is up", SOON);
+    hosts.nodes[1].signal(Signal::STOP);
+    hosts.nodes[0].wait_for(Stream::Err, "the node `c2` is missing", SOON);
+    hosts.network.set(4, "link set eth0 up");
+    second.wait_for(Stream::Out, "node `c2` is ready", SOON);
+    pass(Duration::from_secs(1));
+    hosts.nodes[1].signal(Signal::CONT);
+    hosts.nodes[0].wait_for(Stream::Err, "a second node called `c2`", SOON);
+    let told = hosts.nodes[0].text(Stream::Err);
+    assert!(!told.contains("the node `c2` was started again"), "{told}");
+    if told.contains("the node `c2` is lost") {
+        println!("skipped: this machine is so busy that the first was away for 5 s");
+        return;
+    }
+    assert!(mission.is_running(), "{}\n{told}", mission.text(Stream::Err));
+    let ended = second.ended(SOON);
+    assert_eq!(ended.code, Some(1), "{ended}");
+    let stop = hosts.host(3).ask(&["stop", "twice"]);
+    assert_eq!(stop.code, Some(0), "{stop}");
+    assert!(mission.ended(SOON).out.starts_with("twice: stopped after"));
+}
+
 /// Anybody can make a token, or ask as somebody else: neither changes who can be reached, while it lasts and after.
 #[test]
 fn a_forged_token_does_not_disturb_a_mission() {

@@ -7,7 +7,7 @@ use comms::logic::port::Policy;
 use comms::logic::{codec, key};
 use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, wait_until};
 use dca_tests::made_team::MadeTeam;
-use node::logic::link::Frame;
+use node::logic::link::{Ends, Frame};
 use node::logic::protocol::{Answer, Ping, Pong, Refusal, StopReply};
 use std::fs;
 use std::sync::Arc;
@@ -101,11 +101,14 @@ async fn steal(session: &Session, told: SyncSender<Refusal>) {
                 let (boot, to_boot, round) = (BOOT, ping.boot, ping.round);
                 let (up, place) = (Duration::from_secs(600), "the thief's".to_owned());
                 let holder = Some(ping.boot);
-                let pong = Pong { from: "c2".into(), boot, to_boot, round, up, place, holder, session: session.id() };
+                let (session_id, origin) = (session.id(), 1);
+                let pong =
+                    Pong { from: "c2".into(), boot, to_boot, round, up, place, holder, session: session_id, origin };
                 put(session, &key::pong(&ping.from), codec::encode(&pong));
                 let ping = Ping { from: "c2".into(), boot, round };
                 put(session, &key::ping("c2"), codec::encode(&ping));
-                let frame = Frame { from: "c2".into(), boot, boot_peer: to_boot, acknowledged: 0, message: None };
+                let ends = Ends { own: comms::logic::time::Time::ZERO, peer: None };
+                let frame = Frame { from: "c2".into(), boot, boot_peer: to_boot, ends, acknowledged: 0, message: None };
                 put(session, &key::inbox("c1"), codec::encode(&frame));
             }
             Some(request) = calls.next() => lie(request).await,

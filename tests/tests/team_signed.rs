@@ -13,7 +13,7 @@ use language::plan::Plan;
 use language::{Options, Source, compile};
 use node::logic::database::question::{AckLevel, Commit, Question, Reply};
 use node::logic::gate;
-use node::logic::link::Frame;
+use node::logic::link::{Ends, Frame};
 use node::logic::protocol::{
     Answer, Body, Deployment, Message, Ping, Pong, Request, Signed, StopReply, ToCoordinator, ToParticipant,
 };
@@ -346,6 +346,7 @@ impl<'a> Liar<'a> {
             place: "nowhere".into(),
             holder: Some(ping.boot),
             session: self.session.id(),
+            origin: 1,
         };
         self.put(&key::pong(&ping.from), codec::encode(&pong).expect("it is short"));
     }
@@ -377,8 +378,9 @@ impl<'a> Liar<'a> {
                     }
                     _ = again.tick() => {
                         let (boot_peer, acknowledged) = (self.boot_peer, self.heard);
+                        let ends = Ends { own: comms::logic::time::Time::ZERO, peer: None };
                         let message = Some((self.sent, message.clone()));
-                        let frame = Frame { from: "c1".into(), boot: BOOT, boot_peer, acknowledged, message };
+                        let frame = Frame { from: "c1".into(), boot: BOOT, boot_peer, ends, acknowledged, message };
                         self.put(&key::inbox("c2"), codec::encode(&frame).expect("it is short"));
                     }
                     () = &mut deadline => panic!("the node does not answer"),

@@ -37,9 +37,8 @@ use anyhow::Context;
 use comms::io::clock;
 use comms::io::control::ControlSender;
 use comms::io::entropy;
-use comms::io::session::{NodeOptions, Reach};
+use comms::io::session::Reach;
 use comms::logic::control::Order;
-use comms::logic::key::HostName;
 use comms::logic::time::Time;
 use losses::Losses;
 use returning::Returning;
@@ -207,6 +206,7 @@ impl Driver {
         let journal = start::journal(&config, &dir)?;
         let offered = start::offered(&config).await?;
         let boot = entropy::number().context("reading a random number from the system")?;
+        let origin = start::origin(&machine, dir.path());
         let inputs = InputLog::new(dir.path(), &start::life(&config, &machine), config.adopts);
         let is_adopting = before.is_some();
         let (estop_file, estop) = EstopFile::open(config.state.clone());
@@ -219,17 +219,9 @@ impl Driver {
         });
         let (mut tasks, (sink, arrivals)) = (JoinSet::new(), mpsc::channel(EVENTS_MAX));
         start::show_team(&config, &dir)?;
-        let siblings = start::siblings(&config)?.into_iter();
-        let options = NodeOptions {
-            name: HostName::parse(&config.name)?,
-            socket: dir.socket(),
-            reach: config.reach.clone(),
-            port: config.port,
-            peers: siblings.chain(config.peers.iter().cloned()).collect(),
-        };
-        let peers =
-            Peers::open(options, (state.agent.boot(), state.agent.started()), config.member.clone(), sink, &mut tasks)
-                .await?;
+        let (options, life) =
+            (start::session_options(&config, &dir)?, (state.agent.boot(), state.agent.started(), origin));
+        let peers = Peers::open(options, life, config.member.clone(), sink, &mut tasks).await?;
         peers.hold(state.agent.holders().clone());
         peers.beat(state.agent.beaten().clone());
         let options = start::database_options(&config, &dir);

@@ -62,6 +62,7 @@ struct Own {
     boot: u64,
     started: Time,
     place: String,
+    origin: u32,
     /// The boot of each other name that the node deals with.
     holders: Mutex<BTreeMap<String, u64>>,
     sessions: Sessions,
@@ -84,13 +85,13 @@ pub enum Arrival {
 
 impl Peers {
     /// Opens the session, announces the node and begins to listen; arrivals go to `sink` from tasks of `tasks`. A node that was
-    /// killed keeps its boot number, and the time of its start, when it is taken over.
+    /// killed keeps its boot number, and the time of its start, when it is taken over; `origin` is that of its answers.
     ///
     /// # Errors
     /// The session cannot be opened.
     pub async fn open(
         options: NodeOptions,
-        (boot, started): (u64, Time),
+        (boot, started, origin): (u64, Time, u32),
         member: Option<Arc<Member>>,
         sink: Sender<Arrival>,
         tasks: &mut JoinSet<()>,
@@ -118,7 +119,7 @@ impl Peers {
         let host = host.as_str().to_owned();
         let (holders, rounds, shows) = (Mutex::default(), Mutex::default(), AtomicU64::new(SHOWN_ROUNDS));
         let (place, sessions, appeared) = (place(), Sessions::default(), broadcast::Sender::new(1));
-        let own = Arc::new(Own { host, boot, started, place, holders, sessions, rounds, shows, appeared });
+        let own = Arc::new(Own { host, boot, started, place, origin, holders, sessions, rounds, shows, appeared });
         let (beaten, to_beat) = watch::channel(BTreeSet::new());
         let beats = session.hear_beats(&key::beat(&own.host))?;
         tasks.spawn(beat::beat(Arc::clone(&session), to_beat));
@@ -287,6 +288,7 @@ async fn answer_pings(mut pings: Subscription, (session, own, authors): Speaking
             place: own.place.clone(),
             holder: own.holders().get(&from).copied(),
             session: session.id(),
+            origin: own.origin,
         };
         let sent = codec::encode(&pong).map_err(anyhow::Error::from);
         if let Err(error) = sent.and_then(|bytes| Ok(session.put(&key::pong(&from), bytes)?)) {

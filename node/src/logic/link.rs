@@ -4,7 +4,9 @@
 //! (go-back-N): the oldest of it, later each time until something is acknowledged, then the next.
 //!
 //! A link belongs to one pair of boots. When either node restarts, both sides begin anew at 1, because the state that the
-//! old messages spoke of is gone. Invariant: a message is delivered once, after all earlier ones.
+//! old messages spoke of is gone. So they do when one side has forgotten the link, as that of a boot which others of its name have
+//! taken the place of: each side says since when its link is there, and the other one begins anew when that is later. Invariant: a
+//! message is delivered once, after all earlier ones.
 
 use crate::logic::protocol::{Body, Message, VERSION};
 use comms::logic::codec::{Enveloped, Kind};
@@ -31,10 +33,32 @@ pub struct Frame {
     pub boot: u64,
     /// Boot number of the receiver, as the sender knows it; a frame for another boot is dropped.
     pub boot_peer: u64,
+    /// The two ends of the link.
+    pub ends: Ends,
     /// All messages up to this number have arrived at the sender.
     pub acknowledged: u64,
     /// A numbered message.
     pub message: Option<(u64, Message)>,
+}
+
+/// Since when each end of a link is there, on the clock of its own node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Ends {
+    /// That of the sender.
+    pub own: Time,
+    /// That of the receiver, once the sender has heard of it.
+    pub peer: Option<Time>,
+}
+
+/// What comes of a frame.
+#[derive(Debug, Default, PartialEq)]
+pub struct Received {
+    /// The message that it delivers.
+    pub message: Option<Message>,
+    /// The acknowledgement to send.
+    pub answer: Option<Frame>,
+    /// Whether the peer had forgotten the link: it counts this node as lost.
+    pub is_anew: bool,
 }
 
 impl Enveloped for Frame {
@@ -48,6 +72,7 @@ pub struct Link {
     host: String,
     boot: u64,
     boot_peer: u64,
+    ends: Ends,
     sent: u64,
     received: u64,
     backlog: VecDeque<Unacknowledged>,
@@ -73,12 +98,13 @@ struct Unacknowledged {
 
 impl Link {
     /// Returns a fresh link of node `host`, booted as `boot`, to a peer booted as `boot_peer`.
-    pub fn new(host: &str, boot: u64, boot_peer: u64) -> Self {
+    pub fn new(now: Time, host: &str, (boot, boot_peer): (u64, u64)) -> Self {
         let host = host.to_owned();
         Self {
             host,
             boot,
             boot_peer,
+            ends: Ends { own: now, peer: None },
             sent: 0,
             received: 0,
             backlog: VecDeque::new(),
@@ -123,18 +149,38 @@ impl Link {
         }
     }
 
-    /// Takes a frame of the peer. Returns the message it delivers, if any, and the acknowledgement to send, if any.
-    pub fn receive(&mut self, now: Time, frame: Frame) -> (Option<Message>, Option<Frame>) {
-        if frame.boot != self.boot_peer || frame.boot_peer != self.boot {
-            return (None, None);
+    /// Takes a frame of the peer.
+    pub fn receive(&mut self, now: Time, frame: Frame) -> Received {
+        let is_old = self.ends.peer.is_some_and(|known| frame.ends.own < known);
+        if frame.boot != self.boot_peer || frame.boot_peer != self.boot || is_old {
+            return Received::default();
+        }
+        if frame.ends.peer.is_some_and(|own| own != self.ends.own) {
+            // It is for the link that was here before, and that has counts of its own.
+            return Received { answer: Some(self.frame(None)), ..Received::default() };
+        }
+        let is_anew = self.ends.peer.replace(frame.ends.own).is_some_and(|known| known < frame.ends.own);
+        if is_anew {
+            self.begin_anew(now);
         }
         self.acknowledged(now, frame.acknowledged);
-        let Some((number, message)) = frame.message else { return (None, None) };
-        let delivered = (number == self.received + 1).then(|| {
+        let Some((number, message)) = frame.message else { return Received { is_anew, ..Received::default() } };
+        let message = (number == self.received + 1).then(|| {
             self.received = number;
             message
         });
-        (delivered, Some(self.frame(None)))
+        Received { message, answer: Some(self.frame(None)), is_anew }
+    }
+
+    /// Counts from 1 again. The peer has lost this node, so it is told what is final, and nothing else that it has not acknowledged.
+    fn begin_anew(&mut self, now: Time) {
+        self.backlog.retain(|kept| kept.message.is_final());
+        (self.sent, self.received, self.recovering) = (0, 0, (0, 0));
+        for kept in &mut self.backlog {
+            self.sent += 1;
+            (kept.number, kept.sent) = (self.sent, None);
+        }
+        self.resend_at = (!self.backlog.is_empty()).then_some(now);
     }
 
     fn acknowledged(&mut self, now: Time, acknowledged: u64) {
@@ -192,6 +238,7 @@ impl Link {
             from: self.host.clone(),
             boot: self.boot,
             boot_peer: self.boot_peer,
+            ends: self.ends,
             acknowledged: self.received,
             message,
         }
@@ -207,6 +254,10 @@ mod tests {
         Deployment { name: "d".into(), epoch }.to_participant(ToParticipant::Go)
     }
 
+    fn pair() -> (Link, Link) {
+        (Link::new(Time::ZERO, "a", (1, 2)), Link::new(Time::ZERO, "b", (2, 1)))
+    }
+
     /// A pair of links over a line that loses, repeats and swaps frames as a seeded generator says.
     #[test]
     fn delivers_in_order_and_once_over_a_bad_line() {
@@ -218,7 +269,7 @@ mod tests {
                 random ^= random << 17;
                 random
             };
-            let (mut a, mut b) = (Link::new("a", 1, 2), Link::new("b", 2, 1));
+            let (mut a, mut b) = pair();
             let (mut to_a, mut to_b, mut got) = (Vec::new(), Vec::new(), Vec::new());
             let mut now = Time::ZERO;
             let mut sent = 0;
@@ -235,7 +286,7 @@ mod tests {
                         continue;
                     }
                     for _ in 0..=next() % 2 {
-                        let (message, answer) = b.receive(now, frame.clone());
+                        let Received { message, answer, .. } = b.receive(now, frame.clone());
                         got.extend(message);
                         to_a.extend(answer);
                     }
@@ -256,7 +307,7 @@ mod tests {
     #[test]
     fn a_peer_that_does_not_answer_is_not_flooded() {
         for (lost, most) in [(false, 20 * WINDOW), (true, 20)] {
-            let mut link = Link::new("a", 1, 2);
+            let mut link = Link::new(Time::ZERO, "a", (1, 2));
             (1..=1000).for_each(|number| drop(link.send(Time::ZERO, numbered(number))));
             if lost {
                 link.abandon();
@@ -277,7 +328,7 @@ mod tests {
     /// A line of 50 ms each way that was cut: everything is there as soon as it can be, and each message is sent again once.
     #[test]
     fn a_long_backlog_comes_window_by_window() {
-        let (mut a, mut b) = (Link::new("a", 1, 2), Link::new("b", 2, 1));
+        let (mut a, mut b) = pair();
         (1..=1000).for_each(|number| drop(a.send(Time::ZERO, numbered(number))));
         let mut now = Time::ZERO + Duration::from_secs(3);
         let (mut got, mut frames, began) = (0, 0, now);
@@ -287,7 +338,7 @@ mod tests {
             frames += window.len();
             now = now + Duration::from_millis(50);
             let answers = window.into_iter().filter_map(|frame| {
-                let (message, answer) = b.receive(now, frame);
+                let Received { message, answer, .. } = b.receive(now, frame);
                 got += usize::from(message.is_some());
                 answer
             });
@@ -301,10 +352,10 @@ mod tests {
     /// Twice a round trip passes before a message is sent again, so a slow line does not carry everything twice.
     #[test]
     fn a_slow_line_is_waited_for() {
-        let (mut a, mut b) = (Link::new("a", 1, 2), Link::new("b", 2, 1));
+        let (mut a, mut b) = pair();
         let at = |millis| Time::ZERO + Duration::from_millis(millis);
         let frame = a.send(at(0), numbered(1)).unwrap();
-        let (_, answer) = b.receive(at(500), frame);
+        let Received { answer, .. } = b.receive(at(500), frame);
         a.receive(at(1000), answer.unwrap());
         drop(a.send(at(2000), numbered(2)));
         assert_eq!(a.deadline(), Some(at(4000)));
@@ -312,8 +363,73 @@ mod tests {
 
     #[test]
     fn ignores_frames_of_another_boot() {
-        let (mut a, mut b) = (Link::new("a", 1, 2), Link::new("b", 3, 1));
+        let (mut a, mut b) = (Link::new(Time::ZERO, "a", (1, 2)), Link::new(Time::ZERO, "b", (3, 1)));
         let frame = a.send(Time::ZERO, numbered(1)).unwrap();
-        assert_eq!(b.receive(Time::ZERO, frame), (None, None));
+        assert_eq!(b.receive(Time::ZERO, frame), Received::default());
+    }
+
+    /// One side forgets the link now and then, over a line that loses, repeats and delays frames: both go on, what is sent from then on
+    /// arrives in order and once, and what is final is not lost by the side that has not forgotten.
+    #[test]
+    fn a_link_that_one_side_has_forgotten_begins_anew() {
+        for seed in 0..500_u64 {
+            let mut random = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+            let mut draw = move |below: u64| {
+                random ^= random << 13;
+                random ^= random >> 7;
+                random ^= random << 17;
+                random % below
+            };
+            let (mut a, mut b) = pair();
+            let (mut lines, mut got) = ([Vec::new(), Vec::new()], Vec::new());
+            let (mut now, mut sent, mut anew) = (Time::ZERO, 0, 0);
+            let forgets = 20 + draw(100);
+            for step in 0..1500 {
+                now = now + Duration::from_millis(50);
+                if step == forgets {
+                    b = Link::new(now, "b", (2, 1));
+                    // What had arrived is another matter.
+                    got.clear();
+                }
+                // The last comes when both have found each other again.
+                if draw(3) == 0 && step < 300 || step == 400 {
+                    sent += 1;
+                    lines[1].extend(a.send(now, numbered(sent)));
+                }
+                lines[1].extend(a.resend(now));
+                lines[0].extend(b.resend(now));
+                if draw(4) == 0 {
+                    lines[0].extend(b.send(now, numbered(1000 + step)));
+                }
+                for to in [0, 1] {
+                    for _ in 0..lines[to].len() {
+                        let at = usize::try_from(draw(u64::try_from(lines[to].len()).unwrap())).unwrap();
+                        // Repeated, lost, or neither.
+                        let frame = if draw(4) == 0 { lines[to][at].clone() } else { lines[to].swap_remove(at) };
+                        if draw(5) == 0 {
+                            continue;
+                        }
+                        let received = if to == 0 { a.receive(now, frame) } else { b.receive(now, frame) };
+                        lines[1 - to].extend(received.answer);
+                        anew += u64::from(received.is_anew);
+                        assert!(to == 0 || !received.is_anew, "seed {seed}: `a` has forgotten nothing");
+                        got.extend(received.message.filter(|_| to == 1));
+                    }
+                }
+            }
+            let numbers: Vec<u64> = got.iter().map(|message: &Message| message.deployment.epoch).collect();
+            assert!(numbers.is_sorted_by(|a, b| a < b), "seed {seed}: {numbers:?}");
+            assert_eq!((anew, numbers.last()), (1, Some(&sent)), "seed {seed}: {numbers:?}");
+        }
+        let (mut a, mut b) = pair();
+        let release = || Deployment { name: "d".into(), epoch: 7 }.to_participant(ToParticipant::Release);
+        b.receive(Time::ZERO, a.send(Time::ZERO, numbered(1)).unwrap());
+        drop((a.send(Time::ZERO, numbered(2)), a.send(Time::ZERO, release())));
+        let later = Time::ZERO + Duration::from_secs(1);
+        b = Link::new(later, "b", (2, 1));
+        assert!(a.receive(later, b.send(later, numbered(3)).unwrap()).is_anew);
+        let again = a.resend(later);
+        assert_eq!(again.len(), 1);
+        assert_eq!(b.receive(later, again[0].clone()).message, Some(release()));
     }
 }

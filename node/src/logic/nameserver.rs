@@ -8,7 +8,8 @@
 //!
 //! A node that does not answer is only missing; it is lost after [`LOST_AFTER`], because a short cut, or a node that was
 //! suspended, must not end a mission. Two nodes with one name are both kept: the first one that answered holds the name for
-//! as long as it answers, the second is refused, and takes over only when the first is gone. Never acts on a wall clock.
+//! as long as it is not lost, the second is refused until then. The next boot of a node that was killed has its name at once: it
+//! comes from the same folder of the same machine, which two nodes never have at once. Never acts on a wall clock.
 
 mod attention;
 mod change;
@@ -57,6 +58,8 @@ pub(super) const KNOWN_WITHIN: Duration = Duration::from_secs(3);
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct Boot {
     place: String,
+    /// [`Pong::origin`].
+    origin: u32,
     /// When its last answer came.
     heard: Time,
     /// From when its silence counts; none while nothing is expected of it.
@@ -231,13 +234,15 @@ impl NameServer {
         let next = self.round + 1;
         let Some(peer) = self.peers.get_mut(host).filter(|_| *host != *self.host) else { return };
         let held = peer.holder.and_then(|boot| peer.lives.get(&boot));
-        // Who was never there beside the holder is the next boot of the same node.
         let is_free = held.is_none_or(|life| life.lost_at.is_some());
-        let is_gone = held.is_none_or(|life| !life.is_there());
+        let is_there = held.is_some_and(Boot::is_there);
+        // The next boot of a node that was killed: a second node waits until the first is lost.
+        let is_next = |life: &Boot| held.is_some_and(|held| held.origin == life.origin);
+        let may_take = |life: &Boot| is_free || !life.is_rival && (is_there || is_next(life));
         let others = peer.lives.iter().filter(|(boot, life)| Some(**boot) != peer.holder && life.is_there());
-        let other = others.filter(|(_, life)| is_free || !life.is_rival).min_by_key(|(_, life)| life.first);
+        let other = others.filter(|(_, life)| may_take(life)).min_by_key(|(_, life)| (!is_next(life), life.first));
         let Some((&boot, taker)) = other else { return };
-        if is_gone {
+        if !is_there {
             let (place, replaces) = (taker.place.clone(), !is_free);
             peer.holder = Some(boot);
             peer.lives.values_mut().for_each(|life| life.is_rival = false);
@@ -400,6 +405,7 @@ impl Boot {
     fn new(pong: &Pong, now: Time) -> Self {
         Self {
             place: pong.place.clone(),
+            origin: pong.origin,
             heard: now,
             owes: Some(now),
             there_since: now,

@@ -5,7 +5,7 @@ use crate::world::Draw;
 use comms::logic::time::Time;
 use node::logic::nameserver::{Change, LOST_AFTER, NameServer};
 use node::logic::protocol::Pong;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 const OWN: u64 = 1;
@@ -17,6 +17,8 @@ pub(super) struct Asker {
     /// The nodes that answer: name and boot, how long after the question, and which boot of `c1` each deals with.
     answering: BTreeMap<(&'static str, u64), (Duration, Option<u64>)>,
     coming: Vec<(Time, Pong)>,
+    /// The boots that come from other machines than the rest of their name.
+    elsewhere: BTreeSet<u64>,
     pub(super) changes: Vec<Change>,
     /// In how many rounds each name was asked, and how many there were.
     pub(super) asked: BTreeMap<String, usize>,
@@ -28,7 +30,16 @@ impl Asker {
         let now = Time::ZERO + Duration::from_secs(1000);
         let names = NameServer::new("c1", OWN, now);
         let (answering, asked) = (BTreeMap::new(), BTreeMap::new());
-        Self { names, now, answering, coming: Vec::new(), changes: Vec::new(), asked, rounds: 0 }
+        Self {
+            names,
+            now,
+            answering,
+            coming: Vec::new(),
+            elsewhere: BTreeSet::new(),
+            changes: Vec::new(),
+            asked,
+            rounds: 0,
+        }
     }
 
     /// Something on `c1` depends on these hosts from now on, and on no others.
@@ -79,7 +90,8 @@ impl Asker {
                 // The lower a boot number, the longer it has been up.
                 let up = Duration::from_secs(3600 / boot);
                 let round = round.as_ref().expect("it is some").number;
-                let pong = Pong { from, boot, to_boot: OWN, round, up, place, holder, session };
+                let origin = u32::from(self.elsewhere.contains(&boot));
+                let pong = Pong { from, boot, to_boot: OWN, round, up, place, holder, session, origin };
                 self.coming.push((self.now + late, pong));
             }
             let timer = self.names.deadline().expect("it always asks again");
@@ -290,6 +302,42 @@ fn a_restarted_node_takes_its_name_at_once_and_a_second_one_does_not() {
     assert_eq!(c1.names.holder("c2"), Some(9));
 }
 
+/// A second node on another machine comes up while the first is out of reach: the first keeps its name until it is lost.
+#[test]
+fn a_second_node_waits_until_the_first_is_lost() {
+    let mut c1 = Asker::new();
+    c1.elsewhere.insert(9);
+    c1.depends_on(&["c2"]);
+    c1.lives("c2", 7);
+    c1.pass(3000);
+    c1.dies("c2", 7);
+    c1.pass(2700);
+    assert!(!c1.names.reaches("c2"));
+    c1.lives("c2", 9);
+    c1.names.token(c1.now, "c2", 9);
+    c1.pass(1000);
+    c1.lives("c2", 7);
+    c1.pass(5000);
+    assert_eq!(c1.names.holder("c2"), Some(7));
+    let told = c1.took();
+    assert_eq!(told.len(), 4, "{told:?}");
+    assert_eq!(told[2], "the node `c2` is there: boot 7");
+    assert!(told[3].starts_with("a second node called `c2` (boot 9) is not dealt with"), "{told:?}");
+    // Started again it has its name at once, though the second is there.
+    c1.dies("c2", 7);
+    c1.names.no_token(c1.now, "c2", 7);
+    c1.lives("c2", 8);
+    c1.names.token(c1.now, "c2", 8);
+    c1.pass(500);
+    assert_eq!(c1.names.holder("c2"), Some(8));
+    c1.dies("c2", 8);
+    c1.names.no_token(c1.now, "c2", 8);
+    c1.pass(4900);
+    assert_eq!(c1.names.holder("c2"), Some(8));
+    c1.pass(1500);
+    assert_eq!((c1.names.holder("c2"), c1.names.reaches("c2")), (Some(9), true), "the first is lost");
+}
+
 #[test]
 fn the_younger_of_two_namesakes_knows_that_it_is() {
     let mut c1 = Asker::new();
@@ -332,6 +380,7 @@ fn every_order_of_tokens_words_and_boots_ends_in_the_truth() {
         if !is_quiet {
             c1.depends_on(&["c2", "c3"]);
         }
+        c1.elsewhere = (2..6).filter(|_| draw.below(3) == 0).collect();
         for _ in 0..draw.below(40) {
             let (host, boot) = (["c2", "c3", "c1"][draw.index(3)], 2 + draw.below(4));
             match draw.below(if is_quiet { 9 } else { 7 }) {

@@ -1,5 +1,7 @@
 //! Two nodes of one name that meet after a cut: neither takes anything on, and of what both run one goes on.
 
+use crate::TWO_HOSTS;
+use crate::losses::{FOUR, active, cut, heal};
 use crate::world::{Draw, World};
 use comms::logic::time::Time;
 use node::logic::agent::Input;
@@ -48,7 +50,7 @@ impl Two {
                 let up = if boot == 1 { now + Duration::from_secs(100) } else { now / 2 };
                 let (to_boot, round) = (self.worlds[to].boots["c1"], self.worlds[to].rounds["c1"]);
                 let (from, place, session) = ("c1".to_owned(), format!("boot {boot}"), String::new());
-                let pong = Pong { from, boot, to_boot, round, up, place, holder: None, session };
+                let pong = Pong { from, boot, to_boot, round, up, place, holder: None, session, origin: 0 };
                 if self.arrives() {
                     self.worlds[to].give("c1", Input::Pong(Box::new(pong)));
                 }
@@ -190,4 +192,36 @@ fn of_each_name_one_goes_on() {
         two.run_for(8000);
         assert_eq!(two.alive().iter().sum::<usize>(), 2 * names.len(), "seed {seed}: {names:?} {:?}", two.alive());
     }
+}
+
+/// More boots of its name than this node remembers links of come and go while a host is cut off: it is dealt with again, as if the two had
+/// just met.
+#[test]
+fn a_host_is_heard_again_after_many_others_had_its_name() {
+    let mut world = World::new(&["c1", "c2"]);
+    let first = world.deploy("c1", FOUR);
+    world.run_for(Duration::from_secs(1));
+    cut(&mut world, "c2");
+    world.run_for(Duration::from_secs(1));
+    for boot in 100..106 {
+        world.give("c1", Input::Appeared { host: "c2".into(), boot });
+        world.run_for(Duration::from_millis(200));
+        let (to_boot, round) = (world.boots["c1"], world.rounds["c1"]);
+        let (from, up, place, session) = ("c2".into(), Duration::ZERO, "elsewhere".into(), String::new());
+        let pong = Pong { from, boot, to_boot, round, up, place, holder: None, session, origin: 0 };
+        world.give("c1", Input::Pong(Box::new(pong)));
+        world.run_for(Duration::from_millis(100));
+        world.give("c1", Input::Vanished { host: "c2".into(), boot });
+        world.run_for(Duration::from_secs(1));
+    }
+    let taken = world.changes.iter().filter(|(_, change)| matches!(change, Change::Appeared { replaces: true, .. }));
+    assert_eq!(taken.count(), 6);
+    heal(&mut world, "c2");
+    world.run_for(Duration::from_secs(10));
+    let last = world.last_report(first);
+    assert!(matches!(last, Report::Finished { ending: Ending::Aborted(_), .. }), "{last:?}");
+    assert_eq!(active(&world, "c2"), Vec::<u32>::new(), "what ran there for a home that has given it up has ended");
+    let second = world.deploy_as("again", "c1", TWO_HOSTS);
+    world.run_for(Duration::from_secs(5));
+    assert_eq!(world.ending(second), &Ending::Done(vec![]));
 }

@@ -397,7 +397,7 @@ impl World {
             }
             let holder = self.holders.get(from).and_then(|holders| holders.get(host)).copied();
             let (up, place, session) = (self.now.since(Time::ZERO), from.clone(), from.clone());
-            let pong = Pong { from: from.clone(), boot, to_boot, round, up, place, holder, session };
+            let pong = Pong { from: from.clone(), boot, to_boot, round, up, place, holder, session, origin: 0 };
             self.at(2, host, Coming::Input(Input::Pong(Box::new(pong))));
         }
     }

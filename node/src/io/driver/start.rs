@@ -24,8 +24,10 @@ use crate::logic::node_state::NodeState;
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{Earlier, Network};
 use anyhow::Context;
-use comms::io::session::Reach;
+use comms::io::session::{NodeOptions, Reach};
 use comms::io::{clock, file};
+use comms::logic::key::HostName;
+use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tokio::sync::mpsc::{Receiver, Sender};
@@ -93,8 +95,19 @@ pub(super) fn programs_identity(dir: &RunDir) -> PathBuf {
     dir.path().join(PROGRAMS)
 }
 
+/// Returns the options of the session of the node.
+pub(super) fn session_options(config: &Config, dir: &RunDir) -> anyhow::Result<NodeOptions> {
+    Ok(NodeOptions {
+        name: HostName::parse(&config.name)?,
+        socket: dir.socket(),
+        reach: config.reach.clone(),
+        port: config.port,
+        peers: siblings(config)?.into_iter().chain(config.peers.iter().cloned()).collect(),
+    })
+}
+
 /// Returns the locators of the other nodes of this machine that are of the same team, or of none as this one.
-pub(super) fn siblings(config: &Config) -> anyhow::Result<Vec<String>> {
+fn siblings(config: &Config) -> anyhow::Result<Vec<String>> {
     let others = run_dir::running(&config.base)?.into_iter().filter(|(name, _)| *name != config.name);
     let others = others.filter(|(_, socket)| is_of_team(config, socket));
     Ok(others.map(|(_, socket)| format!("unixsock-stream/{}", socket.display())).collect())
@@ -203,6 +216,11 @@ pub(super) async fn kept(config: &Config) -> anyhow::Result<(KeptFiles, Earlier)
     // A node that takes nothing over is there for one command, as what it runs.
     let (state, boot) = (config.state.clone().filter(|_| config.adopts), boot(config));
     Ok(tokio::task::spawn_blocking(move || KeptFiles::open(state, &boot)).await?)
+}
+
+/// Stands for a machine, its network and a run folder: [`Pong::origin`](crate::logic::protocol::Pong::origin).
+pub(super) fn origin(machine: &str, folder: &Path) -> u32 {
+    crc32fast::hash([machine.as_bytes(), b" ", folder.as_os_str().as_bytes()].concat().as_slice())
 }
 
 /// Names the machine and its network: the kernel's boot and the network namespace.

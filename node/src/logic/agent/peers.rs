@@ -2,7 +2,7 @@
 
 use super::Agent;
 use crate::logic::effect::{Effect, Out};
-use crate::logic::link::{Frame, Link};
+use crate::logic::link::{Frame, Link, Received};
 use crate::logic::nameserver::Change;
 use crate::logic::protocol::{Body, Deployment, Message, ToCoordinator};
 
@@ -48,23 +48,33 @@ impl Agent {
         let links = self.links.entry(host.to_owned()).or_default();
         // The link to a boot that is back goes on where it was: the boot has not forgotten it either.
         let known = links.iter().position(|link| link.boot_peer() == boot).map(|at| links.remove(at));
-        let mut link = known.unwrap_or_else(|| Link::new(&self.identity.host, self.identity.boot, boot));
+        let mut link = known.unwrap_or_else(|| Link::new(out.now, &self.identity.host, (self.identity.boot, boot)));
         link.reached(out.now);
         links.push(link);
         links.drain(..links.len().saturating_sub(LINKS_MAX));
         self.absence.appeared(out.now, host);
         self.tell_tombstones(host, out);
+        self.parts_back(host, out);
+        self.inquire_again(host, out);
+    }
+
+    /// Tells everything that runs that a host is lost.
+    fn parts_lost(&mut self, host: &str, out: &mut Out<'_>) {
+        self.coordinators.values_mut().for_each(|coordinator| coordinator.host_lost(host, out));
+        self.participants.values_mut().for_each(|participant| participant.host_lost(host, out));
+    }
+
+    /// Tells everything that runs that a host is there again.
+    fn parts_back(&mut self, host: &str, out: &mut Out<'_>) {
         self.coordinators.values_mut().for_each(|coordinator| coordinator.host_back(host, out));
         self.participants.values_mut().for_each(|participant| participant.host_back(host, out));
-        self.inquire_again(host, out);
     }
 
     pub(super) fn host_lost(&mut self, host: &str, out: &mut Out<'_>) {
         self.absence.lost(host, self.names.heard(host).unwrap_or(out.now));
         self.forget_orders(host);
         self.links.get_mut(host).into_iter().flatten().for_each(Link::abandon);
-        self.coordinators.values_mut().for_each(|coordinator| coordinator.host_lost(host, out));
-        self.participants.values_mut().for_each(|participant| participant.host_lost(host, out));
+        self.parts_lost(host, out);
     }
 
     /// Takes a frame of the node that holds its name. One that is not there is asked first, and sends again.
@@ -75,9 +85,14 @@ impl Agent {
             return;
         }
         let Some(link) = self.links.get_mut(&from).and_then(|links| links.last_mut()) else { return };
-        let (message, answer) = link.receive(out.now, frame);
+        let Received { message, answer, is_anew } = link.receive(out.now, frame);
         if let Some(frame) = answer {
             self.send_frame(&from, frame, out);
+        }
+        if is_anew {
+            // It counts this node as lost, and what it had here as over.
+            self.parts_lost(&from, out);
+            self.parts_back(&from, out);
         }
         if let Some(message) = message {
             self.deliver(message, &from, out);

@@ -22,9 +22,9 @@ impl Agent {
         let Some(via) = self.names.detour(to).map(str::to_owned) else {
             return out.effects.push(Effect::Transmit { to: to.to_owned(), frame: Box::new(frame) });
         };
-        let Frame { from, boot, boot_peer, acknowledged, message } = frame;
+        let Frame { from, boot, boot_peer, ends, acknowledged, message } = frame;
         let message = message.map(|(number, message)| (number, Box::new(message)));
-        let what = Relayed::Frame { boot, boot_peer, acknowledged, message };
+        let what = Relayed::Frame { boot, boot_peer, ends, acknowledged, message };
         self.transmit(&via, Message::relay(Relay { from, to: to.to_owned(), what, proof: Vec::new() }), out);
     }
 
@@ -51,9 +51,9 @@ impl Agent {
                 let pong = RelayedPong { from: &from, boot, to_boot, round, holder, via };
                 self.names.answered_through(out.now, pong);
             }
-            Relayed::Frame { boot, boot_peer, acknowledged, message } => {
+            Relayed::Frame { boot, boot_peer, ends, acknowledged, message } => {
                 let message = message.map(|(number, message)| (number, *message));
-                self.frame(Frame { from, boot, boot_peer, acknowledged, message }, out);
+                self.frame(Frame { from, boot, boot_peer, ends, acknowledged, message }, out);
             }
         }
     }

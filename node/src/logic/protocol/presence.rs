@@ -35,6 +35,8 @@ pub struct Pong {
     pub holder: Option<u64>,
     /// Its session, as in a [`Dial`](comms::logic::control::Dial).
     pub session: String,
+    /// Stands for its machine, its network and its run folder: two boots that share it never run at once, since a node locks its folder.
+    pub origin: u32,
 }
 
 /// What a node says to another one of its own name: what it runs.
@@ -120,6 +122,6 @@ impl Enveloped for Ping {
 
 impl Enveloped for Pong {
     const KIND: Kind = Kind::Pong;
-    const VERSION: u16 = 1;
+    const VERSION: u16 = 2;
     const SIZE_MAX: usize = 4 << 10;
 }

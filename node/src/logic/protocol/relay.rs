@@ -1,6 +1,7 @@
 //! What a node passes on between two others that do not reach each other.
 
 use super::Message;
+use crate::logic::link::Ends;
 use serde::{Deserialize, Serialize};
 
 /// Something from one node to another, by way of a third.
@@ -43,6 +44,8 @@ pub enum Relayed {
         boot: u64,
         /// Boot number of the receiver, as the sender knows it.
         boot_peer: u64,
+        /// The two ends of the link.
+        ends: Ends,
         /// All messages up to this number have arrived at the sender.
         acknowledged: u64,
         /// A numbered message.
