@@ -285,9 +285,11 @@ impl NameServer {
         }
     }
 
-    /// Returns when a node has answered last.
+    /// Returns when a node has answered last, or its link stood: one that is seldom asked has answered long before it was cut off.
     pub fn heard(&self, host: &str) -> Option<Time> {
-        self.held(host).map(Boot::last_heard)
+        let life = self.held(host)?;
+        let before = |since: Time| Time::ZERO + since.since(Time::ZERO).saturating_sub(SILENCE_MISSING);
+        Some(life.missing_since.map_or(life.last_heard(), |since| life.last_heard().max(before(since))))
     }
 
     /// Returns the boot that a name belongs to.

@@ -197,3 +197,19 @@ fn a_second_node_of_a_quiet_one_is_refused_at_once() {
     c1.pass(60_000);
     assert!(c1.asked["c2"] >= 60 && c1.asked["c1"] >= 60, "{:?}", c1.asked);
 }
+
+/// A host at rest was heard until its link was lost, though it has answered up to a minute before.
+#[test]
+fn a_host_at_rest_was_heard_until_its_link_was_lost() {
+    let mut c1 = Asker::new();
+    c1.lives("c2", 7);
+    c1.grow_quiet();
+    c1.pass(40_000);
+    c1.dies("c2", 7);
+    let lost = c1.now;
+    c1.names.no_token(lost, "c2", 7);
+    c1.pass(1000);
+    assert!(!c1.names.reaches("c2"));
+    let heard = c1.names.heard("c2").expect("it is known");
+    assert!(lost - heard <= Duration::from_secs(1) && heard <= lost, "{:?} before", lost - heard);
+}

@@ -20,7 +20,7 @@ pub struct Absent {
 pub struct AbsentHost {
     /// Its name.
     pub host: String,
-    /// How long ago its node answered last.
+    /// How long ago its node answered last, or its link stood.
     #[serde(with = "comms::logic::human::seconds")]
     pub heard: Duration,
     /// Whether it counts as lost; else it is missing.
