@@ -34,9 +34,8 @@ use tokio::sync::mpsc;
 const OBSERVED_MAX: usize = 4096;
 /// How many values of ports wait to be recorded, which may be large; more are left out.
 const PORTS_MAX: usize = 64;
-/// How long the home node has to be back when its answers are cut off. The other hosts wait for 5 s, and a node that is started again
-/// on a busy machine takes seconds until it answers, while all of its programs go on.
-const BACK_WITHIN: Duration = Duration::from_secs(10);
+/// How long the home node has to be back when its answers are cut off: as long as the other hosts of the deployment wait.
+const BACK_WITHIN: Duration = Duration::from_secs(5);
 /// How long its answers have to go on, although it has none, for it to count as back: then the next cut is another one.
 const STEADY: Duration = Duration::from_secs(1);
 /// How often it is looked for, once it was not there.
