@@ -300,6 +300,8 @@ fn sockets_go_with_their_deployment() {
         assert!(sockets().len() >= 4, "{:?}", sockets());
         if kills {
             for path in ["main/source", "main/sleep"] {
+                // What the logs show is of the mission before until this one has written.
+                wait_until(SOON, || cluster.leaf(path).is_some()).expect("it runs");
                 cluster.leaf(path).expect("it runs").signal(Signal::KILL);
             }
         }

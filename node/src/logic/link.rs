@@ -423,7 +423,8 @@ mod tests {
         }
         let (mut a, mut b) = pair();
         let release = || Deployment { name: "d".into(), epoch: 7 }.to_participant(ToParticipant::Release);
-        b.receive(Time::ZERO, a.send(Time::ZERO, numbered(1)).unwrap());
+        let first = b.receive(Time::ZERO, a.send(Time::ZERO, numbered(1)).unwrap());
+        a.receive(Time::ZERO, first.answer.unwrap());
         drop((a.send(Time::ZERO, numbered(2)), a.send(Time::ZERO, release())));
         let later = Time::ZERO + Duration::from_secs(1);
         b = Link::new(later, "b", (2, 1));
