@@ -3,9 +3,8 @@
 //! A node is there because it has answered: this one asks others, in numbered rounds, and each answers with the number of the
 //! round. Those that matter now are asked about once a second, the others seldom: see `attention`. A token that appears or
 //! vanishes, a second node of the same name, or a word of somebody who is not listed is only a reason to ask nodes of that name at
-//! once, and nobody else: of 32 nodes one that comes would have all others ask all others. Tokens get lost when a session is made
-//! anew, they come in any order, and anybody can make one. What speaks against a node is cleared by its answer to a later round,
-//! never by what was on its way before.
+//! once, and nobody else: of 32 nodes one that comes would have all others ask all others. Tokens get lost, they come in any order,
+//! and anybody can make one. What speaks against a node is cleared by its answer to a later round, never by one to an earlier.
 //!
 //! A node that does not answer is only missing; it is lost after [`LOST_AFTER`], because a short cut, or a node that was
 //! suspended, must not end a mission. Two nodes with one name are both kept: the first one that answered holds the name for
