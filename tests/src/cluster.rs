@@ -180,6 +180,21 @@ impl Cluster {
         self.left().into_iter().find(|process| process.environment.contains(&mark))
     }
 
+    /// Returns the program that a node has started for `path`, once it can be seen: while a program makes way for another, the
+    /// system shows neither its arguments nor its environment.
+    ///
+    /// # Panics
+    /// There is none within `SOON`.
+    #[track_caller]
+    pub fn expect_leaf(&self, path: &str) -> Process {
+        let mut found = None;
+        wait_until(SOON, || {
+            found = self.leaf(path);
+            found.is_some()
+        });
+        found.unwrap_or_else(|| panic!("`{path}` does not run: {:#?}", self.left()))
+    }
+
     /// Returns the runs of numbers that a sink of `dca-counting` has written into the file of this name, the first and last number of each.
     ///
     /// # Panics

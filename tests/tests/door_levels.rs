@@ -113,7 +113,7 @@ fn the_wheels_stop_when_a_mission_is_killed_in_the_middle() {
     for (what, signal) in [("killed", Signal::KILL), ("suspended", Signal::STOP)] {
         let running = door.deploy(&mission);
         door.moves();
-        let driver = door.cluster.leaf(DRIVER).expect("it runs");
+        let driver = door.cluster.expect_leaf(DRIVER);
         let (before, began) = (number(&door.base(), "stopped"), now());
         driver.signal(signal);
         let mut base = Value::Null;

@@ -265,7 +265,7 @@ fn a_reader_that_is_suspended_or_killed_delays_nobody() {
     wait_for_more(&cluster, &names);
     let began = now();
     pass(SUSPENDED);
-    let leaf = |name: &String| cluster.leaf(&format!("main/{name}")).unwrap_or_else(|| panic!("`{name}` does not run"));
+    let leaf = |name: &String| cluster.expect_leaf(&format!("main/{name}"));
     let at = now();
     let reader = leaf(suspended);
     reader.signal(Signal::STOP);
@@ -340,7 +340,7 @@ fn whoever_is_killed_leaves_nothing_behind() {
         let killed = &names[turn % names.len()];
         let before = lives(&cluster, killed).len();
         pass(Duration::from_micros(random.below(20_000)));
-        let leaf = cluster.leaf(&format!("main/{killed}")).unwrap_or_else(|| panic!("`{killed}` does not run"));
+        let leaf = cluster.expect_leaf(&format!("main/{killed}"));
         leaf.signal(Signal::KILL);
         let is_back = || lives(&cluster, killed).len() > before;
         assert!(wait_until(2 * SOON, is_back).is_some(), "`{killed}` is not started again");

@@ -71,7 +71,7 @@ fn a_suspended_program_is_found_and_started_again() {
     wait_until(SOON, || are_running(&here, 3)).expect("they run");
     let before = states(&here);
     for leaf in ["main/a", "main/c"] {
-        cluster.leaf(leaf).expect("it runs").signal(Signal::STOP);
+        cluster.expect_leaf(leaf).signal(Signal::STOP);
     }
     mission.wait_for(Stream::Err, "its loop has not come round for 5 s", SOON);
     wait_until(SOON, || are_running(&here, 3)).expect("it is started again");
@@ -80,9 +80,9 @@ fn a_suspended_program_is_found_and_started_again() {
     for leaf in ["main/b", "main/c"] {
         assert_eq!(after[leaf].pid, before[leaf].pid, "{leaf} is left alone");
     }
-    cluster.leaf("main/b").expect("it runs").signal(Signal::STOP);
+    cluster.expect_leaf("main/b").signal(Signal::STOP);
     mission.wait_for(Stream::Err, "b aborted: its loop has not come round for 5 s", SOON);
-    cluster.leaf("main/c").expect("it runs").signal(Signal::CONT);
+    cluster.expect_leaf("main/c").signal(Signal::CONT);
     let ended = mission.ended(SOON);
     assert!(ended.code == Some(1) && ended.out.contains("main ← b: its loop has not come round for 5 s"), "{ended}");
     let trace = dca_tests::cluster::Trace::read(&cluster.folder().join("runs/hanging-1"));
@@ -104,7 +104,7 @@ fn a_hang_is_found_while_the_node_is_away() {
     let before = states(&here)["main/well"].pid;
     node.signal(Signal::KILL);
     drop(node.ended(SOON));
-    cluster.leaf("main/hangs").expect("it runs").signal(Signal::STOP);
+    cluster.expect_leaf("main/hangs").signal(Signal::STOP);
     wait_until(SOON, || cluster.leaf("main/hangs").is_none()).expect("its shim ends it");
     pass(Duration::from_secs(2));
     let node = here.node("c1", &[]);

@@ -94,7 +94,7 @@ fn stops(what: &str, host: &Host, act: impl FnOnce()) {
 }
 
 fn pilot(cluster: &Cluster) -> Process {
-    cluster.leaf("main/pilot").expect("it runs")
+    cluster.expect_leaf("main/pilot")
 }
 
 /// Missions end, are stopped, and begin again; the hardware is the same program all the while.

@@ -113,7 +113,7 @@ fn a_group_is_wired_and_restarted_as_one_program() {
     assert!(wait_until(SOON, || here.pids().len() == 3).is_some(), "{:?}", here.pids());
     pass(WHILE);
     let before = here.pids();
-    cluster.leaf("main/twice").expect("it runs").signal(Signal::KILL);
+    cluster.expect_leaf("main/twice").signal(Signal::KILL);
     let is_back = || here.pids().get("main/twice").is_some_and(|pid| *pid != before["main/twice"]);
     assert!(wait_until(SOON, is_back).is_some());
     pass(WHILE);

@@ -15,7 +15,7 @@ const APPROACH: &str = "▸ ((opengrip, approach) # hit)";
 fn kill(cluster: &Cluster, leaf: &str, line: &str, times: usize) -> Program {
     let mission = cluster.here().dca(&["run", &spec("door_opening")]);
     mission.wait_for_times(Stream::Err, line, times, MISSION_MAX);
-    let program = cluster.leaf(leaf).unwrap_or_else(|| panic!("`{leaf}` runs"));
+    let program = cluster.expect_leaf(leaf);
     program.signal(Signal::KILL);
     mission
 }

@@ -99,7 +99,7 @@ fn a_program_that_is_suspended_in_a_call() {
     let cluster = Cluster::new();
     // Nobody else calls them: a trip gives up after a second, and then all of it is stopped.
     let (here, _running) = deployed_spec(&cluster, "wheels", WHEELS);
-    let wheels = cluster.leaf("main/wheels").expect("it runs");
+    let wheels = cluster.expect_leaf("main/wheels");
     let first = here.ask(&["call", "wheels.Drive", "speed=0.1 m/s", "--within", "60"]);
     assert_eq!(first.code, Some(0), "{first}");
     wheels.signal(Signal::STOP);
@@ -117,7 +117,7 @@ fn a_program_that_is_suspended_in_a_call() {
 fn a_program_that_is_dead() {
     let cluster = Cluster::new();
     let (here, _running) = deployed(&cluster);
-    cluster.leaf("main/idle").expect("it is started").signal(Signal::KILL);
+    cluster.expect_leaf("main/idle").signal(Signal::KILL);
     // Its node may not have noticed yet.
     let call = || here.ask(&["call", "idle.Drive", "speed=0.1 m/s", "--within", "3600"]);
     wait_until(SOON, || call().err.contains("does not run"));
@@ -136,12 +136,7 @@ fn a_program_that_has_not_begun_yet() {
     let _node = here.node("c1", &["--controllers", &program]);
     let file = cluster.file("wheels.dca", WHEELS);
     let _deploy = here.dca(&["deploy", "--no-record", "--controllers", &program, &file]);
-    let mut wheels = None;
-    wait_until(SOON, || {
-        wheels = cluster.leaf("main/wheels");
-        wheels.is_some()
-    });
-    let wheels = wheels.expect("it is started");
+    let wheels = cluster.expect_leaf("main/wheels");
     wheels.signal(Signal::STOP);
     let early = here.ask(&["call", "wheels.Drive", "speed=0.1 m/s", "--within", "1"]);
     let told = ["`main/wheels` cannot be asked yet: it was", "cannot reach", "no answer within"];
@@ -156,7 +151,7 @@ fn a_program_that_has_not_begun_yet() {
 fn a_program_that_is_killed_before_it_answers() {
     let cluster = Cluster::new();
     let (here, _running) = deployed_spec(&cluster, "wheels", WHEELS);
-    let wheels = cluster.leaf("main/wheels").expect("it runs");
+    let wheels = cluster.expect_leaf("main/wheels");
     wheels.signal(Signal::STOP);
     // A connection that nobody has accepted yet stands there under the name of the socket.
     let folder = here.run_dir().display().to_string();

@@ -22,7 +22,7 @@ fn kill(cluster: &Cluster, leaf: &str) {
 
 #[track_caller]
 fn program(cluster: &Cluster, leaf: &str) -> Process {
-    cluster.leaf(leaf).unwrap_or_else(|| panic!("`{leaf}` runs"))
+    cluster.expect_leaf(leaf)
 }
 
 /// The laser, the law that servos, the one that moves the robot, and a hand that waits for its turn are killed while the

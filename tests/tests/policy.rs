@@ -230,7 +230,7 @@ fn controllers_run_as_the_user_of_the_policy() {
     let nobody = fs::read_to_string("/etc/passwd").expect("every system has it");
     let nobody = nobody.lines().find_map(|line| line.strip_prefix("nobody:")?.split(':').nth(1)?.parse::<u32>().ok());
     for path in ["main/source", "main/monitor"] {
-        let pid = cluster.leaf(path).expect("it runs").pid;
+        let pid = cluster.expect_leaf(path).pid;
         let found = fs::metadata(format!("/proc/{pid}")).expect("it runs").uid();
         assert_eq!(Some(found), nobody, "{path}");
     }
@@ -257,7 +257,7 @@ fn a_stricter_policy_counts_from_the_next_start_on() {
     let mission = host.dca(&["deploy", &cluster.file("tool.dca", &text)]);
     assert!(wait_until(SOON, || cluster.leaf("main/tool").is_some()).is_some(), "it runs");
     let file = put(&host, "c1", &format!("{}\nfolders = []", own_user()));
-    cluster.leaf("main/tool").expect("it runs on").signal(Signal::KILL);
+    cluster.expect_leaf("main/tool").signal(Signal::KILL);
     let ended = mission.ended(SOON);
     let why = format!("(rule `folders`, `{}` line 2)", file.display());
     assert!(ended.code == Some(1) && format!("{ended}").contains(&why), "{ended}");

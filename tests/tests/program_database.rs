@@ -294,7 +294,7 @@ fn a_program_that_is_killed_leaves_whole_transactions() {
         wait_for_more(&cluster, "writer", "committed", 5);
         // Not always at the same time after the last answer.
         pass(Duration::from_micros(1700 * round));
-        let before = cluster.leaf("main/writer").expect("it runs");
+        let before = cluster.expect_leaf("main/writer");
         before.signal(Signal::KILL);
         wait_for_more(&cluster, "watcher", "changed", 1);
     }

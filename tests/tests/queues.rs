@@ -65,7 +65,7 @@ fn queues_are_shown_from_the_command_line() {
     let all = here.ask(&["queue", "--within", "60"]);
     let rows: Vec<&str> = all.out.lines().filter_map(|line| line.split_whitespace().next()).collect();
     assert_eq!(rows, ["QUEUE", "post:main/calm.news", "post:main/clerk.orders", "post:main/other.orders"], "{all}");
-    let clerk = cluster.leaf("main/clerk").expect("it runs");
+    let clerk = cluster.expect_leaf("main/clerk");
     clerk.signal(Signal::STOP);
     let partly = here.ask(&["queue", "--within", "2"]);
     assert!(partly.code == Some(3) && partly.err.contains("`post:main/clerk` did not answer"), "{partly}");
@@ -108,14 +108,14 @@ fn a_router_drops_who_is_gone_and_delays_nobody() {
     let filters: Vec<&str> =
         router["subscribers"].as_array().into_iter().flatten().filter_map(|one| one["filters"][0].as_str()).collect();
     assert_eq!(filters, ["category calm", "category hasty"], "{router}");
-    let calm = cluster.leaf("main/calm").expect("it runs");
+    let calm = cluster.expect_leaf("main/calm");
     calm.signal(Signal::STOP);
     let gone = wait_for("end of who is suspended", &|router| router["gone"] == 1);
     let others = delivered(&gone, "hasty");
     wait_for("news to the other one", &|router| delivered(router, "hasty") > others);
     // Its node has ended it, since its loop did not come round, and `retry` has started it again.
     wait_for("news to the next one", &|router| delivered(router, "calm") > Some(3));
-    let calm = cluster.leaf("main/calm").expect("it runs");
+    let calm = cluster.expect_leaf("main/calm");
     calm.signal(Signal::KILL);
     wait_for("end of who was killed", &|router| router["gone"] == 2);
     wait_for("news to the third one", &both);

@@ -273,12 +273,11 @@ fn sockets_go_with_their_deployment() {
     let program = executable("dca-counting").display().to_string();
     let text = format!(
         "module Source(host) {{ exec \"'{program}' Source\"; out Out: Numbers; service; }}
-        module Sleep(host) {{ exec \"sh -c 'echo here; exec sleep 600'\"; plain; done; }}
+        module Sleep(host) {{ exec \"sh -c 'echo WORD; exec sleep 600'\"; plain; done; }}
         process main() {{
         host {{ c1 }} instantiated_processes {{ source instof Source(c1); sleep instof Sleep(c1) {{ watchdog 1 h; }} }}
         internal_event_actions {{ source , sleep }} }}"
     );
-    let spec = cluster.file("two.dca", &text);
     let sockets = || {
         let mut found = Vec::new();
         let mut folders = vec![here.run_dir().join("c1")];
@@ -294,20 +293,19 @@ fn sockets_go_with_their_deployment() {
         }
         found
     };
-    for kills in [false, true] {
-        let mission = here.mission(&spec);
-        wait_until(SOON, || here.ask(&["logs", "sleep"]).out.contains("here")).expect("it runs");
+    // What the logs show is of the mission before until this one has written.
+    for (kills, word) in [(false, "first"), (true, "second")] {
+        let mission = here.mission(&cluster.file("two.dca", &text.replace("WORD", word)));
+        wait_until(SOON, || here.ask(&["logs", "sleep"]).out.contains(word)).expect("it runs");
         assert!(sockets().len() >= 4, "{:?}", sockets());
         if kills {
-            for path in ["main/source", "main/sleep"] {
-                // What the logs show is of the mission before until this one has written.
-                wait_until(SOON, || cluster.leaf(path).is_some()).expect("it runs");
-                cluster.leaf(path).expect("it runs").signal(Signal::KILL);
-            }
+            // Both at once: the end of one is that of the mission.
+            let programs = ["main/source", "main/sleep"].map(|path| cluster.expect_leaf(path));
+            programs.iter().for_each(|program| program.signal(Signal::KILL));
         }
         here.ask(&["stop", "two"]);
         mission.ended(SOON);
         assert!(wait_until(SOON, || sockets().is_empty()).is_some(), "{:?}", sockets());
-        assert!(here.ask(&["logs", "sleep"]).out.contains("here"));
+        assert!(here.ask(&["logs", "sleep"]).out.contains(word));
     }
 }

@@ -106,7 +106,7 @@ fn a_consumer_that_is_suspended_loses_nothing() {
     let here = cluster.here();
     let _node = here.node("c1", &[]);
     in_turn(&cluster, &here, ("c1", "consumer suspended for 0.4 s, five times"), || {
-        let sink = cluster.leaf("main/one").expect("it runs");
+        let sink = cluster.expect_leaf("main/one");
         for _ in 0..5 {
             sink.signal(Signal::STOP);
             pass(Duration::from_millis(400));
@@ -188,7 +188,7 @@ fn a_switch_that_somebody_does_not_confirm_has_exit_code_3() {
     let declared = text.lines().find(|line| line.contains("source instof Source")).expect("it is there").to_owned();
     let unwatched = declared.replace(';', " { watchdog none; }");
     let mission = here.mission(&cluster.file("count.dca", &text.replace(&declared, &unwatched)));
-    let source = cluster.leaf("main/source").expect("it runs");
+    let source = cluster.expect_leaf("main/source");
     source.signal(Signal::STOP);
     let switched = here.ask(&["switch", "count", "gate[b]", "--json"]);
     assert_eq!(switched.code, Some(3), "{switched}");

@@ -84,7 +84,7 @@ fn an_echo_outlives_its_program_and_ends_with_the_deployment() {
     let (here, _running) = deployed(&cluster);
     let echo = here.dca(&["echo", "beat.Out", "--json"]);
     echo.wait_for(Stream::Out, "\"number\"", SOON);
-    cluster.leaf("main/beat").unwrap().signal(Signal::KILL);
+    cluster.expect_leaf("main/beat").signal(Signal::KILL);
     echo.wait_for(Stream::Out, "\"restarted\":true", SOON);
     assert_eq!(here.ask(&["stop", "beats"]).code, Some(0));
     let ended = echo.ended(SOON);
@@ -118,7 +118,7 @@ fn an_echo_outlives_its_home() {
     node.kill();
     echo.wait_for(Stream::Err, "and their end once it is back", SOON);
     let _node = here.node("c1", &[]);
-    cluster.leaf("main/beat").unwrap().signal(Signal::KILL);
+    cluster.expect_leaf("main/beat").signal(Signal::KILL);
     echo.wait_for(Stream::Out, "\"restarted\":true", SOON);
     assert_eq!(here.ask(&["stop", "beats"]).code, Some(0));
     let ended = echo.ended(SOON);

@@ -327,7 +327,7 @@ fn consumers(team: &Team, number: usize, place: &Path) -> usize {
 
 /// Returns where a program takes consumers of its host.
 fn direct_socket(team: &Team, path: &str) -> PathBuf {
-    let leaf = team.cluster.leaf(path).expect("it runs");
+    let leaf = team.cluster.expect_leaf(path);
     let socket = leaf.environment.iter().find_map(|variable| variable.strip_prefix("DCA_DATA_SOCKET="));
     Path::new(socket.expect("it has a data session")).with_extension("wire")
 }
@@ -395,7 +395,7 @@ fn programs_that_are_started_again_go_on_with_new_keys() {
     beats(50.0);
     for path in ["main/source", "main/other", "main/source", "main/near"] {
         let near = received("main/near");
-        let killed = team.cluster.leaf(path).expect("it runs");
+        let killed = team.cluster.expect_leaf(path);
         killed.signal(Signal::KILL);
         let is_back = || team.cluster.leaf(path).is_some_and(|leaf| leaf.pid != killed.pid);
         assert!(wait_until(SOON, is_back).is_some(), "{path} is started again");

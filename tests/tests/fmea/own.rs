@@ -21,7 +21,7 @@ pub(crate) fn play_own(row: &Row, strike: Strike, phase: usize) {
     if let Strike::Signal(signal) = strike {
         crash(&cluster, program, signal);
     } else {
-        cluster.leaf(program).expect("it runs").signal(Signal::STOP);
+        cluster.expect_leaf(program).signal(Signal::STOP);
     }
     let ended = mission.ended(SOON);
     assert_eq!((ended.code, row.mission.as_str()), (Some(1), "fails"), "{}: {ended}", row.name);

@@ -90,7 +90,7 @@ fn play_once(row: &Row, strike: Strike, first: First, code: i32) {
     game.expect_phase();
     match strike {
         Strike::Signal(which) => crash(&cluster, program, which),
-        Strike::Suspend => cluster.leaf(program).expect("it runs").signal(Signal::STOP),
+        Strike::Suspend => cluster.expect_leaf(program).signal(Signal::STOP),
         Strike::Hang | Strike::Freeze => game.fakes.order(program, "hang"),
     }
     if row.verdict != "safe" {
@@ -119,7 +119,7 @@ fn play_once(row: &Row, strike: Strike, first: First, code: i32) {
 
 /// A program gets a signal until it is gone: the first SIGSEGV from outside only takes a Rust program's handler away.
 pub(crate) fn crash(cluster: &Cluster, program: &str, signal: Signal) {
-    let first = cluster.leaf(program).unwrap_or_else(|| panic!("`{program}` runs"));
+    let first = cluster.expect_leaf(program);
     let is_gone = || {
         let left = cluster.leaf(program).filter(|process| process.pid == first.pid);
         left.iter().for_each(|process| process.signal(signal));
@@ -136,7 +136,7 @@ fn unconfirmed(game: &Game<'_>, cluster: &Cluster, mission: Program) {
     let cause = row.before.iter().rposition(is_cause).expect("something makes it stop");
     game.before(&row.before[..cause]);
     wait_until(SOON, || game.fakes.active().iter().any(|path| path == program)).expect("it runs");
-    let frozen = cluster.leaf(program).expect("it runs");
+    let frozen = cluster.expect_leaf(program);
     freezer.freeze(frozen.pid.unsigned_abs());
     game.before(&row.before[cause..=cause]);
     let ended = mission.ended(UNCONFIRMED_MAX);
