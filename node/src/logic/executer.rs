@@ -81,6 +81,8 @@ pub struct Executer {
     state: State,
     activation: u32,
     running: bool,
+    /// Whether its node leaves: nothing follows from anything any more.
+    is_abandoned: bool,
     /// Slot of the member that a leaf is, or is below of, for each leaf that a wire of this group leads to.
     consumers: BTreeMap<u32, u32>,
     /// How many open sets have each wire.
@@ -142,6 +144,7 @@ impl Executer {
             state,
             activation: 0,
             running: false,
+            is_abandoned: false,
             consumers: consumers(plan, declared),
             open: BTreeMap::new(),
             sets: wires_of_sets(declared),
@@ -205,7 +208,7 @@ impl Executer {
 
     /// Ends the group without waiting for anything: its node leaves. What runs for it is still to end.
     pub fn abandon(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
-        self.running = false;
+        (self.running, self.is_abandoned) = (false, true);
         self.waiting.clear();
         let group = context.plan.groups.get(self.group as usize);
         let kinds = self.active.keys().filter_map(|slot| Some(group?.members.get(*slot as usize)?.kind));
@@ -297,6 +300,9 @@ impl Executer {
     }
 
     fn react(&mut self, event: Event, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
+        if self.is_abandoned {
+            return None;
+        }
         let mut commands = Vec::new();
         let outcome = step(&self.program, &mut self.state, event.clone(), &mut commands);
         #[cfg(test)]

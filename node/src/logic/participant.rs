@@ -27,6 +27,7 @@ use crate::logic::programs::Programs;
 use crate::logic::protocol::{Change, Deployment, Ending, LeafFacts, Target, ToParticipant};
 use crate::logic::timed::TimedMap;
 use crate::logic::wiring::Registrations;
+pub(in crate::logic) use activation::gone;
 use change::Changing;
 use coming::supervisors;
 use comms::logic::control::{Notice, Partner};

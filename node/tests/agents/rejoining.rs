@@ -146,6 +146,41 @@ fn whatever_is_cut_whenever_all_run_again() {
     }
 }
 
+/// A host that is back ends what it has, which takes a while. The next try of its home comes meanwhile: it fails, and is no try that
+/// nobody hears of again.
+#[test]
+fn who_ends_its_part_begins_nothing_in_it() {
+    let text = r#"
+process Far(there, other) {
+    host { there }
+    instantiated_processes {
+        slow instof Stubborn(there) { on_link_loss keep; }
+        next instof Sensor(other) { on_link_loss keep; }
+    }
+    internal_event_actions { slow? ; next }
+}
+process main() {
+    host { "c1" }
+    instantiated_processes { sensor instof Sensor("c1"); far instof Far("c2", "c3"); }
+    internal_event_actions { sensor, ((far else skip) ;; wait(300 ms)) }
+}
+"#;
+    for millis in (0..600).step_by(10) {
+        let mut world = World::new(&["c1", "c2", "c3"]);
+        let call = world.deploy("c1", text);
+        world.run_for(Duration::from_secs(1));
+        cut(&mut world, "c2");
+        world.run_for(Duration::from_secs(12) + Duration::from_millis(millis));
+        assert_eq!(active(&world, "c2").len(), 1, "it goes on");
+        heal(&mut world, "c2");
+        for _ in 0..100 {
+            world.run_for(Duration::from_millis(200));
+            assert_eq!(active(&world, "c3"), Vec::<u32>::new(), "nothing follows from what was given up");
+        }
+        assert_eq!(active(&world, "c2").len(), 1, "after {millis} ms: {:?}", world.answers[&call]);
+    }
+}
+
 /// A program is replaced on a host at any time of its return: that is refused with the reason, or it is done, and either way the host takes
 /// part again.
 #[test]

@@ -3,7 +3,7 @@
 use super::{Agent, DEPLOYMENTS_MAX};
 use crate::logic::claims::{Claims, unended};
 use crate::logic::effect::Out;
-use crate::logic::participant::Participant;
+use crate::logic::participant::{Participant, gone};
 use crate::logic::protocol::{
     Body, ChangeOrder, ChangeReply, Deployment, Ending, Failure, FailureCause, Message, Target, ToCoordinator,
     ToParticipant,
@@ -219,10 +219,6 @@ impl Agent {
             coordinator.receive(message, from, out);
         }
     }
-}
-
-fn gone() -> FailureCause {
-    FailureCause::NotAvailable("its node has left the deployment".to_owned())
 }
 
 /// Whether a message is the home's alone to send.

@@ -4,10 +4,20 @@ use super::Participant;
 use crate::logic::effect::Out;
 use crate::logic::protocol::{Change, Ending, Failure, FailureCause, Target};
 
+/// Returns why nothing begins in a part that is at its end, or is not there any more.
+pub(in crate::logic) fn gone() -> FailureCause {
+    FailureCause::NotAvailable("its node has left the deployment".to_owned())
+}
+
 impl Participant {
     /// Runs a process of this host, for its supervisor.
     pub(super) fn activate(&mut self, target: Target, activation: u32, value: Vec<u8>, out: &mut Out<'_>) {
         match target {
+            target if self.is_leaving() => {
+                let (origin, at) = (String::new(), self.since_go(out.now));
+                let failure = Failure { origin, cause: gone(), at };
+                self.tell_supervisor(target, activation, Ending::Aborted(failure), out);
+            }
             target if self.is_early(target, out.now) => self.begin_later(target, activation, value),
             Target::Leaf(leaf) if self.externals.contains_key(&leaf) => self.attach(leaf, activation, out),
             Target::Leaf(leaf) if self.refuse_held(leaf, activation, out) => {}
