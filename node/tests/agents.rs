@@ -12,6 +12,8 @@ mod aligned;
 mod boot;
 #[path = "agents/changes.rs"]
 mod changes;
+#[path = "agents/check_in.rs"]
+mod check_in;
 #[path = "agents/components.rs"]
 mod components;
 #[path = "agents/detours.rs"]
@@ -36,6 +38,8 @@ mod losses;
 mod names;
 #[path = "agents/namesakes.rs"]
 mod namesakes;
+#[path = "agents/network.rs"]
+mod network;
 #[path = "agents/orders.rs"]
 mod orders;
 #[path = "agents/overlap.rs"]

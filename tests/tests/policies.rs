@@ -1,7 +1,7 @@
 //! The fate of programs that die, and of programs on a host that is cut off, as the spec says.
 
 use comms::io::clock::now;
-use dca_tests::cluster::{Cluster, Network, Process, SOON, Stream, Trace, spec, wait_until};
+use dca_tests::cluster::{Cluster, Network, Process, Program, SOON, Stream, Trace, spec, wait_until};
 use node::logic::protocol::{Change, Ending, ProcessStatus};
 use rustix::process::Signal;
 use std::time::Duration;
@@ -225,6 +225,58 @@ fn a_lost_host_takes_part_again() {
     end(&cluster, nodes);
 }
 
+/// The node of a host is killed, or suspended, for longer than it may be, and the program there dies meanwhile. It is not run again for a
+/// mission that has gone on without it.
+#[test]
+fn a_node_that_was_away_too_long_runs_nothing_again() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let home = here.node("c1", &[]);
+    for (name, signal) in [("killed", Signal::KILL), ("asleep", Signal::STOP)] {
+        let far = here.node("c2", &[]);
+        let see = || here.statuses(&[]).iter().filter(|node| node.peers.len() == 1).count() == 2;
+        wait_until(SOON, see).expect("they see each other");
+        let ran = cluster.file(&format!("{name}.ran"), "");
+        let text = format!(
+            "module Far(host) {{ exec \"sh -c 'echo ran >> {ran}; exec sleep 600'\"; plain; done; }}
+            module Near(host) {{ exec \"sleep 600\"; plain; done; }}
+            process main() {{
+                host {{ c1 }}
+                instantiated_processes {{ far instof Far(c2) {{ restart transient; }} near instof Near(c1); }}
+                internal_event_actions {{ far else near }}
+            }}"
+        );
+        let mission = here.dca(&["deploy", &cluster.file(&format!("{name}.dca"), &text)]);
+        let runs = || std::fs::read_to_string(&ran).expect("it is there").lines().count();
+        wait_until(SOON, || runs() == 1).unwrap_or_else(|| panic!("{name}: {}", mission.text(Stream::Err)));
+        far.signal(signal);
+        let goes_on_without_it = || {
+            kill(&cluster, "main/far");
+            wait_until(SOON, || cluster.leaf("main/near").is_some()).expect("its home has given it up");
+        };
+        let far = if signal == Signal::KILL {
+            assert_eq!(far.ended(SOON).signal, Some(9));
+            goes_on_without_it();
+            here.node("c2", &[])
+        } else {
+            goes_on_without_it();
+            far.signal(Signal::CONT);
+            far
+        };
+        let is_idle =
+            |(host, one): &(String, ProcessStatus)| host == "c2" && one.path == "main/far" && one.state == "idle";
+        let takes_part = || here.processes(&[]).iter().any(is_idle);
+        wait_until(SOON, takes_part).unwrap_or_else(|| panic!("{name}: {}", here.ask(&["status"])));
+        assert_eq!(runs(), 1, "{name}: {}", far.text(Stream::Err));
+        assert!(cluster.leaf("main/near").is_some());
+        assert_eq!(here.ask(&["stop", name]).code, Some(0));
+        assert_eq!(mission.ended(SOON).code, Some(1));
+        far.signal(Signal::TERM);
+        assert_eq!(far.ended(SOON).code, Some(0));
+    }
+    end(&cluster, [home]);
+}
+
 /// The host of a program that has the arm is cut off, and the program goes on there: nobody else gets the arm until that
 /// host is back and has ended it.
 #[test]
@@ -255,7 +307,7 @@ fn what_a_host_that_is_cut_off_may_use_is_given_to_nobody() {
     end(&cluster, nodes);
 }
 
-fn end(cluster: &Cluster, nodes: [dca_tests::cluster::Program; 2]) {
+fn end<const COUNT: usize>(cluster: &Cluster, nodes: [Program; COUNT]) {
     for node in nodes {
         node.signal(Signal::TERM);
         let ended = node.ended(SOON);

@@ -3,6 +3,7 @@
 mod attention;
 mod boot;
 mod calls;
+mod check_in;
 mod crash_loop;
 mod delivery;
 mod estop;
@@ -16,6 +17,7 @@ mod peers;
 mod relay;
 
 use boot::Resumed;
+use check_in::CheckIns;
 use estop::Stopped;
 pub use input::Input;
 use inquiries::Inquiries;
@@ -104,6 +106,7 @@ pub struct Agent {
     listeners: Vec<u64>,
     /// The calls that want all that has happened.
     inquiries: Inquiries,
+    check_ins: CheckIns,
     /// The programs that parts of deployments had here which are over, by leaf and path; the latest first.
     past: VecDeque<(Deployment, Vec<(u32, String)>)>,
     leaving: bool,
@@ -173,6 +176,7 @@ impl Agent {
             over_until: None,
             listeners: Vec::new(),
             inquiries: Inquiries::default(),
+            check_ins: CheckIns::default(),
             past: VecDeque::new(),
             leaving: false,
             unended: BTreeMap::new(),
@@ -195,6 +199,7 @@ impl Agent {
         }
         let (mut more, since_1970) = (Vec::new(), self.since_1970(now));
         let mut out = Out { now, since_1970, effects, messages: &mut more };
+        self.check_in(&mut out);
         // Who asks at once hears of it, too.
         self.look_back(&mut out);
         self.take(input, &mut out);
@@ -420,6 +425,7 @@ impl Agent {
 
     fn tick(&mut self, out: &mut Out<'_>) {
         self.look_around(out);
+        self.answer_check_ins(out);
         self.begin_gathered(out);
         let names = &self.names;
         self.absence.tick(|host| names.reaches(host), out);

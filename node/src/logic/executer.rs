@@ -93,6 +93,8 @@ pub struct Executer {
     open_sets: BTreeMap<u32, u32>,
     generation: u64,
     unconfirmed: BTreeMap<u64, Unconfirmed>,
+    /// Whether activations wait for the home: its node was away.
+    checks_in: bool,
     /// Activations that wait, by slot.
     waiting: BTreeMap<u32, Waiting>,
     activated: BTreeMap<u32, Time>,
@@ -151,6 +153,7 @@ impl Executer {
             open_sets: BTreeMap::new(),
             generation: 0,
             unconfirmed: BTreeMap::new(),
+            checks_in: false,
             waiting: BTreeMap::new(),
             activated: BTreeMap::new(),
             timers: BTreeSet::new(),
@@ -284,7 +287,8 @@ impl Executer {
     /// Returns when [`Executer::tick`] wants to be called.
     pub fn deadline(&self) -> Option<Time> {
         let timer = earliest(self.timers.first().map(|(due, ..)| *due), self.switch_deadline());
-        let open = self.waiting.iter().filter(|(slot, _)| self.fences.against(**slot).is_none());
+        let is_open = |slot: &u32| !self.checks_in && self.fences.against(*slot).is_none();
+        let open = self.waiting.iter().filter(|(slot, _)| is_open(slot));
         open.map(|(_, waiting)| Some(waiting.ready_at())).fold(timer, earliest)
     }
 
@@ -339,8 +343,22 @@ impl Executer {
         out.send(context.home, context.deployment.to_coordinator(ToCoordinator::Stepped { group, number, steps }));
     }
 
+    /// Activates nothing before [`Executer::checked_in`].
+    pub fn check_in(&mut self) {
+        self.checks_in = true;
+    }
+
+    /// Goes on.
+    pub fn checked_in(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
+        self.checks_in = false;
+        self.activate_ready(context, out);
+    }
+
     /// Sends the activations that wait for nothing any more.
     fn activate_ready(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
+        if self.checks_in {
+            return;
+        }
         let fences = &self.fences;
         let is_ready =
             |slot: &u32, waiting: &mut Waiting| waiting.ready_at() <= out.now && fences.against(*slot).is_none();

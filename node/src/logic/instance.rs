@@ -106,6 +106,8 @@ pub struct Instance {
     /// Those of the program before, and whether it is to have them back.
     saved: Option<Restarts>,
     gives_back: bool,
+    /// Whether nothing begins before its home has answered: its node was away.
+    checks_in: bool,
     /// Lost hosts for whose sake nothing new begins.
     cut_off: BTreeSet<String>,
     pid: Option<u32>,
@@ -164,6 +166,7 @@ impl Instance {
             restarts,
             saved: None,
             gives_back: false,
+            checks_in: false,
             cut_off: BTreeSet::new(),
             pid: None,
             death: None,
@@ -193,6 +196,7 @@ impl Instance {
             Stage::Running if self.pid.is_none() => "starting",
             Stage::Prepared | Stage::Connecting { .. } => "connecting",
             Stage::Refused => "refused",
+            Stage::Idle if self.is_active() => "restarting",
             Stage::Idle => {
                 let failed = self.failed.as_ref().map(|cause| format!("idle, aborted: {cause}"));
                 return failed.unwrap_or_else(|| "idle".to_owned());
@@ -265,15 +269,10 @@ impl Instance {
             | Stage::Connecting { until }
             | Stage::Stopping { until, .. }
             | Stage::Leaving { until, .. }
-            | Stage::Waiting { until: Some(until) }
             | Stage::Replacing { until, .. }
             | Stage::Removing { until } => Some(until),
-            Stage::Waiting { until: None }
-            | Stage::Prepared
-            | Stage::Idle
-            | Stage::Running
-            | Stage::Refused
-            | Stage::Dead => None,
+            Stage::Waiting { until } => until.filter(|_| !self.checks_in),
+            Stage::Prepared | Stage::Idle | Stage::Running | Stage::Refused | Stage::Dead => None,
         };
         earliest(earliest(of_stage, self.probation_until()), self.clearing)
     }
@@ -365,6 +364,9 @@ impl Instance {
             self.tell(open, context);
         }
         if let Some(current) = &self.current {
+            if self.checks_in {
+                return;
+            }
             let value = current.value.clone();
             self.run(value, context);
             context.notes.push(Note::Changed(Change::Resumed));

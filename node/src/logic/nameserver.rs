@@ -15,6 +15,7 @@ mod attention;
 mod change;
 mod detour;
 mod duplicates;
+mod sleep;
 
 use super::effect::earliest;
 use super::protocol::Pong;
@@ -62,6 +63,8 @@ struct Boot {
     origin: u32,
     /// When its last answer came.
     heard: Time,
+    /// How long this node was away since then, which does not count.
+    slept: Duration,
     /// From when its silence counts; none while nothing is expected of it.
     owes: Option<Time>,
     /// Since when it is there.
@@ -187,7 +190,8 @@ impl NameServer {
         if pong.round < life.proof {
             return;
         }
-        (life.heard, life.took, life.place) = (now, now.since(asked), pong.place.clone());
+        (life.heard, life.slept) = (now, Duration::ZERO);
+        (life.took, life.place) = (now.since(asked), pong.place.clone());
         let (was_there, is_holder) = (life.is_there(), peer.holder == Some(boot));
         let had_detour = life.detour.take().is_some();
         if !was_there {
@@ -324,24 +328,6 @@ impl NameServer {
         (std::mem::take(&mut self.changes), round)
     }
 
-    /// Shifts all times by the span that this node has slept: that is no silence of others. Who has slept for long asks all.
-    fn make_up(&mut self, now: Time) {
-        let slept = now.since(self.due.max(self.seen + ASK_EVERY));
-        self.seen = now;
-        if slept > SILENCE_MAX {
-            self.ask_at = now;
-        }
-        if slept > Duration::ZERO {
-            let lives = self.peers.values_mut().flat_map(|peer| peer.lives.values_mut());
-            for life in lives {
-                life.heard = life.heard + slept;
-                life.owes = life.owes.map(|since| since + slept);
-                life.detour.iter_mut().for_each(|detour| detour.heard = detour.heard + slept);
-                life.doubted = life.doubted.map(|(since, until)| (since + slept, until + slept));
-            }
-        }
-    }
-
     fn grow_old(&mut self, now: Time, host: &str) {
         let proof = self.round + 1;
         let Some(peer) = self.peers.get_mut(host) else { return };
@@ -409,6 +395,7 @@ impl Boot {
             place: pong.place.clone(),
             origin: pong.origin,
             heard: now,
+            slept: Duration::ZERO,
             owes: Some(now),
             there_since: now,
             took: Duration::ZERO,

@@ -6,6 +6,7 @@
 
 mod activation;
 mod change;
+mod check_in;
 mod coming;
 mod external;
 mod leaving;
@@ -29,6 +30,7 @@ use crate::logic::timed::TimedMap;
 use crate::logic::wiring::Registrations;
 pub(in crate::logic) use activation::gone;
 use change::Changing;
+use check_in::CheckIn;
 use coming::supervisors;
 use comms::logic::control::{Notice, Partner};
 use comms::logic::time::Time;
@@ -97,6 +99,8 @@ pub struct Participant {
     clients: BTreeMap<u32, Vec<Partner>>,
     /// What begins with others, at one moment.
     together: Together,
+    /// What it has asked its home, after its node was away.
+    check_in: Option<CheckIn>,
 }
 
 impl Participant {
@@ -126,6 +130,7 @@ impl Participant {
             externals: BTreeMap::new(),
             clients: BTreeMap::new(),
             together: Together::default(),
+            check_in: None,
             deployment,
             plan,
             home,
@@ -285,6 +290,7 @@ impl Participant {
     /// Does what is due.
     pub fn tick(&mut self, out: &mut Out<'_>) {
         self.tick_loss(out);
+        self.tick_check_in(out);
         self.begin_together(out);
         for leaf in self.instances.due(out.now) {
             self.with_instance(leaf, out, Instance::tick);
@@ -296,7 +302,7 @@ impl Participant {
 
     /// Returns when [`Participant::tick`] wants to be called.
     pub fn deadline(&self) -> Option<Time> {
-        let first = earliest(self.loss_deadline(), self.starts_at());
+        let first = earliest(earliest(self.loss_deadline(), self.check_in_deadline()), self.starts_at());
         [self.instances.deadline(), self.executers.deadline()].into_iter().fold(first, earliest)
     }
 

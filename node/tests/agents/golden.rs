@@ -33,6 +33,8 @@ fn golden_revocations() {
 fn golden_inquiries() {
     check(&Message::about_none(Body::Inquiry { number: 300 }), "000007ac02");
     check(&Message::about_none(Body::Reported { number: 300 }), "000008ac02");
+    check(&Message::about_none(Body::CheckIn { number: 300 }), "000009ac02");
+    check(&Message::about_none(Body::CheckedIn { number: 300 }), "00000aac02");
     check(&Answer::Behind(vec!["c2".into()]), "1801026332");
 }
 

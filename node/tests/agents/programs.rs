@@ -148,6 +148,7 @@ impl World {
         let process = order.process;
         assert!(self.alive.insert((host.into(), process.clone())), "two programs of `{}`", order.path);
         *self.lives.entry(process.clone()).or_default() += 1;
+        self.begins.push((self.now, host.to_owned(), order.path.clone()));
         self.took.insert(process.clone(), (0, 0));
         self.spawned.entry(order.path.clone()).or_default().push(order.policy);
         self.modules.insert(process.clone(), order.command[1].clone());
@@ -181,6 +182,7 @@ impl World {
         let module = self.modules[process].clone();
         self.log.push(format!("{module} with wires {:?}", self.wires_open));
         self.running.insert((host.into(), process.clone()), activation);
+        self.begins.push((self.now, host.to_owned(), module.clone()));
         self.begun.entry(process.clone()).or_insert(self.now);
         self.source_begins(host, process, &module);
         match self.commands[process].get(2).map(String::as_str) {

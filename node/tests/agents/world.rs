@@ -8,13 +8,11 @@ use language::plan::{Plan, Policy};
 use language::{Options, Source, compile};
 use node::logic::agent::{Agent, Identity, Input};
 use node::logic::effect::{Effect, ProcessId, SpawnOrder};
-use node::logic::link::Frame;
 use node::logic::nameserver::Change;
 use node::logic::node_state::NodeState;
 use node::logic::programs::Programs;
 use node::logic::protocol::{
-    Answer, ChangeRequest, Deployment, Earlier, Ending, Estop, Kept, Namesake, Pong, Report, Request, StartMode,
-    Tombstone,
+    Answer, ChangeRequest, Deployment, Earlier, Ending, Estop, Kept, Namesake, Report, Request, StartMode, Tombstone,
 };
 use shim::protocol::{ShimOrder, ShimReport};
 use std::collections::{BTreeMap, BTreeSet};
@@ -56,6 +54,12 @@ pub(super) struct World {
     pub(super) down: BTreeMap<String, Vec<Coming>>,
     /// The host whose node is killed with its next input, once so many of the effects are carried out.
     pub(super) dies_after: Option<(String, usize)>,
+    /// The nodes that are suspended: their systems take frames for them.
+    pub(super) suspended_nodes: BTreeMap<String, NodeState>,
+    /// Every start and activation of a program: when, where, and its path.
+    pub(super) begins: Vec<(Time, String, String)>,
+    /// Every part of a deployment that is over: when and where.
+    pub(super) closed: Vec<(Time, String)>,
     /// How many orders each program has taken, and how many its shim.
     pub(super) took: BTreeMap<ProcessId, (u64, u64)>,
     pub(super) coming: BTreeMap<(Time, u64), (String, Coming)>,
@@ -88,7 +92,7 @@ pub(super) struct World {
     pub(super) loses_one_in: Option<u64>,
     /// By chance one frame in so many is lost, if any.
     pub(super) loses_by_chance: Option<(Draw, u64)>,
-    transmitted: u64,
+    pub(super) transmitted: u64,
     /// The deployments that were asked for.
     pub(super) calls: Vec<u64>,
     pub(super) answers: BTreeMap<u64, Vec<Answer>>,
@@ -253,8 +257,13 @@ impl World {
             return self.data(host, data);
         }
         if let Some(held) = self.down.get_mut(host) {
-            // What programs and shims have to say waits for the next node; everything else is lost.
-            let is_kept = !matches!(coming, Coming::Input(ref input) if !matches!(input, Input::Shim { .. } | Input::Control { .. }));
+            // What programs and shims have to say waits for the next node; everything else is lost, but for frames of one that sleeps.
+            let sleeps = self.suspended_nodes.contains_key(host);
+            let is_kept = match &coming {
+                Coming::Input(Input::Frame(_)) => sleeps,
+                Coming::Input(input) => matches!(input, Input::Shim { .. } | Input::Control { .. }),
+                _ => true,
+            };
             return held.extend(Some(coming).filter(|_| is_kept));
         }
         match coming {
@@ -340,7 +349,8 @@ impl World {
                 self.tailed.push(programs.into_iter().map(process).collect());
             }
             Effect::CloseProcess { .. } | Effect::WriteDatabase(_) | Effect::Yield { .. } => {}
-            Effect::CloseDeployment { .. } | Effect::Beat(_) => {}
+            Effect::CloseDeployment { .. } => self.closed.push((self.now, host.into())),
+            Effect::Beat(_) => {}
             Effect::OrderEnded { outcome, .. } => self.ended.push((host.into(), outcome)),
             Effect::Judge { number, deployment, .. } => {
                 self.judged.push((host.into(), deployment));
@@ -356,49 +366,12 @@ impl World {
         }
     }
 
-    /// Passes a frame on, unless it is lost on the way.
-    fn transmit(&mut self, host: &str, to: &str, frame: Box<Frame>) {
-        self.transmitted += 1;
-        let is_unlucky = self.loses_by_chance.as_mut().is_some_and(|(draw, frames)| draw.below(*frames) == 0);
-        let is_lost = is_unlucky || self.loses_one_in.is_some_and(|frames| self.transmitted.is_multiple_of(frames));
-        if !is_lost && self.passes(host, to) {
-            self.at(1, to, Coming::Input(Input::Frame(frame)));
-        }
-    }
-
     /// Takes a node away, which answers and sends nothing any more.
     fn leave(&mut self, host: &str) {
         self.agents.remove(host);
         let boot = self.boots.remove(host).expect("a node leaves once");
         for other in self.agents.keys().cloned().collect::<Vec<_>>() {
             self.at(1, &other, Coming::Input(Input::Vanished { host: host.to_owned(), boot }));
-        }
-    }
-
-    /// Whether the network takes anything from one host to another.
-    fn passes(&self, from: &str, to: &str) -> bool {
-        let is_cut = self.cut.contains(from) || self.cut.contains(to);
-        !is_cut && !self.one_way.contains(&(from.to_owned(), to.to_owned()))
-    }
-
-    /// Asks every other host, which answers at once where the network lets it.
-    fn ping(&mut self, host: &str, round: u64, only: Option<&BTreeSet<String>>) {
-        self.rounds.insert(host.to_owned(), round);
-        let boots: BTreeMap<String, u64> = self.boots.clone();
-        let to_boot = boots[host];
-        for (from, &boot) in boots.iter().filter(|(from, _)| *from != host) {
-            let is_asked = only.is_none_or(|only| only.contains(from));
-            if !is_asked || self.down.contains_key(from) || !self.passes(host, from) {
-                continue;
-            }
-            self.at(1, from, Coming::Input(Input::Ping { host: host.into(), boot: to_boot }));
-            if !self.passes(from, host) {
-                continue;
-            }
-            let holder = self.holders.get(from).and_then(|holders| holders.get(host)).copied();
-            let (up, place, session) = (self.now.since(Time::ZERO), from.clone(), from.clone());
-            let pong = Pong { from: from.clone(), boot, to_boot, round, up, place, holder, session, origin: 0 };
-            self.at(2, host, Coming::Input(Input::Pong(Box::new(pong))));
         }
     }
 

@@ -22,6 +22,8 @@ impl Agent {
             Body::Leaves => self.absence.leaves(from),
             Body::Inquiry { number } => self.inquired(number, from, out),
             Body::Reported { number } => self.reported(number, from),
+            Body::CheckIn { number } => self.checks_in(number, from),
+            Body::CheckedIn { number } => self.checked_in(number, from, out),
             Body::Relay(relay) => self.relay(*relay, from, out),
             Body::Coordinator(message) => {
                 if let Some(coordinator) = self.coordinators.get_mut(&deployment) {

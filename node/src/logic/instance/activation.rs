@@ -30,6 +30,7 @@ impl Instance {
         self.current = Some(Current { number: activation, value: value.clone(), lost: None });
         context.notes.push(Note::Changed(Change::Activated));
         match self.stage {
+            Stage::Idle if self.checks_in => {}
             Stage::Idle => self.run(value, context),
             Stage::Waiting { until: None } => self.start(context),
             // It has died: who activates it again means another program of its kind.
@@ -104,8 +105,9 @@ impl Instance {
                     self.tell_shim(ShimOrder::Stop { grace: self.stop_within }, context);
                 }
             }
-            // The program died and has not been activated since: nothing moves.
-            Stage::Waiting { .. }
+            // The program died and has not been activated since, or waits for its home: nothing moves.
+            Stage::Idle
+            | Stage::Waiting { .. }
             | Stage::Removing { .. }
             | Stage::Starting { .. }
             | Stage::Prepared
@@ -114,7 +116,7 @@ impl Instance {
             Stage::Replacing { until, forced, .. } => {
                 self.stage = Stage::Replacing { until, forced, is_stopping: true };
             }
-            Stage::Idle | Stage::Stopping { .. } | Stage::Leaving { .. } | Stage::Refused | Stage::Dead => {}
+            Stage::Stopping { .. } | Stage::Leaving { .. } | Stage::Refused | Stage::Dead => {}
         }
     }
 
@@ -128,6 +130,19 @@ impl Instance {
             current.lost = Some(host.to_owned());
             let number = current.number;
             self.stop(number, context);
+        }
+    }
+
+    /// Begins nothing, and starts no program again, before [`Self::checked_in`].
+    pub fn check_in(&mut self) {
+        self.checks_in = true;
+    }
+
+    /// Goes on.
+    pub fn checked_in(&mut self, context: &mut InstanceContext<'_>) {
+        self.checks_in = false;
+        if self.stage == Stage::Idle && self.current.is_some() {
+            self.resume(None, context);
         }
     }
 

@@ -147,6 +147,10 @@ impl Instance {
     }
 
     pub(super) fn start(&mut self, context: &mut InstanceContext<'_>) {
+        if self.checks_in {
+            self.stage = Stage::Waiting { until: Some(context.now) };
+            return;
+        }
         self.stage =
             Stage::Starting { until: context.now + watchdog::start_within(self.order.kind, &self.order.policy) };
         self.shim_was_killed = false;

@@ -10,7 +10,7 @@ impl Participant {
     /// Tells every program to go.
     pub fn leave(&mut self, out: &mut Out<'_>) {
         if self.phase != Phase::Leaving {
-            self.phase = Phase::Leaving;
+            (self.phase, self.check_in) = (Phase::Leaving, None);
             self.abandon_groups(out);
             self.begin_never(out);
             for leaf in self.instances.numbers() {

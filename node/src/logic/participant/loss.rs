@@ -83,6 +83,10 @@ impl Participant {
         for group in self.executers.numbers() {
             self.with_executer(group, out, |executer, at, out| executer.host_lost(host, at, out));
         }
+        if host == self.home {
+            // Nobody answers any more.
+            self.checked_in(out);
+        }
     }
 
     /// Takes note that a host is there again.
@@ -116,7 +120,11 @@ impl Participant {
     }
 
     fn is_done_alone(&self) -> bool {
-        self.phase == Phase::Running && self.loss.lost.contains(&self.home) && !self.goes_on()
+        self.phase == Phase::Running && self.is_home_lost() && !self.goes_on()
+    }
+
+    pub(super) fn is_home_lost(&self) -> bool {
+        self.loss.lost.contains(&self.home)
     }
 
     /// Whether something here goes on without the home.

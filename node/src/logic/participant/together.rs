@@ -2,7 +2,8 @@
 //!
 //! From the first question for the clock on nothing is activated, since a supervisor elsewhere may have heard of GO before. From GO on
 //! supervisors go ahead, so that wires are open and other hosts have their orders when the moment comes; programs wait for it. What is
-//! stopped before has never begun. What is activated later begins at once, as ever.
+//! stopped before has never begun. What is activated later begins at once, as ever. What is activated while its node checks in with the home
+//! waits in the same place.
 
 use super::Participant;
 use crate::logic::effect::Out;
@@ -65,11 +66,14 @@ impl Participant {
     /// Returns when programs begin that wait for that.
     pub fn starts_at(&self) -> Option<Time> {
         let Start::At(start) = self.together.start else { return None };
-        (!self.together.waiting.is_empty()).then_some(start)
+        (!self.together.waiting.is_empty() && self.check_in.is_none()).then_some(start)
     }
 
     /// Returns whether something is to begin later.
     pub(super) fn is_early(&self, target: Target, now: Time) -> bool {
+        if self.check_in.is_some() {
+            return true;
+        }
         match self.together.start {
             Start::AtOnce => false,
             Start::Unknown => true,
@@ -106,7 +110,7 @@ impl Participant {
     }
 
     /// Activates what waits, unless it has to wait on.
-    fn activate_waiting(&mut self, out: &mut Out<'_>) {
+    pub(super) fn activate_waiting(&mut self, out: &mut Out<'_>) {
         for (target, activation, value) in std::mem::take(&mut self.together.waiting) {
             self.activate(target, activation, value, out);
         }

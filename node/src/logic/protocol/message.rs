@@ -66,4 +66,14 @@ pub enum Body {
         /// The number of the question.
         number: u64,
     },
+    /// The home: the sender was away for long, and begins nothing for it before it has answered. About no deployment.
+    CheckIn {
+        /// The number of the question; the sender counts.
+        number: u64,
+    },
+    /// The node that has checked in: all that the home had decided has come before this. About no deployment.
+    CheckedIn {
+        /// The number of the question.
+        number: u64,
+    },
 }

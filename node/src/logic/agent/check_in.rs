@@ -1,0 +1,63 @@
+//! A node that was away for long: it checks in with the homes of what it takes part in, before it begins anything there.
+//!
+//! Who was killed or suspended goes on with what it had. But a home may have counted its host as lost meanwhile, and have begun
+//! something else in its place. So until a home has answered, no program of its deployments is started again here, and nothing is
+//! activated. Messages come in order, so what the home has decided comes before its answer; that may be the end of this part.
+//!
+//! A home that does not answer is lost after a while, and then `on_link_loss` decides, as at any cut.
+//! The home answers who is there for it: one that is only missing may still count as lost, and is then told that first.
+
+use super::Agent;
+use crate::logic::effect::Out;
+use crate::logic::protocol::{Body, Message};
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// What is asked and not answered yet.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct CheckIns {
+    /// How often this node has checked in.
+    count: u64,
+    /// The hosts that have checked in here, each with its boot and its number.
+    come: BTreeMap<String, (u64, u64)>,
+}
+
+impl Agent {
+    /// Checks in with every home elsewhere that may have missed this node. A deployment of this host needs nobody's answer. To be called before anything else is done.
+    pub(super) fn check_in(&mut self, out: &mut Out<'_>) {
+        let (names, number) = (&self.names, self.check_ins.count + 1);
+        let unsure = self.participants.values_mut().filter(|participant| names.has_slept(out.now, participant.home()));
+        let waiting = unsure
+            .filter_map(|participant| participant.check_in(number, out.now).then(|| participant.home().to_owned()));
+        for home in waiting.collect::<BTreeSet<String>>() {
+            self.check_ins.count = number;
+            out.send(&home, Message::about_none(Body::CheckIn { number }));
+        }
+    }
+
+    /// Takes note that a host checks in, which is answered by [`Agent::answer_check_ins`].
+    pub(super) fn checks_in(&mut self, number: u64, from: &str) {
+        if let Some(boot) = self.names.holder(from) {
+            self.check_ins.come.insert(from.to_owned(), (boot, number));
+        }
+    }
+
+    /// Answers those who have checked in and are there, behind all that they had to be told. Another boot has forgotten that it has asked.
+    pub(super) fn answer_check_ins(&mut self, out: &mut Out<'_>) {
+        let names = &self.names;
+        let is_over =
+            |host: &String, (boot, _): &mut (u64, u64)| names.reaches(host) || names.holder(host) != Some(*boot);
+        for (host, (boot, number)) in self.check_ins.come.extract_if(.., is_over).collect::<Vec<_>>() {
+            if self.names.holder(&host) == Some(boot) {
+                out.send(&host, Message::about_none(Body::CheckedIn { number }));
+            }
+        }
+    }
+
+    /// Takes the answer of a home: what waited for it goes on.
+    pub(super) fn checked_in(&mut self, number: u64, from: &str, out: &mut Out<'_>) {
+        let theirs = self.participants.values_mut().filter(|participant| participant.home() == from);
+        let waiting = theirs.filter(|participant| participant.checks_in() == Some(number));
+        waiting.for_each(|participant| participant.checked_in(out));
+    }
+}
