@@ -246,7 +246,8 @@ impl Executer {
         let event = match ending {
             Ending::Done(value) => Event::Done { member, activation, value: Value::new(&value) },
             Ending::Aborted(mut failure) => {
-                if failure.origin.is_empty() {
+                // Of one that is not current people know.
+                if current && failure.origin.is_empty() {
                     self.complete(slot, &mut failure, context, out);
                 }
                 // What nobody could confirm inside a group stays unconfirmed at its boundary.

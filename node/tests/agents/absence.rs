@@ -6,7 +6,9 @@ use crate::world::{Coming, World};
 use node::logic::agent::{Agent, Identity, Input};
 use node::logic::node_state::NodeState;
 use node::logic::programs::Programs;
-use node::logic::protocol::{Absent, Answer, Deployment, OpenEnd, Report, Request, StopReply, Why};
+use node::logic::protocol::{
+    Absent, Answer, Change, Deployment, Ending, FailureCause, OpenEnd, Report, Request, StopReply, Why,
+};
 use std::time::Duration;
 
 fn absent(world: &mut World, host: &str) -> Absent {
@@ -176,4 +178,42 @@ fn a_node_that_has_left_is_not_listed() {
         assert_eq!(absent(&mut world, "c1").hosts, vec![], "after {second} s");
     }
     assert_eq!(world.agents.len(), 1, "it has left");
+}
+
+/// A mission that is given up for a host names the loss, which is the first thing that has failed, and each process has one end.
+#[test]
+fn a_host_that_is_lost_is_the_cause_and_each_end_is_told_once() {
+    let text = r#"
+process main() {
+    host { "c1" }
+    instantiated_processes {
+        n instof Sensor("c2");
+        o instof Long("c2");
+        p instof Sensor("c2") { on_link_loss keep; }
+        q instof Sensor("c1");
+    }
+    internal_event_actions { q, o, n, p }
+}
+"#;
+    let mut world = World::new(&["c1", "c2"]);
+    let call = world.deploy("c1", text);
+    world.run_for(Duration::from_secs(1));
+    cut(&mut world, "c2");
+    world.run_for(Duration::from_secs(30));
+    let ends = world.answers[&call].iter().filter_map(|answer| match answer {
+        Answer::Report(Report::Process { path, change: Change::Ended(ending), .. }) => Some((path.as_str(), ending)),
+        _ => None,
+    });
+    let lost = FailureCause::HostLost("c2".into());
+    let mut far: Vec<&str> = Vec::new();
+    for (path, ending) in ends.filter(|(path, _)| ["main/n", "main/o", "main/p"].contains(path)) {
+        assert!(matches!(ending, Ending::Aborted(failure) if failure.cause == lost), "{path}: {ending:?}");
+        far.push(path);
+    }
+    far.sort_unstable();
+    assert_eq!(far, ["main/n", "main/o", "main/p"]);
+    let Report::Finished { ending: Ending::Aborted(failure), .. } = world.last_report(call) else {
+        panic!("{:?}", world.last_report(call))
+    };
+    assert_eq!((failure.origin.as_str(), &failure.cause), (far[0], &lost));
 }

@@ -46,12 +46,14 @@ impl Executer {
         );
         self.fences.lose(host, theirs);
         self.activate_ready(context, out);
-        let lost: Vec<(u32, u32)> = self.active.iter().map(|(slot, number)| (*slot, *number)).collect();
-        for (slot, number) in lost {
+        // What one loss fells has failed of that, also what the group would stop for the sake of the first.
+        let is_stopping = |slot: u32| self.state.activity(slot) == Activity::Stopping;
+        let lost: Vec<(u32, u32, bool)> =
+            self.active.iter().map(|(slot, number)| (*slot, *number, is_stopping(*slot))).collect();
+        for (slot, number, stopping) in lost {
             if member_host(context.plan, group, slot) != Some(host) {
                 continue;
             }
-            let stopping = self.state.activity(slot) == Activity::Stopping;
             let cause = if stopping { FailureCause::HostLostStopping } else { FailureCause::HostLost };
             let cause = cause(host.to_owned());
             let ending = Ending::Aborted(Failure { origin: String::new(), cause, at: Duration::ZERO });
