@@ -39,7 +39,7 @@ pub use names::{DeviceName, Names, PortName};
 pub use parameters::{InstanceParameters, ParameterStatus};
 pub use presence::{AuditHead, Duplicate, Namesake, Ping, Pong, Refusal, Renewing};
 pub use relay::{Relay, Relayed};
-pub use report::{Change, Report, SetsSwitched, is_unreached, unreached};
+pub use report::{Change, Report, SetsSwitched, is_unreached, unreachable, unreached};
 use serde::{Deserialize, Serialize};
 pub use signed::{Order, Ordered, Signed, TeamOfNode};
 pub use status::{

@@ -146,6 +146,7 @@ fn a_host_that_nobody_has_seen_refuses_at_once() {
     world.run_for(Duration::from_secs(5));
     let Report::Refused { reasons } = world.last_report(call) else { panic!("not refused") };
     assert!(reasons.iter().any(|reason| reason.contains("host `c2` cannot be reached")), "{reasons:?}");
+    assert!(is_unreached(reasons), "{reasons:?}");
     assert_eq!(world.alive, BTreeSet::new());
 }
 

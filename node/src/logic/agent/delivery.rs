@@ -6,7 +6,7 @@ use crate::logic::effect::Out;
 use crate::logic::participant::{Participant, gone};
 use crate::logic::protocol::{
     Body, ChangeOrder, ChangeReply, Deployment, Ending, Failure, FailureCause, Message, Target, ToCoordinator,
-    ToParticipant,
+    ToParticipant, unreachable,
 };
 use language::plan::Plan;
 use std::sync::Arc;
@@ -193,10 +193,7 @@ impl Agent {
     ) {
         let Some(message) = message.plain() else { return };
         if matches!(message, ToParticipant::Prepare { .. } | ToParticipant::Rejoin { .. }) {
-            let reason = format!(
-                "host `{lost}` cannot be reached; start `dca-node --name {lost}` on it, in the same team or with `--insecure-lan`"
-            );
-            self.tell_coordinator(deployment, ToCoordinator::Refused { reasons: vec![reason] }, lost, out);
+            self.tell_coordinator(deployment, ToCoordinator::Refused { reasons: vec![unreachable(lost)] }, lost, out);
         } else if message == ToParticipant::Release {
             // A host that never took part has nothing to release; one that was lost is told about as unconfirmed.
             self.tell_coordinator(deployment, ToCoordinator::Released, lost, out);

@@ -258,7 +258,14 @@ pub fn unreached(host: &str) -> String {
     format!("host `{host}` {UNREACHED}")
 }
 
-/// Returns whether a host was lost, of the reasons why something was not done. Who asks again may have it.
+const UNREACHABLE: &str = "cannot be reached; start `dca-node";
+
+/// Returns the reason why a deployment cannot begin whose host is lost.
+pub fn unreachable(host: &str) -> String {
+    format!("host `{host}` {UNREACHABLE} --name {host}` on it, in the same team or with `--insecure-lan`")
+}
+
+/// Returns whether a host was lost, or could not be reached, of the reasons why something was not done. Who asks again may have it.
 pub fn is_unreached(reasons: &[String]) -> bool {
-    reasons.iter().any(|reason| reason.ends_with(UNREACHED))
+    reasons.iter().any(|reason| reason.ends_with(UNREACHED) || reason.contains(UNREACHABLE))
 }
