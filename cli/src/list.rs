@@ -6,7 +6,8 @@ use crate::ConnectArgs;
 use crate::absent;
 use crate::client::{Client, Clients, words};
 use crate::io::taps::Taps;
-use crate::logic::object::{Listed, ListedKind, is_listed};
+use crate::logic::object::{Listed, ListedKind};
+use crate::logic::process_name::ProcessName;
 use crate::object::exports_of;
 use crate::tapped::{locations, outputs_of};
 use anyhow::anyhow;
@@ -23,7 +24,8 @@ use tokio::task::JoinSet;
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// A process: [DEPLOYMENT:]INSTANCE, of its path the end is enough [default: all]
-    instance: Option<String>,
+    #[arg(value_parser = ProcessName::parse)]
+    instance: Option<ProcessName>,
     /// Print an array of JSON, one object for each name
     #[arg(long)]
     json: bool,
@@ -36,7 +38,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (mut rows, silent) = block_on(async {
         let clients = Clients::open(&arguments.connect).await?;
         let taps = Arc::new(Taps::open(clients.iter().find_map(Client::team)).await?);
-        let listed = listed(&clients, &taps, arguments.instance.as_deref()).await;
+        let listed = listed(&clients, &taps, arguments.instance.as_ref()).await;
         if let Some(taps) = Arc::into_inner(taps) {
             taps.close().await;
         }
@@ -72,24 +74,25 @@ fn whole(silent: &BTreeSet<String>) -> Result<(), Failure> {
 async fn listed(
     clients: &Clients,
     taps: &Arc<Taps>,
-    instance: Option<&str>,
+    instance: Option<&ProcessName>,
 ) -> Result<(Vec<Listed>, BTreeSet<String>), Failure> {
     let all = clients.statuses().await?;
     let away = absent::ask(&all).await;
     let hosts = away.hosts.iter().map(|one| &one.host).chain(&away.silent);
     let mut silent: BTreeSet<String> = hosts.map(|host| format!("the node `{host}`")).collect();
+    let is_meant = |deployment: &str, path: &str| instance.is_none_or(|name| name.is_process(deployment, path));
     let (mut places, mut is_any, mut rows) = (BTreeSet::new(), false, Vec::new());
     let mut requests = JoinSet::new();
     for (client, statuses) in &all {
         for leaf in leaves(&statuses.nodes) {
-            if is_listed(instance, &leaf.deployment.name, &leaf.process.path) {
+            if is_meant(&leaf.deployment.name, &leaf.process.path) {
                 is_any = true;
                 places.insert((leaf.deployment.clone(), leaf.host.to_owned()));
             }
         }
         for (deployment, host) in std::mem::take(&mut places) {
             for (path, dial) in locations(client, &host, &deployment).await? {
-                if is_listed(instance, &deployment.name, &path) {
+                if is_meant(&deployment.name, &path) {
                     requests.spawn(program(Arc::clone(taps), deployment.clone(), path, dial));
                 }
             }
@@ -99,7 +102,7 @@ async fn listed(
                 continue;
             };
             let meant = names.ports.into_iter().filter(|port| !port.is_output && port.deployment == deployment);
-            let meant = meant.filter(|port| is_listed(instance, &deployment.name, &port.path));
+            let meant = meant.filter(|port| is_meant(&deployment.name, &port.path));
             rows.extend(meant.map(input));
         }
     }

@@ -8,6 +8,7 @@ pub mod mission;
 pub mod names;
 pub(crate) mod object;
 pub mod page;
+pub(crate) mod process_name;
 pub(crate) mod queues;
 pub mod record;
 mod routers;

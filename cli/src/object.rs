@@ -138,11 +138,12 @@ fn meant<'a>(all: &'a [(&'a Client, Statuses)], name: &ObjectName) -> Vec<Progra
     let programs =
         all.iter().flat_map(|(client, statuses)| leaves(&statuses.nodes).into_iter().map(|at| Program { client, at }));
     let programs: Vec<Program<'a>> = programs.collect();
-    let is_meant = |program: &&Program<'a>| name.is_process(&program.at.deployment.name, program.path());
+    let is_meant = |program: &&Program<'a>| name.process.is_process(&program.at.deployment.name, program.path());
     let mut meant: Vec<Program<'a>> = programs.iter().filter(is_meant).copied().collect();
     // The whole of a path goes before the end of another.
-    if meant.iter().any(|program| program.path() == name.process) {
-        meant.retain(|program| program.path() == name.process);
+    let is_whole = |program: &Program<'a>| Some(program.path()) == name.process.process();
+    if meant.iter().any(is_whole) {
+        meant.retain(is_whole);
     }
     for program in &mut meant {
         let Some((deployment, path)) = program.at.process.stands_for() else { continue };

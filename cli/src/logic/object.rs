@@ -2,11 +2,11 @@
 
 mod listed;
 
-pub(crate) use listed::{Listed, ListedKind, is_listed};
+pub(crate) use listed::{Listed, ListedKind};
 
+use crate::logic::process_name::ProcessName;
 use crate::logic::queues::Shown;
 use crate::logic::record::decoded;
-use crate::logic::tap::is_path;
 use comms::logic::messaging::wire::{LockStatus, QueueStatus, RouterStatus};
 use comms::logic::object::{Exports, Signature, TypeForm};
 use language::plan::Constant;
@@ -19,10 +19,7 @@ use std::fmt::{self, Display, Formatter};
 /// What a person calls or reads: `Grip` of `hand`, `door:main/hand.Grip`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct ObjectName {
-    /// In this deployment; in any if absent.
-    pub(crate) deployment: Option<String>,
-    /// The end of a path.
-    pub(crate) process: String,
+    pub(crate) process: ProcessName,
     /// The procedure or state.
     pub(crate) name: String,
 }
@@ -30,28 +27,16 @@ pub(crate) struct ObjectName {
 impl ObjectName {
     /// Reads a name; says what is wrong with it.
     pub(crate) fn parse(text: &str) -> Result<Self, String> {
-        let (deployment, rest) = match text.split_once(':') {
-            Some((deployment, rest)) => (Some(deployment.to_owned()), rest),
-            None => (None, text),
-        };
-        let named = rest.rsplit_once('.').filter(|(process, name)| !process.is_empty() && !name.is_empty());
-        let (process, name) = named.ok_or_else(|| {
+        let (process, name) = ProcessName::with_name(text);
+        let name = name.filter(|name| !name.is_empty() && process.process().is_some()).ok_or_else(|| {
             format!("`{text}` names nothing to call: expected [DEPLOYMENT:]INSTANCE.NAME, such as `hand.Grip`")
         })?;
-        Ok(Self { deployment, process: process.to_owned(), name: name.to_owned() })
-    }
-
-    /// Returns whether the process with this path, of this deployment, is meant.
-    pub(crate) fn is_process(&self, deployment: &str, path: &str) -> bool {
-        self.deployment.as_ref().is_none_or(|named| named == deployment) && is_path(path, &self.process)
+        Ok(Self { process, name: name.to_owned() })
     }
 }
 
 impl Display for ObjectName {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        if let Some(deployment) = &self.deployment {
-            write!(f, "{deployment}:")?;
-        }
         write!(f, "{}.{}", self.process, self.name)
     }
 }
@@ -220,17 +205,13 @@ mod tests {
 
     #[test]
     fn names() {
-        let name = |deployment: Option<&str>, process: &str, name: &str| {
-            Ok(ObjectName { deployment: deployment.map(str::to_owned), process: process.into(), name: name.into() })
-        };
-        assert_eq!(ObjectName::parse("hand.Grip"), name(None, "hand", "Grip"));
-        assert_eq!(ObjectName::parse("door:main/arm/hand.Grip"), name(Some("door"), "main/arm/hand", "Grip"));
-        for wrong in ["Grip", ".Grip", "hand.", "door:Grip", ""] {
+        let name =
+            |process: &str, name: &str| Ok(ObjectName { process: ProcessName::new(process), name: name.to_owned() });
+        assert_eq!(ObjectName::parse("hand.Grip"), name("hand", "Grip"));
+        assert_eq!(ObjectName::parse("door:main/arm/hand.Grip"), name("door:main/arm/hand", "Grip"));
+        for wrong in ["Grip", ".Grip", "hand.", "door:Grip", "door:.Grip", "door.2:Grip", ""] {
             assert!(ObjectName::parse(wrong).is_err(), "{wrong}");
         }
-        let hand = ObjectName::parse("door:hand.Grip").unwrap();
-        assert!(hand.is_process("door", "main/hand") && !hand.is_process("other", "main/hand"));
-        assert!(!hand.is_process("door", "main/shand"));
     }
 
     #[test]

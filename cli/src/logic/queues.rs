@@ -1,6 +1,6 @@
 //! What has a table of its own, and how people name it; queues: `dca queue`.
 
-use crate::logic::tap::is_path;
+use crate::logic::process_name::ProcessName;
 use comms::logic::messaging::queue::Full;
 use comms::logic::messaging::wire::QueueStatus;
 use node::logic::printable::printable;
@@ -11,9 +11,7 @@ use std::fmt::{self, Display, Formatter};
 /// What a person means by `[DEPLOYMENT:]INSTANCE[.NAME]`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct ShownName {
-    deployment: Option<String>,
-    /// The end of a path; empty means all processes.
-    process: String,
+    pub(crate) process: ProcessName,
     /// The state; any if absent.
     state: Option<String>,
 }
@@ -39,7 +37,7 @@ pub(crate) trait Shown: Sized {
 
 impl Display for ShownName {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.process())?;
+        self.process.fmt(f)?;
         self.state.iter().try_for_each(|state| write!(f, ".{state}"))
     }
 }
@@ -47,33 +45,15 @@ impl Display for ShownName {
 impl ShownName {
     /// Reads a name; says what is wrong with it.
     pub(crate) fn parse(text: &str) -> Result<Self, String> {
-        let (deployment, rest) = match text.split_once(':') {
-            Some((deployment, rest)) => (Some(deployment.to_owned()), rest),
-            None => (None, text),
-        };
-        let (process, state) = match rest.rsplit_once('.') {
-            Some((process, state)) => (process, Some(state.to_owned())),
-            None => (rest, None),
-        };
-        let is_named = !process.is_empty() || (deployment.as_ref().is_some_and(|it| !it.is_empty()) && state.is_none());
-        if !is_named || state.as_ref().is_some_and(String::is_empty) {
+        let (process, state) = ProcessName::with_name(text);
+        // All processes of a deployment are named, and not one state of all of them.
+        let is_named = state.map_or_else(|| process.is_any(), |name| !name.is_empty() && process.process().is_some());
+        if !is_named {
             return Err(format!(
                 "`{text}` names nothing: expected [DEPLOYMENT:]INSTANCE[.NAME], such as `base.commands`"
             ));
         }
-        Ok(Self { deployment, process: process.to_owned(), state })
-    }
-
-    /// Returns the process that is meant, as it was written.
-    pub(crate) fn process(&self) -> String {
-        let deployment = self.deployment.as_ref().map(|name| format!("{name}:")).unwrap_or_default();
-        format!("{deployment}{}", self.process)
-    }
-
-    /// Returns whether the process with this path, of this deployment, is meant.
-    pub(crate) fn is_process(&self, deployment: &str, path: &str) -> bool {
-        let is_meant = self.process.is_empty() || is_path(path, &self.process);
-        is_meant && self.deployment.as_ref().is_none_or(|named| named == deployment)
+        Ok(Self { process, state: state.map(str::to_owned) })
     }
 
     /// Returns whether the state of this name is meant.
@@ -145,12 +125,12 @@ mod tests {
     fn names() {
         let name = |text: &str| ShownName::parse(text).unwrap();
         let one = name("door:main/base.commands");
-        assert!(one.is_process("door", "main/base") && !one.is_process("other", "main/base"));
         assert!(one.is_state("commands") && !one.is_state("requests"));
-        let all = name("base");
-        assert!(all.is_process("door", "main/base") && all.is_state("commands"));
-        assert!(name("door:").is_process("door", "main/any") && !name("door:").is_process("gate", "main/any"));
-        assert_eq!((one.process(), one.to_string()), ("door:main/base".into(), "door:main/base.commands".into()));
+        assert!(name("base").is_state("commands") && name("door:").is_state("commands"));
+        assert_eq!(
+            (one.to_string(), one.process),
+            ("door:main/base.commands".into(), ProcessName::new("door:main/base"))
+        );
         for wrong in ["", ".commands", "base.", ":", "door:.x"] {
             assert!(ShownName::parse(wrong).is_err(), "{wrong}");
         }

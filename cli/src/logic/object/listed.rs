@@ -1,6 +1,5 @@
 //! The rows of `dca list`.
 
-use crate::logic::tap::is_path;
 use comms::logic::object::{ExportKind, Exported, TypeForm};
 use comms::logic::tap::{InnerOutput, OutputType};
 use serde_json::{Value, json};
@@ -83,17 +82,8 @@ impl Listed {
     }
 }
 
-/// Returns whether a process is meant by `[DEPLOYMENT:]INSTANCE`; all are without a word.
-pub(crate) fn is_listed(meant: Option<&str>, deployment: &str, path: &str) -> bool {
-    meant.is_none_or(|meant| match meant.split_once(':') {
-        Some((named, process)) => named == deployment && (process.is_empty() || is_path(path, process)),
-        None => is_path(path, meant),
-    })
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::ObjectName;
     use super::*;
     use comms::logic::object::Signature;
 
@@ -119,16 +109,5 @@ mod tests {
         assert_eq!(one.cells()[1..], ["b.Out -> c.In", "wire", "W { x: Force }"]);
         assert_eq!((&other.json()["name"], &other.json()["to"]), (&json!("b.Out"), &json!("d.In")));
         assert_eq!(row.json().get("to"), None);
-        for (meant, is_meant) in [
-            (None, true),
-            (Some("a"), true),
-            (Some("d:a"), true),
-            (Some("d:"), true),
-            (Some("e:a"), false),
-            (Some("b"), false),
-        ] {
-            assert_eq!(is_listed(meant, "d", "main/a"), is_meant, "{meant:?}");
-        }
-        assert!(ObjectName::parse("d:a.x").unwrap().is_process("d", "main/a"));
     }
 }
