@@ -8,7 +8,7 @@ use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, connec
 use rustix::process::{Pid, Signal, WaitOptions, kill_process, waitpid};
 use shim::process_record::{ProcessRecord, RECORD_FILE};
 use shim::processes;
-use shim::protocol::{Gate, SOCKET_FILE, ShimOrder, ShimReport, ShimStart};
+use shim::protocol::{Gate, OUTPUT_FILE, SOCKET_FILE, ShimOrder, ShimReport, ShimStart};
 use std::io::ErrorKind;
 use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
@@ -159,6 +159,49 @@ fn a_shim_that_is_killed_takes_its_program_along_and_is_reported_gone() {
     place.reap(shim);
     assert_eq!(place.attach(1).unwrap_err().kind(), ErrorKind::ConnectionRefused);
     assert_eq!(child::ended(&place.dir), None);
+}
+
+/// Traces its parent, with the options that it is given, and takes note of nothing.
+const TRACER: &str = "
+import ctypes, os, signal, sys
+ptrace = ctypes.CDLL(None).ptrace
+ptrace.argtypes = [ctypes.c_long, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p]
+SEIZE = 0x4206
+print('traced' if ptrace(SEIZE, os.getppid(), None, int(sys.argv[1])) == 0 else 'refused', flush=True)
+while True:
+    signal.pause()
+";
+/// `PTRACE_O_TRACEEXIT`: who is traced stops before it ends. Source: ptrace(2).
+const TRACE_EXIT: u32 = 0x40;
+
+/// Who is traced is dead only for its tracer until that takes note of it, or does not even die before that lets it. Here the tracer is
+/// the program itself.
+#[test]
+fn a_shim_that_its_program_traces_leaves_nothing_either() {
+    for (name, options) in [("traced", 0), ("held", TRACE_EXIT)] {
+        let place = Place::new(name);
+        let tracer = place.dir.join("tracer.py");
+        std::fs::write(&tracer, TRACER).unwrap();
+        let (orders, reports) = place.start(Gate::None, &format!("exec python3 {} {options}", tracer.display()));
+        let (sender, mut reports) = place.serve(orders, reports);
+        assert!(matches!(place.next(&mut reports), Some((ShimReport::Started { .. }, _))));
+        let program = place.record().program.unwrap();
+        let said = || std::fs::read_to_string(place.dir.join(OUTPUT_FILE)).unwrap_or_default();
+        while !said().ends_with('\n') {
+            std::thread::yield_now();
+        }
+        if said() == "traced\n" {
+            child::leftovers::kill_shim(&place.dir);
+            assert_eq!(place.next(&mut reports), Some((ShimReport::Gone, Vec::new())), "{name}");
+        } else {
+            println!("skipped: needs root, to trace a process");
+            place.runtime.block_on(sender.send(ShimOrder::Kill)).unwrap();
+            while place.next(&mut reports).is_some() {}
+        }
+        assert!(!processes::is_running(program), "{name}");
+        drop(sender);
+        assert_eq!(place.next(&mut reports), None, "{name}");
+    }
 }
 
 #[test]

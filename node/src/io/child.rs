@@ -348,17 +348,19 @@ impl ShimReports {
                 return;
             }
         }
-        let reaped = tokio::task::spawn_blocking(move || {
+        let reaping = tokio::task::spawn_blocking(move || {
             // One that was attached to is the child of another process.
             child.as_mut().map_or(Ok(()), |child| child.wait().map(drop))
         });
-        if let Ok(Err(error)) = reaped.await {
-            tracing::warn!(%error, "cannot reap a shim");
-        }
+        // It may be traced, by its own program, too: then its end is the tracer's to take note of first.
         if !gone {
             end_left(dir).await;
             // Nobody is left to hear it only when the node itself is leaving.
             sink.send((ShimReport::Gone, Vec::new())).await.unwrap_or_default();
+        }
+        drop(sink);
+        if let Ok(Err(error)) = reaping.await {
+            tracing::warn!(%error, "cannot reap a shim");
         }
     }
 }

@@ -164,13 +164,14 @@ fn strays(group: &Path, roots: impl Fn(&BTreeSet<i32>) -> Vec<i32>) -> BTreeSet<
     if first.is_empty() { first } else { first.intersection(&look()).copied().collect() }
 }
 
-/// Kills the shim of the program in `dir`, which does not do what it is told. What it leaves is then ended as that of any shim
-/// that was killed.
+/// Kills the shim of the program in `dir`, which does not do what it is told, and its program: a shim that is traced ends when its tracer
+/// lets it, and that may be the program. What is left is then ended as that of any shim that was killed. Blocks, for 5 s at the most.
 pub fn kill_shim(dir: &Path) {
     for shim in shims(dir) {
         tracing::warn!(?dir, "a shim has not ended its program in time: it is killed");
         processes::signal(shim, Signal::KILL);
     }
+    end_round(dir, 0);
 }
 
 /// Returns whether a shim of an earlier run is there for the program in `dir`, or is about to be.
