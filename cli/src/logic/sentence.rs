@@ -39,7 +39,7 @@ pub(crate) fn report_text(report: &Report) -> String {
             span(*within)
         ),
         Report::BeganLate { host, by } => {
-            format!("{host} heard of the start {} too late: what it has of the first step began then", span(*by))
+            format!("{host} began {} late: it heard of the start too late, or its node was away", span(*by))
         }
         Report::Replanned { .. } => "goes by a changed plan".to_owned(),
         Report::Stepped { path, steps, .. } => format!("{path} took {}", counted(steps.len(), "step")),

@@ -188,3 +188,26 @@ fn lost_words_do_not_keep_anything_from_beginning() {
     assert!(aligned > 90, "{aligned} of 300 have begun at one moment although words were lost");
     assert!(late > 10, "{late} hosts have said that they heard of the moment too late");
 }
+
+/// A node that is killed between the word and the moment, and started again after it.
+#[test]
+fn a_node_that_sleeps_over_the_moment_says_so() {
+    let mut world = World::of_three();
+    world.start = StartMode::Aligned;
+    let call = world.deploy("c1", THREE);
+    let (lead, _) = world.until_go(call).expect("it is aligned");
+    let moment = world.now + lead;
+    world.run_for(lead / 2);
+    world.crash("c2");
+    world.run_for(Duration::from_millis(600));
+    world.adopt("c2");
+    let back = world.now;
+    world.run_for(Duration::from_secs(5));
+    assert_eq!(world.ending(call), &Ending::Done(vec![]));
+    let late = world.answers[&call].iter().filter_map(|answer| match answer {
+        Answer::Report(Report::BeganLate { host, by }) => Some((host.as_str(), *by)),
+        _ => None,
+    });
+    let late: Vec<(&str, Duration)> = late.collect();
+    assert!(matches!(late[..], [("c2", by)] if by + Duration::from_millis(3) >= back - moment), "{late:?}");
+}

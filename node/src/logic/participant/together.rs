@@ -14,6 +14,8 @@ use std::time::Duration;
 
 /// By how much GO may be late before people are told.
 const LATE_MIN: Duration = Duration::from_millis(1);
+/// By how much this node may wake up late for the moment before they are: on a busy machine it waits for a core, as programs do.
+const WOKEN_LATE_MIN: Duration = Duration::from_millis(20);
 
 /// What begins with others.
 #[derive(Debug, Default, Serialize, Deserialize)]
@@ -54,11 +56,7 @@ impl Participant {
 
     /// Takes the moment; none if programs begin as soon as they can.
     pub(super) fn start_at(&mut self, start: Option<Time>, out: &mut Out<'_>) {
-        if let Some(late) = start.map(|start| out.now.since(start)).filter(|late| *late >= LATE_MIN) {
-            let late_ms = late.as_secs_f64() * 1000.0;
-            tracing::warn!(deployment = %self.deployment, late_ms, "the word of an aligned start came too late");
-            out.send(&self.home, self.deployment.to_coordinator(ToCoordinator::BeganLate { by: late }));
-        }
+        start.into_iter().for_each(|start| self.tell_late(start, LATE_MIN, out));
         self.together.start = start.map_or(Start::AtOnce, Start::At);
         self.activate_waiting(out);
     }
@@ -97,8 +95,20 @@ impl Participant {
 
     /// Activates what has waited, if the moment has come.
     pub(super) fn begin_together(&mut self, out: &mut Out<'_>) {
-        if self.starts_at().is_some_and(|start| start <= out.now) {
+        if let Some(start) = self.starts_at().filter(|start| *start <= out.now) {
+            // It may have been suspended, or killed and started again.
+            self.tell_late(start, WOKEN_LATE_MIN, out);
             self.activate_waiting(out);
+        }
+    }
+
+    /// Tells the home that what this host has of the first step begins so late, if it does.
+    fn tell_late(&self, start: Time, least: Duration, out: &mut Out<'_>) {
+        let by = out.now.since(start);
+        if by >= least {
+            let late_ms = by.as_secs_f64() * 1000.0;
+            tracing::warn!(deployment = %self.deployment, late_ms, "this host begins late at an aligned start");
+            out.send(&self.home, self.deployment.to_coordinator(ToCoordinator::BeganLate { by }));
         }
     }
 

@@ -76,7 +76,7 @@ pub enum ToCoordinator {
         /// What the clock that nobody sets shows at the host.
         shown: Time,
     },
-    /// The moment of [`ToParticipant::GoAt`] was over when the host heard of it.
+    /// The moment of [`ToParticipant::GoAt`] was over when the host heard of it, or looked at its clock again.
     BeganLate {
         /// By how much.
         by: Duration,

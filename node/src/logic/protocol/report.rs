@@ -113,7 +113,7 @@ pub enum Report {
         #[serde(with = "comms::logic::human::seconds")]
         within: Duration,
     },
-    /// A host has heard of that moment when it was over: what it has of the first step began then.
+    /// What a host has of the first step began after that moment.
     BeganLate {
         /// The host.
         host: String,
