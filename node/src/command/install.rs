@@ -40,6 +40,8 @@ pub(super) struct Install {
 enum Written {
     New,
     Again,
+    /// Over that of another node: of another name, another user, or with other folders.
+    Other,
     Same,
 }
 
@@ -84,6 +86,10 @@ pub(super) fn run(install: &Install) -> Result<(), Failure> {
             "wrote `{path}` again; to start the node so, while its programs go on:\nsystemctl daemon-reload\n\
              systemctl kill --signal=KILL dca-node"
         ),
+        Written::Other => format!(
+            "wrote `{path}` again, for a node that takes over nothing of the one before (another name, user or folder); to stop \
+             what that one runs, and start this one:\nsystemctl daemon-reload\nsystemctl restart dca-node"
+        ),
         Written::Same => format!("`{path}` is so already; to start the node now and at each boot:\n{command}"),
     });
     Ok(())
@@ -124,7 +130,11 @@ fn write(path: &Path, unit: &UnitFile, is_forced: bool) -> anyhow::Result<Writte
         path.display()
     );
     put(path, &text).with_context(|| format!("writing `{}`", path.display()))?;
-    Ok(if before.is_some() { Written::Again } else { Written::New })
+    Ok(match before {
+        None => Written::New,
+        Some(before) if unit_file::takes_over(&text, &before) => Written::Again,
+        Some(_) => Written::Other,
+    })
 }
 
 fn put(path: &Path, text: &str) -> io::Result<()> {
@@ -143,16 +153,22 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("dca-install-{}", std::process::id()));
         fs::create_dir_all(&folder).unwrap();
         let path = folder.join(UNIT);
-        let unit = |name: &str| UnitFile { name: name.into(), command: vec!["/usr/bin/dca-node".into()], user: None };
+        let unit = |name: &str| {
+            let command = ["/usr/bin/dca-node", "--name", name].map(str::to_owned).to_vec();
+            UnitFile { name: name.into(), command, user: None }
+        };
         assert_eq!(write(&path, &unit("c1"), false).unwrap(), Written::New);
         assert_eq!(write(&path, &unit("c1"), false).unwrap(), Written::Same);
-        assert_eq!(write(&path, &unit("c2"), false).unwrap(), Written::Again);
+        let newer =
+            UnitFile { command: ["/opt/dca-node", "--name", "c1", "--lan"].map(str::to_owned).to_vec(), ..unit("c1") };
+        assert_eq!(write(&path, &newer, false).unwrap(), Written::Again);
+        assert_eq!(write(&path, &unit("c2"), false).unwrap(), Written::Other);
         let changed = format!("{}Nice=-5\n", unit("c2").text());
         fs::write(&path, &changed).unwrap();
         let why = write(&path, &unit("c3"), false).unwrap_err().to_string();
         assert!(why.starts_with("somebody has changed `") && why.contains("`--force`"), "{why}");
         assert_eq!(fs::read_to_string(&path).unwrap(), changed);
-        assert_eq!(write(&path, &unit("c3"), true).unwrap(), Written::Again);
+        assert_eq!(write(&path, &unit("c3"), true).unwrap(), Written::Other);
         assert_eq!(fs::read_to_string(&path).unwrap(), unit("c3").text());
         assert_eq!(fs::read_dir(&folder).unwrap().count(), 1, "nothing is left beside it");
         fs::remove_dir_all(folder).unwrap();

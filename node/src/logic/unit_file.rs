@@ -73,6 +73,19 @@ pub fn is_untouched(text: &str) -> bool {
     u32::from_str_radix(sum, 16) == Ok(crc32fast::hash(rest.as_bytes()))
 }
 
+/// Returns whether the node of one unit takes over what that of another has left: they have one name, one user and the same folders.
+pub fn takes_over(unit: &str, before: &str) -> bool {
+    identity(unit) == identity(before)
+}
+
+/// Returns what tells a node from others on its machine, as the unit has it.
+fn identity(unit: &str) -> [Option<&str>; 5] {
+    let line = |name: &str| unit.lines().find_map(|line| line.strip_prefix(name));
+    let command = line("ExecStart=").unwrap_or_default();
+    let value = |option: &str| command.split_once(option).and_then(|(_, rest)| rest.split(" --").next());
+    [value(" --name "), value(" --run-dir "), value(" --state "), value(" --boot-id "), line("User=")]
+}
+
 /// Returns a word that systemd takes for itself. Source: systemd.service(5), "Command lines"; systemd.syntax(7), "Quoting".
 fn quoted(word: &str) -> String {
     let word = specifiers(word).replace('\\', "\\\\").replace('"', "\\\"").replace('$', "$$");
@@ -108,6 +121,18 @@ mod tests {
         for text in changed {
             assert!(!is_untouched(&text), "{text}");
         }
+    }
+
+    #[test]
+    fn a_node_takes_over_from_one_of_its_name_user_and_folders() {
+        let text = |arguments: &[&str]| unit(arguments).text();
+        let one = text(&["--name", "c1", "--run-dir", "/run/a b", "--lan"]);
+        assert!(takes_over(&text(&["--name", "c1", "--port", "7", "--run-dir", "/run/a b"]), &one));
+        let user = UnitFile { user: Some("robot".into()), ..unit(&["--name", "c1", "--run-dir", "/run/a b"]) }.text();
+        for other in [text(&["--name", "c2", "--run-dir", "/run/a b"]), text(&["--name", "c1"]), user] {
+            assert!(!takes_over(&other, &one), "{other}");
+        }
+        assert!(!takes_over(&text(&["--name", "c1", "--state", "/a"]), &text(&["--name", "c1", "--state", "/b"])));
     }
 
     #[test]
