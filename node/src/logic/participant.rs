@@ -46,7 +46,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use succession::Succeeding;
 use switching::Expecting;
-use together::Together;
+use together::{Together, WOKEN_LATE_MIN};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 enum Phase {
@@ -291,7 +291,7 @@ impl Participant {
     pub fn tick(&mut self, out: &mut Out<'_>) {
         self.tick_loss(out);
         self.tick_check_in(out);
-        self.begin_together(out);
+        self.begin_together(WOKEN_LATE_MIN, out);
         for leaf in self.instances.due(out.now) {
             self.with_instance(leaf, out, Instance::tick);
         }

@@ -15,12 +15,14 @@ use std::time::Duration;
 /// By how much GO may be late before people are told.
 const LATE_MIN: Duration = Duration::from_millis(1);
 /// By how much this node may wake up late for the moment before they are: on a busy machine it waits for a core, as programs do.
-const WOKEN_LATE_MIN: Duration = Duration::from_millis(20);
+pub(super) const WOKEN_LATE_MIN: Duration = Duration::from_millis(20);
 
 /// What begins with others.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Together {
     start: Start,
+    /// Whether the moment was over when this host looked at its clock last.
+    is_over: bool,
     /// Activations that wait: what, its number, and its value.
     waiting: Vec<(Target, u32, Vec<u8>)>,
 }
@@ -56,15 +58,15 @@ impl Participant {
 
     /// Takes the moment; none if programs begin as soon as they can.
     pub(super) fn start_at(&mut self, start: Option<Time>, out: &mut Out<'_>) {
-        start.into_iter().for_each(|start| self.tell_late(start, LATE_MIN, out));
         self.together.start = start.map_or(Start::AtOnce, Start::At);
+        self.begin_together(LATE_MIN, out);
         self.activate_waiting(out);
     }
 
-    /// Returns when programs begin that wait for that.
+    /// Returns when the programs of the first step begin, until then.
     pub fn starts_at(&self) -> Option<Time> {
         let Start::At(start) = self.together.start else { return None };
-        (!self.together.waiting.is_empty() && self.check_in.is_none()).then_some(start)
+        (!self.together.is_over && self.check_in.is_none()).then_some(start)
     }
 
     /// Returns whether something is to begin later.
@@ -93,23 +95,18 @@ impl Participant {
         self.together.waiting.len() < count
     }
 
-    /// Activates what has waited, if the moment has come.
-    pub(super) fn begin_together(&mut self, out: &mut Out<'_>) {
-        if let Some(start) = self.starts_at().filter(|start| *start <= out.now) {
-            // It may have been suspended, or killed and started again.
-            self.tell_late(start, WOKEN_LATE_MIN, out);
-            self.activate_waiting(out);
-        }
-    }
-
-    /// Tells the home that what this host has of the first step begins so late, if it does.
-    fn tell_late(&self, start: Time, least: Duration, out: &mut Out<'_>) {
+    /// Activates what has waited, if the moment has come. This node may have been suspended, or killed and started again, when it came: if it
+    /// comes too late, its home is told.
+    pub(super) fn begin_together(&mut self, late_min: Duration, out: &mut Out<'_>) {
+        let Some(start) = self.starts_at().filter(|start| *start <= out.now) else { return };
+        self.together.is_over = true;
         let by = out.now.since(start);
-        if by >= least {
+        if by >= late_min {
             let late_ms = by.as_secs_f64() * 1000.0;
             tracing::warn!(deployment = %self.deployment, late_ms, "this host begins late at an aligned start");
             out.send(&self.home, self.deployment.to_coordinator(ToCoordinator::BeganLate { by }));
         }
+        self.activate_waiting(out);
     }
 
     /// Ends what has waited: this part of the deployment comes to its end.
