@@ -11,7 +11,9 @@ use shim::processes;
 use shim::protocol::{Gate, OUTPUT_FILE, SOCKET_FILE, ShimOrder, ShimReport, ShimStart};
 use std::io::ErrorKind;
 use std::os::fd::OwnedFd;
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::time::Duration;
 use tokio::runtime::Runtime;
 use tokio::sync::mpsc::{Receiver, Sender, channel};
@@ -159,6 +161,36 @@ fn a_shim_that_is_killed_takes_its_program_along_and_is_reported_gone() {
     place.reap(shim);
     assert_eq!(place.attach(1).unwrap_err().kind(), ErrorKind::ConnectionRefused);
     assert_eq!(child::ended(&place.dir), None);
+}
+
+/// A program can write to its folder. What it names there in its place is not ended, unless it is of the same user.
+#[test]
+fn a_program_that_names_a_process_of_somebody_else_does_not_have_it_killed() {
+    if !rustix::process::getuid().is_root() {
+        return println!("skipped: needs root, for a process of another user");
+    }
+    let place = lost("named");
+    // No child of this process, which would be ended as what a killed shim has left.
+    let orphan = "sleep 60 > /dev/null 2>&1 & echo $!";
+    let said = Command::new("sh").args(["-c", orphan]).uid(65_534).output().unwrap().stdout;
+    let named = processes::stat(String::from_utf8(said).unwrap().trim().parse().unwrap()).unwrap().process;
+    let record = ProcessRecord { program: None, ..place.record() };
+    std::fs::write(place.dir.join(RECORD_FILE), record.head() + &ProcessRecord::program_line(named)).unwrap();
+    let Attached { orders, reports, .. } = place.attach(1).unwrap();
+    let (sender, mut reports) = place.serve(orders, reports);
+    let shim = place.shim();
+    kill_process(shim, Signal::KILL).unwrap();
+    assert_eq!(place.next(&mut reports), Some((ShimReport::Gone, Vec::new())));
+    assert_eq!(place.next(&mut reports), None);
+    drop(sender);
+    place.reap(shim);
+    assert!(processes::is_running(named), "it is none of the program's");
+    processes::signal(named, Signal::KILL);
+    // Nor is it shown what a program links to.
+    std::fs::remove_file(place.dir.join(OUTPUT_FILE)).unwrap();
+    std::fs::write(place.dir.join("secret"), "a secret\n").unwrap();
+    std::os::unix::fs::symlink(place.dir.join("secret"), place.dir.join(OUTPUT_FILE)).unwrap();
+    assert_eq!(child::ended_output(&place.dir), Vec::<String>::new());
 }
 
 /// Traces its parent, with the options that it is given, and takes note of nothing.

@@ -50,6 +50,45 @@ pub fn opened(path: &Path) -> io::Result<File> {
     regular(path, OFlags::RDONLY, Privacy::Usual, "read")
 }
 
+/// Returns what [`bytes`] does, of the file itself as [`opened_itself`] has it.
+///
+/// # Errors
+/// As [`opened_itself`], or it is longer (`FileTooLarge`).
+pub fn bytes_itself(path: &Path, bytes_max: usize) -> io::Result<Vec<u8>> {
+    bounded(opened_itself(path)?, bytes_max)
+}
+
+/// Opens a regular file to be read: itself, and not what a link leads to. So a folder may belong to somebody who must not have this process
+/// read other files.
+///
+/// # Errors
+/// As [`opened`], and for a link (`InvalidInput`).
+pub fn opened_itself(path: &Path) -> io::Result<File> {
+    require_regular(FileType::from_raw_mode(lstat(path)?.st_mode), "read")?;
+    regular(path, OFlags::RDONLY | OFlags::NOFOLLOW, Privacy::Usual, "read")
+}
+
+/// Opens a regular file to be appended to, as [`opened_itself`] does; makes it if it is not there.
+///
+/// # Errors
+/// As [`appended`], and for a link (`InvalidInput`).
+pub fn appended_itself(path: &Path, privacy: Privacy) -> io::Result<File> {
+    check_itself(path)?;
+    regular(path, OFlags::WRONLY | OFlags::APPEND | OFlags::CREATE | OFlags::NOFOLLOW, privacy, "written")
+}
+
+/// Checks that a name belongs to a regular file itself or to nothing.
+///
+/// # Errors
+/// It belongs to something else, a link for one (`InvalidInput`, or `IsADirectory`), or nobody can tell.
+pub fn check_itself(path: &Path) -> io::Result<()> {
+    match lstat(path) {
+        Ok(there) => require_regular(FileType::from_raw_mode(there.st_mode), "written"),
+        Err(Errno::NOENT) => Ok(()),
+        Err(error) => Err(error.into()),
+    }
+}
+
 /// Opens a regular file to be appended to; makes it if it is not there.
 ///
 /// # Errors
@@ -136,7 +175,8 @@ fn require_regular(kind: FileType, use_of_it: &str) -> io::Result<()> {
         FileType::Fifo => "a pipe",
         FileType::Socket => "a socket",
         FileType::CharacterDevice | FileType::BlockDevice => "a device",
-        FileType::Symlink | FileType::Unknown => "something else",
+        FileType::Symlink => "a link",
+        FileType::Unknown => "something else",
     };
     Err(io::Error::new(ErrorKind::InvalidInput, format!("it is {what}; only regular files are {use_of_it}")))
 }
@@ -159,6 +199,20 @@ mod tests {
             assert_eq!(appended(path, Privacy::Own).unwrap_err().to_string(), said("written"));
             assert_eq!(check(path).unwrap_err().to_string(), said("written"));
         }
+        std::fs::write(&file, b"secret").unwrap();
+        let leads = folder.join("leads");
+        std::os::unix::fs::symlink(&file, &leads).unwrap();
+        assert_eq!(bytes(&leads, 9).unwrap(), b"secret");
+        let refused =
+            [opened_itself(&leads).map(drop), appended_itself(&leads, Privacy::Own).map(drop), check_itself(&leads)];
+        let said = refused.map(|refused| refused.unwrap_err().to_string());
+        let why = |use_of_it: &str| format!("it is a link; only regular files are {use_of_it}");
+        assert_eq!(said, [why("read"), why("written"), why("written")]);
+        assert_eq!(bytes_itself(&file, 9).unwrap(), b"secret");
+        appended_itself(&file, Privacy::Own).unwrap().write_all(b"s").unwrap();
+        assert_eq!(bytes_itself(&file, 9).unwrap(), b"secrets");
+        std::fs::remove_file(&file).unwrap();
+        check_itself(&file).unwrap();
         let dangling = folder.join("dangling");
         std::os::unix::fs::symlink(folder.join("nothing"), &dangling).unwrap();
         for error in [opened(&dangling).unwrap_err(), appended(&dangling, Privacy::Own).unwrap_err()] {

@@ -60,7 +60,7 @@ pub(crate) fn refusal(dir: &Path, code: i32) -> Option<String> {
     if code != i32::from(REFUSED) {
         return None;
     }
-    let reason = String::from_utf8(file::bytes(&dir.join(REFUSED_FILE), REASON_MAX).ok()?).ok()?;
+    let reason = String::from_utf8(file::bytes_itself(&dir.join(REFUSED_FILE), REASON_MAX).ok()?).ok()?;
     // The program itself has left with this code.
     Some(reason).filter(|reason| !reason.is_empty())
 }

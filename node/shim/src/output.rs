@@ -47,10 +47,7 @@ struct State {
 impl Output {
     /// Checks that nothing but a file is where the output goes, and makes none.
     pub(crate) fn check(dir: &Path) -> io::Result<()> {
-        match file::opened(&dir.join(OUTPUT_FILE)) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
-            _ => Ok(()),
-        }
+        file::check_itself(&dir.join(OUTPUT_FILE))
     }
 
     /// Opens the output file of the instance in `dir`, and starts the threads that fill it.
@@ -163,7 +160,7 @@ struct LogFile {
 
 impl LogFile {
     fn open(dir: &Path) -> io::Result<Self> {
-        let file = file::appended(&dir.join(OUTPUT_FILE), Privacy::Usual)?;
+        let file = file::appended_itself(&dir.join(OUTPUT_FILE), Privacy::Usual)?;
         let size = file.metadata()?.len();
         Ok(Self { dir: dir.to_owned(), file, size })
     }
@@ -181,7 +178,7 @@ impl LogFile {
     fn rotate(&mut self) -> io::Result<()> {
         let path = self.dir.join(OUTPUT_FILE);
         std::fs::rename(&path, self.dir.join(OUTPUT_FILE_OLD))?;
-        self.file = file::appended(&path, Privacy::Usual)?;
+        self.file = file::appended_itself(&path, Privacy::Usual)?;
         self.size = 0;
         Ok(())
     }

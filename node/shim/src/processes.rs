@@ -119,6 +119,13 @@ pub fn is_traced(pid: i32) -> bool {
     tracer.is_some_and(|tracer| tracer.trim() != "0")
 }
 
+/// Returns the real user of a process, by which the right to signal it goes; none if it is not there. Sources: proc_pid_status(5), kill(2).
+pub fn user(pid: i32) -> Option<u32> {
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
+    let users = status.lines().find_map(|line| line.strip_prefix("Uid:"))?;
+    users.split_whitespace().next()?.parse().ok()
+}
+
 /// Returns the environment of a process as `NAME=value`; nothing if it is not ours to read.
 pub fn environment(pid: i32) -> Vec<Vec<u8>> {
     let bytes = std::fs::read(format!("/proc/{pid}/environ")).unwrap_or_default();

@@ -39,7 +39,7 @@ impl Record {
     pub(super) fn add(&self, program: Pid) {
         let Some(stat) = processes::stat(program.as_raw_nonzero().get()) else { return };
         let line = ProcessRecord::program_line(stat.process);
-        let file = file::appended(&self.path, Privacy::Usual);
+        let file = file::appended_itself(&self.path, Privacy::Usual);
         // Without it the marks in its environment are left.
         if let Err(error) = file.and_then(|mut file| file.write_all(line.as_bytes())) {
             complain(&format!("dca-shim: cannot write `{}`: {error}", self.path.display()));

@@ -174,7 +174,7 @@ fn a_pipe_in_place_of_the_output_is_refused() {
             (start.gate, start.command) = (gate, vec!["true".into()]);
         });
         let reason = format!(
-            "cannot open `{}`: it is a pipe; only regular files are read",
+            "cannot open `{}`: it is a pipe; only regular files are written",
             shim.dir.join(OUTPUT_FILE).display()
         );
         shim.expect(&[ShimReport::ExecFailed { reason }, ShimReport::Gone]);

@@ -232,7 +232,7 @@ fn output_begin(dir: &Path) -> u64 {
 
 /// Returns the text of a small file in an instance directory; none if there is no such file.
 fn text(path: &Path) -> Option<String> {
-    String::from_utf8(file::bytes(path, RECORD_MAX).ok()?).ok()
+    String::from_utf8(file::bytes_itself(path, RECORD_MAX).ok()?).ok()
 }
 
 fn remove_stale(path: &Path) -> io::Result<()> {
@@ -383,7 +383,7 @@ fn last_output(dir: &Path, before: u64) -> Vec<String> {
 /// Returns the end of a file, from `before` on, and whether something in between was left out.
 fn end_of(path: &Path, before: u64) -> io::Result<(Vec<u8>, bool)> {
     use std::io::{Seek, SeekFrom};
-    let mut file = file::opened(path)?;
+    let mut file = file::opened_itself(path)?;
     let begin = file.metadata()?.len().saturating_sub(LAST_OUTPUT_MAX).max(before);
     file.seek(SeekFrom::Start(begin))?;
     let mut end = Vec::new();

@@ -106,7 +106,8 @@ impl Reader {
     }
 
     fn open(&self, name: &str) -> io::Result<Option<File>> {
-        match file::opened(&self.dir.join(name)) {
+        // The folder is the program's, too: what it links to is not shown.
+        match file::opened_itself(&self.dir.join(name)) {
             Ok(file) => Ok(Some(file)),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
             Err(error) => Err(error),

@@ -3,17 +3,21 @@
 //! A leftover is found by what it cannot shed, or does not: its control group (nothing leaves that by itself), the record of
 //! its shim (numbers, start times, the session), the parents it has, and the marks in its environment. Only the control
 //! group finds a daemon with an empty environment and a session of its own after its node has died, too.
+//!
+//! A program can write to its folder, so its record may name anything. What that names is ended only if it runs as the user of this node,
+//! or as that of the program: a program that is root in a sandbox does not have its node signal what it must not signal itself.
 
-use crate::io::cgroup;
+use crate::io::{cgroup, run_dir};
 use comms::io::clock::{Wakeup, now};
 use comms::io::file;
 use comms::logic::time::Time;
-use rustix::process::{Pid, Signal, WaitOptions, getpid, waitpid};
+use rustix::process::{Pid, Signal, WaitOptions, getpid, getuid, waitpid};
 use shim::process_record::{Process, ProcessRecord, RECORD_FILE};
 use shim::processes::{self, Stat};
 use std::collections::BTreeSet;
 use std::ffi::OsStr;
 use std::os::unix::ffi::OsStrExt;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -39,12 +43,19 @@ const NODES: [&str; 2] = ["dca-node", "dca"];
 struct Search {
     /// Everything below it is ours: `DCA_DIR` of a leftover names it or something below it.
     folder: PathBuf,
-    records: Vec<ProcessRecord>,
+    records: Vec<Recorded>,
     /// The control group of the earlier run, if it had one.
     group: Option<PathBuf>,
     /// Whether what belongs to no shim counts: what a killed shim leaves comes to the node that has started it, as its child, and stays in
     /// the control group of one that has taken it over.
     adopts: bool,
+}
+
+/// The record of a program, and as whom that may run.
+#[derive(Debug)]
+struct Recorded {
+    record: ProcessRecord,
+    users: [u32; 2],
 }
 
 /// Ends what a killed shim of this node has left of the program in `dir`, in one of several rounds; returns whether nothing is
@@ -86,7 +97,7 @@ pub fn end_all(folder: &Path) -> Vec<i32> {
     let deployments = folders(folder).filter(|folder| folder.to_string_lossy().contains('.'));
     let instances = deployments.flat_map(|deployment| folders(&deployment).collect::<Vec<_>>());
     let boot = processes::kernel_boot();
-    let records = instances.filter_map(|dir| read_record(&dir)).filter(|record| record.boot == boot).collect();
+    let records = instances.filter_map(|dir| read_record(&dir)).filter(|one| one.record.boot == boot).collect();
     let search = Search { folder: folder.to_owned(), records, group: cgroup::recorded(folder), adopts: false };
     let found = search.find();
     if !found.is_empty() {
@@ -107,7 +118,7 @@ pub fn end_others(folder: &Path, known: &BTreeSet<PathBuf>) {
         .filter(|folder| folder.to_string_lossy().contains('.'))
         .flat_map(|one| folders(&one).collect::<Vec<_>>())
     {
-        let record = read_record(&dir);
+        let record = read_record(&dir).map(|one| one.record);
         // What was written over says nothing; the shim itself does, by the command that it was started with.
         let shim = record.as_ref().and_then(|record| record.shim).filter(|shim| processes::is_running(*shim));
         let shim = shim.or_else(|| shims(&dir).next());
@@ -198,15 +209,15 @@ impl Search {
     /// Asks programs without a shim to stop, and waits for all programs as long as they may take.
     fn stop(&self) {
         let (began, pause) = (now(), Wakeup::default());
-        for record in &self.records {
-            let is_alone = !record.shim.is_some_and(processes::is_running);
-            if let Some(program) = record.program.filter(|_| is_alone) {
+        for one in &self.records {
+            let is_alone = !one.record.shim.is_some_and(processes::is_running);
+            if let Some(program) = one.record.program.filter(|program| is_alone && one.may_be(program.pid)) {
                 processes::signal(program, Signal::TERM);
                 // A stopped process could not hear the first without the second.
                 processes::signal(program, Signal::CONT);
             }
         }
-        while self.records.iter().any(|record| is_stopping(record, began)) {
+        while self.records.iter().any(|one| is_stopping(&one.record, began)) {
             pause.wait(Some(now() + LOOK_EVERY));
         }
     }
@@ -259,7 +270,7 @@ impl Search {
         let is_found = |stat: &&Stat| {
             in_group.contains(&stat.process.pid)
                 || strays.contains(&stat.process)
-                || self.records.iter().any(|record| is_of(record, stat, &all))
+                || self.records.iter().any(|one| is_of(&one.record, stat, &all) && one.may_be(stat.process.pid))
                 || (self.adopts && stat.parent == this && !is_shim(stat.process.pid))
                 || self.is_marked(stat.process.pid)
         };
@@ -324,9 +335,20 @@ fn comm(pid: i32) -> Option<String> {
     std::fs::read_to_string(format!("/proc/{pid}/comm")).ok().map(|name| name.trim_end().to_owned())
 }
 
-fn read_record(dir: &Path) -> Option<ProcessRecord> {
-    let bytes = file::bytes(&dir.join(RECORD_FILE), RECORD_MAX).ok()?;
-    Some(ProcessRecord::parse(&String::from_utf8_lossy(&bytes)))
+fn read_record(dir: &Path) -> Option<Recorded> {
+    let bytes = file::bytes_itself(&dir.join(RECORD_FILE), RECORD_MAX).ok()?;
+    let own = getuid().as_raw();
+    // That of a program which runs as another user has a folder of its own, and may not enter this one.
+    let other = dir.ancestors().nth(2).and_then(|node| std::fs::symlink_metadata(run_dir::other(node, dir)).ok());
+    let users = [own, other.map_or(own, |folder| folder.uid())];
+    Some(Recorded { record: ProcessRecord::parse(&String::from_utf8_lossy(&bytes)), users })
+}
+
+impl Recorded {
+    /// Returns whether a process may be what the record says, by its user.
+    fn may_be(&self, pid: i32) -> bool {
+        processes::user(pid).is_some_and(|user| self.users.contains(&user))
+    }
 }
 
 fn folders(folder: &Path) -> impl Iterator<Item = PathBuf> {
