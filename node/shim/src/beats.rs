@@ -3,12 +3,17 @@
 use crate::watchdog::Watchdog;
 use crate::{Event, complain};
 use comms::io::clock::now;
+use rustix::cmsg_space;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
+use rustix::net::sockopt::set_socket_passcred;
+use rustix::net::{RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, recvmsg};
+use rustix::process::getpid;
 use shim::processes;
 use shim::protocol::{BEAT_FILE, Gate, ShimStart};
 use std::fs::Permissions;
-use std::io;
+use std::io::{self, IoSliceMut};
+use std::mem::MaybeUninit;
 use std::os::unix::fs::{PermissionsExt, chown};
 use std::os::unix::net::UnixDatagram;
 use std::path::PathBuf;
@@ -16,6 +21,8 @@ use std::sync::mpsc::SyncSender;
 
 /// The longest datagram that is read whole, in bytes.
 const DATAGRAM_MAX: usize = 512;
+/// How many parents of a sender are looked at.
+const ANCESTORS_MAX: usize = 100;
 
 /// Where the program says that it lives.
 pub(crate) struct Beats {
@@ -34,6 +41,7 @@ impl Beats {
             _ => {}
         }
         let socket = UnixDatagram::bind(&path)?;
+        set_socket_passcred(&socket, true)?;
         std::fs::set_permissions(&path, Permissions::from_mode(0o700))?;
         if let Some(user) = &start.sandbox.user {
             chown(&path, Some(user.uid), Some(user.gid))?;
@@ -55,6 +63,18 @@ impl Beats {
         std::thread::Builder::new().name("watchdog".into()).spawn(run).map(drop)
     }
 
+    /// Takes a word that waits: how long it is, and who has sent it, as the kernel says.
+    fn take(&self, bytes: &mut [u8]) -> Result<(usize, Option<i32>), Errno> {
+        let mut space = [MaybeUninit::uninit(); cmsg_space!(ScmCredentials(1))];
+        let mut control = RecvAncillaryBuffer::new(&mut space);
+        let received = recvmsg(&self.socket, &mut [IoSliceMut::new(bytes)], &mut control, RecvFlags::empty())?;
+        let sender = control.drain().find_map(|message| {
+            let RecvAncillaryMessage::ScmCredentials(sender) = message else { return None };
+            Some(sender.pid.as_raw_nonzero().get())
+        });
+        Ok((received.bytes, sender))
+    }
+
     fn run(self, mut watchdog: Watchdog, program: i32, events: &SyncSender<Event>) -> io::Result<()> {
         let mut bytes = [0; DATAGRAM_MAX];
         self.socket.set_nonblocking(true)?;
@@ -66,11 +86,13 @@ impl Beats {
                 Ok(_) | Err(Errno::INTR) => {}
                 Err(error) => return Err(error.into()),
             }
-            match self.socket.recv(&mut bytes) {
-                Ok(size) => watchdog.hear(&String::from_utf8_lossy(&bytes[..size]), now()),
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
-                Err(error) => return Err(error),
+            match self.take(&mut bytes) {
+                Ok((size, sender)) if sender.is_none_or(|sender| is_own(sender, program)) => {
+                    watchdog.hear(&String::from_utf8_lossy(&bytes[..size]), now());
+                }
+                Ok(_of_another_program) => {}
+                Err(Errno::INTR | Errno::WOULDBLOCK) => {}
+                Err(error) => return Err(error.into()),
             }
             let Some(why) = watchdog.look(now()) else { continue };
             if processes::is_traced(program) {
@@ -82,6 +104,23 @@ impl Beats {
             return Ok(());
         }
     }
+}
+
+/// Whether a process is the program, or comes from it. Of one that is gone already nobody can tell: a script may have said it by a
+/// command that ends with that.
+fn is_own(sender: i32, program: i32) -> bool {
+    let this = getpid().as_raw_nonzero().get();
+    let mut process = sender;
+    for _ in 0..ANCESTORS_MAX {
+        if process == program || process == this {
+            return true;
+        }
+        match processes::stat(process) {
+            Some(stat) => process = stat.parent,
+            None => return process == sender,
+        }
+    }
+    false
 }
 
 fn path(start: &ShimStart) -> PathBuf {

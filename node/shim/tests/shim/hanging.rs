@@ -1,9 +1,10 @@
 //! Programs that hang, and are ended for it.
 
 use super::{LONG, Over, STARTED, Shim, exited, signalled, wait_for};
-use comms::io::clock::now;
+use comms::io::clock::{Wakeup, now};
 use rustix::process::{Pid, Signal, kill_process};
 use shim::protocol::{EXIT_FILE, EndReason, Gate, ProgramEnd, ShimOrder, ShimReport};
+use std::os::unix::net::UnixDatagram;
 use std::time::Duration;
 
 const BOUND: Duration = Duration::from_millis(300);
@@ -81,4 +82,26 @@ fn a_program_that_is_being_stopped_is_not_called_hung() {
     wait_for(&shim.dir, "up");
     shim.order(&ShimOrder::Stop { grace: 4 * BOUND });
     shim.expect(&[STARTED, signalled(9), ShimReport::Gone]);
+}
+
+/// The test is no part of the program, so its word for it does not count, and its READY neither.
+#[test]
+fn the_word_of_another_program_does_not_count() {
+    for (watchdog, ready_within, why) in
+        [(Some(BOUND), None, HUNG), (None, Some(BOUND), EndReason::StartTimeout(BOUND))]
+    {
+        let shim = watched(Gate::Exec, watchdog, ready_within, "exec sleep 60");
+        let (socket, to) = (UnixDatagram::unbound().unwrap(), shim.dir.join("beat.sock"));
+        let speaking = std::thread::spawn(move || {
+            let (pause, mut said) = (Wakeup::default(), 0);
+            // Until nobody hears it any more.
+            while socket.send_to(b"WATCHDOG=1\nREADY=1", &to).is_ok() || said == 0 {
+                said += u32::from(to.exists());
+                pause.wait(Some(now() + Duration::from_millis(20)));
+            }
+            said
+        });
+        shim.expect(&[STARTED, ended(6, why), ShimReport::Gone]);
+        assert!(speaking.join().unwrap() > 1);
+    }
 }
