@@ -5,7 +5,8 @@ use seccompiler::{BpfProgram, SeccompAction, SeccompFilter};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Nothing is written there, made or removed. Each other folder of the root is left as it is.
+/// Nothing is written there, made or removed, nor where control groups are: who may move itself to another one has no limits. Each other folder of
+/// the root is left as it is.
 const OF_THE_SYSTEM: [&str; 9] = ["bin", "boot", "etc", "lib", "lib32", "lib64", "libx32", "sbin", "usr"];
 /// What is handled: to write, to make, to remove, to move and to cut files. Source: landlock(7), ABI 3, Linux 6.2; earlier
 /// kernels handle a part of it.
@@ -88,12 +89,37 @@ fn has_seccomp() -> bool {
     !REFUSED.is_empty() && actions.split_whitespace().any(|action| action == "errno")
 }
 
-/// Returns all folders and files of the root, but for those of the system.
+/// Returns where a program may write: the whole root, but for the folders of the system and those of control groups.
 fn places(own: [&Path; 2]) -> Vec<PathBuf> {
-    let root = std::fs::read_dir("/").into_iter().flatten().flatten();
-    let of_system = |name: &std::ffi::OsStr| OF_THE_SYSTEM.iter().any(|system| name == *system);
-    let others = root.filter(|entry| !of_system(&entry.file_name())).map(|entry| entry.path());
-    others.chain(own.map(Path::to_owned)).collect()
+    let root = Path::new("/");
+    let mut closed: Vec<PathBuf> = OF_THE_SYSTEM.iter().map(|name| root.join(name)).collect();
+    closed.extend(control_groups(&std::fs::read_to_string("/proc/self/mounts").unwrap_or_default()));
+    let mut places = own.map(Path::to_owned).to_vec();
+    open(root, &closed, &mut places);
+    places
+}
+
+/// Adds a folder, or what is in it if something there is closed.
+fn open(folder: &Path, closed: &[PathBuf], places: &mut Vec<PathBuf>) {
+    if closed.iter().any(|closed| closed == folder) {
+        return;
+    }
+    if !closed.iter().any(|closed| closed.starts_with(folder)) {
+        return places.push(folder.to_owned());
+    }
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        // A link is the way to a place, and no place.
+        if entry.file_type().is_ok_and(|kind| !kind.is_symlink()) {
+            open(&entry.path(), closed, places);
+        }
+    }
+}
+
+/// Returns where control groups are mounted. Source: proc_pid_mounts(5).
+fn control_groups(mounts: &str) -> Vec<PathBuf> {
+    let fields = mounts.lines().map(|line| line.split(' ').collect::<Vec<_>>());
+    let groups = fields.filter(|fields| matches!(fields.get(2), Some(&("cgroup" | "cgroup2"))));
+    groups.filter_map(|fields| fields.get(1).map(PathBuf::from)).collect()
 }
 
 fn write_nowhere_but(places: &[PathBuf]) -> Result<(), landlock::RulesetError> {
@@ -106,4 +132,25 @@ fn filter() -> Result<BpfProgram, seccompiler::BackendError> {
     let rules: BTreeMap<i64, Vec<_>> = REFUSED.into_iter().map(|call| (call, Vec::new())).collect();
     let arch = std::env::consts::ARCH.try_into()?;
     SeccompFilter::new(rules, SeccompAction::Allow, SeccompAction::Errno(EPERM), arch)?.try_into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_closed_is_left_out_and_all_beside_it_is_open() {
+        let mounts = "sysfs /sys sysfs rw 0 0\ncgroup2 /sys/fs/cgroup/unified cgroup2 rw 0 0\ncgroup /sys/fs/cgroup/pids cgroup rw,pids 0 0\n";
+        assert_eq!(control_groups(mounts), ["/sys/fs/cgroup/unified", "/sys/fs/cgroup/pids"].map(PathBuf::from));
+        let root = std::env::temp_dir().join(format!("dca-places-{}", std::process::id()));
+        for folder in ["etc/a", "sys/class", "sys/fs/cgroup/pids/b", "sys/fs/cgroup/empty", "home/c"] {
+            std::fs::create_dir_all(root.join(folder)).unwrap();
+        }
+        std::os::unix::fs::symlink(root.join("etc"), root.join("link")).unwrap();
+        let mut places = Vec::new();
+        open(&root, &[root.join("etc"), root.join("sys/fs/cgroup/pids")], &mut places);
+        places.sort();
+        assert_eq!(places, ["home", "sys/class", "sys/fs/cgroup/empty"].map(|open| root.join(open)));
+        std::fs::remove_dir_all(root).unwrap();
+    }
 }
