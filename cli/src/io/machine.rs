@@ -6,6 +6,7 @@ use comms::io::session;
 use comms::logic::human::cause;
 use node::io::folder::no_folder;
 use node::io::programs::ANSWER_WITHIN;
+use node::io::run_dir::RunDir;
 use node::io::{cgroup, policy, programs, run_dir};
 use rustix::fs::{Access, access, statvfs};
 use rustix::process::{Resource, getrlimit};
@@ -20,7 +21,7 @@ const CHRT: &str = "chrt";
 /// Returns this machine as it is; `run` and `state` are the folders that nodes would use, none if the system has none.
 pub async fn look(run: &Path, state: Option<&Path>) -> Machine {
     let (interfaces, discovery) = session::discovery().await;
-    let folders = [("sockets", Some(run)), ("database", state)];
+    let folders = vec![("sockets", sockets(run)), ("database", state.map_or_else(no_database, folder))];
     Machine {
         has_groups: cgroup::is_possible(),
         clock: clock::belief(),
@@ -29,7 +30,7 @@ pub async fn look(run: &Path, state: Option<&Path>) -> Machine {
         listening: listen().map_err(|error| cause(&error)),
         files: getrlimit(Resource::Nofile).maximum,
         realtime: realtime(),
-        folders: folders.into_iter().filter_map(|(what, path)| Some((what, folder(path?)))).collect(),
+        folders,
         shim: shim(&programs::beside("dca-shim")),
         version: env!("CARGO_PKG_VERSION").to_owned(),
         controllers: controllers(&programs::beside("dca-controller")),
@@ -68,6 +69,19 @@ fn realtime() -> Result<(), String> {
         Ok((_, false)) => Err("the kernel refuses it to this user".to_owned()),
         Err(why) => Err(format!("{why} (it is a program of util-linux)")),
     }
+}
+
+/// Looks at the folder that nodes would have their sockets in; a node there has a name of one letter at least.
+fn sockets(run: &Path) -> Folder {
+    let writing = RunDir::path_of(run, "n").map_err(|error| error.to_string());
+    let found = folder(run);
+    Folder { writing: writing.map(drop).and_then(|()| found.writing.clone()), ..found }
+}
+
+/// What is found of a folder that nobody has named, where there is none by itself.
+fn no_database() -> Folder {
+    let why = "neither root nor a user with a `HOME`, and no `--state`".to_owned();
+    Folder { path: "the database".to_owned(), free: None, writing: Err(why) }
 }
 
 /// Looks at a folder; where it is not there yet, at the one that it would be made in.
@@ -115,6 +129,14 @@ mod tests {
             let why = folder(Path::new(file)).writing.unwrap_err();
             assert_eq!(why, "`/dev/null` is a file, where a folder is expected");
         }
+    }
+
+    #[test]
+    fn a_folder_that_a_node_would_refuse_is_no_good_one() {
+        assert_eq!(sockets(&std::env::temp_dir()).writing, Ok(()));
+        let deep = std::env::temp_dir().join("x".repeat(90));
+        assert!(sockets(&deep).writing.unwrap_err().contains("too deep"), "its sockets have no room");
+        assert!(no_database().writing.is_err());
     }
 
     #[test]
