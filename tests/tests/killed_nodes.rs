@@ -145,7 +145,10 @@ fn every_program_is_found_again_and_every_end_is_told() {
     let after = programs(&cluster);
     assert!(after.iter().all(|(path, process)| before.get(path) == Some(process)), "a program was started again");
     end(&before, ENDING..PROGRAMS);
-    let ended = mission.ended(SOON);
-    assert_eq!(ended.code, Some(0), "{ended}");
+    // Who watches gives the node up after 5 s, which all that may take on a busy machine. The mission goes on.
+    let watched = mission.ended(SOON);
+    assert!(matches!(watched.code, Some(0 | 3)), "{watched}");
+    let finished = || here.ask(&["events", "many"]).out.contains("finished: done");
+    wait_until(SOON, finished).unwrap_or_else(|| panic!("{watched}{}", here.ask(&["events", "many"])));
     drop(node);
 }
