@@ -9,7 +9,8 @@ use comms::logic::time::Time;
 use dca_tests::cluster::{Cluster, Host, Hosts, Program, SOON, Stream, executable, pass, wait_until};
 use node::logic::protocol::LostValues;
 use rustix::process::Signal;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::ffi::OsString;
 use std::time::Duration;
 
 /// How many there are on the side of the many.
@@ -325,6 +326,8 @@ fn missing_over_lives(name: &str, life: &[Heard], restarts: usize) -> u64 {
 #[test]
 fn whoever_is_killed_leaves_nothing_behind() {
     const KILLS: usize = 4;
+    // A benchmark may have files there.
+    let others = shared_memory();
     let cluster = Cluster::new();
     let here = cluster.here();
     let _node = here.node("c1", &[]);
@@ -354,8 +357,12 @@ fn whoever_is_killed_leaves_nothing_behind() {
         let missing: u64 = lives.iter().map(|life| missing_over_lives(name, life, KILLS)).sum();
         println!("{name}: {} heard, {missing} missing and counted", lives.concat().len());
     }
-    let left = std::fs::read_dir("/dev/shm").into_iter().flatten().flatten();
-    let left: Vec<_> =
-        left.map(|entry| entry.file_name()).filter(|name| name.to_string_lossy().contains("dca")).collect();
+    let left: Vec<_> = shared_memory().difference(&others).cloned().collect();
     assert!(left.is_empty(), "{left:?}");
+}
+
+/// Returns what has a name in the memory that programs share, and may be of DCA.
+fn shared_memory() -> BTreeSet<OsString> {
+    let entries = std::fs::read_dir("/dev/shm").into_iter().flatten().flatten();
+    entries.map(|entry| entry.file_name()).filter(|name| name.to_string_lossy().contains("dca")).collect()
 }

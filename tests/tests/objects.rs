@@ -73,7 +73,7 @@ fn what_cannot_be_called_says_why() {
     let (here, _running) = deployed(&cluster);
     for (arguments, code, why) in [
         (&["call", "nobody.Drive"][..], 1, "no process `nobody` is running"),
-        (&["call", "other:wheels.Drive"], 1, "no process `wheels` is running"),
+        (&["call", "other:wheels.Drive"], 1, "no process `other:wheels` is running"),
         (&["call", "wheels.Fly"], 1, "it exports no `Fly`; there are `Drive`, `place`"),
         (&["call", "trip.Drive"], 1, "it exports no `Drive`; it exports nothing"),
         (&["call", "wheels.Drive"], 1, "its argument is missing; expected Go { speed: Speed }"),
