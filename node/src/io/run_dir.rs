@@ -34,6 +34,7 @@ use comms::io::entropy;
 use comms::io::file::{self, Privacy};
 use names::{NAME_MAX, folder_name};
 use rustix::fs::{FlockOperation, flock};
+use rustix::process::getuid;
 use std::fs::{self, File, Permissions};
 use std::io::{self, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt, chown};
@@ -144,7 +145,7 @@ pub enum RunDirError {
 /// Returns the default base folder of this user: that of the node which the service manager keeps running as this user, if
 /// there is one (`RuntimeDirectory=` of its unit), else one of the user's own.
 pub fn default_base() -> PathBuf {
-    let uid = rustix::process::getuid().as_raw();
+    let uid = getuid().as_raw();
     let service = PathBuf::from(SERVICE);
     let run = PathBuf::from(format!("/run/user/{uid}"));
     if is_own(&service) {
@@ -206,7 +207,7 @@ pub fn groups(base: &Path) -> Vec<PathBuf> {
 
 /// Returns whether a folder belongs to this user, and is no link to another.
 fn is_own(path: &Path) -> bool {
-    fs::symlink_metadata(path).is_ok_and(|folder| folder.is_dir() && folder.uid() == rustix::process::getuid().as_raw())
+    fs::symlink_metadata(path).is_ok_and(|folder| folder.is_dir() && folder.uid() == getuid().as_raw())
 }
 
 /// Makes a folder for the nodes of this command alone; ends and removes what commands that were killed have left. Blocks.
@@ -360,6 +361,12 @@ pub(crate) fn other(node: &Path, path: &Path) -> PathBuf {
     of_others(node).join(path.strip_prefix(node).unwrap_or(path))
 }
 
+/// Returns the user and the group of the program with this folder in that of its node, if it runs as another user.
+pub(crate) fn user_of(node: &Path, process: &Path) -> Option<(u32, u32)> {
+    let own = fs::symlink_metadata(other(node, process)).ok().filter(fs::Metadata::is_dir)?;
+    (own.uid() != getuid().as_raw()).then(|| (own.uid(), own.gid()))
+}
+
 /// Makes the folder for the sockets of a program that runs as another user, who alone may look into it; the group of that user may enter
 /// those above it.
 ///
@@ -421,7 +428,7 @@ fn check_own(path: &Path) -> Result<(), RunDirError> {
     let (owner, path) = (found.uid(), path.to_owned());
     if found.is_symlink() {
         Err(RunDirError::Link { path })
-    } else if owner != rustix::process::getuid().as_raw() {
+    } else if owner != getuid().as_raw() {
         Err(RunDirError::Foreign { path, owner })
     } else if found.mode() & 0o002 != 0 {
         Err(RunDirError::Open { path })
@@ -465,7 +472,7 @@ mod tests {
         fs::create_dir_all(folder.join("named")).unwrap();
         symlink(&own, folder.join("named/c1")).unwrap();
         assert!(RunDir::take(&folder.join("named"), "c1").unwrap_err().to_string().contains("is a link"));
-        if rustix::process::getuid().is_root() {
+        if getuid().is_root() {
             chown(&own, Some(12345), None).unwrap();
             assert!(check(&own).contains("belongs to user 12345"));
         } else {

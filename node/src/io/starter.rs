@@ -158,7 +158,7 @@ impl Starter {
         let Start { process, order, shim, control, node, .. } = &adopted.start;
         self.database.connect(order);
         // Where it talks to its node it was told when it was started.
-        let user = others::user_of(node, &shim.dir);
+        let user = run_dir::user_of(node, &shim.dir);
         let control = control.as_ref().map(|path| user.map_or_else(|| path.clone(), |_| run_dir::other(node, path)));
         let at = (process.deployment.clone(), control.unwrap_or_default());
         if adopted.start.control.is_some() && !self.listeners.contains_key(&at) {

@@ -17,7 +17,6 @@ use shim::processes::{self, Stat};
 use std::collections::BTreeSet;
 use std::ffi::OsStr;
 use std::os::unix::ffi::OsStrExt;
-use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -338,9 +337,9 @@ fn comm(pid: i32) -> Option<String> {
 fn read_record(dir: &Path) -> Option<Recorded> {
     let bytes = file::bytes_itself(&dir.join(RECORD_FILE), RECORD_MAX).ok()?;
     let own = getuid().as_raw();
-    // That of a program which runs as another user has a folder of its own, and may not enter this one.
-    let other = dir.ancestors().nth(2).and_then(|node| std::fs::symlink_metadata(run_dir::other(node, dir)).ok());
-    let users = [own, other.map_or(own, |folder| folder.uid())];
+    // A program that runs as another user has a folder of its own, and may not enter this one.
+    let other = dir.ancestors().nth(2).and_then(|node| run_dir::user_of(node, dir));
+    let users = [own, other.map_or(own, |(user, _)| user)];
     Some(Recorded { record: ProcessRecord::parse(&String::from_utf8_lossy(&bytes)), users })
 }
 

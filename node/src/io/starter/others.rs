@@ -4,10 +4,7 @@
 use crate::io::run_dir::{self, CONTROL_VARIABLE, DATA_SOCKET, DATA_VARIABLE, TEAM_VARIABLE};
 use anyhow::Context;
 use comms::io::control::{ControlError, Listener};
-use rustix::process::getuid;
 use shim::protocol::ShimStart;
-use std::fs;
-use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use team::member::Member;
 
@@ -40,12 +37,6 @@ pub(super) fn move_to_user(
     }
     start.sandbox.own = Some(own);
     Ok(control)
-}
-
-/// Returns the user and the group of a program of an earlier node, if it runs as another user.
-pub(super) fn user_of(node: &Path, process: &Path) -> Option<(u32, u32)> {
-    let own = fs::symlink_metadata(run_dir::other(node, process)).ok().filter(fs::Metadata::is_dir)?;
-    (own.uid() != getuid().as_raw()).then(|| (own.uid(), own.gid()))
 }
 
 /// Listens for programs of this user, or of another one.
