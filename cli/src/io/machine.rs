@@ -73,15 +73,17 @@ fn realtime() -> Result<(), String> {
 
 /// Looks at the folder that nodes would have their sockets in; a node there has a name of one letter at least.
 fn sockets(run: &Path) -> Folder {
-    let writing = RunDir::path_of(run, "n").map_err(|error| error.to_string());
     let found = folder(run);
-    Folder { writing: writing.map(drop).and_then(|()| found.writing.clone()), ..found }
+    match RunDir::path_of(run, "n") {
+        Ok(_) => found,
+        Err(error) => Folder { writing: Err(error.to_string()), ..found },
+    }
 }
 
-/// What is found of a folder that nobody has named, where there is none by itself.
+/// Returns what is found for a node that has no folder for its database: nobody has named one, and this user has none by default.
 fn no_database() -> Folder {
-    let why = "neither root nor a user with a `HOME`, and no `--state`".to_owned();
-    Folder { path: "the database".to_owned(), free: None, writing: Err(why) }
+    let why = "there is no `HOME`, and no `--state` names another folder".to_owned();
+    Folder { path: "$HOME/.local/state/dca".to_owned(), free: None, writing: Err(why) }
 }
 
 /// Looks at a folder; where it is not there yet, at the one that it would be made in.
