@@ -1,7 +1,7 @@
 //! The fate of programs that die, and of programs on a host that is cut off, as the spec says.
 
 use comms::io::clock::now;
-use dca_tests::cluster::{Cluster, Network, Process, Program, SOON, Stream, Trace, spec, wait_until};
+use dca_tests::cluster::{Cluster, Network, Program, SOON, Stream, Trace, spec, wait_until};
 use node::logic::protocol::{Change, Ending, ProcessStatus};
 use rustix::process::Signal;
 use std::time::Duration;
@@ -17,12 +17,7 @@ fn restarts(trace: &Trace, leaf: &str) -> (usize, usize) {
 
 #[track_caller]
 fn kill(cluster: &Cluster, leaf: &str) {
-    program(cluster, leaf).signal(Signal::KILL);
-}
-
-#[track_caller]
-fn program(cluster: &Cluster, leaf: &str) -> Process {
-    cluster.expect_leaf(leaf)
+    cluster.expect_leaf(leaf).signal(Signal::KILL);
 }
 
 /// The laser, the law that servos, the one that moves the robot, and a hand that waits for its turn are killed while the

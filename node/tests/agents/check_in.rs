@@ -64,6 +64,17 @@ fn begun(hosts: &[&str], text: &str) -> (World, u64) {
     (world, call)
 }
 
+/// Takes c2 away for so long, where the program of the first leaf dies meanwhile, and brings it back. Returns how often something had begun
+/// anywhere by then.
+fn die_while_away(world: &mut World, way: Away, away: Duration) -> usize {
+    world.take_away("c2", way);
+    world.kill("c2", 0);
+    world.run_for(away);
+    let before = world.begins.len();
+    world.bring_back("c2");
+    before
+}
+
 fn is_told(world: &World, call: u64, wanted: impl Fn(&Change) -> bool) -> bool {
     let is_it = |answer: &Answer| matches!(answer, Answer::Report(Report::Process { change, .. }) if wanted(change));
     world.answers[&call].iter().any(is_it)
@@ -97,11 +108,7 @@ fn what_has_failed_meanwhile_is_not_started_again() {
 fn what_is_still_wanted_is_started_again_at_once() {
     for (way, millis) in [(Away::Killed, 500), (Away::Killed, 4900), (Away::Suspended, 500), (Away::Suspended, 5900)] {
         let (mut world, call) = begun(&["c1", "c2"], INSTEAD);
-        world.take_away("c2", way);
-        world.kill("c2", 0);
-        world.run_for(Duration::from_millis(millis));
-        let before = world.begins.len();
-        world.bring_back("c2");
+        let before = die_while_away(&mut world, way, Duration::from_millis(millis));
         world.run_for(Duration::from_millis(30));
         assert_eq!(world.begun_since(before, "c2"), ["main/far", "Long"], "{way:?} for {millis} ms");
         world.run_for(Duration::from_secs(1));
@@ -137,11 +144,7 @@ fn a_home_that_cannot_be_reached_is_lost_in_the_end() {
             let text = INSTEAD.replace("restart transient; ", &format!("restart transient; {policy}"));
             let (mut world, _) = begun(&["c1", "c2"], &text);
             cut(&mut world, "c2");
-            world.take_away("c2", way);
-            world.kill("c2", 0);
-            world.run_for(Duration::from_secs(9));
-            let before = world.begins.len();
-            world.bring_back("c2");
+            let before = die_while_away(&mut world, way, Duration::from_secs(9));
             world.run_for(Duration::from_secs(3));
             assert!(world.begun_since(before, "c2").is_empty(), "{policy}{way:?}: the home may be back any moment");
             world.run_for(Duration::from_secs(7));
@@ -188,11 +191,7 @@ process main() {
     for (way, other) in WAYS.into_iter().flat_map(|way| ["c2", "c3"].map(|other| (way, other))) {
         for (seconds, expected) in [(9, &[][..]), (4, &["Sensor"])] {
             let (mut world, _) = begun(&["c1", "c2", "c3"], &text.replace("OTHER", other));
-            world.take_away("c2", way);
-            world.kill("c2", 0);
-            world.run_for(Duration::from_secs(seconds));
-            let before = world.begins.len();
-            world.bring_back("c2");
+            let before = die_while_away(&mut world, way, Duration::from_secs(seconds));
             world.run_for(Duration::from_millis(300));
             assert_eq!(world.begun_since(before, other), expected, "{way:?} for {seconds} s, next on {other}");
         }
@@ -228,10 +227,7 @@ process main() {
 fn orders_of_the_home_are_carried_out_as_ever() {
     for way in WAYS {
         let (mut world, call) = begun(&["c1", "c2"], &INSTEAD.replace("far else near", "retry(9, pause 1 s) far"));
-        world.take_away("c2", way);
-        world.kill("c2", 0);
-        world.run_for(Duration::from_secs(9));
-        world.bring_back("c2");
+        die_while_away(&mut world, way, Duration::from_secs(9));
         world.run_for(Duration::from_secs(4));
         assert_eq!(active(&world, "c2"), [0], "{way:?}: the next try finds its program");
         world.take_away("c2", way);
