@@ -6,7 +6,7 @@
 #![expect(clippy::print_stdout, reason = "the figures are the result")]
 
 #[expect(dead_code, reason = "the tests need more of it")]
-#[path = "../tests/lsp/editor.rs"]
+#[path = "../tests/all/lsp/editor.rs"]
 mod editor;
 
 use editor::Editor;

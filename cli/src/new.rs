@@ -215,7 +215,7 @@ mod tests {
     use super::*;
     use language::{Options, Source, compile, format};
 
-    /// The specs are formatted; real processes run them in `tests/tests/new.rs`.
+    /// The specs are formatted; real processes run them in `tests/tests/all/new.rs`.
     #[test]
     fn the_specs_are_good_and_formatted() {
         let interface = "type Level = { value: Number };

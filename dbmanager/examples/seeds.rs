@@ -3,10 +3,10 @@
 //!
 //! The named cases run first. `--example faults` runs them with injected faults.
 
-#[path = "../tests/simulation/scenes.rs"]
+#[path = "../tests/all/simulation/scenes.rs"]
 mod scenes;
 #[expect(dead_code, reason = "it is part of the tests, and the named cases use more of it")]
-#[path = "../tests/simulation/world.rs"]
+#[path = "../tests/all/simulation/world.rs"]
 mod world;
 
 use std::process::ExitCode;

@@ -73,7 +73,7 @@ pub(crate) fn apply(faults: &[Fault], logic: &Path) -> Result<BTreeMap<&'static 
 pub(crate) fn write_copy(to: &Path) -> io::Result<()> {
     let room = Path::new(env!("CARGO_MANIFEST_DIR"));
     let house = room.parent().unwrap_or(room);
-    for part in ["dbmanager/Cargo.toml", "dbmanager/src", "dbmanager/tests/simulation"] {
+    for part in ["dbmanager/Cargo.toml", "dbmanager/src", "dbmanager/tests/all/simulation"] {
         copy(&house.join(part), &to.join(part))?;
     }
     copy(&house.join("Cargo.lock"), &to.join("Cargo.lock"))?;

@@ -1,9 +1,9 @@
 //! In the copy: runs the seeds with each injected fault, and the scenes with those that no seed has found.
 
-#[path = "../tests/simulation/scenes.rs"]
+#[path = "../tests/all/simulation/scenes.rs"]
 mod scenes;
 #[allow(dead_code, reason = "it is part of the tests")]
-#[path = "../tests/simulation/world.rs"]
+#[path = "../tests/all/simulation/world.rs"]
 mod world;
 
 use dbmanager::logic::fault;

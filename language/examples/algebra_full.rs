@@ -10,17 +10,17 @@
 //! nothing is said, leaves are constants and members that may occur twice.
 #![expect(clippy::print_stdout, reason = "its output is its result")]
 
-#[path = "../tests/algebra/enumerate.rs"]
+#[path = "../tests/all/algebra/enumerate.rs"]
 mod enumerate;
-#[path = "../tests/algebra/exhaustive.rs"]
+#[path = "../tests/all/algebra/exhaustive.rs"]
 mod exhaustive;
-#[path = "../tests/algebra/pair.rs"]
+#[path = "../tests/all/algebra/pair.rs"]
 mod pair;
-#[path = "../tests/algebra/random.rs"]
+#[path = "../tests/all/algebra/random.rs"]
 mod random;
-#[path = "../tests/reference/rewrite.rs"]
+#[path = "../tests/all/algebra/reference/rewrite.rs"]
 mod reference;
-#[path = "../tests/algebra/spec.rs"]
+#[path = "../tests/all/algebra/spec.rs"]
 mod spec;
 
 use enumerate::{Leaves, Operators, Size};

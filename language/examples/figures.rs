@@ -10,7 +10,7 @@
 
 #[path = "../tests/allocation/counter.rs"]
 mod counter;
-#[path = "../tests/size/spec.rs"]
+#[path = "../tests/all/size/spec.rs"]
 mod spec;
 
 use counter::allocations;

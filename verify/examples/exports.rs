@@ -2,11 +2,11 @@
 //!
 //! `cargo run --release -p verify --example exports -- FOLDER 1000`
 
-#[path = "../tests/rewriting/random.rs"]
+#[path = "../tests/all/rewriting/random.rs"]
 mod random;
-#[path = "../tests/exports/specs.rs"]
+#[path = "../tests/all/exports/specs.rs"]
 mod specs;
-#[path = "../tests/rewriting/text.rs"]
+#[path = "../tests/all/rewriting/text.rs"]
 mod text;
 
 use std::path::Path;

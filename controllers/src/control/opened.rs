@@ -17,7 +17,7 @@
 //! (R / r - 1) over the arc since the wall was seen, with R as it was seen then; the arc that is seen is a + d, which is on the safe
 //! side, for the estimate of r lags. Beyond a share the wheels have slipped for sure.
 //!
-//! Source: ours. In the good runs of `tests/tests/false_success.rs` leaf and truth differ by at most 1 degree, hand and leaf
+//! Source: ours. In the good runs of `tests/tests/all/false_success.rs` leaf and truth differ by at most 1 degree, hand and leaf
 //! by at most 10; the estimate is ahead by 5, with wheels that slip by up to 41.
 
 use super::filter::Debounce;

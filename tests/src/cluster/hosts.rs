@@ -2,13 +2,12 @@
 
 use super::{Cluster, Host, Network, Program, SOON, Trace};
 use rustix::process::Signal;
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// The names of the nodes: `NAMES[0]` is on host 1.
 pub const NAMES: [&str; 3] = ["c1", "c2", "c3"];
 
-/// Hosts on a network of namespaces. One test of a program has them at a time, because tests measure the machine.
+/// Hosts on a network of namespaces.
 #[derive(Debug)]
 pub struct Hosts {
     // Dropped in this order: the processes, their folder, the network.
@@ -18,7 +17,6 @@ pub struct Hosts {
     pub cluster: Cluster,
     /// The network.
     pub network: Network,
-    _alone: MutexGuard<'static, ()>,
 }
 
 impl Hosts {
@@ -36,15 +34,13 @@ impl Hosts {
     /// # Panics
     /// As [`Hosts::start`].
     pub fn start_with(count: usize, log: Option<&str>, arguments: &[&str]) -> Option<Self> {
-        static ALONE: Mutex<()> = Mutex::new(());
-        let alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
         let (cluster, network) = (Cluster::new(), Network::new(count)?);
         let start = |(number, name)| {
             let host = cluster.host(&network, number);
             log.map_or(host.clone(), |log| host.with_log(log)).node(name, &[&["--lan"], arguments].concat())
         };
         let nodes = (1..).zip(NAMES).map(start).collect();
-        Some(Self { nodes, cluster, network, _alone: alone })
+        Some(Self { nodes, cluster, network })
     }
 
     /// Returns a host, by its number from 1.

@@ -1,0 +1,5 @@
+//! The tests of `cli`, in one program.
+
+mod editors;
+mod lsp;
+mod nodes;

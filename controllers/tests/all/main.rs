@@ -1,0 +1,5 @@
+//! The tests of `controllers`, in one program.
+
+mod adoption;
+mod group;
+mod process;

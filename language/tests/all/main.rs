@@ -1,0 +1,21 @@
+//! The tests of `language`, in one program.
+
+// What several of them read or draw.
+mod disk;
+mod good_files;
+mod random;
+mod shown;
+
+mod algebra;
+mod corpus;
+mod editors;
+mod format;
+mod graph;
+mod growth;
+mod hostile;
+mod ide;
+mod manual;
+mod robustness;
+mod rules;
+mod simulate;
+mod size;

@@ -1,0 +1,194 @@
+//! Programs that come and go, and event actions that become others, while a deployment runs; and many people at once.
+
+use super::changes::{FEED, check, is_over, lives, outcome, revision, start};
+use super::world::{Draw, World};
+use node::logic::protocol::{Answer, Change, Ending, Report};
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+/// One more program, which hears the sensor.
+fn with_extra(way: &str) -> String {
+    FEED.replace(
+        "task instof Long",
+        &format!("extra instof Tuned(\"c2\", {way}) {{ watchdog 200 ms; }}; task instof Long"),
+    )
+    .replace(
+        "internal_event_actions {",
+        "internal_connections(extra, ear) { sensor, Out -> extra, In; }\n    internal_event_actions {",
+    )
+    .replace("# task }", "# extra[ear] # task }")
+}
+
+fn activated<'a>(world: &'a World, call: u64) -> Vec<&'a str> {
+    let path = |answer: &'a Answer| match answer {
+        Answer::Report(Report::Process { path, change: Change::Activated, .. }) => Some(path.as_str()),
+        _ => None,
+    };
+    world.answers[&call].iter().filter_map(path).collect()
+}
+
+/// The same, without an end.
+fn endless(text: &str) -> String {
+    text.replace("# task }", "# (task ;; skip) }")
+}
+
+#[test]
+fn a_program_is_added_runs_and_is_taken_away_and_all_others_stay() {
+    let mut world = World::new(&["c1", "c2"]);
+    let feed = endless(FEED);
+    let call = world.deploy("c1", &feed);
+    world.run_for(Duration::from_secs(1));
+    let before = world.running.clone();
+    let change = world.change("c1", &endless(&with_extra("better")), (1, 0), &[]);
+    world.run_for(Duration::from_secs(5));
+    let lines = outcome(&world, change).unwrap();
+    let expected = [
+        "add        main/extra: Tuned on `c2`",
+        "act        main: its event actions",
+        "connect    main/sensor, Out -> main/extra, In",
+    ];
+    assert_eq!(lines, expected);
+    assert_eq!(lives(&world), [1, 1, 1, 1, 1]);
+    check(&mut world);
+    assert!(activated(&world, call).ends_with(&["main/extra"]), "{:?}", activated(&world, call));
+    assert!(before.iter().all(|(process, activation)| world.running.get(process) == Some(activation)));
+    // The same spec again changes nothing, and a change of the new one is one like any other.
+    let again = world.change("c1", &endless(&with_extra("better")), (1, 1), &[]);
+    world.run_for(Duration::from_secs(1));
+    assert_eq!(outcome(&world, again), Ok(vec![]));
+    let away = world.change("c1", &feed, (1, 1), &[]);
+    world.run_for(Duration::from_secs(5));
+    assert_eq!(outcome(&world, away).map(|lines| lines.len()), Ok(3));
+    assert_eq!((lives(&world), world.alive.len()), (vec![1, 1, 1, 1, 1], 4), "it has left, and no other has");
+    check(&mut world);
+    // It comes back under the number that it had.
+    let back = world.change("c1", &endless(&with_extra("better")), (1, 2), &[]);
+    world.run_for(Duration::from_secs(5));
+    assert!(outcome(&world, back).is_ok());
+    assert_eq!(lives(&world), [1, 1, 1, 1, 2]);
+    check(&mut world);
+    world.stop("c1");
+    world.run_for(Duration::from_secs(20));
+    assert_eq!(world.ending(call), &Ending::Stopped);
+    assert_eq!((&world.alive, &world.wires_open), (&BTreeSet::new(), &BTreeSet::new()));
+}
+
+#[test]
+fn an_added_program_that_is_not_healthy_is_taken_away_and_the_mission_goes_on() {
+    for way in ["dies", "aborts", "missing"] {
+        let mut world = World::new(&["c1", "c2"]);
+        let call = start(&mut world);
+        let change = world.change("c1", &with_extra(way), (1, 0), &[]);
+        world.run_for(Duration::from_secs(6));
+        let reasons = outcome(&world, change).unwrap_err();
+        let why =
+            if way == "missing" { "cannot be started" } else { "the new program of `main/extra` was not healthy" };
+        assert!(reasons[0].contains(why), "{way}: {reasons:?}");
+        assert_eq!((world.alive.len(), revision(&mut world).revision), (4, 0), "{way}");
+        check(&mut world);
+        assert!(!is_over(&world, call), "{way}");
+        world.run_for(Duration::from_secs(20));
+        assert_eq!(world.ending(call), &Ending::Done(vec![]), "{way}");
+    }
+}
+
+/// What runs has to stand in the new event actions; all that is against it is told.
+#[test]
+fn event_actions_change_where_what_runs_has_its_place() {
+    let mut world = World::new(&["c1", "c2"]);
+    let call = start(&mut world);
+    let then = FEED.replace("# task }", "# (task ; (wait(1 s) # never)) }");
+    let change = world.change("c1", &then, (1, 0), &[]);
+    world.run_for(Duration::from_secs(1));
+    assert_eq!(outcome(&world, change), Ok(vec!["act        main: its event actions".to_owned()]));
+    let other = then.replace("sensor[feed] # filter[on]", "(sensor[feed] ; filter[on])");
+    let change = world.change("c1", &other, (1, 1), &[]);
+    world.run_for(Duration::from_secs(1));
+    let why = "host `c1`: the event actions of `main` cannot change now: `main/filter` runs, and the new ones have no place for \
+               it there; wait until that has ended, or stop the deployment";
+    assert_eq!(outcome(&world, change), Err(vec![why.to_owned()]));
+    check(&mut world);
+    world.run_for(Duration::from_secs(20));
+    assert_eq!(world.ending(call), &Ending::Done(vec![]));
+}
+
+/// Programs are added and taken away, event actions change, and something is killed or lost: it is so everywhere or nowhere.
+#[test]
+fn what_comes_and_goes_does_so_everywhere_or_nowhere() {
+    let (mut made, mut undone) = (0, 0);
+    for seed in 0..600 {
+        let mut draw = Draw::new(seed);
+        let mut world = World::new(&["c1", "c2"]);
+        world.loses_by_chance = (seed % 3 > 0).then(|| (Draw::new(!seed), 4 + seed % 20));
+        let call = start(&mut world);
+        let ways = ["good", "better", "dies", "aborts"];
+        let mut calls = Vec::new();
+        for round in 0..3 {
+            let text = match draw.below(4) {
+                0 => FEED.to_owned(),
+                1 => FEED.replace("# task }", "# (task ; skip) }"),
+                _ => with_extra(ways[draw.index(4)]),
+            };
+            let seen = calls
+                .iter()
+                .filter(|call| {
+                    world.answers.contains_key(*call) && outcome(&world, **call).is_ok_and(|lines| !lines.is_empty())
+                })
+                .count();
+            calls.push(world.change("c1", &text, (1, u32::try_from(seen).unwrap()), &[]));
+            world.run_for(Duration::from_millis(draw.below(40)));
+            if round == 1 {
+                match draw.below(4) {
+                    0 => world.kill_if_alive("c2", 1),
+                    1 => world.kill_if_alive("c2", 4),
+                    2 => drop(world.stop("c1")),
+                    _ => {}
+                }
+            }
+            world.run_for(Duration::from_secs(8));
+            if world.answers.contains_key(&calls[round]) && !is_over(&world, call) {
+                check(&mut world);
+                let live = revision(&mut world).plan.live_leaves().len();
+                assert!(world.alive.len() <= live, "seed {seed}: {:?}", world.alive);
+            }
+            match world.answers.contains_key(&calls[round]).then(|| outcome(&world, calls[round])) {
+                Some(Ok(_)) => made += 1,
+                Some(Err(_)) => undone += 1,
+                None => {}
+            }
+        }
+        world.run_for(Duration::from_secs(90));
+        assert!(is_over(&world, call), "seed {seed}: {:?}", world.answers[&call]);
+        assert_eq!((&world.alive, &world.wires_open), (&BTreeSet::new(), &BTreeSet::new()), "seed {seed}");
+    }
+    assert!(made > 300 && undone > 300, "{made} made, {undone} not");
+}
+
+/// A hundred people deploy one name at the same time, again and again, from both hosts: one wins, the others are told who.
+#[test]
+fn of_many_deploys_of_one_name_one_wins_and_nothing_is_mixed() {
+    for seed in 0..20 {
+        let mut draw = Draw::new(seed);
+        let mut world = World::new(&["c1", "c2"]);
+        world.run_for(Duration::from_millis(10));
+        let texts = [FEED.to_owned(), with_extra("good"), FEED.replace("Tuned(\"c2\")", "Tuned(\"c2\", better)")];
+        let mut calls = Vec::new();
+        for _ in 0..100 {
+            let which = draw.index(3);
+            calls.push((world.deploy("c1", &texts[which]), which));
+            world.run_for(Duration::from_millis(draw.below(3)));
+        }
+        world.run_for(Duration::from_secs(3));
+        let is_refused = |call: &u64| matches!(world.last_report(*call), Report::Refused { .. });
+        let winners: Vec<_> = calls.iter().filter(|(call, _)| !is_refused(call)).collect();
+        assert_eq!(winners.len(), 1, "seed {seed}");
+        for (call, _) in calls.iter().filter(|(call, _)| is_refused(call)) {
+            let Report::Refused { reasons } = world.last_report(*call) else { unreachable!("it is refused") };
+            assert!(reasons[0].starts_with("`test` is already deployed by ann"), "{reasons:?}");
+        }
+        let leaves = if winners[0].1 == 1 { 5 } else { 4 };
+        assert_eq!((world.alive.len(), lives(&world)), (leaves, vec![1; leaves]), "seed {seed}");
+        world.run_for(Duration::from_secs(20));
+        assert_eq!(world.ending(winners[0].0), &Ending::Done(vec![]), "seed {seed}");
+    }
+}

@@ -1,0 +1,140 @@
+//! `dca estop` on virtual time: what is asked ends at once, whatever the plan still wants, and nothing begins before the release.
+
+use super::TWO_HOSTS;
+use super::losses::{FOUR, cut, heal};
+use super::world::World;
+use node::logic::protocol::{Answer, Ending, Estop, Estopped, FailureCause, Report, Request};
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+fn estop() -> Estop {
+    Estop { by: "ann@c1".into(), reason: "a person in the cell".into() }
+}
+
+fn stop_all(world: &mut World, host: &str) -> u64 {
+    world.ask(host, Request::Estop(estop()))
+}
+
+fn nothing_left() -> Answer {
+    Answer::Estopped(Estopped::default())
+}
+
+/// The hosts of the programs that are there.
+fn hosts_alive(world: &World) -> BTreeSet<String> {
+    world.alive.iter().map(|(host, _)| host.clone()).collect()
+}
+
+#[test]
+fn everything_ends_without_what_the_plan_does_at_its_end_and_stays_so() {
+    let mut world = World::new(&["c1", "c2"]);
+    let text = TWO_HOSTS.replace("first instof Step", "first instof Long").replace("pair ; last", "pair finally last");
+    let call = world.deploy("c1", &text);
+    world.run_for(Duration::from_millis(500));
+    let asked = ["c1", "c2"].map(|host| stop_all(&mut world, host));
+    world.run_for(Duration::from_secs(3));
+    for asked in asked {
+        assert_eq!(world.answers[&asked], [nothing_left()]);
+    }
+    assert_eq!(world.alive, BTreeSet::new());
+    assert!(!world.log.iter().any(|line| line == "Step with wires {}"), "`last` has not run: {:?}", world.log);
+    let Ending::Aborted(failure) = world.ending(call) else { panic!("{:?}", world.ending(call)) };
+    assert_eq!(failure.cause, FailureCause::Estop(estop()));
+    assert!(failure.to_string().starts_with("main: was ended: everything was stopped by ann@c1: a person in the cell"));
+    assert_eq!((&world.estops["c1"], &world.estops["c2"]), (&Some(estop()), &Some(estop())));
+
+    let refused = world.deploy("c1", TWO_HOSTS);
+    world.run_for(Duration::from_secs(3));
+    let Report::Refused { reasons } = world.last_report(refused) else { panic!("not refused") };
+    let why = "everything was stopped by ann@c1: a person in the cell; `dca estop --release` lets programs begin again";
+    assert_eq!(reasons, &[why]);
+    let released = world.ask("c1", Request::ReleaseEstop);
+    world.run_for(Duration::from_millis(10));
+    assert_eq!(world.answers[&released], [Answer::Released { was_stopped: true, unwritten: None }]);
+    let refused = world.deploy("c1", TWO_HOSTS);
+    world.run_for(Duration::from_secs(3));
+    let Report::Refused { reasons } = world.last_report(refused) else { panic!("not refused") };
+    assert_eq!(reasons, &[format!("host `c2`: {why}")], "the other one is not released");
+    let released = world.ask("c2", Request::ReleaseEstop);
+    let again = world.deploy("c1", TWO_HOSTS);
+    world.run_for(Duration::from_secs(5));
+    assert_eq!(world.answers[&released], [Answer::Released { was_stopped: true, unwritten: None }]);
+    assert_eq!(world.ending(again), &Ending::Done(vec![]));
+    assert_eq!(world.estops["c2"], None);
+}
+
+/// A part whose home nobody can reach ends, too, and stays ended when the home is back, which would have it again.
+#[test]
+fn a_host_that_has_lost_its_home_ends_its_part() {
+    let mut world = World::new(&["c1", "c2", "c3", "c4"]);
+    world.deploy("c1", FOUR);
+    world.run_for(Duration::from_millis(500));
+    assert!(hosts_alive(&world).contains("c2"), "{:?}", world.alive);
+    cut(&mut world, "c1");
+    let asked = stop_all(&mut world, "c2");
+    world.run_for(Duration::from_secs(3));
+    assert_eq!(world.answers[&asked], [nothing_left()]);
+    assert!(!hosts_alive(&world).contains("c2"), "{:?}", world.alive);
+    heal(&mut world, "c1");
+    world.run_for(Duration::from_secs(60));
+    assert!(!hosts_alive(&world).contains("c2"), "{:?}", world.alive);
+}
+
+/// What cannot be ended is named; a second command finds it still there.
+#[test]
+fn what_could_not_be_ended_is_named() {
+    let mut world = World::new(&["c1", "c2"]);
+    (world.immortal, world.lingers) = (true, true);
+    let text = r#"process main() { host { "c1" } instantiated_processes { rock instof Stubborn("c2"); } internal_event_actions { rock } }"#;
+    world.deploy("c1", text);
+    world.run_for(Duration::from_millis(500));
+    assert_eq!(hosts_alive(&world), ["c2".to_owned()].into());
+    for _ in 0..2 {
+        let asked = stop_all(&mut world, "c2");
+        world.run_for(Duration::from_secs(30));
+        let unended = vec!["test@1 main/rock".to_owned()];
+        assert_eq!(world.answers[&asked], [Answer::Estopped(Estopped { unended, unwritten: None })]);
+    }
+}
+
+/// Nothing runs, but the disk does not have that: whoever asks is told, and so is who releases it. Once it has, nothing is said.
+#[test]
+fn what_the_disk_does_not_have_is_told() {
+    let mut world = World::new(&["c1", "c2"]);
+    world.disk_ms = 700;
+    world.disk_refuses = Some("no space is left".to_owned());
+    let asked = stop_all(&mut world, "c2");
+    world.run_for(Duration::from_millis(600));
+    assert!(!world.answers.contains_key(&asked), "the disk has not answered");
+    world.run_for(Duration::from_millis(200));
+    let unwritten = Some("no space is left".to_owned());
+    let estopped = Answer::Estopped(Estopped { unended: Vec::new(), unwritten: unwritten.clone() });
+    assert_eq!(world.answers[&asked], [estopped]);
+    let released = world.ask("c2", Request::ReleaseEstop);
+    world.run_for(Duration::from_secs(1));
+    assert_eq!(world.answers[&released], [Answer::Released { was_stopped: true, unwritten }]);
+    world.disk_refuses = None;
+    // A later wish overtakes an earlier one: both are answered by what the last write says.
+    let (asked, released) = (stop_all(&mut world, "c2"), world.ask("c2", Request::ReleaseEstop));
+    world.run_for(Duration::from_secs(1));
+    assert_eq!(world.answers[&asked], [nothing_left()]);
+    assert_eq!(world.answers[&released], [Answer::Released { was_stopped: true, unwritten: None }]);
+    assert_eq!(world.estops["c2"], None);
+}
+
+/// The node is killed between the command and the end of its programs: the next one goes on with it, and answers nobody.
+#[test]
+fn a_node_that_is_killed_meanwhile_goes_on_with_it() {
+    let mut world = World::new(&["c1", "c2"]);
+    world.deploy("c1", &TWO_HOSTS.replace("first instof Step", "first instof Long"));
+    world.run_for(Duration::from_millis(500));
+    world.crash_after("c2", 0);
+    stop_all(&mut world, "c2");
+    world.run_for(Duration::from_millis(100));
+    world.adopt("c2");
+    world.run_for(Duration::from_secs(10));
+    assert!(!hosts_alive(&world).contains("c2"), "{:?}", world.alive);
+    let status = world.ask("c2", Request::Status);
+    world.run_for(Duration::from_millis(10));
+    let [Answer::Status(status)] = &world.answers[&status][..] else { panic!("{:?}", world.answers[&status]) };
+    assert_eq!((&status.estop, &world.estops["c2"]), (&Some(estop()), &Some(estop())));
+}

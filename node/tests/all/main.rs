@@ -1,0 +1,6 @@
+//! The tests of `node`, in one program.
+
+mod agents;
+mod attach;
+mod databases;
+mod gate;

@@ -1,0 +1,233 @@
+//! The output of `dca check` on specs, and its exit codes.
+
+use dca_tests::cluster::{Cluster, Ended, SOON, Stream, executable, spec, wait_until};
+use rustix::process::Signal;
+use std::io::{ErrorKind, Write};
+use std::process::{Command, Stdio};
+
+fn check(file: &str) -> Ended {
+    let path = format!("{}/../language/tests/corpus/{file}.dca", env!("CARGO_MANIFEST_DIR"));
+    Cluster::new().here().ask(&["check", &path])
+}
+
+/// The paper's own listings, as printed, are accepted with warnings and fixes, and no error.
+#[test]
+fn the_papers_listings_are_accepted() {
+    for (file, programs) in [("paper_appendix_a", "19 programs"), ("paper_compliant_motion", "4 programs")] {
+        let ended = check(file);
+        assert_eq!(ended.code, Some(0), "{ended}");
+        assert!(ended.out.contains(programs) && ended.out.contains("no errors"), "{ended}");
+        assert!(ended.err.contains("warning[") && !ended.err.contains("error["), "{ended}");
+    }
+    assert!(check("paper_appendix_a").err.contains("= fix: replace with `motionctrl`"));
+}
+
+/// The fixes of a listing leave nothing to fix, and `--deny lenient-names` takes the rest as errors.
+#[test]
+fn fixes_make_the_listing_exact() {
+    let cluster = Cluster::new();
+    let listing = include_str!("../../../language/tests/corpus/paper_appendix_a.dca");
+    let file = cluster.file("listing.dca", listing);
+    let denied = cluster.here().ask(&["check", "--deny", "lenient-names", &file]);
+    assert_eq!(denied.code, Some(1), "{denied}");
+    let fixed = cluster.here().ask(&["check", "--fix", &file]);
+    assert_eq!(fixed.code, Some(0), "{fixed}");
+    let exact = cluster.here().ask(&["check", "--deny", "lenient-names", &file]);
+    assert_eq!(exact.code, Some(0), "{exact}");
+}
+
+/// A misspelt instance, an unknown label and a recursive group are errors, each with a suggestion.
+#[test]
+fn mistakes_are_errors_with_a_suggestion() {
+    let cases = [
+        ("E0201_unknown_process", "error[E0201]: unknown process `forcedato`", "did you mean `forcedata`?"),
+        ("E0301_unknown_label", "error[E0301]: `forcedata` has no connection set `lbl1`", "replace with `lb11`"),
+        ("E0102_recursive_group", "error[E0102]: `Search` contains itself: Search -> Retry -> Search", "run `p ;; p`"),
+    ];
+    for (file, error, suggestion) in cases {
+        let ended = check(file);
+        assert_eq!(ended.code, Some(1), "{ended}");
+        assert!(ended.err.contains(error) && ended.err.contains(suggestion), "{ended}");
+        assert!(ended.out.is_empty(), "{ended}");
+    }
+}
+
+/// `dca verify` says by its exit code whether everything holds, something fails, or a limit came first.
+#[test]
+fn proofs_have_their_exit_codes() {
+    let corpus = |file: &str| format!("{}/../verify/tests/corpus/{file}.dca", env!("CARGO_MANIFEST_DIR"));
+    let cluster = Cluster::new();
+    let (good, bad) = (corpus("good/tidy_up"), corpus("bad/lock_cycle"));
+    let cases = [
+        (&["verify", &good][..], 0, "proved: every stop ends"),
+        (&["verify", &bad], 1, "  3  `right_fetch` is done"),
+        (&["verify", "--states", "5", &good], 4, "NOT DECIDED"),
+        (&["fmea", &good], 0, "find_a"),
+        (&["fmea", "--csv", &good], 0, "\"program\",\"fault\",\"while\""),
+        (&["fmea", "--html", &good], 0, "<table>"),
+        (&["fmea", "--markdown", &good], 0, "| program | fault | while |"),
+        (&["fmea", "--json", &good], 0, "\"mission\": "),
+        (&["fmea", "--faults", "2", &good], 0, "no worse than one of the two alone"),
+        (&["fmea", "--faults", "2", "--states", "5", &good], 4, "looked at in"),
+        (&["verify", "--json", "--threads", "2", &good], 0, "\"verdict\": \"proved\""),
+        (&["verify", "--json", &bad], 1, "\"code\": \"E0811\""),
+        (&["verify", "--export", "aut", &good], 0, "des (0, "),
+        (&["verify", "--export", "dot", &good], 0, "digraph {"),
+        (&["verify", "--export", "jani", &good], 0, "\"jani-version\": 1"),
+        (&["verify", "--export", "mcrl2", &good], 0, "proc Plan("),
+    ];
+    for (arguments, code, text) in cases {
+        let ended = cluster.here().ask(arguments);
+        assert_eq!(ended.code, Some(code), "{ended}");
+        assert!(ended.out.contains(text), "{ended}");
+    }
+    let picture = cluster.folder().join("story.svg");
+    let drawn = cluster.here().ask(&["verify", "--svg", &picture.to_string_lossy(), &bad]);
+    let picture = std::fs::read_to_string(&picture).expect("a picture was drawn");
+    assert!(drawn.code == Some(1) && picture.ends_with("</svg>\n"), "{drawn}");
+    let itself = cluster.here().ask(&["verify", "--svg", &bad, &bad]);
+    assert!(itself.code == Some(1) && itself.err.contains("is the spec itself"), "{itself}");
+    let nothing = cluster.here().ask(&["verify", "--svg", "nothing.svg", &good]);
+    assert!(nothing.code == Some(0) && nothing.err.contains("no picture is written"), "{nothing}");
+    let wrong = cluster.here().ask(&["fmea", "--csv", "--html", &good]);
+    assert_eq!(wrong.code, Some(2), "{wrong}");
+}
+
+/// A wrong command is answered with its usage, and exit code 2.
+#[test]
+fn wrong_usage_has_its_own_code() {
+    let cluster = Cluster::new();
+    for arguments in [&["open", "door"][..], &["run"], &["check", "a.dca", "--quickly"]] {
+        let ended = cluster.here().ask(arguments);
+        assert_eq!(ended.code, Some(2), "{ended}");
+        assert!(ended.err.contains("Usage: dca"), "{ended}");
+    }
+}
+
+/// Each program says what it is and how it is used, on standard output.
+#[test]
+fn every_program_has_a_version_and_a_help() {
+    for program in ["dca", "dca-node", "dca-shim", "dca-controller"] {
+        for (argument, text) in [("--version", env!("CARGO_PKG_VERSION")), ("--help", "sage")] {
+            let output = Command::new(executable(program)).arg(argument).output().expect("it can be executed");
+            let said = String::from_utf8_lossy(&output.stdout);
+            assert!(output.status.success() && said.contains(text), "{program} {argument}: {output:?}");
+            assert!(argument == "--help" || said.starts_with(program), "{said}");
+            assert!(output.stderr.is_empty(), "{output:?}");
+        }
+    }
+}
+
+/// Runs `dca` with a text on its standard input.
+fn piped(arguments: &[&str], text: &str) -> (Option<i32>, String, String) {
+    let mut command = Command::new(executable("dca"));
+    command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = command.spawn().expect("it can be executed");
+    let written = child.stdin.take().expect("it is piped").write_all(text.as_bytes());
+    // A command that refuses may do so before it reads.
+    assert!(written.is_ok() || written.is_err_and(|error| error.kind() == ErrorKind::BrokenPipe), "it takes its input");
+    let output = child.wait_with_output().expect("it ends");
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (output.status.code(), text(&output.stdout), text(&output.stderr))
+}
+
+#[test]
+fn a_spec_comes_over_standard_input() {
+    let spec = "process  main() { host { c1 } }";
+    let (code, out, err) = piped(&["check", "-"], spec);
+    assert_eq!((code, out.as_str()), (Some(0), "<stdin>: 1 group, 0 programs, on c1: no errors\n"), "{err}");
+    let (code, out, err) = piped(&["fmt", "-"], spec);
+    assert!(code == Some(0) && out.starts_with("process main(){"), "{out}{err}");
+    assert_eq!(piped(&["fmt", "-"], &out).1, out, "its own form is its form");
+    assert_eq!(piped(&["fmt", "--check", "-"], &out).0, Some(0));
+    assert_eq!(piped(&["fmt", "--check", "-"], spec).0, Some(1));
+    let (code, _, err) = piped(&["check", "-"], "process main( {");
+    assert!(code == Some(1) && err.contains("<stdin>:1:"), "{err}");
+    let (code, _, err) = piped(&["fix", "-"], spec);
+    assert!(code == Some(1) && err.contains("standard input cannot be rewritten"), "{err}");
+}
+
+/// The specs that people begin with are good, and nothing is to be said about them.
+#[test]
+fn the_specs_have_no_warnings() {
+    for name in ["compliant_motion", "door_locked", "door_opening", "door_recovery", "door_through"] {
+        let (code, out, err) = piped(&["check", &spec(name)], "");
+        assert!(code == Some(0) && out.ends_with(": no errors\n") && err.is_empty(), "{out}{err}");
+    }
+}
+
+const IDLE: &str = "
+module Idle(host) { exec \"sh -c 'echo here I am; exec sleep 3600'\"; plain; }
+process main() { host { c1 } instantiated_processes { idle instof Idle(c1); } internal_event_actions { idle } }
+";
+
+/// The other verbs find the processes of `dca run`, as if nodes had them; two runs at once are each for itself.
+#[test]
+fn what_runs_in_a_command_is_found_from_elsewhere() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let [one, two] = ["one", "two"].map(|name| {
+        let file = cluster.file(&format!("{name}.dca"), IDLE);
+        let run = here.dca(&["run", &file]);
+        run.wait_for(Stream::Err, "▸", SOON);
+        run
+    });
+    let nodes = here.ask(&["nodes"]);
+    assert_eq!((nodes.code, nodes.out.matches("c1 ").count()), (Some(0), 2), "{nodes}");
+    let status = here.ask(&["status"]);
+    assert!(status.out.contains("one@1") && status.out.contains("two@1"), "{status}");
+    let logs = here.ask(&["logs", "--deployment", "two", "idle"]);
+    assert_eq!((logs.code, logs.out.as_str()), (Some(0), "here I am\n"), "{logs}");
+    let either = here.ask(&["logs", "idle"]);
+    let told =
+        "`idle` may be any of `main/idle` of `one`, `main/idle` of `two`; give more of the path, or `--deployment`";
+    assert!(either.code == Some(1) && either.err.contains(told), "{either}");
+    let forget = here.ask(&["stop", "one", "--forget"]);
+    assert!(forget.code == Some(1) && forget.err.contains("`one@1` is running; `dca stop one` ends it"), "{forget}");
+    let which = here.ask(&["db", "get", "robot/"]);
+    assert!(which.code == Some(1) && which.err.contains("several `dca run` are going"), "{which}");
+    let stop = here.ask(&["stop", "one"]);
+    assert_eq!(stop.code, Some(0), "{stop}");
+    assert_eq!(one.ended(SOON).code, Some(1));
+    assert!(two.is_running(), "the other goes on");
+    // One that is suspended is there, and nobody may say that it is not.
+    two.signal(Signal::STOP);
+    for verb in [&["nodes"][..], &["status"], &["stop", "two"]] {
+        let silent = here.ask(verb);
+        assert!(
+            silent.code == Some(3) && silent.err.contains("`c1` runs on this machine and does not answer"),
+            "{silent}"
+        );
+    }
+    let logs = here.ask(&["logs", "idle", "--deployment", "two"]);
+    assert!(logs.code == Some(3) && logs.err.contains("does not answer") && logs.out.is_empty(), "{logs}");
+    assert!(logs.err.contains("`--recorded` reads the latest record in `runs` instead"), "{logs}");
+    let logs = here.ask(&["logs", "idle", "--deployment", "two", "--recorded"]);
+    assert!(logs.err.contains("this is what `main/idle` wrote by the record in"), "{logs}");
+    two.signal(Signal::CONT);
+    let get = here.ask(&["db", "get", "robot/c1/deployments/two/1/begun"]);
+    assert!(get.code == Some(0) && get.out.contains("programs"), "{get}");
+    two.signal(Signal::INT);
+    let ended = two.ended(SOON);
+    assert_eq!(ended.code, Some(1), "{ended}");
+    assert_eq!(here.ask(&["status"]).code, Some(3));
+    cluster.expect_nothing_left(std::time::Duration::from_secs(2));
+}
+
+/// A member that has aborted while the others of `a , b` go on does not look like one that waits for its turn.
+#[test]
+fn a_member_that_has_aborted_is_not_merely_idle() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    let text = "module Fails(host) { exec \"sh -c 'exit 3'\"; plain; }
+        module Goes(host) { exec \"sleep 600\"; plain; }
+        process main() {
+            host { c1 }
+            instantiated_processes { a instof Fails(c1); b instof Goes(c1); }
+            internal_event_actions { a , b }
+        }";
+    let _deploying = here.dca(&["deploy", &cluster.file("both.dca", text)]);
+    let tells = || here.ask(&["status"]).out.contains("idle, aborted: left with exit code 3");
+    assert!(wait_until(SOON, tells).is_some(), "{}", here.ask(&["status"]));
+}

@@ -1,0 +1,75 @@
+//! The mission on one machine, with real processes and the real clock.
+
+use dca_tests::cluster::{Cluster, Sample, Trace, executable, peak, spec};
+use node::logic::protocol::Ending;
+use std::path::Path;
+use std::process::Command;
+use std::time::Duration;
+
+const MISSION_MAX: Duration = Duration::from_secs(90);
+const WORLD: &str = "main/world";
+
+/// The door at 60 degrees or more within 40 s, at most 30 N when the hand hits, at most 60 N while it
+/// opens, the hand at most 10 mm beside the handle, exit code 0, nothing left, a record and a page.
+#[test]
+fn the_door_opens() {
+    let cluster = Cluster::new();
+    let ended = cluster.here().dca(&["run", &spec("door_opening")]).ended(MISSION_MAX);
+    assert_eq!(ended.code, Some(0), "{ended}");
+    cluster.expect_nothing_left(Duration::from_secs(2));
+
+    let trace = Trace::read(&cluster.folder().join("runs/door_opening-1"));
+    assert!(trace.has_page());
+    let (ending, took) = trace.finished();
+    assert!(matches!(ending, Ending::Done(_)), "{ending:?}");
+    let angle_deg = last(&trace.signal(WORLD, "door angle"));
+    let beside = trace.signal(WORLD, "hand beside handle");
+    let servo_end = trace.phase("visualserv").end.expect("it is over");
+    let beside_mm = last(&beside.into_iter().filter(|sample| sample.at <= servo_end).collect::<Vec<_>>());
+    let force = trace.signal(WORLD, "contact force");
+    // The hand has come to rest when it begins to open the door; the peak may come after `hit` has noticed.
+    let (hit, open) = (trace.phase("# hit"), trace.phase("dooropen"));
+    let hit_peak = peak(&force, hit.begin, trace.phase("presshandle").begin);
+    let open_peak = peak(&force, open.begin, open.end.expect("it is over"));
+    println!("{angle_deg:.1} deg, {took:.1?}, hit {hit_peak:.1} N, open {open_peak:.1} N, beside {beside_mm:.1} mm");
+    assert!(angle_deg >= 60.0 && took <= Duration::from_secs(40), "{angle_deg} deg after {took:?}");
+    assert!(hit_peak <= 30.0 && open_peak <= 60.0, "hit {hit_peak} N, opening {open_peak} N");
+    assert!(beside_mm <= 10.0, "{beside_mm} mm");
+}
+
+/// A locked door aborts with its reason and exit code 1, and the arm is at rest.
+#[test]
+fn a_locked_door_aborts() {
+    let cluster = Cluster::new();
+    let ended = cluster.here().dca(&["run", &spec("door_locked")]).ended(MISSION_MAX);
+    assert_eq!(ended.code, Some(1), "{ended}");
+    assert!(ended.out.contains("main ← dooropensyst ← dooropen ← model: locked"), "{ended}");
+    cluster.expect_nothing_left(Duration::from_secs(2));
+
+    let trace = Trace::read(&cluster.folder().join("runs/door_locked-1"));
+    let joints = (1..=6).map(|joint| format!("joint {joint} speed"));
+    for name in joints.chain(["base speed".to_owned(), "base yaw rate".to_owned()]) {
+        let speed = last(&trace.signal(WORLD, &name));
+        println!("{name}: {speed:.4}");
+        assert!(speed.abs() < 0.02, "{name} is {speed} at the end");
+    }
+    let angle_deg = last(&trace.signal(WORLD, "door angle"));
+    assert!(angle_deg.abs() < 0.5, "the door is at {angle_deg} deg");
+}
+
+fn last(samples: &[Sample]) -> f64 {
+    samples.last().expect("the world publishes it").value
+}
+
+/// `language` checks and draws the door without starting programs, so it has a copy of what they say.
+#[test]
+fn the_copy_of_the_interfaces_is_true() {
+    let asked = Command::new(executable("dca-controller")).arg("--dca-interface").output().expect("it starts");
+    let copy = Path::new(env!("CARGO_MANIFEST_DIR")).join("../language/tests/graph/door_opening.interface");
+    let copied = std::fs::read(copy).expect("it is there");
+    assert!(
+        asked.status.success() && asked.stdout == copied,
+        "`dca-controller --dca-interface > language/tests/graph/door_opening.interface`, then UPDATE_EXPECT=1 for the tests \
+         `graph` and `manual` of `language`"
+    );
+}

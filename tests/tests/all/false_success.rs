@@ -1,0 +1,162 @@
+//! The door mission never ends well with the door shut: a small part of the door survey, every trigger included.
+
+use controllers::sdk::harness::Disturbance;
+use dca_tests::simulation::Finish;
+use dca_tests::survey::{Disruption, Group, Meddling, Mission, Outcome, Row, active_in_phases, fly_all, rows, table};
+use std::time::Duration;
+
+const DOOR: &str = include_str!("../../../specs/door_opening.dca");
+/// A sweep is 50 ms old and a door may turn by 10 degrees a second (deg).
+const WRONG_MAX: f64 = 2.0;
+const LIMIT: Duration = Duration::from_secs(90);
+/// In no run, whatever goes wrong (N).
+const FORCE_MAX: f64 = 100.0;
+const RECOVERY: &str = include_str!("../../../specs/door_recovery.dca");
+
+fn fly(text: &str, rows: Vec<Row>) -> Vec<(Row, Vec<Outcome>)> {
+    let missions: Vec<Mission> = rows.iter().flat_map(|row| row.missions.clone()).collect();
+    let outcomes = fly_all(&missions, (text, LIMIT), 2, &|_| {}).unwrap_or_else(|why| panic!("{why}"));
+    let mut outcomes = outcomes.into_iter();
+    rows.into_iter()
+        .map(|row| {
+            let own = outcomes.by_ref().take(row.missions.len()).collect();
+            (row, own)
+        })
+        .collect()
+}
+
+#[test]
+fn no_mission_ends_well_with_the_door_shut() {
+    let phases = active_in_phases(DOOR, LIMIT).unwrap_or_else(|why| panic!("{why}"));
+    assert!(phases.iter().all(|phase| !phase.active.is_empty()), "a phase was not met: {phases:?}");
+    let is_flown = |row: &Row| row.group != Group::Single || ["nominal", "swing push"].contains(&row.name.as_str());
+    let flown = fly(DOOR, rows(3, 1, &phases).into_iter().filter(is_flown).collect());
+    let (text, failures) = (table::text(&flown), table::failures(&flown));
+    let is_false = flown.iter().flat_map(|(_, outcomes)| outcomes).any(Outcome::is_false);
+    assert!(!is_false, "{text}\n{failures}");
+    let worst = flown.iter().flat_map(|(_, outcomes)| outcomes).map(|outcome| outcome.worst).fold(0.0, f64::max);
+    assert!(worst <= FORCE_MAX, "{worst:.0} N\n{text}\n{failures}");
+    let named = |name: &str| {
+        let row = flown.iter().find(|(row, _)| row.name == name);
+        &row.unwrap_or_else(|| panic!("there is no row `{name}`")).1
+    };
+    // Wheels that slip disturb the estimate of the hinge, but not what the laser sees.
+    let slipped =
+        || flown.iter().filter(|(row, _)| row.name.starts_with("base slips")).flat_map(|(_, outcomes)| outcomes);
+    let done = slipped().filter(|outcome| outcome.finish == Finish::Done).count();
+    assert!(done > 0, "{text}\n{failures}");
+    let wrong = flown.iter().flat_map(|(_, outcomes)| outcomes).filter(|outcome| outcome.finish == Finish::Done);
+    let wrong = wrong.map(|outcome| outcome.wrong).fold(0.0, f64::max);
+    assert!(wrong <= WRONG_MAX, "the laser was wrong by {wrong:.1} deg\n{text}\n{failures}");
+    // Not by refusing everything: the nominal world is strict, and a lost handle says so.
+    assert!(named("nominal").iter().all(Outcome::is_strict), "{text}\n{failures}");
+    let told = |outcome: &Outcome| outcome.reason().contains("lost the handle");
+    assert!(named("handle lost").iter().all(told), "{text}\n{failures}");
+}
+
+/// Doors and networks that the laws were not tuned for, each of which failed once.
+/// `swing push` is not among them: the hand stays square to the leaf, so the forearm would have to pass through the jamb.
+const UNTUNED: [&str; 11] = [
+    "side right",
+    "lever_length",
+    "latch_angle",
+    "lever_standoff",
+    "touch_stiffness",
+    "force_bias",
+    "camera_turn",
+    "20 ms a hop",
+    "5-30 ms a hop",
+    "50 ms a hop",
+    "5-50 ms a hop",
+];
+
+#[test]
+fn doors_that_nobody_tuned_for_open_gently() {
+    let flown = fly(DOOR, rows(3, 2, &[]).into_iter().filter(|row| UNTUNED.contains(&row.name.as_str())).collect());
+    assert_eq!(flown.len(), UNTUNED.len());
+    let is_strict = flown.iter().flat_map(|(_, outcomes)| outcomes).all(Outcome::is_strict);
+    assert!(is_strict, "{}\n{}", table::text(&flown), table::failures(&flown));
+}
+
+/// Everything unlike what the laws were made with, at once: noise three times as large, grasps eight times as stiff, closers
+/// that take 60 N. 37 of 48 opened before noise and stiffness were measured, 24 of them gently.
+#[test]
+fn wide_worlds_open() {
+    let flown = fly(DOOR, rows(20, 11, &[]).into_iter().filter(|row| row.label() == "wide").collect());
+    let (text, failures) = (table::text(&flown), table::failures(&flown));
+    let outcomes = || flown.iter().flat_map(|(_, outcomes)| outcomes);
+    let open = outcomes().filter(|outcome| outcome.is_success()).count();
+    assert!(open * 100 >= outcomes().count() * 85, "{text}\n{failures}");
+    assert!(!outcomes().any(|outcome| outcome.is_false() || outcome.worst > FORCE_MAX), "{text}\n{failures}");
+}
+
+/// A `model` that begins anew at 33 degrees took the leaf for the wall once, and went on to 120 degrees and 333 N.
+#[test]
+fn who_is_started_again_in_the_opening_sees_how_far_it_is() {
+    for after in [5.2, 6.4, 8.0].map(Duration::from_secs_f64) {
+        let (leaf, disruption) = ("/dooropen/model".to_owned(), Disruption::Restart);
+        let meddling = Some(Meddling { leaf, phase: "/dooropen/", after, disruption });
+        let arguments = "seed = 70005".to_owned();
+        let mission = Mission { arguments, meddling, ..Mission::nominal() };
+        let outcome = mission.fly(DOOR, LIMIT).unwrap_or_else(|why| panic!("{why}"));
+        assert!(outcome.is_strict() && outcome.angle < 80.0 && outcome.worst < 60.0, "{after:?}: {outcome:?}");
+    }
+}
+
+/// Wheels that turn on the spot for 7 to 11 s from 58 degrees on, while the laser did not see the wall, made three of these doors look open
+/// at 58.4 and 59.3 degrees. Then the base turned; now it is steady, and the hand feels that the hinge is elsewhere.
+#[test]
+fn wheels_that_spin_shortly_before_the_end_open_no_door() {
+    let rows = rows(10, 3, &[]).into_iter().filter(|row| row.name == "base spins at the end").collect();
+    let flown = fly(DOOR, rows);
+    let (text, failures) = (table::text(&flown), table::failures(&flown));
+    let outcomes: Vec<&Outcome> = flown.iter().flat_map(|(_, outcomes)| outcomes).collect();
+    let is_bad = |outcome: &&Outcome| outcome.is_false() || outcome.worst > FORCE_MAX;
+    assert!(outcomes.len() == 40 && !outcomes.iter().any(is_bad), "{text}\n{failures}");
+    let told = outcomes.iter().filter(|outcome| outcome.reason().contains("the wheels have slipped")).count();
+    assert!(told > 10, "{text}\n{failures}");
+}
+
+/// Wheels that slide turn the base without turning themselves. Before that was bounded this one was done at 61.9 degrees, 8 short.
+#[test]
+fn wheels_that_slide_open_no_door() {
+    for (closer, traction) in [(20, 60), (25, 80), (15, 50)] {
+        let world = format!("seed = 5, swing = \"push\", closer = {closer} Nm, traction = {traction} N");
+        let mission = Mission { arguments: world.clone(), ..Mission::nominal() };
+        let outcome = mission.fly(DOOR, LIMIT).unwrap_or_else(|why| panic!("{why}"));
+        let is_told = outcome.reason().contains("the wheels have slipped");
+        assert!(outcome.worst < 60.0 && (is_told || outcome.angle > 66.0), "{world}: {outcome:?}");
+    }
+}
+
+/// With a sensor that is 23 N off after it was set to zero the laws pulled with 105 N.
+#[test]
+fn a_force_sensor_that_is_not_at_zero_is_refused() {
+    let mission = Mission { arguments: "seed = 1, force_bias = 20 N".to_owned(), ..Mission::nominal() };
+    let outcome = mission.fly(DOOR, LIMIT).unwrap_or_else(|why| panic!("{why}"));
+    assert!(outcome.reason().contains("the force sensor is not at zero") && outcome.worst < 1.0, "{outcome:?}");
+}
+
+#[test]
+fn a_force_loop_that_is_too_slow_is_refused() {
+    for transfer in [70, 80].map(Duration::from_millis) {
+        let disturbance = Disturbance { transfer, ..Disturbance::NONE };
+        let mission = Mission { disturbance, ..Mission::nominal() };
+        let outcome = mission.fly(DOOR, LIMIT).unwrap_or_else(|why| panic!("{why}"));
+        let told = ["the force loop is too slow", "inputs are too old"];
+        assert!(told.iter().any(|why| outcome.reason().contains(why)), "{transfer:?}: {outcome:?}");
+        assert!(outcome.worst < 100.0, "{transfer:?}: {outcome:?}");
+    }
+}
+
+#[test]
+fn with_recovery_the_door_opens_whoever_is_killed() {
+    let phases = active_in_phases(RECOVERY, LIMIT).unwrap_or_else(|why| panic!("{why}"));
+    let is_kill = |row: &Row| row.name.starts_with("killed") || row.name == "base slips in the press";
+    let flown = fly(RECOVERY, rows(1, 1, &phases).into_iter().filter(is_kill).collect());
+    let outcomes = || flown.iter().flat_map(|(_, outcomes)| outcomes);
+    let open = outcomes().filter(|outcome| outcome.is_success()).count();
+    let (text, failures) = (table::text(&flown), table::failures(&flown));
+    assert!(flown.len() > phases.len() && open * 10 >= outcomes().count() * 9, "{text}\n{failures}");
+    assert!(!outcomes().any(Outcome::is_false), "{text}\n{failures}");
+}

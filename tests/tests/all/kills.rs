@@ -1,0 +1,128 @@
+//! `kill -9` of any one controller, each of the twenty-two once: the mission ends as the rules say, says why,
+//! and leaves nothing.
+
+use dca_tests::cluster::{Cluster, Ended, Program, SOON, Stream, Trace, spec, wait_until};
+use node::logic::protocol::{Change, Ending, FailureCause};
+use rustix::process::Signal;
+use std::time::Duration;
+
+const MISSION_MAX: Duration = Duration::from_secs(90);
+const SERVO: &str = "▸ (visualserv # distdetect)";
+const APPROACH: &str = "▸ ((opengrip, approach) # hit)";
+
+/// Starts the mission; kills the program of `leaf` when standard error has had `line` so many `times` (the first is the
+/// beginning of a phase, the next one comes 2 s later).
+fn kill(cluster: &Cluster, leaf: &str, line: &str, times: usize) -> Program {
+    let mission = cluster.here().dca(&["run", &spec("door_opening")]);
+    mission.wait_for_times(Stream::Err, line, times, MISSION_MAX);
+    let program = cluster.expect_leaf(leaf);
+    program.signal(Signal::KILL);
+    mission
+}
+
+fn trace(cluster: &Cluster) -> Trace {
+    Trace::read(&cluster.folder().join("runs/door_opening-1"))
+}
+
+/// Kills `leaf` while it is active.
+#[track_caller]
+fn check(leaf: &str, line: &str, times: usize) {
+    let cluster = Cluster::new();
+    let ended = kill(&cluster, leaf, line, times).ended(SOON);
+    check_chain(&ended, leaf);
+    cluster.expect_nothing_left(Duration::from_secs(2));
+    let trace = trace(&cluster);
+    let changes = trace.changes(leaf);
+    let killed =
+        |change: &Change| matches!(change, Change::Ended(Ending::Aborted(why)) if why.cause == FailureCause::Signal(9));
+    assert!(changes.iter().any(|change| killed(change)), "{leaf}: {changes:?}");
+    assert!(changes.contains(&&Change::Activated), "{leaf} was active: {changes:?}");
+}
+
+fn check_chain(ended: &Ended, leaf: &str) {
+    let chain = format!("{}: SIGKILL (external) at ", leaf.split('/').collect::<Vec<_>>().join(" ← "));
+    assert!(ended.code == Some(1) && ended.out.contains(&chain), "{leaf}: expected `{chain}…`\n{ended}");
+}
+
+#[test]
+fn while_it_servos() {
+    let services = ["world", "dooropensyst/motionctrl/xr4000", "dooropensyst/motionctrl/puma"];
+    let tasks = ["visualserv", "distdetect/laser", "distdetect/threshold", "motionctrl/redundancy"];
+    for leaf in services.map(str::to_owned).into_iter().chain(tasks.map(|task| format!("dooropensyst/{task}"))) {
+        check(&format!("main/{leaf}"), SERVO, 2);
+    }
+}
+
+#[test]
+fn while_it_approaches() {
+    for leaf in ["approach", "hit/force", "hit/threshold"] {
+        check(&format!("main/dooropensyst/{leaf}"), APPROACH, 2);
+    }
+}
+
+#[test]
+fn while_it_grasps() {
+    for leaf in ["closegrip/force", "closegrip/compliant", "closegrip/fingers"] {
+        check(&format!("main/dooropensyst/{leaf}"), "▸ closegrip", 1);
+    }
+    check("main/dooropensyst/presshandle", "▸ presshandle", 1);
+}
+
+fn opening(leaves: &[&str]) {
+    for leaf in leaves {
+        check(&format!("main/dooropensyst/dooropen/{leaf}"), "▸ dooropen", 2);
+    }
+}
+
+#[test]
+fn while_its_sensors_open_the_door() {
+    opening(&["force", "xr4000", "puma"]);
+}
+
+#[test]
+fn while_its_laws_open_the_door() {
+    opening(&["compliant", "model", "config", "add"]);
+}
+
+/// The last: a hand that does not open is missed by `opengrip , approach` only once `approach` has ended, too, and
+/// `hit` comes first: the rules let the mission go on. Where the hand was open by then the door opens; where it was killed before
+/// that, the grasp says that it has nothing.
+#[test]
+fn while_the_hand_opens() {
+    let cluster = Cluster::new();
+    let leaf = "main/dooropensyst/opengrip";
+    let ended = kill(&cluster, leaf, APPROACH, 1).ended(MISSION_MAX);
+    let has_nothing = ended.out.contains("the gripper closed on nothing");
+    assert_eq!(ended.code, Some(i32::from(has_nothing)), "{ended}");
+    assert!(ended.err.contains("! dooropensyst/opengrip aborted: SIGKILL (external)"), "{ended}");
+    assert!(ended.out.contains("dooropensyst/opengrip aborted: SIGKILL (external)"), "{ended}");
+    cluster.expect_nothing_left(Duration::from_secs(2));
+}
+
+/// One that is not active yet is missed when its turn comes: the mission ends then, and not before.
+#[test]
+fn before_its_turn() {
+    let cluster = Cluster::new();
+    let (leaf, phase) = ("main/dooropensyst/closegrip/fingers", "✓ ((opengrip, approach) # hit)");
+    let mission = kill(&cluster, leaf, SERVO, 1);
+    let ended = mission.ended(MISSION_MAX);
+    check_chain(&ended, leaf);
+    assert!(ended.err.contains(phase), "the phase before it was completed: {ended}");
+    cluster.expect_nothing_left(Duration::from_secs(2));
+    let trace = trace(&cluster);
+    let changes = trace.changes(leaf);
+    assert!(changes.contains(&&Change::Died(FailureCause::Signal(9))), "{changes:?}");
+}
+
+/// One whose turn is over is not missed: the door opens.
+#[test]
+fn after_its_turn() {
+    let cluster = Cluster::new();
+    let leaf = "main/dooropensyst/visualserv";
+    let mission = kill(&cluster, leaf, APPROACH, 2);
+    wait_until(SOON, || cluster.leaf(leaf).is_none()).expect("a killed program ends");
+    let ended = mission.ended(MISSION_MAX);
+    assert_eq!(ended.code, Some(0), "{ended}");
+    assert!(ended.out.starts_with("door_opening: done") && ended.out.contains("SIGKILL"), "{ended}");
+    cluster.expect_nothing_left(Duration::from_secs(2));
+}

@@ -1,0 +1,66 @@
+//! The exported models beside the explorer: read by a reader of their language, explored by its semantics, and compared.
+//!
+//! They are written from the rules of the manual, the explorer calls `algebra::step`. `exports/storm.py` does the same with Storm.
+
+mod jani;
+mod machine;
+mod mcrl2;
+use crate::rewriting::random;
+mod specs;
+use crate::rewriting::text;
+
+use language::plan::Plan;
+use language::sites::Sites;
+use verify::{Alone, Always, Limits};
+
+const LIMITS: Limits<'static> = Limits { states: 2_000, memory: 64 << 20, threads: &Alone, goes_on: &Always };
+/// As many random specs are exported; one in a few is refused by the check, or is too large.
+const SPECS: u64 = 2_000;
+/// At least so many have to be left.
+const SPECS_LEAST: usize = 1_000;
+
+/// Compares both exports of a plan with the explorer; returns the number of states, or nothing if there are too many.
+pub(crate) fn compare((plan, sites): &(Plan, Sites)) -> Result<Option<usize>, String> {
+    let all = verify::transitions(plan, sites, &LIMITS);
+    if all.reached.is_some() {
+        return Ok(None);
+    }
+    let of_jani = jani::read(&verify::jani(plan, sites)).compare(&all, str::to_owned);
+    let of_jani = of_jani.map_err(|how| format!("jani: {how}"))?;
+    let (machine, words) = mcrl2::read(&verify::mcrl2(plan, sites));
+    let action = |word: &str| {
+        let known = words.iter().find(|(known, _)| known == word);
+        known.map_or_else(|| format!("`{word}` without action"), |(_, action)| action.clone())
+    };
+    let of_mcrl2 = machine.compare(&all, action).map_err(|how| format!("mcrl2: {how}"))?;
+    if of_jani == of_mcrl2 { Ok(Some(of_jani)) } else { Err("the exports differ".to_owned()) }
+}
+
+#[test]
+fn exports_have_the_state_space_of_the_explorer() {
+    let random = (0..SPECS).map(|seed| (format!("random {seed}"), specs::random(seed)));
+    let (mut same, mut states, mut differences) = (0, 0, Vec::new());
+    for (name, text) in random.chain(specs::files()) {
+        let Some(planned) = specs::planned("spec", &text) else { continue };
+        match compare(&planned) {
+            Ok(Some(of_spec)) => (same, states) = (same + 1, states + of_spec),
+            Ok(None) => {}
+            Err(how) => differences.push(format!("{name}: {how}\n{text}")),
+        }
+    }
+    assert!(differences.is_empty(), "{} differences beside {same}:\n{}", differences.len(), differences.join("\n"));
+    assert!(same >= SPECS_LEAST, "only {same} specs were compared, of {states} states");
+}
+
+#[test]
+fn what_nothing_runs_does_not_keep_a_plan_from_being_exported() {
+    let text = "module Step { done; }
+        process Spare(){ host{c1} instantiated_processes{ a instof Step(c1); } internal_event_actions{ a } }
+        process main(){
+            host{c1}
+            instantiated_processes{ a instof Step(c1); spare instof Spare(); }
+            internal_event_actions{ a }
+        }";
+    let planned = specs::planned("spec", text).expect("it has a plan");
+    assert!(compare(&planned).expect("no difference").is_some(), "all of it is exported");
+}

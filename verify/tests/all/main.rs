@@ -1,0 +1,14 @@
+//! The tests of `verify`, in one program.
+
+mod assumed;
+mod conform;
+mod corpus;
+mod exports;
+mod faults;
+mod mistakes;
+mod reference;
+mod repairs;
+mod replay;
+mod rewriting;
+mod threads;
+mod times;
