@@ -6,7 +6,6 @@ mod corpus;
 mod exports;
 mod faults;
 mod mistakes;
-mod reference;
 mod repairs;
 mod replay;
 mod rewriting;

@@ -17,25 +17,43 @@ mod stop;
 mod term;
 pub(crate) mod text;
 
-/// As many random groups are run in the suite.
-const GROUPS: u64 = 20_000;
+use std::ops::Range;
+
+// Each comparison is run on two ranges of seeds: a tenth or so in the quick tests, the others in the long ones.
 
 #[test]
 fn step_does_what_the_rules_say() {
-    let differences: Vec<String> = (0..GROUPS).filter_map(|seed| against_step::compare(seed).err()).collect();
+    compare_steps(0..2_000);
+}
+
+#[test]
+#[ignore = "long: 18,000 groups"]
+fn step_does_what_the_rules_say_in_more_groups() {
+    compare_steps(2_000..20_000);
+}
+
+fn compare_steps(seeds: Range<u64>) {
+    let differences: Vec<String> = seeds.filter_map(|seed| against_step::compare(seed).err()).collect();
     assert!(differences.is_empty(), "{} differences, the first: {}", differences.len(), differences.join("\n"));
 }
 
-/// As many random specs are looked at by brute force; one in a few is refused by the check, and left out.
-const SPECS: u64 = 20_000;
-/// At least so many have to be left.
-const SPECS_LEAST: usize = 10_000;
-
 #[test]
 fn verify_says_what_brute_force_says() {
+    compare_verdicts(0..1_500);
+}
+
+#[test]
+#[ignore = "long: 18,500 specs"]
+fn verify_says_what_brute_force_says_of_more_specs() {
+    compare_verdicts(1_500..20_000);
+}
+
+/// One spec in a few is refused by the check, and left out.
+fn compare_verdicts(seeds: Range<u64>) {
+    let asked = seeds.end - seeds.start;
     let mut same = 0;
     let mut differences = Vec::new();
-    for seed in 0..SPECS {
+    for seed in seeds {
         match against_verify::compare(seed) {
             against_verify::Compared::Same => same += 1,
             against_verify::Compared::LeftOut => {}
@@ -43,20 +61,28 @@ fn verify_says_what_brute_force_says() {
         }
     }
     assert!(differences.is_empty(), "{} differences beside {same}: {}", differences.len(), differences.join("\n"));
-    assert!(same >= SPECS_LEAST, "only {same} specs were compared");
+    assert!(same * 2 >= asked, "only {same} specs were compared");
 }
 
-/// As many random specs are asked a random formula; `FORMULAS=15000` in the environment asks more.
-const FORMULAS: u64 = 2_000;
 /// At least so many of three have to be left.
 const FORMULAS_LEAST: u64 = 2;
 
 #[test]
 fn formulas_hold_where_brute_force_says_so() {
-    let asked = std::env::var("FORMULAS").ok().and_then(|asked| asked.parse().ok()).unwrap_or(FORMULAS);
+    compare_formulas(0..300);
+}
+
+#[test]
+#[ignore = "long: 14,700 formulas"]
+fn more_formulas_hold_where_brute_force_says_so() {
+    compare_formulas(300..15_000);
+}
+
+fn compare_formulas(seeds: Range<u64>) {
+    let asked = seeds.end - seeds.start;
     let (mut holds, mut fails) = (0, 0);
     let mut differences = Vec::new();
-    for seed in 0..asked {
+    for seed in seeds {
         match against_formula::compare(seed) {
             against_formula::Compared::Same(true) => holds += 1,
             against_formula::Compared::Same(false) => fails += 1,
@@ -69,17 +95,25 @@ fn formulas_hold_where_brute_force_says_so() {
     assert!(holds > asked / 10 && fails > asked / 10, "{holds} hold, {fails} do not");
 }
 
-/// As many random specs of two hosts are compared; `HOSTS=40000` in the environment compares more.
-const HOSTS: u64 = 1_500;
 /// At least so many of ten have to be left.
 const HOSTS_LEAST: usize = 3;
 
 #[test]
 fn sentences_about_two_hosts_hold_where_brute_force_says_so() {
-    let asked = std::env::var("HOSTS").ok().and_then(|asked| asked.parse().ok()).unwrap_or(HOSTS);
+    compare_hosts(0..200);
+}
+
+#[test]
+#[ignore = "long: 9,800 specs of two hosts"]
+fn sentences_about_two_hosts_hold_in_more_specs() {
+    compare_hosts(200..10_000);
+}
+
+fn compare_hosts(seeds: Range<u64>) {
+    let asked = seeds.end - seeds.start;
     let (mut specs, mut holds, mut fails) = (0, 0, 0);
     let mut differences = Vec::new();
-    for seed in 0..asked {
+    for seed in seeds {
         match against_hosts::compare(seed) {
             against_hosts::Compared::Same(hold, fail) => {
                 (specs, holds, fails) = (specs + 1, holds + hold, fails + fail);
@@ -88,41 +122,53 @@ fn sentences_about_two_hosts_hold_where_brute_force_says_so() {
             against_hosts::Compared::Differs(how) => differences.push(how),
         }
     }
-    println!("{specs} specs, {holds} sentences hold, {fails} do not, {} differences", differences.len());
     assert!(differences.is_empty(), "{} differences beside {specs}: {}", differences.len(), differences[0]);
     assert!(specs >= usize::try_from(asked).unwrap_or(0) * HOSTS_LEAST / 10, "only {specs} specs were compared");
     assert!(holds > specs && fails > specs, "{holds} sentences hold, {fails} do not");
 }
 
-/// As many random groups are run with a clock; `TIMES=20000` in the environment runs more.
-const TIMES: u64 = 4_000;
-
 #[test]
 fn no_run_takes_longer_than_what_is_proved() {
-    let asked = std::env::var("TIMES").ok().and_then(|asked| asked.parse().ok()).unwrap_or(TIMES);
+    compare_times(0..500);
+}
+
+#[test]
+#[ignore = "long: 19,500 groups with a clock"]
+fn no_run_of_more_groups_takes_longer_than_what_is_proved() {
+    compare_times(500..20_000);
+}
+
+fn compare_times(seeds: Range<u64>) {
+    let asked = seeds.end - seeds.start;
     let (mut proved, mut wrong) = (0, Vec::new());
-    for seed in 0..asked {
+    for seed in seeds {
         match against_times::compare(seed) {
             Ok(count) => proved += u64::from(count),
             Err(how) => wrong.push(how),
         }
     }
-    println!("{proved} limits hold, {} do not", wrong.len());
     assert!(wrong.is_empty(), "{}: {}", wrong.len(), wrong[..wrong.len().min(6)].join("\n"));
     assert!(proved > asked / 4, "only {proved} limits hold");
 }
 
-/// As many random specs with groups in groups are compared; `FLAT=40000` in the environment compares more.
-const FLAT: u64 = 1_500;
 /// At least so many of ten have to be left.
 const FLAT_LEAST: usize = 3;
 
 #[test]
 fn what_is_looked_at_alone_or_in_pieces_is_what_the_whole_does() {
-    let asked = std::env::var("FLAT").ok().and_then(|asked| asked.parse().ok()).unwrap_or(FLAT);
-    let first = std::env::var("FLAT_FIRST").ok().and_then(|first| first.parse().ok()).unwrap_or(0);
+    compare_wholes(0..300);
+}
+
+#[test]
+#[ignore = "long: 9,700 specs with groups in groups"]
+fn what_is_looked_at_in_pieces_is_what_the_whole_does_in_more_specs() {
+    compare_wholes(300..10_000);
+}
+
+fn compare_wholes(seeds: Range<u64>) {
+    let asked = seeds.end - seeds.start;
     let (mut specs, mut holds, mut fails, mut differences) = (0, 0, 0, Vec::new());
-    for seed in first..first + asked {
+    for seed in seeds {
         match against_flat::compare(seed) {
             against_flat::Compared::Same(hold, fail) => {
                 (specs, holds, fails) = (specs + 1, holds + hold, fails + fail);
@@ -131,7 +177,6 @@ fn what_is_looked_at_alone_or_in_pieces_is_what_the_whole_does() {
             against_flat::Compared::Differs(how) => differences.push(how),
         }
     }
-    println!("{specs} specs, {holds} sentences hold, {fails} do not, {} differences", differences.len());
     let shown = differences.iter().take(3).cloned().collect::<Vec<_>>().join("\n");
     assert!(differences.is_empty(), "{} differences beside {specs}: {shown}", differences.len());
     assert!(specs >= usize::try_from(asked).unwrap_or(0) * FLAT_LEAST / 10, "only {specs} specs were compared");
