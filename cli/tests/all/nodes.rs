@@ -28,7 +28,8 @@ struct Place {
 
 impl Place {
     fn new(name: &str) -> Self {
-        let folder = std::env::temp_dir().join(format!("ds{}{name}", std::process::id()));
+        // With a sign at its end no name begins another: what is left of a test is found by the name of its folder.
+        let folder = std::env::temp_dir().join(format!("ds{}{name}_", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         Self { folder, nodes: Vec::new(), left: Vec::new() }
     }
