@@ -60,6 +60,30 @@ pub fn rounds<T: FromStr>(usual: T) -> T {
     std::env::var("DCA_TEST_ROUNDS").ok().and_then(|rounds| rounds.parse().ok()).unwrap_or(usual)
 }
 
+/// Returns whether the calling process is the one for `test` alone; if not, runs that test in such a process first. Zenoh's threads belong
+/// to the process and stay in the network namespace in which the first session was opened, so a test that opens a session in a namespace
+/// begins with `if !alone("module::name") { return }`.
+///
+/// # Panics
+/// The test has failed there.
+pub fn alone(test: &str) -> bool {
+    const ALONE: &str = "DCA_TEST_ALONE";
+    if std::env::var_os(ALONE).is_some_and(|name| name == test) {
+        return true;
+    }
+    let own = std::env::current_exe().expect("Linux tells a process its executable");
+    let mut command = Command::new(own);
+    command.args(["--exact", test, "--include-ignored", "--nocapture"]).env(ALONE, test);
+    let output = command.output().expect("a test can be started again");
+    let [out, err] = [&output.stdout, &output.stderr].map(|bytes| String::from_utf8_lossy(bytes));
+    let passed = output.status.success() && out.contains("1 passed");
+    assert!(passed, "`{test}` failed in its own process: {}\n{out}{err}", output.status);
+    for line in err.lines().filter(|line| line.contains("skipped: ")) {
+        writeln!(std::io::stderr(), "{line}").unwrap_or_default();
+    }
+    false
+}
+
 /// Lets `time` pass, for a test that measures what happens meanwhile.
 pub fn pass(time: Duration) {
     Wakeup::default().wait(Some(now() + time));

@@ -4,7 +4,7 @@ use comms::io::clock::{now, sleep_until, unix_time};
 use comms::io::session::Session;
 use comms::logic::random::Random;
 use comms::logic::{codec, key};
-use dca_tests::cluster::{Busy, Hosts, NAMES, Program, SOON, Stream, pass, rounds, wait_until};
+use dca_tests::cluster::{Busy, Hosts, NAMES, Program, SOON, Stream, alone, pass, rounds, wait_until};
 use node::logic::protocol::{NodeStatus, Ping};
 use rustix::process::Signal;
 use std::time::Duration;
@@ -240,6 +240,9 @@ fn a_second_node_takes_no_name_from_one_that_is_away_for_a_moment() {
 /// Anybody can make a token, or ask as somebody else: neither changes who can be reached, while it lasts and after.
 #[test]
 fn a_forged_token_does_not_disturb_a_mission() {
+    if !alone("presence::a_forged_token_does_not_disturb_a_mission") {
+        return;
+    }
     let Some(hosts) = start(4) else { return };
     let mission = deployed(&hosts);
     let forging = hosts.network.inside(4, || {

@@ -12,7 +12,7 @@ use dbmanager::logic::message::{Hello, Join, Message, Pull};
 use dbmanager::logic::notary::{Claim, Holder, Notary};
 use dbmanager::logic::txn::{ChainHash, EncodedTxn, Txn, Value, Write};
 use dbmanager::logic::version_vector::{ReplicaId, VersionVector};
-use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, wait_until};
+use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, alone, wait_until};
 use dca_tests::made_team::{MadeTeam, keys};
 use node::logic::database::question::{Envelope, Question};
 use node::logic::gate;
@@ -251,6 +251,9 @@ impl Drop for Robbed {
 
 #[test]
 fn a_member_writes_for_itself_and_only_what_it_may() {
+    if !alone("team_database::a_member_writes_for_itself_and_only_what_it_may") {
+        return;
+    }
     let Some(robbed) = Robbed::new() else { return };
     let refused = |why: &str| {
         let told = wait_until(2 * SOON, || robbed.refusals(1).iter().any(|line| line.contains(why)));

@@ -5,7 +5,7 @@ use comms::io::session::{NodeOptions, Reach, Request, Session};
 use comms::logic::key::HostName;
 use comms::logic::port::Policy;
 use comms::logic::{codec, key};
-use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, wait_until};
+use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, alone, wait_until};
 use dca_tests::made_team::MadeTeam;
 use node::logic::link::{Ends, Frame};
 use node::logic::protocol::{Answer, Ping, Pong, Refusal, StopReply};
@@ -143,6 +143,9 @@ process main() {
 
 #[test]
 fn who_speaks_as_another_member_is_refused_and_told() {
+    if !alone("team_names::who_speaks_as_another_member_is_refused_and_told") {
+        return;
+    }
     let Some(mut robbed) = Robbed::new() else { return };
     // `c2` is there, and answers itself although the thief answers, too.
     let sees_c2 = |robbed: &Robbed| robbed.host(1).statuses(&[]).iter().any(|status| status.host == "c2");

@@ -4,7 +4,7 @@ mod split;
 
 use comms::io::clock::now;
 use dca_tests::cluster::{
-    Cluster, Ended, Host, NAMES, Network, Program, SOON, Stream, Trace, pass, rate, spec, wait_until, window,
+    Cluster, Ended, Host, NAMES, Network, Program, SOON, Stream, Trace, alone, pass, rate, spec, wait_until, window,
 };
 use std::fs::{self, Permissions};
 use std::io::Write as _;
@@ -122,6 +122,9 @@ fn port(place: &str) -> u16 {
 /// The door on three hosts of a team. A fourth host without keys sees nothing and starts nothing.
 #[test]
 fn a_team_opens_the_door_and_a_stranger_sees_nothing() {
+    if !alone("team_network::a_team_opens_the_door_and_a_stranger_sees_nothing") {
+        return;
+    }
     let Some(team) = Team::of_three(4) else { return };
     let stranger = team.host(4);
     // Who has no key on this machine is told what is missing, and nothing is started.

@@ -13,7 +13,7 @@ use comms::logic::key;
 use comms::logic::object::{CallId, ObjectCall, ObjectError, Signature, TypeForm};
 use comms::logic::seal::OTHER_KEY_WITHIN;
 use dca_tests::cluster::{
-    Cluster, Host, Network, Program, SOON, Stream, Trace, executable, pass, rate, wait_until, window,
+    Cluster, Host, Network, Program, SOON, Stream, Trace, alone, executable, pass, rate, wait_until, window,
 };
 use node::logic::protocol::{Answer, Deployment, Request};
 use rustix::process::Signal;
@@ -171,6 +171,9 @@ fn links_in_vain(identity: &Arc<ProgramIdentity>, folder: &Path, dials: &[Dial])
 /// A fourth host is a member of the team, and somebody on it uses the credentials that its node gives those who look at programs.
 #[test]
 fn a_member_speaks_for_other_programs_in_vain() {
+    if !alone("team_wires::a_member_speaks_for_other_programs_in_vain") {
+        return;
+    }
     let [library, program] = ["dca-controller", "dca-examples"].map(|name| executable(name).display().to_string());
     let Some(team) = Team::new(&["--controllers", &library, "--controllers", &program]) else { return };
     sends_on_a_wire_in_vain(&team);
@@ -369,6 +372,9 @@ fn wires_within_a_host_are_direct(team: &Team) {
 /// started again has other keys: the other ends hear of them, the values go on, and that is no line of the audit log.
 #[test]
 fn programs_that_are_started_again_go_on_with_new_keys() {
+    if !alone("team_wires::programs_that_are_started_again_go_on_with_new_keys") {
+        return;
+    }
     let Some(team) = Team::new(&[]) else { return };
     let text = "
         process main() {
@@ -417,6 +423,9 @@ fn programs_that_are_started_again_go_on_with_new_keys() {
 /// A mission calls what another deployment runs, from two hosts: both ends seal for each other, whichever mission it is, and nobody is refused.
 #[test]
 fn calls_of_another_deployment_are_sealed_too() {
+    if !alone("team_wires::calls_of_another_deployment_are_sealed_too") {
+        return;
+    }
     let program = executable("dca-examples").display().to_string();
     let Some(team) = Team::new(&["--controllers", &program]) else { return };
     let folder = format!("{}/../examples/hardware", env!("CARGO_MANIFEST_DIR"));
