@@ -177,7 +177,7 @@ fn echo_process() {
 fn two_processes_exchange() {
     let dir = Dir::new("two");
     let mut child = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "echo_process", "--nocapture"])
+        .args(["--exact", "data::echo_process", "--nocapture"])
         .env("DCA_TEST_SOCKET", dir.socket("p.sock"))
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())

@@ -182,7 +182,7 @@ struct Other {
 impl Other {
     fn start(socket: &Path) -> Self {
         let mut child = Command::new(std::env::current_exe().unwrap())
-            .args(["--exact", "serves_in_a_process_of_its_own", "--nocapture"])
+            .args(["--exact", "object::serves_in_a_process_of_its_own", "--nocapture"])
             .env("DCA_TEST_SOCKET", socket)
             .stdout(Stdio::piped())
             .spawn()

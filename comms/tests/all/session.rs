@@ -366,7 +366,7 @@ async fn other_node() {
 
 fn start_other(dir: &Dir) -> Child {
     let mut child = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "other_node", "--nocapture"])
+        .args(["--exact", "session::other_node", "--nocapture"])
         .env("DCA_TEST_SOCKET", dir.socket("other"))
         .stdout(Stdio::piped())
         .spawn()

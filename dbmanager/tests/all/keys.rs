@@ -1,9 +1,7 @@
 //! A team whose robots have keys, and a member of it that writes by hand what it may not: nobody takes it over, and all say so. What the
 //! simulation shows of honest robots with keys is in `simulation.rs`.
 
-#[path = "simulation/keys.rs"]
-mod keys;
-
+use crate::simulation::world::keys::{Keys, Revoked};
 use comms::logic::time::Time;
 use dbmanager::logic::clock::{DATE_MAX_MS, Quality, Timestamp, Wall};
 use dbmanager::logic::key::Key;
@@ -14,7 +12,6 @@ use dbmanager::logic::record::Records;
 use dbmanager::logic::replica::{AckLevel, Alarm, Answer, CommitRequest, Config, Effect, Input, Replica};
 use dbmanager::logic::txn::{ChainHash, Draft, EncodedTxn, Txn, Value, Write};
 use dbmanager::logic::version_vector::{ReplicaId, VersionVector};
-use keys::{Keys, Revoked};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;

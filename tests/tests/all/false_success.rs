@@ -25,12 +25,29 @@ fn fly(text: &str, rows: Vec<Row>) -> Vec<(Row, Vec<Outcome>)> {
         .collect()
 }
 
+/// One world of each kind in which something goes wrong, and of each fifth of those in which a program is killed or started again.
 #[test]
+fn a_mission_of_each_kind_does_not_end_well_with_the_door_shut() {
+    let mut meddled = 0;
+    check_survey(1, |row| {
+        let is_meddled = row.missions.iter().any(|mission| mission.meddling.is_some());
+        meddled += usize::from(is_meddled);
+        !is_meddled || meddled % 5 == 1
+    });
+}
+
+#[test]
+#[ignore = "long: three worlds of each row of the survey"]
 fn no_mission_ends_well_with_the_door_shut() {
+    check_survey(3, |_| true);
+}
+
+fn check_survey(worlds: u32, mut chosen: impl FnMut(&Row) -> bool) {
     let phases = active_in_phases(DOOR, LIMIT).unwrap_or_else(|why| panic!("{why}"));
     assert!(phases.iter().all(|phase| !phase.active.is_empty()), "a phase was not met: {phases:?}");
     let is_flown = |row: &Row| row.group != Group::Single || ["nominal", "swing push"].contains(&row.name.as_str());
-    let flown = fly(DOOR, rows(3, 1, &phases).into_iter().filter(is_flown).collect());
+    let rows = rows(worlds, 1, &phases).into_iter().filter(is_flown).filter(|row| chosen(row));
+    let flown = fly(DOOR, rows.collect());
     let (text, failures) = (table::text(&flown), table::failures(&flown));
     let is_false = flown.iter().flat_map(|(_, outcomes)| outcomes).any(Outcome::is_false);
     assert!(!is_false, "{text}\n{failures}");
@@ -72,7 +89,18 @@ const UNTUNED: [&str; 11] = [
 
 #[test]
 fn doors_that_nobody_tuned_for_open_gently() {
-    let flown = fly(DOOR, rows(3, 2, &[]).into_iter().filter(|row| UNTUNED.contains(&row.name.as_str())).collect());
+    check_untuned(1);
+}
+
+#[test]
+#[ignore = "long: three worlds of each"]
+fn more_doors_that_nobody_tuned_for_open_gently() {
+    check_untuned(3);
+}
+
+fn check_untuned(worlds: u32) {
+    let flown =
+        fly(DOOR, rows(worlds, 2, &[]).into_iter().filter(|row| UNTUNED.contains(&row.name.as_str())).collect());
     assert_eq!(flown.len(), UNTUNED.len());
     let is_strict = flown.iter().flat_map(|(_, outcomes)| outcomes).all(Outcome::is_strict);
     assert!(is_strict, "{}\n{}", table::text(&flown), table::failures(&flown));
@@ -81,6 +109,7 @@ fn doors_that_nobody_tuned_for_open_gently() {
 /// Everything unlike what the laws were made with, at once: noise three times as large, grasps eight times as stiff, closers
 /// that take 60 N. 37 of 48 opened before noise and stiffness were measured, 24 of them gently.
 #[test]
+#[ignore = "long: a share of 20 worlds"]
 fn wide_worlds_open() {
     let flown = fly(DOOR, rows(20, 11, &[]).into_iter().filter(|row| row.label() == "wide").collect());
     let (text, failures) = (table::text(&flown), table::failures(&flown));
@@ -107,14 +136,24 @@ fn who_is_started_again_in_the_opening_sees_how_far_it_is() {
 /// at 58.4 and 59.3 degrees. Then the base turned; now it is steady, and the hand feels that the hinge is elsewhere.
 #[test]
 fn wheels_that_spin_shortly_before_the_end_open_no_door() {
-    let rows = rows(10, 3, &[]).into_iter().filter(|row| row.name == "base spins at the end").collect();
+    check_spins(1);
+}
+
+#[test]
+#[ignore = "long: 40 worlds"]
+fn wheels_that_spin_shortly_before_the_end_open_none_of_many_doors() {
+    check_spins(10);
+}
+
+fn check_spins(worlds: u32) {
+    let rows = rows(worlds, 3, &[]).into_iter().filter(|row| row.name == "base spins at the end").collect();
     let flown = fly(DOOR, rows);
     let (text, failures) = (table::text(&flown), table::failures(&flown));
     let outcomes: Vec<&Outcome> = flown.iter().flat_map(|(_, outcomes)| outcomes).collect();
     let is_bad = |outcome: &&Outcome| outcome.is_false() || outcome.worst > FORCE_MAX;
-    assert!(outcomes.len() == 40 && !outcomes.iter().any(is_bad), "{text}\n{failures}");
+    assert!(outcomes.len() == 4 * worlds as usize && !outcomes.iter().any(is_bad), "{text}\n{failures}");
     let told = outcomes.iter().filter(|outcome| outcome.reason().contains("the wheels have slipped")).count();
-    assert!(told > 10, "{text}\n{failures}");
+    assert!(told > worlds as usize, "{text}\n{failures}");
 }
 
 /// Wheels that slide turn the base without turning themselves. Before that was bounded this one was done at 61.9 degrees, 8 short.
@@ -150,6 +189,7 @@ fn a_force_loop_that_is_too_slow_is_refused() {
 }
 
 #[test]
+#[ignore = "long: each controller in each phase"]
 fn with_recovery_the_door_opens_whoever_is_killed() {
     let phases = active_in_phases(RECOVERY, LIMIT).unwrap_or_else(|why| panic!("{why}"));
     let is_kill = |row: &Row| row.name.starts_with("killed") || row.name == "base slips in the press";

@@ -43,6 +43,7 @@ fn states(host: &Host) -> BTreeMap<String, String> {
 
 /// Each node of the door in turn, its home included, at a moment when much happens.
 #[test]
+#[ignore = "long: a real door, the next test opens one on a network"]
 fn the_door_opens_although_every_node_is_killed() {
     let cluster = Cluster::new();
     let here = cluster.here();

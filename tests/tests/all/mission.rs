@@ -118,7 +118,7 @@ fn the_door_opens_and_twice_the_same() {
 
 #[test]
 fn the_door_opens_on_a_busy_machine() {
-    for seed in 1..=6 {
+    for seed in 1..=2 {
         // Hold-ups of 30 ms let the hand run on into the handle: 0.018 m/s · 30 ms · 8 kN/m are 4 N each.
         check_open(&fly(&world(&format!("seed = {seed}")), Disturbance::busy(seed)));
     }
@@ -126,8 +126,19 @@ fn the_door_opens_on_a_busy_machine() {
 
 #[test]
 fn other_doors_open() {
-    for door in ["radius = 0.65 m", "radius = 0.95 m", "closer = 4 Nm", "closer = 20 Nm"] {
+    for door in ["radius = 0.65 m", "closer = 20 Nm"] {
         check_open(&fly(&world(door), Disturbance::busy(9)));
+    }
+}
+
+#[test]
+#[ignore = "long: more doors and more disturbances"]
+fn more_doors_open_on_busy_machines() {
+    for door in ["radius = 0.95 m", "closer = 4 Nm"] {
+        check_open(&fly(&world(door), Disturbance::busy(9)));
+    }
+    for seed in 3..=6 {
+        check_open(&fly(&world(&format!("seed = {seed}")), Disturbance::busy(seed)));
     }
 }
 

@@ -1,6 +1,6 @@
 //! Programs that are replaced while a source counts at 1 kHz through them: with `replace overlap` no number is lost or doubled.
 //!
-//! `DCA_TEST_ROUNDS=1000 cargo test --test all overlap::` replaces a program 1,000 times.
+//! `DCA_TEST_ROUNDS=1000 cargo test --test all overlap:: -- --ignored` replaces a program 1,000 times.
 
 #![expect(clippy::print_stdout, reason = "a test says how many numbers were lost")]
 
@@ -67,10 +67,10 @@ fn replace(here: &Host) -> Ended {
 }
 
 /// Replaces a program again and again, and once by a changed spec. Every number comes.
-fn overlaps(cluster: &Cluster, here: &Host, (host, what): (&str, &str)) {
+fn overlaps(cluster: &Cluster, here: &Host, (host, what): (&str, &str), times: u32) {
     let mission = here.mission(&spec(cluster, host, "", "replace overlap;"));
     let mut before = pids(here);
-    for round in 0..rounds(5) {
+    for round in 0..times {
         let replaced = replace(here);
         assert_eq!(replaced.code, Some(0), "round {round}: {replaced}");
         let now = pids(here);
@@ -85,7 +85,7 @@ fn overlaps(cluster: &Cluster, here: &Host, (host, what): (&str, &str)) {
     assert!(pids(here)["main/through"] != before["main/through"]);
     let runs = end(cluster, here, &mission);
     assert_eq!(runs.len(), 1, "{what}: numbers were lost or doubled: {runs:?}");
-    println!("{what}: {} replacements, {} numbers, none lost", rounds(5) + 1, runs[0].1 - runs[0].0 + 1);
+    println!("{what}: {} replacements, {} numbers, none lost", times + 1, runs[0].1 - runs[0].0 + 1);
 }
 
 #[test]
@@ -93,7 +93,16 @@ fn nothing_is_lost_on_one_host() {
     let cluster = Cluster::new();
     let here = cluster.here();
     let _node = here.node("c1", &[]);
-    overlaps(&cluster, &here, ("c1", "on one host"));
+    overlaps(&cluster, &here, ("c1", "on one host"), 2);
+}
+
+#[test]
+#[ignore = "long: many replacements"]
+fn nothing_is_lost_over_many_replacements() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    overlaps(&cluster, &here, ("c1", "on one host"), rounds(20));
 }
 
 #[test]
@@ -102,7 +111,7 @@ fn nothing_is_lost_between_two_hosts() {
     let cluster = Cluster::new();
     let (here, there) = (cluster.host(&network, 1), cluster.host(&network, 2));
     let _nodes = [here.node("c1", &["--insecure-lan"]), there.node("c2", &["--insecure-lan"])];
-    overlaps(&cluster, &here, ("c2", "between two hosts"));
+    overlaps(&cluster, &here, ("c2", "between two hosts"), 2);
 }
 
 /// A version that fails after a while gives back what it has taken, to the program that was there and is there still.
@@ -134,6 +143,16 @@ fn a_bad_version_is_taken_back_and_the_mission_goes_on() {
 /// The node is killed at any moment of a replacement: one of the two programs stays, with its connections, and the mission goes on.
 #[test]
 fn a_node_that_is_killed_while_programs_overlap_leaves_one_of_them() {
+    kill_while_they_overlap(2);
+}
+
+#[test]
+#[ignore = "long: many kills"]
+fn a_node_that_is_killed_again_and_again_while_programs_overlap_leaves_one_of_them() {
+    kill_while_they_overlap(rounds(20));
+}
+
+fn kill_while_they_overlap(times: u32) {
     let cluster = Cluster::new();
     let here = cluster.here();
     let mut node = here.node("c1", &[]);
@@ -142,7 +161,7 @@ fn a_node_that_is_killed_while_programs_overlap_leaves_one_of_them() {
     let mut random = Random::new(7);
     let is_pass = |process: &Process| process.command[0].ends_with("dca-counting") && process.command[1] == "Pass";
     let programs = || cluster.left().into_iter().filter(is_pass);
-    for round in 0..rounds(5) {
+    for round in 0..times {
         let change = here.dca(&["replace", "count", "through", "--probation", "0.3"]);
         let at = Duration::from_millis(random.below(600));
         pass(at);
@@ -283,7 +302,7 @@ fn nothing_is_lost_in_a_team() {
     mission.wait_for(Stream::Err, "▸", SOON);
     assert!(wait_until(SOON, || here.pids().len() == 4).is_some(), "{:?}", here.pids());
     let mut before = here.pids();
-    for round in 0..rounds(3) {
+    for round in 0..rounds(1) {
         let both = ["replace", "count", "through", "second", "--probation", "0.3"];
         let replaced = here.ask(&[&both, &keys[..]].concat());
         assert_eq!(replaced.code, Some(0), "round {round}: {replaced}");
@@ -295,5 +314,5 @@ fn nothing_is_lost_in_a_team() {
     }
     let runs = end_with(&cluster, &here, &mission, &keys);
     assert_eq!(runs.len(), 1, "numbers were lost or doubled: {runs:?}");
-    println!("in a team: {} replacements, {} numbers, none lost", 2 * rounds(3), runs[0].1 - runs[0].0 + 1);
+    println!("in a team: {} replacements, {} numbers, none lost", 2 * rounds(1), runs[0].1 - runs[0].0 + 1);
 }

@@ -44,7 +44,7 @@ fn a_cut_wire_is_noticed_before_the_lease_is_over() {
     let start = |number: usize, dial: &[(&str, &str)]| {
         let host = cluster.host(&network, number);
         let socket = cluster.folder().join(format!("end{number}")).display().to_string();
-        host.test("one_end", &[&[("DCA_TEST_SOCKET", socket.as_str())], dial].concat())
+        host.test("wires::one_end", &[&[("DCA_TEST_SOCKET", socket.as_str())], dial].concat())
     };
     let producer = start(1, &[]);
     producer.wait_for(Stream::Out, " end\n", SOON);

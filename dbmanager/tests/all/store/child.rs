@@ -33,7 +33,8 @@ pub(crate) enum Order {
 pub(crate) fn command(wrapper: &[&str], (order, dir, count): (Order, &Path, u64)) -> Command {
     let myself = std::env::current_exe().unwrap();
     let myself = myself.to_str().unwrap();
-    let words: Vec<&str> = wrapper.iter().copied().chain([myself, "--exact", "child::obeys", "--nocapture"]).collect();
+    let words: Vec<&str> =
+        wrapper.iter().copied().chain([myself, "--exact", "store::child::obeys", "--nocapture"]).collect();
     let mut command = Command::new(words[0]);
     command.args(&words[1..]).env(ORDER, format!("{order:?} {} {count} {}", ENGINE.get(), dir.display()));
     command

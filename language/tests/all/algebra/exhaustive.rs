@@ -28,11 +28,13 @@ fn all_expressions_of_three_leaves() {
 }
 
 #[test]
+#[ignore = "long: 10,320 expressions"]
 fn core_expressions_of_three_leaves_with_one_scope() {
     assert_eq!(check(Size { leaves: 3, unary: 1 }, Operators::Core, Leaves::Distinct).0, 10_320);
 }
 
 #[test]
+#[ignore = "long: 10,832 expressions"]
 fn core_expressions_of_four_leaves() {
     assert_eq!(check(Size { leaves: 4, unary: 0 }, Operators::Core, Leaves::Distinct).0, 10_832);
 }

@@ -4,6 +4,7 @@ use super::changes::{FEED, check, is_over, lives, outcome, revision, start};
 use super::world::{Draw, World};
 use node::logic::protocol::{Answer, Change, Ending, Report};
 use std::collections::BTreeSet;
+use std::ops::Range;
 use std::time::Duration;
 
 /// One more program, which hears the sensor.
@@ -115,8 +116,19 @@ fn event_actions_change_where_what_runs_has_its_place() {
 /// Programs are added and taken away, event actions change, and something is killed or lost: it is so everywhere or nowhere.
 #[test]
 fn what_comes_and_goes_does_so_everywhere_or_nowhere() {
+    what_comes_and_goes_does_so_everywhere_or_nowhere_for(0..100);
+}
+
+#[test]
+#[ignore = "long: 500 seeds"]
+fn what_comes_and_goes_does_so_everywhere_or_nowhere_for_more_seeds() {
+    what_comes_and_goes_does_so_everywhere_or_nowhere_for(100..600);
+}
+
+fn what_comes_and_goes_does_so_everywhere_or_nowhere_for(seeds: Range<u64>) {
+    let count = seeds.end - seeds.start;
     let (mut made, mut undone) = (0, 0);
-    for seed in 0..600 {
+    for seed in seeds.clone() {
         let mut draw = Draw::new(seed);
         let mut world = World::new(&["c1", "c2"]);
         world.loses_by_chance = (seed % 3 > 0).then(|| (Draw::new(!seed), 4 + seed % 20));
@@ -135,7 +147,7 @@ fn what_comes_and_goes_does_so_everywhere_or_nowhere() {
                     world.answers.contains_key(*call) && outcome(&world, **call).is_ok_and(|lines| !lines.is_empty())
                 })
                 .count();
-            calls.push(world.change("c1", &text, (1, u32::try_from(seen).unwrap()), &[]));
+            calls.push(world.change("c1", &text, (1, u32::try_from(seen).expect("few are seen")), &[]));
             world.run_for(Duration::from_millis(draw.below(40)));
             if round == 1 {
                 match draw.below(4) {
@@ -161,7 +173,7 @@ fn what_comes_and_goes_does_so_everywhere_or_nowhere() {
         assert!(is_over(&world, call), "seed {seed}: {:?}", world.answers[&call]);
         assert_eq!((&world.alive, &world.wires_open), (&BTreeSet::new(), &BTreeSet::new()), "seed {seed}");
     }
-    assert!(made > 300 && undone > 300, "{made} made, {undone} not");
+    assert!(made * 2 > count && undone * 2 > count, "{made} made, {undone} not");
 }
 
 /// A hundred people deploy one name at the same time, again and again, from both hosts: one wins, the others are told who.

@@ -10,7 +10,7 @@ const PROGRAMS: usize = 200;
 /// From one kill to the next, and how long all others may take to be as before.
 const EVERY: Duration = Duration::from_secs(5);
 /// How many kills; 10 minutes are 120 of them.
-const KILLS: u64 = 12;
+const KILLS: u64 = 3;
 
 fn host(number: usize) -> String {
     format!("h{:02}", number % HOSTS)

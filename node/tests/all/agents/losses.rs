@@ -4,6 +4,7 @@ use super::world::{Coming, Draw, World};
 use node::logic::agent::Input;
 use node::logic::protocol::{Answer, Change, Ending, FailureCause, Report};
 use std::collections::BTreeSet;
+use std::ops::Range;
 use std::time::Duration;
 
 /// Takes `host` off the network, which everybody notices at once.
@@ -368,7 +369,17 @@ process main() {
 /// reports its end, and nothing is left anywhere.
 #[test]
 fn whatever_is_cut_whenever_nothing_is_left() {
-    for seed in 0..400 {
+    whatever_is_cut_whenever_nothing_is_left_for(0..100);
+}
+
+#[test]
+#[ignore = "long: 300 seeds"]
+fn whatever_is_cut_whenever_nothing_is_left_for_more_seeds() {
+    whatever_is_cut_whenever_nothing_is_left_for(100..400);
+}
+
+fn whatever_is_cut_whenever_nothing_is_left_for(seeds: Range<u64>) {
+    for seed in seeds {
         let mut draw = Draw::new(seed);
         let mut world = World::new(&["c1", "c2", "c3"]);
         let call = world.deploy("c1", EVERYWHERE);

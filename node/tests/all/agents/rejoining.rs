@@ -5,6 +5,7 @@ use super::losses::{active, cut, heal};
 use super::world::{Draw, World};
 use node::logic::protocol::{Answer, Ending, Report};
 use std::collections::BTreeSet;
+use std::ops::Range;
 use std::time::Duration;
 
 /// A group on c2 is begun anew whenever it has failed. It hears a sensor on c1, and a program on c3 hears it.
@@ -105,7 +106,17 @@ fn who_cannot_is_asked_again() {
 /// runs twice, and in the end all run again, or nothing is left after a stop.
 #[test]
 fn whatever_is_cut_whenever_all_run_again() {
-    for seed in 0..300 {
+    whatever_is_cut_whenever_all_run_again_for(0..100);
+}
+
+#[test]
+#[ignore = "long: 200 seeds"]
+fn whatever_is_cut_whenever_all_run_again_for_more_seeds() {
+    whatever_is_cut_whenever_all_run_again_for(100..300);
+}
+
+fn whatever_is_cut_whenever_all_run_again_for(seeds: Range<u64>) {
+    for seed in seeds {
         let mut draw = Draw::new(seed);
         let (mut world, call) = begun();
         world.loses_by_chance = Some((Draw::new(seed), 5));

@@ -3,6 +3,7 @@
 use super::world::{Draw, World};
 use node::logic::protocol::{Answer, Change, Ending, FailureCause, Report};
 use std::collections::BTreeSet;
+use std::ops::Range;
 use std::time::Duration;
 
 /// A group of four programs on two hosts, the last of them in a group of its own, and a plan B.
@@ -153,7 +154,17 @@ fn a_group_that_is_tried_again_begins_to_count_anew() {
 /// asserts, the group ends, and nothing is left.
 #[test]
 fn whoever_dies_whenever_the_group_goes_on_or_ends() {
-    for seed in 0..500 {
+    whoever_dies_whenever_the_group_goes_on_or_ends_for(0..100);
+}
+
+#[test]
+#[ignore = "long: 400 seeds"]
+fn whoever_dies_whenever_the_group_goes_on_or_ends_for_more_seeds() {
+    whoever_dies_whenever_the_group_goes_on_or_ends_for(100..500);
+}
+
+fn whoever_dies_whenever_the_group_goes_on_or_ends_for(seeds: Range<u64>) {
+    for seed in seeds {
         let (mut draw, mut world) = (Draw::new(seed), World::new(&["c1", "c2", "c3"]));
         let strategy = ["one_for_one", "one_for_all", "rest_for_one"][draw.index(3)];
         let intensity = ["", "restarts 3 within 10 s;"][draw.index(2)];

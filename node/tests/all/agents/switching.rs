@@ -8,6 +8,7 @@ use comms::logic::time::Time;
 use node::logic::effect::ProcessId;
 use node::logic::protocol::{Answer, Report, Request, SetsSwitched, SwitchRequest};
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 use std::time::Duration;
 
 /// The longest time that a value takes, in milliseconds.
@@ -290,7 +291,17 @@ fn spec(expression: &str) -> String {
 /// The labels of an expression: what one step closes and the next one opens loses and swaps nothing, whatever frames are lost.
 #[test]
 fn a_set_that_follows_another_one_loses_nothing() {
-    for seed in 0..60 {
+    a_set_that_follows_another_one_loses_nothing_for(0..15);
+}
+
+#[test]
+#[ignore = "long: 45 seeds"]
+fn a_set_that_follows_another_one_loses_nothing_for_more_seeds() {
+    a_set_that_follows_another_one_loses_nothing_for(15..60);
+}
+
+fn a_set_that_follows_another_one_loses_nothing_for(seeds: Range<u64>) {
+    for seed in seeds {
         let mut world = World::new(&["c1", "c2", "c3"]);
         world.loses_by_chance = (seed % 3 > 0).then(|| (Draw::new(seed), 10));
         let call = world.deploy("c1", &spec("s, t, k, (p[a] ;; p[b])"));
@@ -313,7 +324,17 @@ fn a_set_that_follows_another_one_loses_nothing() {
 /// A person switches what runs, to and fro.
 #[test]
 fn what_runs_is_switched_and_loses_nothing() {
-    for seed in 0..60 {
+    what_runs_is_switched_and_loses_nothing_for(0..20);
+}
+
+#[test]
+#[ignore = "long: 40 seeds"]
+fn what_runs_is_switched_and_loses_nothing_for_more_seeds() {
+    what_runs_is_switched_and_loses_nothing_for(20..60);
+}
+
+fn what_runs_is_switched_and_loses_nothing_for(seeds: Range<u64>) {
+    for seed in seeds {
         let mut world = World::new(&["c1", "c2", "c3"]);
         world.loses_by_chance = (seed % 3 > 0).then(|| (Draw::new(seed), 10));
         let call = world.deploy("c1", &spec("s, t, k, q[a]"));
