@@ -107,8 +107,8 @@ fn logs_come_from_any_host() {
 }
 
 /// With all agents stopped for 2 s, data from controller to controller keeps its rate, within a host and
-/// between hosts: no gap is more than three periods longer than the machine shows without the stop, or shows a thread of the test
-/// meanwhile. The mission would survive it, too: this one goes on to its end.
+/// between hosts: a wire that needed an agent would stand still for 2 s. A gap may be a quarter of that longer than the machine shows
+/// without the stop, or than a thread of the test sees during it, because other tests take the processors. This mission goes on to its end.
 #[test]
 fn data_flows_while_the_agents_are_stopped() {
     let Some(hosts) = four_hosts() else { return };
@@ -139,7 +139,7 @@ fn data_flows_while_the_agents_are_stopped() {
         let lost = lost.last().expect("the monitor publishes it").value;
         println!("{pair}: largest gap {gap_quiet:.1} ms, {rate_quiet:.1} beats/s");
         println!("{pair}, agents stopped: largest gap {gap_stopped:.1} ms, {rate_stopped:.1} beats/s, {lost} lost");
-        let gap_max = gap_quiet.max(machine_ms) + 3.0 * PERIOD_MS;
+        let gap_max = gap_quiet.max(machine_ms) + AGENTS_STOPPED.as_secs_f64() * 1e3 / 4.0;
         assert!(gap_stopped <= gap_max, "{pair}: {gap_quiet} ms, then {gap_stopped} ms; the machine {machine_ms} ms");
         assert!(rate_stopped > 0.8 * rate_quiet, "{pair}: {rate_quiet} beats/s, then {rate_stopped}");
     }

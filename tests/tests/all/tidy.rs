@@ -11,7 +11,7 @@ use std::collections::BTreeSet;
 use std::fs;
 
 /// The longest file, without its tests.
-const LINES_MAX: usize = 450;
+const LINES_MAX: usize = 600;
 /// The most lines of the database's core, blank ones and tests left out. A quarter of them are documentation.
 const CORE_LINES_MAX: usize = 5400;
 /// The rooms that each room may import. `dca-tests` sees every room, and no room sees it.

@@ -8,9 +8,6 @@ use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// How often a process is killed.
-const KILLS: u64 = 200;
-
 /// Returns the output of a child, line by line.
 fn said(mut command: Command) -> Vec<String> {
     let output = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
@@ -45,10 +42,20 @@ fn check_trouble(lines: &[String], dir: &Path, (trouble, count): (&str, u64)) {
 
 #[test]
 fn killed_at_any_moment() {
+    kill(40);
+}
+
+#[test]
+#[ignore = "long: 200 kills"]
+fn killed_again_and_again_at_any_moment() {
+    kill(200);
+}
+
+fn kill(times: u64) {
     on_each_engine(|| {
         let folder = Folder::new();
         let mut acked = 0;
-        for round in 0..KILLS {
+        for round in 0..times {
             let mut command = child::command(&[], (Order::Commit, &folder.store(), u64::MAX));
             let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
             let mut lines = BufReader::new(child.stdout.take().unwrap());
@@ -77,7 +84,7 @@ fn killed_at_any_moment() {
                 heed(line);
             }
         }
-        assert!(acked > KILLS);
+        assert!(acked > times);
         assert!(Robot::open(open(&folder.store()).unwrap()).unwrap().committed() >= acked);
     });
 }

@@ -128,11 +128,20 @@ fn look_at_robot<S: Store>(open: fn(&Path) -> Result<S, StoreError>, path: &Path
 
 #[test]
 fn power_cut() {
+    cut_power(40, 6_000);
+}
+
+#[test]
+#[ignore = "long: 120 cuts in 20,000 commits"]
+fn power_cut_in_a_long_life() {
+    cut_power(from_environment("DCA_POWER_CUTS", 120), from_environment("DCA_COMMITS", 20_000));
+}
+
+fn cut_power(cuts: u64, commits: u64) {
     on_each_engine(|| {
         if !has_strace() {
             return;
         }
-        let (cuts, commits) = (from_environment("DCA_POWER_CUTS", 120), from_environment("DCA_COMMITS", 20_000));
         let folder = Folder::quick();
         let data = ENGINE.get().data(&folder.0.join("root/db"));
         let look = |path: &Path, acked| look_at_robot(open, path, acked);
@@ -148,10 +157,8 @@ fn power_cut() {
             }
         });
         let kept = fs::metadata(&data).unwrap().len();
-        println!("{commits} commits, {written} bytes written to a file of {kept}");
         assert!(written > 3 * kept, "space was not used again: {written} bytes in a file of {kept}");
         let (with, without) = (with.end(), without.end());
-        println!("with the data sync: {with:?}, without: {without:?}");
         assert_eq!(with, BTreeMap::from([(Left::All, cuts)]));
         assert!(without.get(&Left::All).copied().unwrap_or(0) <= 3, "the method does not find the hole: {without:?}");
     });

@@ -3,14 +3,27 @@
 use super::team;
 use crate::simulation::scenes;
 
+/// A day in milliseconds.
+const DAY: u64 = 86_400_000;
+
 #[test]
-fn away_90_days_returns() {
+fn who_was_away_for_15_days_returns() {
+    returns_after(15);
+}
+
+#[test]
+#[ignore = "long: 90 days"]
+fn who_was_away_for_90_days_returns() {
+    returns_after(90);
+}
+
+fn returns_after(days: u64) {
     let mut world = team(3);
     world.put(0, "team/a", 1);
     world.settle().unwrap();
     world.crash(2);
     world.delete(0, "team/a");
-    world.run_for(90 * 86_400_000);
+    world.run_for(days * DAY);
     assert_eq!(world.siblings(0, "team/a"), 1, "the deletion is kept for who is away");
     world.restart(2);
     world.settle().unwrap();
@@ -38,6 +51,16 @@ fn retired_while_away_returns_with_writes() {
 
 #[test]
 fn retired_while_away_does_not_bring_back_what_was_deleted() {
+    brings_nothing_back_after(15);
+}
+
+#[test]
+#[ignore = "long: 90 days"]
+fn retired_for_90_days_does_not_bring_back_what_was_deleted() {
+    brings_nothing_back_after(90);
+}
+
+fn brings_nothing_back_after(days: u64) {
     let mut world = team(3);
     world.put(0, "team/a", 1);
     world.settle().unwrap();
@@ -45,7 +68,7 @@ fn retired_while_away_does_not_bring_back_what_was_deleted() {
     world.delete(0, "team/a");
     let away = world.asleep(2);
     world.retire_origin(0, away);
-    world.run_for(90 * 86_400_000);
+    world.run_for(days * DAY);
     assert_eq!(world.siblings(0, "team/a"), 0, "nobody waits for who is retired");
     world.restart(2);
     world.settle().unwrap();
