@@ -6,7 +6,8 @@ use comms::io::clock;
 use comms::logic::human::span;
 use node::console::Failure;
 use node::logic::protocol::{
-    Absent, AbsentHost, AbsentProcess, Answer, Deployment, Duplicate, OpenEnd, OpenHost, Request, Why,
+    Absent, AbsentHost, AbsentProcess, Answer, Deployment, Duplicate, OpenEnd, OpenHost, Request, WaitingDeployment,
+    Why,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -94,8 +95,22 @@ pub(crate) fn nowhere(what: &str, away: &Absences) -> Failure {
     away.may_have(what).unwrap_or_else(|| Failure::Refused(anyhow!("no {what} is running; `dca status` lists what is")))
 }
 
+/// Returns the deployment of a name that has not begun, with its home and the connection to that.
+pub(crate) fn waiting<'a, 'b>(
+    name: &str,
+    found: &'b [(&'a Client, Statuses)],
+) -> Option<(&'a Client, &'b str, &'b WaitingDeployment)> {
+    let nodes = found.iter().flat_map(|(client, statuses)| statuses.nodes.iter().map(move |node| (*client, node)));
+    let mut all =
+        nodes.flat_map(|(client, node)| node.waiting.iter().map(move |one| (client, node.host.as_str(), one)));
+    all.find(|(_, _, one)| one.name == name)
+}
+
 /// Says why no node that answers runs a deployment: it has ended but for some hosts, or it is missing.
 pub(crate) async fn not_running(name: &str, found: &[(&Client, Statuses)]) -> Failure {
+    if let Some((_, home, one)) = waiting(name, found) {
+        return Failure::Refused(anyhow!("`{name}` {one} on `{home}`; `dca stop {name}` ends that"));
+    }
     let away = ask(found).await;
     match away.ends.iter().rfind(|end| end.deployment.name == name) {
         Some(end) => Failure::Unreachable(anyhow!(

@@ -439,6 +439,7 @@ mod tests {
             estop: None,
             policy: None,
             missing: vec!["c3".into(), "c4".into()],
+            waiting: vec![],
         }
     }
 }

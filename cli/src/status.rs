@@ -62,7 +62,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 /// Leaves out what is not of the deployment, if one is named.
 fn only(statuses: &mut [NodeStatus], away: &mut Absences, name: Option<&str>) {
     let Some(name) = name else { return };
-    statuses.iter_mut().for_each(|status| status.deployments.retain(|one| one.deployment.name == name));
+    for status in statuses {
+        status.deployments.retain(|one| one.deployment.name == name);
+        status.waiting.retain(|one| one.name == name);
+    }
     away.ends.retain(|end| end.deployment.name == name);
     away.processes.retain(|one| one.deployment.name == name);
     for absent in away.told.values_mut() {
@@ -100,6 +103,9 @@ fn text(statuses: &[NodeStatus], away: &Absences, name: Option<&str>) -> String 
         part.lost.iter().map(row).collect::<Vec<_>>()
     });
     blocks.push(table(&lost.collect::<Vec<_>>()));
+    let waiting = statuses.iter().flat_map(|status| status.waiting.iter().map(move |one| (&status.host, one)));
+    let waiting = waiting.map(|(host, one)| vec![one_line(&one.name).to_string(), one.to_string(), host.clone()]);
+    blocks.push(table(&waiting.collect::<Vec<_>>()));
     let row = |end| [format!("{end}"), "unconfirmed on".to_owned()];
     let rows: Vec<Vec<String>> =
         away.ends.iter().map(|end| row(&end.deployment).into_iter().chain([open_hosts(end)]).collect()).collect();

@@ -14,12 +14,15 @@ use comms::io::clock;
 use comms::logic::human::span;
 use node::console::{self, Failure, block_on};
 use node::logic::protocol::{Answer, Deployment, Report, Request};
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 /// How long it may be out of reach before a person is told.
 const TOLD_AFTER: Duration = Duration::from_secs(2);
 /// How long the deployment's node may be out of reach. A node that starts or ends hundreds of programs answers late.
 const SILENT_MAX: Duration = Duration::from_secs(30);
+/// How long hosts that answer have to confirm that nothing is left of the earlier run.
+const CONFIRMED_WITHIN: Duration = Duration::from_secs(5);
 /// How often the node is asked again.
 const ASK_EVERY: Duration = Duration::from_millis(200);
 
@@ -50,10 +53,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         } else if arguments.forget {
             forget(&clients, &arguments.name).await.map(|()| None)
         } else {
-            match locate(clients.statuses().await?, &arguments.name).await {
-                Ok(located) => stop(located).await.map(Some),
-                Err(failure) => Err(failure),
-            }
+            stop(&clients, &arguments.name).await.map(Some)
         };
         clients.close().await;
         result
@@ -96,6 +96,14 @@ async fn forget(clients: &Clients, name: &str) -> Result<(), Failure> {
         }
     }
     let mut parts = all.iter().flat_map(|(_, found)| &found.nodes).flat_map(|node| &node.deployments);
+    let waiting = absent::waiting(name, &all)
+        .map(|(_, home, one)| format!("`{name}` {one} on `{home}`; `dca stop {name}` ends that"));
+    if ends.is_empty()
+        && let Some(waiting) = waiting
+    {
+        return Err(anyhow!(waiting).into());
+    }
+    waiting.iter().for_each(|waiting| console::note(&format!("note: {waiting}")));
     if ends.is_empty()
         && let Some(part) = parts.find(|part| part.deployment.name == name)
     {
@@ -152,8 +160,41 @@ pub(crate) async fn locate<'a>(all: Vec<(&'a Client, Statuses)>, name: &str) -> 
     }
 }
 
+/// Stops a deployment, or ends its waiting; returns the hosts that could not confirm that nothing of it is left.
+async fn stop(clients: &Clients, name: &str) -> Result<Vec<String>, Failure> {
+    let all = clients.statuses().await?;
+    match absent::waiting(name, &all) {
+        Some((client, home, _)) => stop_waiting(client, home, name).await?,
+        None => return stop_running(locate(all, name).await?).await,
+    }
+    let deadline = clock::now() + CONFIRMED_WITHIN;
+    loop {
+        let all = clients.statuses().await?;
+        let away = absent::ask(&all).await;
+        let ends = away.ends.iter().filter(|end| end.deployment.name == name);
+        let open: BTreeSet<String> = ends.flat_map(|end| end.hosts.iter().map(|open| open.host.clone())).collect();
+        let answers = |host: &String| all.iter().flat_map(|(_, found)| &found.nodes).any(|node| node.host == *host);
+        if !open.iter().any(answers) || clock::now() >= deadline {
+            return Ok(open.into_iter().collect());
+        }
+        clock::sleep_until(clock::now() + ASK_EVERY).await;
+    }
+}
+
+/// Has a home give up a deployment that waits. A deployment that has begun in the meantime is stopped.
+async fn stop_waiting(client: &Client, home: &str, name: &str) -> Result<(), Failure> {
+    let mut answers = client.order_on(home, Request::Stop { name: name.to_owned() }, 0).await?;
+    match answers.next().await {
+        Some(Ok(Answer::Stop(_))) => Ok(()),
+        Some(Ok(Answer::Refused(why))) => Err(anyhow!("host `{home}`: {why}").into()),
+        Some(Ok(other)) => Err(unasked(home, &other)),
+        Some(Err(failure)) => Err(failure),
+        None => Err(Failure::Unreachable(anyhow!("the node `{home}` went away"))),
+    }
+}
+
 /// Stops a deployment; returns the hosts that could not confirm that nothing of it is left.
-async fn stop(Located { client, deployment, home }: Located<'_>) -> Result<Vec<String>, Failure> {
+async fn stop_running(Located { client, deployment, home }: Located<'_>) -> Result<Vec<String>, Failure> {
     let name = &deployment.name;
     let (mut heard, mut is_told) = (clock::now(), false);
     loop {

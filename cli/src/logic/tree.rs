@@ -104,6 +104,7 @@ pub(crate) mod tests {
             estop: None,
             policy: None,
             missing: vec![],
+            waiting: vec![],
         }
     }
 

@@ -157,6 +157,9 @@ impl View {
                 }
             }
         }
+        for (node, one) in self.statuses.iter().flat_map(|node| node.waiting.iter().map(move |one| (node, one))) {
+            lines.insert(format!("{}  {}", node.host, one.name), one.state().to_owned());
+        }
         for process in &self.away.processes {
             let what = format!("{}  {}  {}", process.host, process.deployment, process.path);
             lines.insert(what, format!("unknown ({})", self.away.word(&process.host)));
@@ -189,6 +192,9 @@ impl View {
         let line = serde_json::to_string(&nodes)?;
         for node in &mut nodes {
             node.status.up = Duration::ZERO;
+            for one in &mut node.status.waiting {
+                (one.begins_in, one.at_most) = (Duration::ZERO, Duration::ZERO);
+            }
             node.absent.hosts.iter_mut().for_each(|host| host.heard = Duration::ZERO);
             let open = node.absent.ends.iter_mut().flat_map(|end| &mut end.hosts);
             open.for_each(|host| host.heard = host.heard.map(|_| Duration::ZERO));
@@ -235,6 +241,7 @@ fn drawn(text: &str, before: usize, (rows, columns): (usize, usize)) -> (String,
 mod tests {
     use super::*;
     use crate::logic::tree::tests::door_node;
+    use node::logic::protocol::WaitingDeployment;
 
     #[test]
     fn a_table_takes_the_place_of_the_one_before_and_fits() {
@@ -272,8 +279,14 @@ mod tests {
     #[test]
     fn time_that_passes_is_no_change() {
         let mut view = View { statuses: vec![door_node("c1", &[("main", "running", None)])], ..View::default() };
-        let before = view.json().unwrap();
+        let (by, resumes, hosts) = (String::new(), None, Vec::new());
+        let (begins_in, at_most) = (Duration::from_secs(9), Duration::from_secs(99));
+        let waiting = WaitingDeployment { name: "m".into(), by, resumes, begins_in, hosts, at_most };
+        view.statuses[0].waiting = vec![waiting];
+        let (before, lines) = (view.json().unwrap(), view.lines());
         view.statuses[0].up = Duration::from_secs(5);
+        view.statuses[0].waiting[0].begins_in = Duration::from_secs(4);
+        assert_eq!((&lines["c1  m"], view.lines()), (&"waits to begin".to_owned(), lines.clone()));
         let after = view.json().unwrap();
         assert_ne!(before.0, after.0);
         assert_eq!(before.1, after.1);

@@ -314,6 +314,7 @@ impl Driver {
             Event::Alarm => Some(Input::Tick),
             Event::Committed(deployment, written) => Some(Input::Committed { deployment, written }),
             Event::EstopKept(number, written) => Some(Input::EstopKept { number, written }),
+            Event::Unkept(deployment, written) => Some(Input::Unkept { deployment, written }),
             Event::Found(deployment, number, problems) => Some(Input::Found { deployment, number, problems }),
         }
     }
@@ -350,7 +351,7 @@ impl Driver {
                 self.settling.spawn_blocking(move || journal::settle(&journal, &deployment));
             }
             Effect::Keep(kept) => self.keep(|files| files.keep(&kept)),
-            Effect::Unkeep { deployment } => self.keep(|files| files.unkeep(&deployment)),
+            Effect::Unkeep { deployment } => self.unkeep(deployment),
             Effect::KeepAll(all) => self.keep(|files| files.keep_all(&all)),
             Effect::KeepTombstones(all) => self.keep(|files| files.keep_tombstones(all)),
             Effect::KeepEstop { number, estop } => self.keep_estop(number, estop),

@@ -44,6 +44,8 @@ pub(crate) enum Event {
     Committed(Deployment, Result<(), String>),
     /// Whether everything is stopped is on the disk, or why it is not; by the number of the write.
     EstopKept(u64, Result<(), String>),
+    /// The record of a deployment was removed from the disk, or why it was not.
+    Unkept(Deployment, Result<(), String>),
     /// A call that a user has signed, and that is written down.
     Admitted(u64, Request, Caller),
     /// Whether an order of another node may be carried out, by its number.

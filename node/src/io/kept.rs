@@ -71,6 +71,19 @@ struct Wanted {
     tombstones: Option<Vec<Tombstone>>,
 }
 
+impl Wanted {
+    /// Takes earlier wishes that were not written; a later wish about the same counts.
+    fn again(&mut self, earlier: Self) {
+        if !self.is_all {
+            self.is_all = earlier.is_all;
+            for (epoch, bytes) in earlier.running {
+                self.running.entry(epoch).or_insert(bytes);
+            }
+        }
+        self.tombstones = self.tombstones.take().or(earlier.tombstones);
+    }
+}
+
 impl KeptFiles {
     /// Returns the files in the folder of a node's state, and what is in them. Blocks.
     pub(crate) fn open(state: Option<PathBuf>, boot: &str) -> (Self, Earlier) {
@@ -113,24 +126,28 @@ impl KeptFiles {
         }
     }
 
-    /// Writes what is to be there. Blocks.
-    pub(crate) fn write(&self) {
-        let Some(inner) = &self.0 else { return };
+    /// Writes the files that are to be there. Blocks. A wish that the disk refuses is repeated with the next one.
+    ///
+    /// # Errors
+    /// The disk does not have all of it, for a person.
+    pub(crate) fn write(&self) -> Result<(), String> {
+        let Some(inner) = &self.0 else { return Ok(()) };
         let mut disk = lock(&inner.disk);
         let wanted = std::mem::take(&mut *lock(&inner.wanted));
-        if let Err(error) = inner.write(wanted, &mut disk) {
-            let state = inner.state.display();
-            tracing::error!(%state, error = format!("{error:#}"), "what survives a reboot cannot be written down");
-        }
+        let Err(error) = inner.write(&wanted, &mut disk) else { return Ok(()) };
+        lock(&inner.wanted).again(wanted);
+        let (state, why) = (inner.state.display(), format!("{error:#}"));
+        tracing::error!(%state, error = why, "what survives a reboot cannot be written down");
+        Err(why)
     }
 }
 
 impl Inner {
-    fn write(&self, wanted: Wanted, disk: &mut BTreeMap<Tombstone, u64>) -> anyhow::Result<()> {
-        if let Some(all) = wanted.tombstones {
+    fn write(&self, wanted: &Wanted, disk: &mut BTreeMap<Tombstone, u64>) -> anyhow::Result<()> {
+        if let Some(all) = &wanted.tombstones {
             let now = unix_time().as_secs();
             let known: BTreeMap<Tombstone, u64> =
-                all.into_iter().map(|one| (one.clone(), disk.get(&one).copied().unwrap_or(now))).collect();
+                all.iter().map(|one| (one.clone(), disk.get(one).copied().unwrap_or(now))).collect();
             if known != *disk {
                 let all =
                     known.iter().map(|(tombstone, since)| Stopped { since: *since, tombstone: tombstone.clone() });
@@ -145,12 +162,12 @@ impl Inner {
         {
             remove(other)?;
         }
-        for (epoch, bytes) in wanted.running {
+        for (epoch, bytes) in &wanted.running {
             let path = folder.join(epoch.to_string());
             match bytes {
                 Some(bytes) => {
                     DirBuilder::new().recursive(true).mode(0o700).create(&folder).context("making its folder")?;
-                    put(&path, &bytes)?;
+                    put(&path, bytes)?;
                 }
                 None => remove(&path)?,
             }
@@ -277,8 +294,8 @@ mod tests {
         (1..=3).for_each(|epoch| files.keep(&kept(epoch)));
         files.unkeep(&kept(2).deployment);
         files.keep_tombstones(vec![tombstone(7)]);
-        files.write();
-        files.write();
+        files.write().unwrap();
+        files.write().unwrap();
         let found = |boot: &str| {
             let running = open(boot).1.running.into_iter();
             running.map(|before| (before.kept.deployment.epoch, before.was_rebooted)).collect::<Vec<_>>()
@@ -288,8 +305,27 @@ mod tests {
         assert_eq!(open("second").1.tombstones, [tombstone(7)]);
         files.keep_all(&[kept(1)]);
         files.keep_tombstones(Vec::new());
-        files.write();
+        files.write().unwrap();
         assert_eq!((found("first"), open("first").1.tombstones), (vec![(1, false)], Vec::new()));
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    /// A wish that the disk refuses is repeated with the next one.
+    #[test]
+    fn what_the_disk_refuses_is_written_later() {
+        let folder = std::env::temp_dir().join(format!("dca-kept-refused-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let (files, _) = KeptFiles::open(Some(folder.clone()), "first");
+        // A file stands where the folder would be.
+        std::fs::write(folder.join(RUNNING), "").unwrap();
+        files.keep(&kept(1));
+        files.keep(&kept(2));
+        assert!(files.write().unwrap_err().contains("running"));
+        files.unkeep(&kept(2).deployment);
+        std::fs::remove_file(folder.join(RUNNING)).unwrap();
+        files.write().unwrap();
+        let (_, found) = KeptFiles::open(Some(folder.clone()), "first");
+        assert_eq!(found.running.iter().map(|one| one.kept.deployment.epoch).collect::<Vec<_>>(), [1]);
         std::fs::remove_dir_all(&folder).unwrap();
     }
 
@@ -301,7 +337,7 @@ mod tests {
         std::fs::create_dir_all(&folder).unwrap();
         let (files, _) = KeptFiles::open(Some(folder.clone()), "first");
         files.keep(&kept(1));
-        files.write();
+        files.write().unwrap();
         let whole = std::fs::read(&path).unwrap();
         for at in 0..whole.len() {
             let mut other = whole.clone();

@@ -128,6 +128,11 @@ impl Absence {
         self.ends.get(deployment).is_some_and(|end| !end.hosts.is_empty())
     }
 
+    /// Returns the hosts that have not confirmed that nothing of a deployment is left.
+    pub fn unconfirmed(&self, deployment: &Deployment) -> BTreeSet<&String> {
+        self.ends.get(deployment).into_iter().flat_map(|end| end.hosts.keys()).collect()
+    }
+
     /// Forgets an open end, as a person wants; says whether there was one.
     pub fn forget(&mut self, deployment: &Deployment) -> bool {
         self.ends.get_mut(deployment).map(|end| end.hosts.clear()).is_some()

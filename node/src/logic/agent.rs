@@ -14,6 +14,7 @@ mod namesakes;
 mod orders;
 mod over;
 mod peers;
+mod promises;
 mod relay;
 
 use boot::Resumed;
@@ -23,6 +24,7 @@ pub use input::Input;
 use inquiries::Inquiries;
 use namesakes::Rivalry;
 use orders::Orders;
+use promises::Promises;
 
 use crate::logic::absence::Absence;
 use crate::logic::claims::Claims;
@@ -117,6 +119,7 @@ pub struct Agent {
     /// Until when a node of which nothing is left waits for others to acknowledge its last messages.
     lingers_until: Option<Time>,
     orders: Orders,
+    promises: Promises,
     rivalry: Rivalry,
     stopped: Stopped,
     /// The deployments that ran before this node, until they are told.
@@ -183,6 +186,7 @@ impl Agent {
             adoptions: VecDeque::new(),
             lingers_until: None,
             orders: Orders::default(),
+            promises: Promises::default(),
             rivalry: Rivalry::default(),
             stopped,
             earlier: running,
@@ -351,11 +355,13 @@ impl Agent {
                 }
             }
             Input::EstopKept { number, written } => self.estop_kept(number, written, out),
+            Input::Unkept { deployment, written } => self.unkept(&deployment, &written, out),
             Input::Adopted { away, programs } => {
                 self.inquiries.adopted(programs);
                 self.adopted(out.now, away);
                 self.keep_estop(out);
                 self.keep_all(out);
+                self.unkeep_again(out);
                 self.judge_again(out);
                 self.ask_again(out);
             }
@@ -404,6 +410,7 @@ impl Agent {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             up: now - self.started,
             peers: self.names.present().map(str::to_owned).collect(),
+            waiting: self.awaiting_hosts.iter().map(|one| self.waiting(one, now)).collect(),
             missing: self.absence.hosts().filter(|host| !self.names.reaches(host)).map(str::to_owned).collect(),
             deployments: self.participants.values().map(Participant::status).collect(),
             // The driver knows.

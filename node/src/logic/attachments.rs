@@ -91,6 +91,7 @@ impl Attachments {
             | Input::Reached { .. }
             | Input::Leave
             | Input::EstopKept { .. }
+            | Input::Unkept { .. }
             | Input::Judged { .. }
             | Input::Resumable { .. }
             | Input::Calendar { .. }

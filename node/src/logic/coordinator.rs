@@ -20,9 +20,7 @@ mod switching;
 
 use crate::logic::effect::{Effect, Out, earliest};
 use crate::logic::history::History;
-use crate::logic::protocol::{
-    Answer, Deployment, Ending, Report, Signed, StopReply, ToCoordinator, ToParticipant, Why, unreached,
-};
+use crate::logic::protocol::{Deployment, Ending, Report, Signed, ToCoordinator, ToParticipant, Why, unreached};
 use crate::logic::wiring::Registrations;
 use aligned::Aligning;
 use change::Changing;
@@ -99,6 +97,8 @@ pub struct Coordinator {
     is_leaving: bool,
     /// Whether a user has asked for its end.
     is_unwanted: bool,
+    /// How many times the disk still has to say that it has forgotten it.
+    unkeeping: u32,
     /// How often its plan was changed while it ran, and who did that last.
     revision: (u32, String),
     change: Option<Changing>,
@@ -153,6 +153,7 @@ impl Coordinator {
             is_asked: false,
             is_leaving: false,
             is_unwanted: false,
+            unkeeping: 0,
             revision: (0, String::new()),
             change: None,
             changes: 0,
@@ -390,33 +391,6 @@ impl Coordinator {
         }
         if self.waiting.is_empty() {
             self.finish(out);
-        }
-    }
-
-    fn finish(&mut self, out: &mut Out<'_>) {
-        self.phase = Phase::Over;
-        self.deadline = None;
-        let at = self.go_at.map_or(Duration::ZERO, |go| out.now - go);
-        let late = std::mem::take(&mut self.waiting);
-        self.lost.extend(late.iter().cloned());
-        let why = |host: &String| match (self.unable.contains(host), late.contains(host)) {
-            (true, _) => Why::Unable,
-            (false, true) => Why::Late,
-            (false, false) => Why::Lost,
-        };
-        self.unconfirmed = self.lost.iter().map(|host| (host.clone(), why(host))).collect();
-        let unconfirmed = std::mem::take(&mut self.lost).into_iter().collect();
-        let last = match self.ending.take() {
-            Some(ending) => Report::Finished { ending, at, unconfirmed },
-            None => Report::Refused { reasons: std::mem::take(&mut self.reasons) },
-        };
-        self.report(last, out);
-        for call in std::mem::take(&mut self.watchers) {
-            out.effects.push(Effect::EndAnswers { call });
-        }
-        for call in std::mem::take(&mut self.stoppers) {
-            out.effects.push(Effect::Answer { call, answer: Box::new(Answer::Stop(StopReply::Stopped)) });
-            out.effects.push(Effect::EndAnswers { call });
         }
     }
 

@@ -188,7 +188,7 @@ pub enum Effect {
     },
     /// Write down what a node needs to know of a deployment that begins after a reboot; nobody waits for it.
     Keep(Box<Kept>),
-    /// Remove that from the disk: the deployment is to end.
+    /// Remove that from the disk: the deployment is to end. Answered by [`Input::Unkept`](crate::logic::agent::Input::Unkept).
     Unkeep {
         /// The deployment.
         deployment: Deployment,

@@ -43,13 +43,14 @@ pub use report::{Change, Report, SetsSwitched, is_unreached, unreachable, unreac
 use serde::{Deserialize, Serialize};
 pub use signed::{Order, Ordered, Signed, TeamOfNode};
 pub use status::{
-    Containment, DeploymentStatus, LeafStatus, LostValues, Network, NodeStatus, PolicyInUse, ProcessStatus, leaves,
+    Containment, DeploymentStatus, LeafStatus, LostValues, Network, NodeStatus, PolicyInUse, ProcessStatus,
+    WaitingDeployment, leaves,
 };
 use std::fmt;
 use std::time::Duration;
 
 /// Version of these messages.
-pub const VERSION: u16 = 25;
+pub const VERSION: u16 = 26;
 
 /// How long a node that has more to say may be silent: it says several times in that time that it is still there.
 pub const SILENCE_MAX: Duration = Duration::from_secs(8);
@@ -361,8 +362,9 @@ mod tests {
             estop: None,
             policy: None,
             missing: vec!["c2".into()],
+            waiting: Vec::new(),
         };
-        let text = r#"{"host":"c1","pid":7,"version":"1","up":1.5,"peers":[],"deployments":[],"containment":"control_group","network":"insecure","estop":null,"policy":null,"missing":["c2"]}"#;
+        let text = r#"{"host":"c1","pid":7,"version":"1","up":1.5,"peers":[],"deployments":[],"containment":"control_group","network":"insecure","estop":null,"policy":null,"missing":["c2"],"waiting":[]}"#;
         check(serde_json::to_string(&status), text);
         assert_eq!(serde_json::from_str::<NodeStatus>(text).unwrap(), status);
         let dot = Dot { origin: ReplicaId::new(0xfedc_ba98_7654_3210), seq: 3 };
@@ -388,9 +390,23 @@ mod tests {
         let network = Network::Host;
         let (estop, policy) = (None, Some(PolicyInUse { file: "p".into(), sandbox: "none".into() }));
         let missing = vec!["c2".into()];
-        let status =
-            NodeStatus { host, pid: 7, version, up, peers, deployments, containment, network, estop, policy, missing };
-        let bytes = *b"\x02c1\x07\x011\x03\x04\0\0\x01\0\0\x01\x01p\x04none\x01\x02c2";
+        let (resumes, begins_in, hosts, at_most) = (None, Duration::new(7, 0), Vec::new(), Duration::new(9, 0));
+        let waiting = vec![WaitingDeployment { name: "d".into(), by: "a".into(), resumes, begins_in, hosts, at_most }];
+        let status = NodeStatus {
+            host,
+            pid: 7,
+            version,
+            up,
+            peers,
+            deployments,
+            containment,
+            network,
+            estop,
+            policy,
+            missing,
+            waiting,
+        };
+        let bytes = *b"\x02c1\x07\x011\x03\x04\0\0\x01\0\0\x01\x01p\x04none\x01\x02c2\x01\x01d\x01a\0\x07\0\0\x09\0";
         assert_eq!(postcard::to_stdvec(&status).unwrap(), bytes);
     }
 

@@ -33,6 +33,7 @@ mod starting;
 mod supervision;
 mod switching;
 mod unended;
+mod waiting;
 mod world;
 
 use node::logic::agent::Input;

@@ -82,6 +82,32 @@ fn a_mission_that_says_so_is_begun_again_and_a_stop_is_for_good() {
     assert_eq!(names(&here), Vec::<String>::new());
 }
 
+/// A deployment that waits to be resumed is listed, and a stop ends the waiting, also after a further kill of the node.
+#[test]
+fn what_waits_is_listed_and_a_stop_ends_it() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let (c1, _c2) = (here.node("c1", &["--boot-id", "first"]), here.node("c2", &[]));
+    deploy(&here, &spec(&cluster, "on_boot { resume }"));
+    kill(&c1);
+    let c1 = here.node("c1", &["--boot-id", "second"]);
+    let listed = || here.ask(&["status"]).out.contains("endless  waits to be resumed, in ");
+    assert!(wait_until(SOON, listed).is_some(), "{}", here.ask(&["status"]));
+    let refused = here.ask(&["stop", "endless", "--forget"]);
+    assert!(refused.out.contains("forgotten") || refused.err.contains("`dca stop endless` ends that"), "{refused}");
+    kill(&c1);
+    let c1 = here.node("c1", &["--boot-id", "second"]);
+    assert!(wait_until(SOON, listed).is_some(), "{}", here.ask(&["status"]));
+    let stopped = here.ask(&["stop", "endless"]);
+    assert_eq!((stopped.code, stopped.out.as_str()), (Some(0), "`endless` is stopped; nothing of it is left\n"));
+    assert_eq!(kept(&here, "c1"), Vec::<PathBuf>::new(), "the disk has it");
+    told(&here, "it is not resumed: it was stopped before it ran");
+    kill(&c1);
+    let _c1 = here.node("c1", &["--boot-id", "third"]);
+    let waiting: Vec<_> = here.statuses(&[]).into_iter().flat_map(|node| node.waiting).collect();
+    assert_eq!((waiting.len(), here.pids().len()), (0, 0));
+}
+
 /// Without a word in the spec a reboot ends it, which is told.
 #[test]
 fn a_mission_that_says_nothing_is_told_as_over() {

@@ -33,10 +33,23 @@ impl Driver {
         });
     }
 
+    /// Has what was kept of a deployment removed beside the loop, and tells the agent. A node that leaves waits for the disk.
+    pub(super) fn unkeep(&mut self, deployment: Deployment) {
+        self.kept.unkeep(&deployment);
+        let (files, events) = (self.kept.clone(), self.events.clone());
+        let (tell, told) = oneshot::channel();
+        self.settling.spawn_blocking(move || drop(tell.send(files.write())));
+        self.tasks.spawn(async move {
+            if let Ok(written) = told.await {
+                events.send(Event::Unkept(deployment, written)).await.unwrap_or_default();
+            }
+        });
+    }
+
     /// Takes note of what is to survive a reboot, and has it written beside the loop. A node that leaves waits for that.
     pub(super) fn keep(&mut self, want: impl FnOnce(&KeptFiles)) {
         want(&self.kept);
         let files = self.kept.clone();
-        self.settling.spawn_blocking(move || files.write());
+        self.settling.spawn_blocking(move || drop(files.write()));
     }
 }

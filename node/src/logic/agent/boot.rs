@@ -6,6 +6,7 @@
 //! again, which then begins nothing of it, or ends it, and says so.
 
 use super::calls::answer;
+use super::promises::Promise;
 use super::{Agent, AwaitingHosts};
 use crate::logic::coordinator::Coordinator;
 use crate::logic::database::chronicle;
@@ -13,7 +14,7 @@ use crate::logic::effect::{Effect, Out};
 use crate::logic::history::History;
 use crate::logic::protocol::{
     Answer, Before, Body, Deployment, Ending, Failure, FailureCause, Kept, Message, Report, Signed, StartMode,
-    StopReply, Tombstone,
+    StopReply, Tombstone, WaitingDeployment,
 };
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
@@ -134,6 +135,22 @@ impl Agent {
         one.until <= now || are_there && is_free
     }
 
+    /// Returns how it is with a deployment that waits, for people.
+    pub(super) fn waiting(&self, one: &AwaitingHosts, now: Time) -> WaitingDeployment {
+        let (here, names) = (&self.identity.host, &self.names);
+        let (resumes, earliest) = one.resumed.as_ref().map(|resumed| (&resumed.from, resumed.earliest)).unzip();
+        let open = resumes.map(|before| self.absence.unconfirmed(before)).unwrap_or_default();
+        let is_awaited = |host: &&String| *host != here && (!names.reaches(host) || open.contains(host));
+        WaitingDeployment {
+            name: one.plan.name.clone(),
+            by: one.by.clone(),
+            resumes: resumes.cloned(),
+            begins_in: earliest.flatten().map_or(Duration::ZERO, |at| at.since(now)),
+            hosts: one.plan.hosts.iter().filter(is_awaited).cloned().collect(),
+            at_most: one.until.since(now),
+        }
+    }
+
     /// Begins one again, if nothing is against it and, in a team, its signer still may have it.
     pub(super) fn resume(&mut self, mut one: AwaitingHosts, out: &mut Out<'_>) {
         let obstacle = self.obstacle(out.now);
@@ -239,16 +256,23 @@ impl Agent {
             one.resumed.as_ref().is_some_and(|resumed| is_meant(&one.plan.name, resumed.origin))
         };
         let dropped: Vec<AwaitingHosts> = self.awaiting_hosts.extract_if(.., waiting).collect();
+        // The disk forgets them in this order.
+        let mut last = None;
         for resumed in dropped.into_iter().filter_map(|one| one.resumed) {
             let why = format!("it was stopped while `{}` was away, as `{from}` says", self.identity.host);
             self.not_resumed(&resumed, &why, out);
+            last = Some(resumed.from);
         }
         for (own, home) in &mut self.coordinators {
             if is_meant(&own.name, home.origin()) && !home.is_ending() {
                 home.abort(FailureCause::StoppedAway(from.to_owned()), out);
+                last = Some(own.clone());
             }
         }
-        out.send(from, Message { deployment: deployment.clone(), body: Body::Mourned });
+        match last {
+            Some(last) => self.promise(last, Promise::Mourned(from.to_owned(), deployment.clone())),
+            None => out.send(from, Message { deployment: deployment.clone(), body: Body::Mourned }),
+        }
     }
 
     /// Forgets a tombstone of which its home has heard.

@@ -42,8 +42,10 @@ impl Agent {
                 if let Some((_, coordinator)) = home {
                     return coordinator.stop(Some(call), out);
                 }
-                let stopped = self.stop_gathering(|plan| plan.name == name, out);
-                answer(call, Answer::Stop(if stopped { StopReply::Stopped } else { StopReply::Unknown }), out);
+                if self.stop_waiting(call, &name, out) {
+                    return;
+                }
+                answer(call, Answer::Stop(StopReply::Unknown), out);
             }
             Request::Watch { deployment, seen } => {
                 if let Some(coordinator) = self.coordinators.get_mut(&deployment) {
@@ -163,7 +165,7 @@ impl Agent {
             Some("this request was made before".to_owned())
         } else {
             let holder = self.holder(&plan.name);
-            holder.map(|by| format!("`{}` is already deployed by {by}; `dca stop {}` ends it", plan.name, plan.name))
+            holder.map(|how| format!("`{}` {how}; `dca stop {}` ends it", plan.name, plan.name))
         };
         if let Some(reason) = refusal {
             answer(call, Answer::Report(Report::Refused { reasons: vec![reason] }), out);
@@ -192,14 +194,19 @@ impl Agent {
         }
     }
 
-    /// Returns who has deployed something under a name that has not ended.
-    fn holder(&self, name: &str) -> Option<&str> {
+    /// Returns how it is with something that was deployed under a name and has not ended, for a person.
+    fn holder(&self, name: &str) -> Option<String> {
         let begun = self.coordinators.iter().find(|(other, _)| other.name == name).map(|(_, home)| home.begun_by());
-        begun.or_else(|| Some(self.awaiting_hosts.iter().find(|one| one.plan.name == name)?.by.as_str()))
+        let waiting = || self.awaiting_hosts.iter().find(|one| one.plan.name == name);
+        let resumed = || waiting().filter(|one| one.resumed.is_some()).map(|one| &one.by);
+        if let (None, Some(by)) = (begun, resumed()) {
+            return Some(format!("waits to be resumed for {by}"));
+        }
+        begun.or_else(|| Some(waiting()?.by.as_str())).map(|by| format!("is already deployed by {by}"))
     }
 
-    /// Ends deployments that have not begun; says whether there were any.
-    pub(super) fn stop_gathering(&mut self, which: impl Fn(&Plan) -> bool, out: &mut Out<'_>) -> bool {
+    /// Ends deployments that have not begun.
+    pub(super) fn stop_gathering(&mut self, which: impl Fn(&Plan) -> bool, out: &mut Out<'_>) {
         let stopped: Vec<AwaitingHosts> = self.awaiting_hosts.extract_if(.., |one| which(&one.plan)).collect();
         for AwaitingHosts { call, resumed, .. } in &stopped {
             let why = "it was stopped before it ran";
@@ -212,7 +219,6 @@ impl Agent {
                 self.not_resumed(resumed, why, out);
             }
         }
-        !stopped.is_empty()
     }
 
     /// Begins the deployments whose hosts are all there, or have had their time.

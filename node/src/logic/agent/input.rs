@@ -86,6 +86,15 @@ pub enum Input {
         /// Why it is not on the disk, for a person.
         written: Result<(), String>,
     },
+    /// The record named by [`Effect::Unkeep`] was removed from the disk, or cannot be removed.
+    ///
+    /// [`Effect::Unkeep`]: crate::logic::effect::Effect::Unkeep
+    Unkept {
+        /// The deployment.
+        deployment: Deployment,
+        /// Why it is still on the disk, for a person.
+        written: Result<(), String>,
+    },
     /// What [`Effect::Judge`] has asked: done only if a user has signed it, who may ask for that.
     ///
     /// [`Effect::Judge`]: crate::logic::effect::Effect::Judge

@@ -72,7 +72,7 @@ impl Agent {
                 *self.lingers_until.insert(now + LINGER_MAX)
             }
         };
-        if until <= now || self.is_heard() {
+        if until <= now || self.is_heard() && self.promises.is_empty() {
             effects.push(Effect::Leave);
         }
     }

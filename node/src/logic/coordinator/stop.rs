@@ -2,7 +2,9 @@
 
 use super::{Coordinator, Phase};
 use crate::logic::effect::{Effect, Out};
-use crate::logic::protocol::{Ending, Failure, FailureCause, Kept, Target, ToParticipant};
+use crate::logic::protocol::{
+    Answer, Ending, Failure, FailureCause, Kept, Report, StopReply, Target, ToParticipant, Why,
+};
 use language::plan::OnBoot;
 use std::time::Duration;
 
@@ -61,16 +63,64 @@ impl Coordinator {
         Kept { deployment, origin, by, hosts: self.hosts.clone(), has_ended, resume }
     }
 
-    fn unkeep(&self, out: &mut Out<'_>) {
+    fn unkeep(&mut self, out: &mut Out<'_>) {
+        self.unkeeping += u32::from(self.is_unwanted);
         out.effects.push(Effect::Unkeep { deployment: self.deployment.clone() });
     }
 
     /// Has the end written down: for good, unless its node leaves, which may be for a reboot.
-    pub(super) fn keep_end(&self, out: &mut Out<'_>) {
+    pub(super) fn keep_end(&mut self, out: &mut Out<'_>) {
         let is_done = matches!(self.ending, Some(Ending::Done(_)));
         if self.is_leaving && !self.is_unwanted && !is_done {
             return out.effects.push(Effect::Keep(Box::new(self.record(true))));
         }
         self.unkeep(out);
+    }
+
+    /// Takes note that the disk has forgotten it, or refuses to.
+    pub fn unkept(&mut self, out: &mut Out<'_>) {
+        self.unkeeping = self.unkeeping.saturating_sub(1);
+        if self.phase == Phase::Ending && self.waiting.is_empty() {
+            self.finish(out);
+        }
+    }
+
+    /// Asks the disk again, whose word a node that was killed has not heard.
+    pub fn unkeep_again(&mut self, out: &mut Out<'_>) {
+        if self.unkeeping > 0 {
+            self.unkeeping = 1;
+            out.effects.push(Effect::Unkeep { deployment: self.deployment.clone() });
+        }
+    }
+
+    /// Takes its end, unless a user who has asked for that is still to be promised that it is for good: the deadline of the end comes first.
+    pub(super) fn finish(&mut self, out: &mut Out<'_>) {
+        if self.unkeeping > 0 && self.deadline.is_some() {
+            return;
+        }
+        self.phase = Phase::Over;
+        self.deadline = None;
+        let at = self.go_at.map_or(Duration::ZERO, |go| out.now - go);
+        let late = std::mem::take(&mut self.waiting);
+        self.lost.extend(late.iter().cloned());
+        let why = |host: &String| match (self.unable.contains(host), late.contains(host)) {
+            (true, _) => Why::Unable,
+            (false, true) => Why::Late,
+            (false, false) => Why::Lost,
+        };
+        self.unconfirmed = self.lost.iter().map(|host| (host.clone(), why(host))).collect();
+        let unconfirmed = std::mem::take(&mut self.lost).into_iter().collect();
+        let last = match self.ending.take() {
+            Some(ending) => Report::Finished { ending, at, unconfirmed },
+            None => Report::Refused { reasons: std::mem::take(&mut self.reasons) },
+        };
+        self.report(last, out);
+        for call in std::mem::take(&mut self.watchers) {
+            out.effects.push(Effect::EndAnswers { call });
+        }
+        for call in std::mem::take(&mut self.stoppers) {
+            out.effects.push(Effect::Answer { call, answer: Box::new(Answer::Stop(StopReply::Stopped)) });
+            out.effects.push(Effect::EndAnswers { call });
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! Messages about the status of a node and of its deployments.
 
 use super::{Deployment, Estop};
+use comms::logic::human::span;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::fmt;
@@ -37,6 +38,49 @@ pub struct NodeStatus {
     /// Other nodes that it has reached of late, and that do not answer. At each moment one that is known is there or here.
     #[serde(default)]
     pub missing: Vec<String>,
+    /// Deployments with their home here that have not begun.
+    #[serde(default)]
+    pub waiting: Vec<WaitingDeployment>,
+}
+
+/// A deployment that its home has accepted and that has not begun.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct WaitingDeployment {
+    /// Its name.
+    pub name: String,
+    /// The user who wants it, such as `ann@c1`.
+    pub by: String,
+    /// The deployment that ran before the machine was rebooted, if this one resumes it.
+    pub resumes: Option<Deployment>,
+    /// The time until it may begin; zero if it waits for hosts only.
+    #[serde(with = "comms::logic::human::seconds")]
+    pub begins_in: Duration,
+    /// The hosts that it waits for.
+    pub hosts: Vec<String>,
+    /// The time until it is given up if these hosts do not come.
+    #[serde(with = "comms::logic::human::seconds")]
+    pub at_most: Duration,
+}
+
+impl WaitingDeployment {
+    /// Returns its state in words that stay the same while time passes.
+    pub fn state(&self) -> &'static str {
+        if self.resumes.is_some() { "waits to be resumed" } else { "waits to begin" }
+    }
+}
+
+impl fmt::Display for WaitingDeployment {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let whole = |time: Duration| span(Duration::from_secs(time.as_secs() + u64::from(time.subsec_nanos() > 0)));
+        f.write_str(self.state())?;
+        if !self.begins_in.is_zero() {
+            write!(f, ", in {}", whole(self.begins_in))?;
+        }
+        if !self.hosts.is_empty() {
+            write!(f, ", for {} (at most {})", self.hosts.join(", "), whole(self.at_most))?;
+        }
+        Ok(())
+    }
 }
 
 /// The execution policy of a node, as it was when a program was started last.

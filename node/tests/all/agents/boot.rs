@@ -10,7 +10,7 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 /// A mission on two hosts that ends when it is told to.
-const LONG: &str = r#"
+pub(super) const LONG: &str = r#"
 process main() {
     host { "c1" }
     on_boot { resume }
@@ -24,7 +24,7 @@ fn deployment(epoch: u64) -> Deployment {
 }
 
 /// The power of a host fails: its programs are gone, and what its node knows is what is on its disk. Others do not see it any more.
-fn power_off(world: &mut World, host: &str) {
+pub(super) fn power_off(world: &mut World, host: &str) {
     world.cut.insert(host.to_owned());
     world.agents.remove(host);
     world.alive.retain(|(on, _)| on != host);
@@ -38,7 +38,7 @@ fn power_off(world: &mut World, host: &str) {
 }
 
 /// The host boots, with what is on its disk.
-fn power_on(world: &mut World, host: &str, was_rebooted: bool) {
+pub(super) fn power_on(world: &mut World, host: &str, was_rebooted: bool) {
     let boot = world.boots[host] + 100;
     let kept = world.kept.get(host).cloned().unwrap_or_default();
     let epoch = kept.keys().max().copied().unwrap_or(0).max(1);
@@ -68,18 +68,18 @@ fn power_on(world: &mut World, host: &str, was_rebooted: bool) {
 }
 
 /// What `dca deploy` is told that asks again after its node was away.
-fn told(world: &mut World, epoch: u64) -> Answer {
+pub(super) fn told(world: &mut World, epoch: u64) -> Answer {
     let call = world.ask("c1", Request::Watch { deployment: deployment(epoch), seen: u64::MAX });
     world.run_for(Duration::from_millis(10));
     world.answers[&call].last().cloned().expect("it is answered")
 }
 
 /// The deployments whose programs run, and the hosts of these.
-fn runs(world: &World) -> BTreeSet<(u64, String)> {
+pub(super) fn runs(world: &World) -> BTreeSet<(u64, String)> {
     world.alive.iter().map(|(host, process)| (process.deployment.epoch, host.clone())).collect()
 }
 
-fn on_both(epoch: u64) -> BTreeSet<(u64, String)> {
+pub(super) fn on_both(epoch: u64) -> BTreeSet<(u64, String)> {
     ["c1", "c2"].map(|host| (epoch, host.to_owned())).into()
 }
 

@@ -322,11 +322,16 @@ impl World {
             Effect::KillShim { process } => self.die(host, &process, ShimReport::Signalled { signal: 9 }),
             Effect::Settled { deployment } => self.settled.push((host.into(), deployment)),
             Effect::KeepEstop { number, estop } => self.keep_estop(host, number, estop),
-            Effect::Keep(kept) => {
+            Effect::Keep(kept) if self.disk_refuses.is_none() => {
                 self.kept.entry(host.into()).or_default().insert(kept.deployment.epoch, *kept);
             }
+            Effect::Keep(_) => {}
             Effect::Unkeep { deployment } => {
-                self.kept.entry(host.into()).or_default().remove(&deployment.epoch);
+                let written = self.written();
+                if written.is_ok() {
+                    self.kept.entry(host.into()).or_default().remove(&deployment.epoch);
+                }
+                self.at(self.disk_ms, host, Coming::Input(Input::Unkept { deployment, written }));
             }
             Effect::KeepAll(all) => {
                 self.kept.insert(host.into(), all.into_iter().map(|kept| (kept.deployment.epoch, kept)).collect());
