@@ -35,6 +35,8 @@ pub const OUTPUT_SIZE_MAX: u64 = 1 << 20;
 pub const REFUSED_FILE: &str = "refused";
 /// The first argument of a shim that becomes the program itself, within its limits.
 pub const LAUNCH: &str = "--launch";
+/// The argument of a shim before the instance directory of its program.
+pub const DIRECTORY: &str = "--directory";
 /// The argument of a shim that says what its sandbox takes where the kernel has it, a word each: `landlock seccomp`.
 pub const LEVELS: &str = "--sandbox-levels";
 /// How the program ended, as the line of the [`ShimReport`]; in place before the report is made.

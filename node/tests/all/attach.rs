@@ -276,6 +276,49 @@ fn crowd(socket: &Path) -> Vec<OwnedFd> {
     std::iter::from_fn(one).collect()
 }
 
+/// The folders of programs that have ended cost the successor of their node one look at the processes, and no look each. What a killed shim
+/// has left is ended, and what a living one has is not.
+#[test]
+fn ended_programs_cost_a_successor_nothing() {
+    let node = std::env::temp_dir().join(format!("dca-attach-{}-successor", std::process::id()));
+    let place = |deployment: &str| {
+        let dir = node.join(deployment).join("0");
+        std::fs::create_dir_all(&dir).unwrap();
+        let mut place = Place { dir, runtime: Runtime::new().unwrap() };
+        let (orders, reports) = place.start(Gate::None, "sleep 60");
+        let (_sender, mut reports) = place.serve(orders, reports);
+        assert!(matches!(place.next(&mut reports), Some((ShimReport::Started { .. }, _))));
+        place.lose();
+        place
+    };
+    let (living, forgotten, killed) = (place("living.9"), place("forgotten.9"), place("killed.9"));
+    let programs = [&living, &forgotten, &killed].map(|place| place.record().program.unwrap());
+    let shims = [&living, &forgotten, &killed].map(Place::shim);
+    kill_process(shims[2], Signal::KILL).unwrap();
+    for number in 0..1600 {
+        std::fs::create_dir_all(node.join(format!("ended.{}", number % 8)).join(number.to_string())).unwrap();
+    }
+    let known = [living.dir.clone()].into();
+    child::leftovers::end_others(&node, &known);
+    assert_eq!(programs.map(processes::is_running), [true, false, false]);
+    assert_eq!([&living, &killed].map(|place| place.dir.join(RECORD_FILE).exists()), [true, false]);
+
+    let began = now();
+    (0..20).for_each(|_| assert!(!processes::all().is_empty()));
+    let look = (now() - began) / 20;
+    let began = now();
+    child::leftovers::end_others(&node, &known);
+    let took = now() - began;
+    println!("1,600 folders of ended programs: {took:?}, one look at the processes: {look:?}");
+    assert!(took < 400 * look, "{took:?} of {look:?}");
+    assert!(processes::is_running(programs[0]));
+    kill_process(shims[0], Signal::KILL).unwrap();
+    processes::signal(programs[0], Signal::KILL);
+    [&living, &forgotten, &killed].iter().zip(shims).for_each(|(place, shim)| place.reap(shim));
+    drop((living, forgotten, killed));
+    std::fs::remove_dir_all(&node).unwrap();
+}
+
 /// Files of an earlier program in the folder are not taken for the one that is being started.
 #[test]
 fn a_start_clears_the_traces_of_the_program_before() {

@@ -1,6 +1,6 @@
 //! The arguments of a shim: what it starts, and how.
 
-use super::{AGENT_LOSS_GRACE, ChildError, Gate};
+use super::{AGENT_LOSS_GRACE, ChildError, DIRECTORY, Gate};
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -112,7 +112,7 @@ impl ShimStart {
             Gate::None => "none",
             Gate::Exec => "exec",
         };
-        let mut arguments: Vec<OsString> = vec!["--directory".into(), self.dir.clone().into()];
+        let mut arguments: Vec<OsString> = vec![DIRECTORY.into(), self.dir.clone().into()];
         arguments.extend(["--working-directory".into(), self.working_directory.clone().into()]);
         arguments.extend(["--gate".into(), gate.into()]);
         let agent_loss = self.agent_loss_grace.map_or_else(|| KEEP.to_owned(), |grace| grace.as_millis().to_string());
@@ -185,14 +185,14 @@ impl ShimStart {
             })?);
         }
         if start.dir.as_os_str().is_empty() {
-            return Err(ChildError::Argument { argument: "--directory".to_owned(), problem: "is needed" });
+            return Err(ChildError::Argument { argument: DIRECTORY.to_owned(), problem: "is needed" });
         }
         if start.command.is_empty() { Err(ChildError::NoProgram) } else { Ok(start) }
     }
 
     fn set(&mut self, name: &str, value: OsString) -> Result<(), &'static str> {
         match name {
-            "--directory" => self.dir = value.into(),
+            DIRECTORY => self.dir = value.into(),
             "--working-directory" => self.working_directory = value.into(),
             "--gate" => {
                 self.gate = match value.to_str() {

@@ -14,7 +14,8 @@ use comms::logic::time::Time;
 use rustix::process::{Pid, Signal, WaitOptions, getpid, getuid, waitpid};
 use shim::process_record::{Process, ProcessRecord, RECORD_FILE};
 use shim::processes::{self, Stat};
-use std::collections::BTreeSet;
+use shim::protocol::DIRECTORY;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsStr;
 use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
@@ -40,8 +41,8 @@ const NODES: [&str; 2] = ["dca-node", "dca"];
 /// Where leftovers are looked for.
 #[derive(Debug)]
 struct Search {
-    /// Everything below it is ours: `DCA_DIR` of a leftover names it or something below it.
-    folder: PathBuf,
+    /// Everything in and below them is ours: `DCA_DIR` of a leftover names one of them, or something below it.
+    folders: BTreeSet<PathBuf>,
     records: Vec<Recorded>,
     /// The control group of the earlier run, if it had one.
     group: Option<PathBuf>,
@@ -82,8 +83,7 @@ pub fn living_node(folder: &Path) -> Option<i32> {
     let is_node = |pid: i32| comm(pid).is_some_and(|name| NODES.contains(&name.as_str()));
     let ours = all.iter().filter(|stat| comm(stat.process.pid).as_deref() == Some(SHIM));
     let ours = ours.filter(|shim| {
-        let command = std::fs::read(format!("/proc/{}/cmdline", shim.process.pid)).unwrap_or_default();
-        command.split(|byte| *byte == 0).any(|word| Path::new(OsStr::from_bytes(word)).starts_with(folder))
+        directory(shim.process.pid).is_some_and(|dir| dir.starts_with(folder))
     });
     // A shim whose node is gone has another parent.
     ours.map(|shim| shim.parent)
@@ -93,11 +93,10 @@ pub fn living_node(folder: &Path) -> Option<i32> {
 /// Ends what earlier runs of the node in `folder` have left, and returns what could not be ended. A program has the grace
 /// that it was started with; then everything is killed. Blocks for as long.
 pub fn end_all(folder: &Path) -> Vec<i32> {
-    let deployments = folders(folder).filter(|folder| folder.to_string_lossy().contains('.'));
-    let instances = deployments.flat_map(|deployment| folders(&deployment).collect::<Vec<_>>());
     let boot = processes::kernel_boot();
-    let records = instances.filter_map(|dir| read_record(&dir)).filter(|one| one.record.boot == boot).collect();
-    let search = Search { folder: folder.to_owned(), records, group: cgroup::recorded(folder), adopts: false };
+    let records = instances(folder).filter_map(|dir| read_record(&dir)).filter(|one| one.record.boot == boot).collect();
+    let folders = [folder.to_owned()].into();
+    let search = Search { folders, records, group: cgroup::recorded(folder), adopts: false };
     let found = search.find();
     if !found.is_empty() {
         tracing::warn!(count = found.len(), "ending processes that an earlier run has left");
@@ -109,33 +108,40 @@ pub fn end_all(folder: &Path) -> Vec<i32> {
 }
 
 /// Ends what earlier runs of the node in `folder` have left, but for the programs with their folders in `known` whose shims
-/// are alive. Blocks.
+/// are alive. The processes are listed once for all folders: one of a program whose end its shim has told has neither a record nor a
+/// shim, and nothing is looked for. Blocks.
 pub fn end_others(folder: &Path, known: &BTreeSet<PathBuf>) {
-    let boot = processes::kernel_boot();
-    let mut kept = Vec::new();
-    for dir in folders(folder)
-        .filter(|folder| folder.to_string_lossy().contains('.'))
-        .flat_map(|one| folders(&one).collect::<Vec<_>>())
-    {
-        let record = read_record(&dir).map(|one| one.record);
+    let (boot, shims) = (processes::kernel_boot(), Shims::find());
+    let (mut kept, mut left, mut records) = (Vec::new(), BTreeSet::new(), Vec::new());
+    for dir in instances(folder) {
+        let recorded = read_record(&dir).filter(|one| one.record.boot == boot);
         // What was written over says nothing; the shim itself does, by the command that it was started with.
-        let shim = record.as_ref().and_then(|record| record.shim).filter(|shim| processes::is_running(*shim));
-        let shim = shim.or_else(|| shims(&dir).next());
-        if shim.is_none() && record.is_none_or(|record| record.boot != boot) {
-            continue;
+        let named = recorded.as_ref().and_then(|one| one.record.shim).filter(|shim| processes::is_running(*shim));
+        let shim = named.or_else(|| shims.of(&dir).first().copied());
+        if let Some(shim) = shim.filter(|_| known.contains(&dir)) {
+            kept.push(shim.pid);
+        } else if shim.is_some() || recorded.is_some() {
+            tracing::warn!(?dir, "ending a program without its shim, or without a deployment");
+            records.extend(recorded);
+            left.insert(dir);
         }
-        match shim.filter(|_| known.contains(&dir)) {
-            Some(shim) => kept.push(shim.pid),
-            None => {
-                tracing::warn!(?dir, "ending a program without its shim, or without a deployment");
-                end_round(&dir, 0);
-                std::fs::remove_file(dir.join(RECORD_FILE)).unwrap_or_default();
-            }
+    }
+    if !left.is_empty() {
+        let search = Search { folders: left, records, group: None, adopts: true };
+        tell_left(&search.kill(KILL_WITHIN), folder);
+        for dir in &search.folders {
+            std::fs::remove_file(dir.join(RECORD_FILE)).unwrap_or_default();
         }
     }
     if let Some(group) = cgroup::recorded(folder) {
         end_strays(&group, &kept);
     }
+}
+
+/// Returns the folders of the programs of a node.
+fn instances(folder: &Path) -> impl Iterator<Item = PathBuf> {
+    let deployments = folders(folder).filter(|folder| folder.to_string_lossy().contains('.'));
+    deployments.flat_map(|deployment| folders(&deployment).collect::<Vec<_>>())
 }
 
 /// Ends what is in a control group and does not descend from these shims, to which everything comes that their programs leave.
@@ -177,32 +183,50 @@ fn strays(group: &Path, roots: impl Fn(&BTreeSet<i32>) -> Vec<i32>) -> BTreeSet<
 /// Kills the shim of the program in `dir`, which does not do what it is told, and its program: a shim that is traced ends when its tracer
 /// lets it, and that may be the program. What is left is then ended as that of any shim that was killed. Blocks, for 5 s at the most.
 pub fn kill_shim(dir: &Path) {
-    for shim in shims(dir) {
+    for shim in Shims::find().of(dir) {
         tracing::warn!(?dir, "a shim has not ended its program in time: it is killed");
-        processes::signal(shim, Signal::KILL);
+        processes::signal(*shim, Signal::KILL);
     }
     end_round(dir, 0);
 }
 
 /// Returns whether a shim of an earlier run is there for the program in `dir`, or is about to be.
 pub fn has_shim(dir: &Path) -> bool {
-    shims(dir).next().is_some()
+    !Shims::find().of(dir).is_empty()
 }
 
-fn shims(dir: &Path) -> impl Iterator<Item = Process> {
-    let is_its = |pid: i32| {
-        let command = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
-        is_shim(pid) && command.split(|byte| *byte == 0).any(|word| word == dir.as_os_str().as_bytes())
-    };
-    let all = processes::all().into_iter().filter(|stat| !stat.is_zombie).map(|stat| stat.process);
-    all.filter(move |process| is_its(process.pid))
+/// The shims of this machine, by the folders of their programs.
+struct Shims(BTreeMap<PathBuf, Vec<Process>>);
+
+impl Shims {
+    /// Looks at every process once.
+    fn find() -> Self {
+        let mut found: BTreeMap<PathBuf, Vec<Process>> = BTreeMap::new();
+        for stat in processes::all().into_iter().filter(|stat| !stat.is_zombie && is_shim(stat.process.pid)) {
+            let folder = directory(stat.process.pid);
+            folder.into_iter().for_each(|folder| found.entry(folder).or_default().push(stat.process));
+        }
+        Self(found)
+    }
+
+    /// Returns those of the program in `dir`.
+    fn of(&self, dir: &Path) -> &[Process] {
+        self.0.get(dir).map_or(&[], Vec::as_slice)
+    }
+}
+
+/// Returns the folder of its program that a shim was started with.
+fn directory(pid: i32) -> Option<PathBuf> {
+    let command = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+    let mut words = command.split(|byte| *byte == 0).skip_while(|word| *word != DIRECTORY.as_bytes());
+    words.nth(1).map(|folder| PathBuf::from(OsStr::from_bytes(folder)))
 }
 
 impl Search {
     /// Returns the search for what a killed shim of this node has left of the program in `dir`.
     fn instance(dir: &Path) -> Self {
         let records = read_record(dir).into_iter().collect();
-        Self { folder: dir.to_owned(), records, group: None, adopts: true }
+        Self { folders: [dir.to_owned()].into(), records, group: None, adopts: true }
     }
 
     /// Asks programs without a shim to stop, and waits for all programs as long as they may take.
@@ -282,11 +306,9 @@ impl Search {
     }
 
     fn is_marked(&self, pid: i32) -> bool {
-        let folder = self.folder.as_os_str().as_bytes();
-        processes::environment(pid).iter().any(|entry| {
-            let below = entry.strip_prefix(b"DCA_DIR=").and_then(|dir| dir.strip_prefix(folder));
-            below.is_some_and(|rest| rest.is_empty() || rest.starts_with(b"/"))
-        })
+        let environment = processes::environment(pid);
+        let mut named = environment.iter().filter_map(|entry| entry.strip_prefix(b"DCA_DIR="));
+        named.any(|dir| Path::new(OsStr::from_bytes(dir)).ancestors().any(|dir| self.folders.contains(dir)))
     }
 
     /// Takes note of adopted processes that have ended, which the kernel keeps for that.
@@ -314,11 +336,10 @@ fn is_stopping(record: &ProcessRecord, began: Time) -> bool {
 /// away while a session has it, so a session without its leader is the shim's.
 fn is_of(record: &ProcessRecord, stat: &Stat, all: &[Stat]) -> bool {
     let is_named = record.shim == Some(stat.process) || record.program == Some(stat.process);
-    let has_session = record.shim.is_some_and(|shim| {
+    let is_of_session = |shim: &Process| stat.session == shim.pid && stat.process.started >= shim.started;
+    let has_session = record.shim.filter(is_of_session).is_some_and(|shim| {
         let leader = all.iter().find(|other| other.process.pid == shim.pid);
-        stat.session == shim.pid
-            && stat.process.started >= shim.started
-            && leader.is_none_or(|leader| leader.process == shim)
+        leader.is_none_or(|leader| leader.process == shim)
     });
     is_named || has_session
 }
