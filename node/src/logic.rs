@@ -7,6 +7,7 @@ pub mod claims;
 pub mod coordinator;
 pub mod database;
 pub mod effect;
+pub mod executable;
 pub mod executer;
 pub mod gate;
 pub mod history;

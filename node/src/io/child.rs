@@ -6,8 +6,11 @@
 //!
 //! Nothing here kills on drop: a node that dies leaves its shims to their own rule, a node that lives tells them.
 
+mod executable;
 pub mod leftovers;
 pub mod reach;
+
+pub use executable::check_executable;
 
 use crate::logic::output_lines::last_lines;
 use comms::io::{clock, file};
@@ -252,35 +255,6 @@ pub fn sandbox_levels(shim: &Path) -> io::Result<Vec<String>> {
         return Err(io::Error::other("the shim does not say what its sandbox takes"));
     }
     Ok(String::from_utf8_lossy(&said.stdout).split_whitespace().map(str::to_owned).collect())
-}
-
-/// Returns what a command executes, so that a spec is refused before anything runs.
-///
-/// # Errors
-/// It is not there, or must not be executed by this user.
-pub fn check_executable(command: &[String]) -> io::Result<PathBuf> {
-    let name = command.first().map_or("", String::as_str);
-    let found = if name.contains('/') {
-        vec![PathBuf::from(name)]
-    } else {
-        let path = std::env::var_os("PATH").unwrap_or_default();
-        std::env::split_paths(&path).map(|folder| folder.join(name)).filter(|file| file.is_file()).collect()
-    };
-    let Some(file) = found.first().filter(|file| file.is_file()) else {
-        let why = match found.first().map(|file| file.metadata()) {
-            Some(Ok(metadata)) if metadata.is_dir() => format!("`{name}` is a folder, not a program"),
-            Some(Ok(_)) => format!("`{name}` is no regular file, so no program"),
-            Some(Err(_)) | None => format!("there is no program `{name}`"),
-        };
-        return Err(io::Error::new(io::ErrorKind::NotFound, why));
-    };
-    if rustix::fs::access(file, rustix::fs::Access::EXEC_OK).is_err() {
-        return Err(io::Error::new(
-            io::ErrorKind::PermissionDenied,
-            format!("`{name}` is not executable by this user"),
-        ));
-    }
-    Ok(file.clone())
 }
 
 impl ShimOrders {

@@ -1,0 +1,215 @@
+//! The program of a command, and why the kernel would refuse it: found before anything of a deployment runs.
+
+use crate::logic::executable::{BEGIN_SIZE, Elf, Format, Piece, Script, format};
+use comms::io::file;
+use rustix::fs::{Access, MemfdFlags, StatVfsMountFlags, access, memfd_create, statvfs};
+use rustix::io::Errno;
+use std::ffi::OsStr;
+use std::fs::File;
+use std::io::{self, Read, Write};
+use std::os::fd::AsRawFd;
+use std::os::unix::ffi::OsStrExt;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// How many interpreters may have interpreters. Source: execve(2), ELOOP.
+const INTERPRETERS_MAX: usize = 4;
+/// The longest table of program headers and the longest path of a loader that is looked at, in bytes.
+const PIECE_MAX: u64 = 64 << 10;
+/// The name of the program that finds an interpreter by its name.
+const ENV: &str = "env";
+
+/// Returns what a command executes, so that a spec is refused before anything runs.
+///
+/// # Errors
+/// It is not there, must not be executed by this user, or cannot be executed by this kernel.
+pub fn check_executable(command: &[String]) -> io::Result<PathBuf> {
+    let name = command.first().map_or("", String::as_str);
+    let found = if name.contains('/') { vec![PathBuf::from(name)] } else { on_path(name) };
+    let Some(file) = found.first().filter(|file| file.is_file()) else {
+        let why = match found.first().map(|file| file.metadata()) {
+            Some(Ok(metadata)) if metadata.is_dir() => format!("`{name}` is a folder, not a program"),
+            Some(Ok(_)) => format!("`{name}` is not a regular file, so it is not a program"),
+            Some(Err(_)) | None => format!("there is no program `{name}`"),
+        };
+        return Err(io::Error::new(io::ErrorKind::NotFound, why));
+    };
+    let refused = |why: String| io::Error::new(io::ErrorKind::PermissionDenied, format!("`{name}` {why}"));
+    check_permission(file).map_err(refused)?;
+    check_format(file, INTERPRETERS_MAX).map_err(refused)?;
+    Ok(file.clone())
+}
+
+/// Returns the files with a name in the folders where programs are looked for.
+fn on_path(name: &str) -> Vec<PathBuf> {
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    std::env::split_paths(&path).map(|folder| folder.join(name)).filter(|file| file.is_file()).collect()
+}
+
+fn check_permission(file: &Path) -> Result<(), String> {
+    if access(file, Access::EXEC_OK).is_ok() {
+        return Ok(());
+    }
+    let is_closed = statvfs(file).is_ok_and(|found| found.f_flag.contains(StatVfsMountFlags::NOEXEC));
+    Err(if is_closed {
+        "is on a file system from which nothing is executed: it is mounted with `noexec`".to_owned()
+    } else {
+        "is not executable by this user".to_owned()
+    })
+}
+
+/// Says why the kernel does not execute a file, as far as its content tells.
+fn check_format(path: &Path, interpreters: usize) -> Result<(), String> {
+    // The kernel executes also what this user must not read.
+    let Ok(file) = file::opened(path) else { return Ok(()) };
+    let mut begin = Vec::new();
+    if (&file).take(BEGIN_SIZE as u64).read_to_end(&mut begin).is_err() {
+        return Ok(());
+    }
+    match format(&begin) {
+        Format::Empty => Err("is empty".to_owned()),
+        Format::Script(script) => check_script(&script, interpreters),
+        Format::Elf(elf) => check_program(&file, elf, &begin),
+        Format::Unknown if is_taken(&begin) => Ok(()),
+        Format::Unknown => {
+            Err("is not a program for this kernel; the first line of a script is `#!` and its interpreter, \
+                                such as `#!/bin/sh`"
+                .to_owned())
+        }
+    }
+}
+
+fn check_script(script: &Script, interpreters: usize) -> Result<(), String> {
+    let Script { interpreter, argument, has_carriage_return } = script;
+    if interpreter.is_empty() {
+        return Err("names no interpreter behind `#!` in its first line".to_owned());
+    }
+    if *has_carriage_return {
+        return Err(
+            "ends its lines as Windows does, with CR and LF: the kernel takes the CR for a part of the interpreter's \
+                    name; `dos2unix` or `sed -i 's/\\r$//'` changes that"
+                .to_owned(),
+        );
+    }
+    let path = Path::new(interpreter);
+    let of = |why: String| format!("has the interpreter `{interpreter}` in its first line, which {why}");
+    if !path.is_file() {
+        return Err(of("is not there".to_owned()));
+    }
+    check_permission(path).map_err(of)?;
+    if interpreters == 0 {
+        return Err(of("has too many interpreters of its own".to_owned()));
+    }
+    check_format(path, interpreters - 1).map_err(of)?;
+    let is_name = !argument.is_empty() && !argument.contains(['-', '=', ' ', '\t', '/']);
+    if path.file_name() == Some(OsStr::new(ENV)) && is_name && on_path(argument).is_empty() {
+        return Err(of(format!("finds no program `{argument}` in `PATH`")));
+    }
+    Ok(())
+}
+
+fn check_program(file: &File, elf: Elf, begin: &[u8]) -> Result<(), String> {
+    if !elf.is_executable() {
+        return Err("is an object file or a core, not a program".to_owned());
+    }
+    if this().is_some_and(|this| !elf.is_for_processor_of(&this)) {
+        let of = |elf: Elf| elf.processor();
+        return if is_taken(begin) {
+            Ok(())
+        } else {
+            Err(format!("is a program for {}, and this machine has {}", of(elf), this().map_or_else(String::new, of)))
+        };
+    }
+    let loader = piece(file, elf.headers()).and_then(|headers| piece(file, elf.loader(&headers)?));
+    let loader = loader.map(|path| path.strip_suffix(b"\0").unwrap_or(&path).to_vec());
+    match loader.as_deref().map(|path| Path::new(OsStr::from_bytes(path))) {
+        Some(loader) if !loader.is_file() => Err(format!(
+            "needs the loader `{}`, which is not on this machine: it was built for another system or another C library",
+            loader.display()
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// Returns the header of this program itself, which is for this machine.
+fn this() -> Option<Elf> {
+    let begin =
+        piece(&file::opened(Path::new("/proc/self/exe")).ok()?, Piece { offset: 0, length: BEGIN_SIZE as u64 })?;
+    if let Format::Elf(elf) = format(&begin) { Some(elf) } else { None }
+}
+
+/// Reads a piece of a file; nothing if it is not there, or longer than any of its kind.
+fn piece(file: &File, Piece { offset, length }: Piece) -> Option<Vec<u8>> {
+    let mut bytes = vec![0; usize::try_from(length).ok().filter(|_| length <= PIECE_MAX)?];
+    file.read_exact_at(&mut bytes, offset).ok().map(|()| bytes)
+}
+
+/// Asks the kernel whether something takes files that begin so, such as an emulator: it executes a file with this beginning and nothing
+/// behind it. Any other failure leaves the question open, and the file itself is tried later.
+fn is_taken(begin: &[u8]) -> bool {
+    let tried = || -> io::Result<()> {
+        let mut file = File::from(memfd_create("dca-trial", MemfdFlags::CLOEXEC)?);
+        file.write_all(begin)?;
+        let path = format!("/proc/self/fd/{}", file.as_raw_fd());
+        let mut trial = Command::new(path);
+        trial.env_clear().stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+        trial.status().map(drop)
+    };
+    tried().err().and_then(|error| error.raw_os_error()) != Some(Errno::NOEXEC.raw_os_error())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs::{self, Permissions};
+    use std::os::unix::fs::PermissionsExt;
+
+    /// Each is found before anything runs, with its cause.
+    #[test]
+    fn what_the_kernel_cannot_execute_is_refused_with_the_cause() {
+        let folder = std::env::temp_dir().join(format!("dca-executable-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let check = |content: &[u8]| {
+            let path = folder.join("program");
+            fs::write(&path, content).unwrap();
+            fs::set_permissions(&path, Permissions::from_mode(0o755)).unwrap();
+            let name = path.display().to_string();
+            let why = check_executable(std::slice::from_ref(&name)).err().map(|error| error.to_string());
+            why.unwrap_or_default().replace(&format!("`{name}` "), "")
+        };
+        let mut own = Vec::new();
+        File::open("/proc/self/exe").unwrap().take(1 << 16).read_to_end(&mut own).unwrap();
+        assert_eq!(check(&own), "");
+        assert_eq!(check(b"#!/bin/sh\necho fine\n"), "");
+        assert_eq!(check(b"#!/usr/bin/env sh\necho fine\n"), "");
+        assert_eq!(check(b""), "is empty");
+        assert!(check(b"echo no first line\n").starts_with("is not a program for this kernel"));
+        assert!(check(b"#!/bin/sh\r\necho\r\n").starts_with("ends its lines as Windows does"));
+        assert_eq!(
+            check(b"#!/nonexistent/interp\n"),
+            "has the interpreter `/nonexistent/interp` in its first line, which is not there"
+        );
+        assert_eq!(
+            check(b"#!/usr/bin/env no-such-program\n"),
+            "has the interpreter `/usr/bin/env` in its first line, which finds no program `no-such-program` in `PATH`"
+        );
+        assert!(check(b"#!\n").starts_with("names no interpreter"));
+        let mut foreign = own.clone();
+        // SPARC, which nothing here executes.
+        (foreign[18], foreign[19]) = (43, 0);
+        assert!(check(&foreign).starts_with("is a program for processor number 43, and this machine has "));
+        let mut object = own.clone();
+        object[16] = 1;
+        assert_eq!(check(&object), "is an object file or a core, not a program");
+        if let Format::Elf(elf) = format(&own[..BEGIN_SIZE])
+            && let Some(loader) = elf.loader(&own[64..4096])
+        {
+            let mut other = own;
+            let offset = usize::try_from(loader.offset).unwrap();
+            other[offset..offset + 4].copy_from_slice(b"/no/");
+            assert!(check(&other).starts_with("needs the loader `/no/"), "{}", check(&other));
+        }
+        fs::remove_dir_all(&folder).unwrap();
+    }
+}
