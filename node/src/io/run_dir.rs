@@ -15,7 +15,7 @@
 //!       control.sock        where its programs talk to the node
 //!       12/                 one program: out.log, exit (until its node knows), processes (while it runs), data.sock, data.wire,
 //!                           shim.sock, beat.sock
-//!   c1.u/                   0710, of the group of the user as whom the policy of c1 has programs run, if that is another one
+//!   c1+u/                   0710, of the group of the user as whom the policy of c1 has programs run, if that is another one
 //!     team                  what they know of the team; `revoked` beside it
 //!     door_opening.1/       control.sock for them
 //!       12/                 0700, of that user: data.sock, data.wire, beat.sock
@@ -49,8 +49,8 @@ const LEAVING: Duration = Duration::from_secs(3);
 /// The longest path of a Unix socket that Linux accepts, less its final zero. Source: unix(7).
 const SOCKET_PATH_MAX: usize = 107;
 
-/// How the folder of a command's own nodes begins; its process id follows.
-const COMMAND_PREFIX: &str = "run-";
+/// How the folder of a command's own nodes begins; its process id follows. No node has a name with `+`.
+const COMMAND_PREFIX: &str = "run+";
 
 /// The option that names the base.
 pub const OPTION: &str = "--run-dir";
@@ -68,8 +68,9 @@ pub(crate) const PROGRAMS: &str = "programs";
 /// The file with what those show to programs of other hosts who look at them.
 pub const VISITORS: &str = "visitors";
 
-/// What stands behind the name of a node in that of the folder with the sockets of programs that run as another user.
-const OTHERS: &str = ".u";
+/// What stands behind the name of a node in that of the folder with the sockets of programs that run as another user. No node has a name
+/// with `+`.
+const OTHERS: &str = "+u";
 /// The file there with what programs know of the team.
 pub(crate) const OTHERS_TEAM: &str = "team";
 /// The variable that tells a program where it talks to its node.
@@ -481,6 +482,25 @@ mod tests {
         fs::remove_dir_all(&folder).unwrap();
     }
 
+    /// A node clears its folders when it starts, and a command those of commands that were killed.
+    #[test]
+    fn no_node_has_the_name_of_a_folder_that_others_clear() {
+        let base = Path::new("/run/dca");
+        for folder in [of_others(&base.join("c1")), base.join(format!("{COMMAND_PREFIX}41"))] {
+            let name = folder.file_name().unwrap().to_str().unwrap();
+            assert!(comms::logic::key::HostName::parse(name).is_err(), "{name}");
+        }
+        // Nor do nodes with the names that such folders had lose theirs.
+        let base = std::env::temp_dir().join(format!("dca-names-{}", std::process::id()));
+        let living = ["c1.u", "run-999999999"].map(|name| RunDir::take(&base, name).unwrap());
+        fs::create_dir_all(living[0].path().join("door.1")).unwrap();
+        RunDir::take(&base, "c1").unwrap().clear();
+        of_this_command(&base);
+        assert!(living.iter().all(|node| node.path().join("lock").exists()));
+        assert!(living[0].path().join("door.1").exists());
+        fs::remove_dir_all(&base).unwrap();
+    }
+
     /// As the kernel removes a killed node while its successor starts.
     #[test]
     fn a_holder_that_is_leaving_is_waited_for() {
@@ -500,10 +520,10 @@ mod tests {
         drop(fs::remove_dir_all(&base));
         assert_eq!(groups(&base), Vec::<PathBuf>::new(), "there is no such folder");
         let node = |folder: &Path| RunDir::take(folder, "c1").unwrap();
-        let command = base.join("run-41");
+        let command = base.join("run+41");
         let (first, second) = (node(&base), node(&command));
-        fs::create_dir_all(base.join("run-42").join("c1")).unwrap();
-        symlink(&command, base.join("run-43")).unwrap();
+        fs::create_dir_all(base.join("run+42").join("c1")).unwrap();
+        symlink(&command, base.join("run+43")).unwrap();
         assert_eq!(groups(&base), [base.clone(), command.clone()], "one is not running, one is a link");
         let sockets: Vec<PathBuf> = running(&command).unwrap().into_iter().map(|(_, socket)| socket).collect();
         assert_eq!(sockets, [command.join("c1").join("node.sock")]);

@@ -236,7 +236,7 @@ fn controllers_run_as_the_user_of_the_policy() {
     }
     // What is the node's alone is so, and the folder of its programs is theirs.
     let mode = |name: &str| fs::metadata(host.run_dir().join(name)).expect("it is there").mode() & 0o777;
-    assert_eq!([mode("c1"), mode("c1.u"), mode("c1.u/beats.1")], [0o700, 0o710, 0o710]);
+    assert_eq!([mode("c1"), mode("c1+u"), mode("c1+u/beats.1")], [0o700, 0o710, 0o710]);
     // One that dies is started again as the same user; and all come back to a node that was killed.
     node.kill();
     let _again = host.node("c1", &["--controllers", &library]);

@@ -337,7 +337,7 @@ mod tests {
             sandbox: Sandbox {
                 level: SandboxLevel::Standard,
                 user: Some(Account { uid: 61184, gid: 61184, groups: vec![20, 44] }),
-                own: Some("/run/dca/c1.u/d/x".into()),
+                own: Some("/run/dca/c1+u/d/x".into()),
             },
             groups: vec!["/sys/fs/cgroup/pids/dca-program-7-70".into()],
             descriptors: Some(1024),
