@@ -151,35 +151,46 @@ fn gap(dropped: u64) -> Vec<u8> {
     format!("\n[dca: {dropped} bytes of output were dropped here]\n").into_bytes()
 }
 
-/// The output file, and the one before it.
+/// The output file, and the one before it: both together never have more than [`OUTPUT_SIZE_MAX`] twice, whatever others do with them.
 struct LogFile {
     dir: PathBuf,
-    file: File,
-    size: u64,
+    /// None while the disk refuses one.
+    file: Option<File>,
 }
 
 impl LogFile {
     fn open(dir: &Path) -> io::Result<Self> {
         let file = file::appended_itself(&dir.join(OUTPUT_FILE), Privacy::Usual)?;
-        let size = file.metadata()?.len();
-        Ok(Self { dir: dir.to_owned(), file, size })
+        Ok(Self { dir: dir.to_owned(), file: Some(file) })
     }
 
     /// Appends, and loses what does not fit on the disk: the program goes on.
     fn append(&mut self, bytes: &[u8]) {
-        if self.size >= OUTPUT_SIZE_MAX {
-            self.rotate().unwrap_or_default();
+        let path = self.dir.join(OUTPUT_FILE);
+        // A file that was removed cannot be read any more, and would grow without end.
+        drop(self.file.take_if(|file| !file::is_in_place(file, &path)));
+        if self.file.is_none() {
+            self.file = file::appended_itself(&path, Privacy::Usual).ok();
         }
-        if self.file.write_all(bytes).is_ok() {
-            self.size += bytes.len() as u64;
+        let length = |file: &File| file.metadata().map_or(0, |file| file.len());
+        if self.file.as_ref().is_some_and(|file| length(file) >= OUTPUT_SIZE_MAX) {
+            self.rotate(&path);
+        }
+        if let Some(mut file) = self.file.as_ref() {
+            // Output that the disk refuses is lost.
+            file.write_all(bytes).unwrap_or_default();
         }
     }
 
-    fn rotate(&mut self) -> io::Result<()> {
-        let path = self.dir.join(OUTPUT_FILE);
-        std::fs::rename(&path, self.dir.join(OUTPUT_FILE_OLD))?;
-        self.file = file::appended_itself(&path, Privacy::Usual)?;
-        self.size = 0;
-        Ok(())
+    /// Puts the file aside. Where that is not possible it begins again.
+    fn rotate(&mut self, path: &Path) {
+        let moved = std::fs::rename(path, self.dir.join(OUTPUT_FILE_OLD));
+        if let Ok(fresh) = moved.and_then(|()| file::appended_itself(path, Privacy::Usual)) {
+            self.file = Some(fresh);
+            return;
+        }
+        // Without a place for the old part there is none for more of it.
+        let in_place = self.file.take().filter(|file| file::is_in_place(file, path));
+        self.file = in_place.filter(|file| file.set_len(0).is_ok());
     }
 }

@@ -438,3 +438,48 @@ fn real_time_is_given_or_refused_as_the_policy_says() {
     drop(Over { dir: shim.dir.clone() });
     assert!(shim.child.wait().unwrap().success());
 }
+
+/// Output goes on in a new file when the old one is removed or moved away. Two files of 1 MiB are the most in any case.
+#[test]
+fn output_goes_on_when_its_file_is_taken_away() {
+    // Each line is written before the next order: the test does something with the file in between.
+    let script = "while read -r line < orders; do printf '%s\\n' \"$line\"; done";
+    for (what, expected) in
+        [("removed", "second\n"), ("moved", "second\n"), ("emptied", "second\n"), ("left", "first\nsecond\n")]
+    {
+        let mut shim = Shim::start(Gate::Exec, &["sh", "-c", script]);
+        let (orders, file) = (shim.dir.join("orders"), shim.dir.join(OUTPUT_FILE));
+        rustix::fs::mkfifoat(rustix::fs::CWD, &orders, rustix::fs::Mode::RWXU).unwrap();
+        assert_eq!(shim.next(), Some(ShimReport::Ready));
+        shim.order(&ShimOrder::Go);
+        assert_eq!(shim.next(), Some(STARTED));
+        let say = |word: &str| std::fs::write(&orders, format!("{word}\n")).unwrap();
+        let wait_for = |expected: &str| {
+            let give_up = now() + Duration::from_secs(30);
+            while std::fs::read_to_string(&file).unwrap_or_default() != expected {
+                assert!(now() < give_up, "{what}: {:?}", std::fs::read_to_string(&file));
+                std::thread::yield_now();
+            }
+        };
+        say("first");
+        wait_for("first\n");
+        match what {
+            "removed" => std::fs::remove_file(&file).unwrap(),
+            "moved" => std::fs::rename(&file, shim.dir.join("elsewhere")).unwrap(),
+            "emptied" => std::fs::write(&file, "").unwrap(),
+            _ => {}
+        }
+        say("second");
+        wait_for(expected);
+        shim.order(&ShimOrder::Kill);
+        shim.expect(&[signalled(9), ShimReport::Gone]);
+    }
+}
+
+/// Output has an end also where the old file cannot be put aside.
+#[test]
+fn output_has_an_end_where_it_cannot_be_put_aside() {
+    let script = "mkdir out.log.1; head -c 5000000 /dev/zero";
+    let over = Shim::shell(script).expect(&[STARTED, exited(0), ShimReport::Gone]);
+    assert!(over.read(OUTPUT_FILE).len() as u64 <= OUTPUT_SIZE_MAX + (64 << 10), "{}", over.read(OUTPUT_FILE).len());
+}

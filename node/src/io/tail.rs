@@ -9,7 +9,7 @@ use crate::logic::protocol::Answer;
 use comms::io::file;
 use shim::protocol::{OUTPUT_FILE, OUTPUT_FILE_OLD};
 use std::fs::File;
-use std::io::{self, Read};
+use std::io::{self, Read, Seek};
 use std::os::unix::fs::MetadataExt;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -93,6 +93,10 @@ impl Reader {
                     return Ok(format!("\n{GAP}\n").into_bytes());
                 }
             } else if self.is_current(this) {
+                if file_is_shorter(self.file.as_mut())? {
+                    // Somebody has emptied it.
+                    continue;
+                }
                 return Ok(Vec::new());
             } else {
                 // It was put aside, perhaps after something was added that has not been read: once more.
@@ -113,6 +117,16 @@ impl Reader {
             Err(error) => Err(error),
         }
     }
+}
+
+/// Goes back to the beginning of a file that has become shorter than the part that was read; says whether it has.
+fn file_is_shorter(file: Option<&mut File>) -> io::Result<bool> {
+    let Some(file) = file else { return Ok(false) };
+    let is_shorter = file.metadata()?.len() < file.stream_position()?;
+    if is_shorter {
+        file.rewind()?;
+    }
+    Ok(is_shorter)
 }
 
 fn id(file: &std::fs::Metadata) -> (u64, u64) {
@@ -240,6 +254,24 @@ mod tests {
         fn drop(&mut self) {
             drop(std::fs::remove_dir_all(&self.0));
         }
+    }
+
+    #[test]
+    fn a_file_that_somebody_empties_or_removes_is_read_on() {
+        let folder = Folder::new("emptied");
+        let path = folder.0.join(OUTPUT_FILE);
+        let mut reader = Reader::new(folder.0.clone());
+        let mut read = || String::from_utf8(reader.read().unwrap()).unwrap();
+        folder.write("first");
+        assert_eq!(read(), "first");
+        std::fs::write(&path, "").unwrap();
+        assert_eq!(read(), "");
+        folder.write("2nd");
+        assert_eq!(read(), "2nd");
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!(read(), "");
+        folder.write("third");
+        assert_eq!(read(), "third");
     }
 
     #[test]
