@@ -15,6 +15,7 @@ use crate::io::cgroup;
 use crate::io::database;
 use crate::io::estop::EstopFile;
 use crate::io::event::{Connection, Event};
+use crate::io::folder::StartFolder;
 use crate::io::guard::Guard;
 use crate::io::input_log::InputLog;
 use crate::io::journal::{self, Journal};
@@ -120,6 +121,8 @@ struct Driver {
     shims: BTreeMap<ProcessId, Sender<ShimOrder>>,
     programs: BTreeMap<ProcessId, (u64, ControlSender)>,
     inputs: InputLog,
+    /// Where programs run.
+    start_folder: StartFolder,
     /// What the wires of its programs have lost.
     losses: Losses,
     returning: Returning,
@@ -247,6 +250,7 @@ impl Driver {
             shims: BTreeMap::new(),
             programs: BTreeMap::new(),
             inputs,
+            start_folder: StartFolder::here(),
             losses: Losses::default(),
             returning: Returning::default(),
             living: BTreeMap::new(),

@@ -62,6 +62,32 @@ pub(crate) fn sync_entry(file: &Path) -> io::Result<()> {
     file.parent().map_or(Ok(()), |folder| fs::File::open(folder)?.sync_all())
 }
 
+/// The folder in which this process was started: programs run there, and in no other.
+#[derive(Clone, Debug)]
+pub(crate) struct StartFolder(PathBuf);
+
+impl StartFolder {
+    /// Returns the present one of this process, or the root if it has none any more.
+    pub(crate) fn here() -> Self {
+        Self(std::env::current_dir().unwrap_or_else(|_gone| PathBuf::from("/")))
+    }
+
+    /// Returns its path; that changes when it, or a folder above it, is moved.
+    ///
+    /// # Errors
+    /// It was removed, perhaps with another one in its place: for a person.
+    pub(crate) fn path(&self) -> Result<PathBuf, String> {
+        // Outside of the mounted tree the kernel has no whole path.
+        let present = std::env::current_dir().ok().filter(|path| path.is_absolute());
+        present.ok_or_else(|| {
+            format!(
+                "the folder `{}`, in which its node was started, was removed or replaced; start the node again, in a folder that stays",
+                self.0.display()
+            )
+        })
+    }
+}
+
 /// Says that a file stands where a folder is expected.
 pub fn no_folder(file: &Path) -> String {
     format!("`{}` is a file, where a folder is expected", file.display())

@@ -56,6 +56,8 @@ pub(crate) struct Start {
     /// As the agent wants it.
     pub(crate) order: SpawnOrder,
     pub(crate) shim: ShimStart,
+    /// Why it cannot be started, if so.
+    pub(crate) obstacle: Option<String>,
     /// Where programs of its deployment connect, if it does.
     pub(crate) control: Option<PathBuf>,
     /// The folder of the node.
@@ -200,9 +202,13 @@ impl Starter {
     }
 
     async fn start(&mut self, start: Start) {
-        let Start { process, order, shim, control, node, orders } = start;
+        let Start { process, order, shim, obstacle, control, node, orders } = start;
         self.database.connect(&order);
-        match self.try_start(order, shim, (control, node)).await {
+        let started = match obstacle {
+            Some(why) => Err(anyhow::Error::msg(why)),
+            None => self.try_start(order, shim, (control, node)).await,
+        };
+        match started {
             Ok((shim, reports)) => {
                 self.tasks.spawn(shim.pass(Vec::new(), orders));
                 self.tasks.spawn(hear(process, reports, None, self.events.clone()));

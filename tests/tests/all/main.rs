@@ -44,6 +44,7 @@ mod queues;
 mod quick;
 mod quiet;
 mod record;
+mod refused_programs;
 mod seals;
 mod service;
 mod stop;

@@ -24,10 +24,10 @@ const INHERITED: [&str; 7] = ["PATH", "HOME", "USER", "LANG", "TZ", "RUST_LOG", 
 impl Driver {
     /// Looks at executables in a task: a folder of another machine may not answer.
     pub(super) fn find_programs(&mut self, (deployment, number): (Deployment, u32), programs: Vec<SpawnOrder>) {
-        let (events, policy) = (self.events.clone(), self.policy.clone());
+        let (events, policy, folder) = (self.events.clone(), self.policy.clone(), self.start_folder.clone());
         self.tasks.spawn(async move {
             let problem = move |order: SpawnOrder| {
-                let problem = policy.admit(&order).err()?;
+                let problem = folder.path().map_err(anyhow::Error::msg).and_then(|_| policy.admit(&order)).err()?;
                 Some(format!("`{}` cannot be started: {problem:#}", order.path))
             };
             let looking = tokio::task::spawn_blocking(move || programs.into_iter().filter_map(problem).collect()).await;
@@ -62,8 +62,9 @@ impl Driver {
         let dir = self.dir.process(&process);
         let (watchdog, ready_within) = watched(order.kind, &order.policy);
         let grace = self.settings.agent_loss_grace.or(self.config.agent_loss_grace);
+        let folder = self.start_folder.path();
         let shim = ShimStart {
-            working_directory: std::env::current_dir().unwrap_or_else(|_gone| "/".into()),
+            working_directory: folder.clone().unwrap_or_default(),
             gate: if is_controller { Gate::None } else { Gate::Exec },
             agent_loss_grace: order.policy.agent_loss.or(grace),
             watchdog,
@@ -78,7 +79,7 @@ impl Driver {
             dir,
         };
         let node = self.dir.path().to_owned();
-        Start { process, order, shim, control, node, orders }
+        Start { process, order, shim, obstacle: folder.err(), control, node, orders }
     }
 
     /// Takes what a program has said. When it says who it is, the node vouches for it: before anybody is told where it is.
