@@ -9,7 +9,7 @@ use anyhow::{Context, anyhow};
 use comms::io::clock;
 use comms::io::session::Reach;
 use node::console::{Failure, block_on, ended};
-use node::io::driver::{self, Config};
+use node::io::driver::{self, Config, Inherited};
 use node::io::service_manager::ServiceManager;
 use node::io::{cgroup, programs, run_dir, state_dir};
 use node::logic::database::TEAM;
@@ -82,6 +82,7 @@ impl Nodes {
                 team: TEAM.to_owned(),
                 store: None,
                 founds: hosts.first() == Some(host),
+                inherited: Inherited::All,
                 agent_loss_grace: Some(AGENT_LOSS_GRACE),
                 adopts: false,
                 boot: None,

@@ -85,6 +85,25 @@ mod tests {
     }
 
     #[test]
+    fn the_environment_of_a_program_has_one_shape() {
+        check(
+            "module M(host){exec \"m\";env { A=\"a\";B = \"b\" ; } inherit LC_ALL,ROS_ * ;directory\"/opt\";done;}",
+            &expect![[r#"
+                module M(host) {
+                    exec "m";
+                    env{
+                        A = "a";
+                        B = "b";
+                    }
+                    inherit LC_ALL, ROS_*;
+                    directory "/opt";
+                    done;
+                }
+            "#]],
+        );
+    }
+
+    #[test]
     fn comments_stay_where_they_are() {
         check(
             "// first\nprocess a(){//why\n host{/* h */ c1}\n\n\n // own\n\n internal_event_actions{ a // left\n # b /* x */ ,\n// own\nc } // end\n // last in a\n } // a\n // of b\n process b(){\n}\n// end",

@@ -8,6 +8,7 @@
 
 mod component;
 mod difference;
+mod environment;
 mod exec;
 mod external;
 mod nested;
@@ -22,6 +23,10 @@ use std::time::Duration;
 
 pub use component::Failing;
 pub use difference::{Difference, PlanChange, difference, difference_with};
+pub use environment::{
+    Environment, VARIABLE_SIZE_MAX, VARIABLES_MAX, directory_problem, is_matched, pattern_problem, value_problem,
+    variable_problem,
+};
 pub use exec::{ExecError, words};
 pub use external::External;
 pub use on_boot::OnBoot;
@@ -159,6 +164,8 @@ pub struct Leaf {
     /// How to start it, as [`words`] reads it, when the module's interface says so; else the node looks the type up among
     /// its controllers.
     pub exec: Option<String>,
+    /// The variables and the folder of its program.
+    pub environment: Environment,
     /// Whether it speaks the control protocol.
     pub kind: LeafKind,
     /// The longest time to stop; then the program is killed.

@@ -4,7 +4,7 @@ mod arguments;
 mod install;
 
 use crate::console::{self, Failure, block_on, ended, finish, on_own_stack, parsed};
-use crate::io::driver::{self, Config};
+use crate::io::driver::{self, Config, Inherited};
 use crate::io::leave::Leave;
 use crate::io::logging::{self, Log};
 use crate::io::service_manager::ServiceManager;
@@ -131,6 +131,7 @@ fn run(arguments: Arguments, log: Log) -> Result<(), Failure> {
         controllers: programs::chosen(&arguments.controllers),
         port: arguments.port,
         peers: arguments.peers,
+        inherited: Inherited::Listed(arguments.inherited),
         agent_loss_grace: arguments.agent_loss_grace,
         adopts: true,
         boot: arguments.boot_id,

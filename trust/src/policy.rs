@@ -9,6 +9,7 @@
 //! sandbox = "standard"                # or "none"
 //! devices = ["arm", "camera"]         # what programs may claim
 //! secrets = ["team/camera/"]          # keys of secrets that they may be given
+//! environment = ["ROS_*"]             # variables that specs may set or inherit for them
 //! realtime = 40                       # the highest real-time priority; 0 for none
 //! memory = 2_000_000_000              # bytes of a program
 //! cores = 1.5                         # its share of the processors
@@ -46,6 +47,7 @@ struct File {
     sandbox: Sandbox,
     devices: Option<Spanned<Vec<String>>>,
     secrets: Option<Spanned<Vec<String>>>,
+    environment: Option<Spanned<Vec<String>>>,
     realtime: Option<Spanned<u64>>,
     memory: Option<Spanned<u64>>,
     cores: Option<Spanned<f64>>,
@@ -84,6 +86,7 @@ pub struct Policy {
     sandbox: Sandbox,
     devices: Option<Rule<Vec<String>>>,
     secrets: Option<Rule<Vec<String>>>,
+    environment: Option<Rule<Vec<String>>>,
     limits: Vec<(&'static str, Rule<u64>)>,
 }
 
@@ -123,6 +126,8 @@ pub struct Start<'a> {
     pub devices: &'a [String],
     /// The keys of the secrets that it is to be given.
     pub secrets: &'a [String],
+    /// The variables that its spec sets or inherits: names, or how names begin, such as `ROS_*`.
+    pub variables: &'a [String],
     /// The limits that it asks for.
     pub limits: Limits,
 }
@@ -213,6 +218,7 @@ impl Policy {
             sandbox: file.sandbox,
             devices: reader.list("devices", file.devices, no_name, is_named)?,
             secrets: reader.list("secrets", file.secrets, no_name, is_named)?,
+            environment: reader.list("environment", file.environment, no_name, is_named)?,
             limits: limits.into_iter().flatten().collect(),
         })
     }
@@ -274,8 +280,27 @@ impl Policy {
                 why: format!("no program is given the secret `{key}` on this node"),
             }));
         }
+        denied.extend(self.against_variables(start.variables));
         let limits = self.limited(&start.limits, &mut denied);
         if denied.is_empty() { Ok(limits) } else { Err(denied) }
+    }
+
+    /// Where only some programs run, a variable such as `LD_PRELOAD` would have them run anything else.
+    fn against_variables(&self, variables: &[String]) -> Vec<Denied> {
+        let is_open = self.folders.is_none() && self.hashes.is_none();
+        let (line, listed) = match &self.environment {
+            Some(rule) => (Some(rule.line), rule.value.as_slice()),
+            None if is_open => return Vec::new(),
+            None => (None, &[][..]),
+        };
+        let is_listed = |variable: &&String| {
+            listed
+                .iter()
+                .any(|one| *one == **variable || one.strip_suffix('*').is_some_and(|one| variable.starts_with(one)))
+        };
+        let others = variables.iter().filter(|variable| !is_listed(variable));
+        let why = |variable: &String| format!("no spec sets or inherits the variable `{variable}` on this node");
+        others.map(|variable| Denied { rule: "environment", line, why: why(variable) }).collect()
     }
 
     fn is_in_folder(&self, program: &Path) -> bool {

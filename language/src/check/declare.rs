@@ -1,5 +1,6 @@
 //! Collects the declarations of all texts.
 
+mod environment;
 mod module;
 mod process;
 mod template;

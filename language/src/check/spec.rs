@@ -3,7 +3,7 @@
 mod kind;
 
 use super::range::Range;
-use crate::plan::{Backoff, Constant, LeafKind, OnBoot, Policy, Quality, Supervision, Transfer};
+use crate::plan::{Backoff, Constant, Environment, LeafKind, OnBoot, Policy, Quality, Supervision, Transfer};
 use crate::source::Span;
 use crate::syntax::ast::Name;
 use crate::unit::Dimension;
@@ -266,6 +266,7 @@ pub(crate) struct Module {
     /// Its normal ends, when it has several.
     pub(crate) outcomes: Vec<Outcome>,
     pub(crate) exec: Option<String>,
+    pub(crate) environment: Environment,
     pub(crate) kind: LeafKind,
     pub(crate) stop_within: Duration,
     /// The shortest and the longest time from its start to its end, when it says so.

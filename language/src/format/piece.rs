@@ -246,6 +246,9 @@ pub(super) fn is_apart(before: &Piece<'_>, next: &Piece<'_>) -> bool {
     if before.parent == SyntaxKind::Range && (before.kind == SyntaxKind::Ident || next.kind == SyntaxKind::Equals) {
         return true;
     }
+    if next.kind == SyntaxKind::Star {
+        return false;
+    }
     let tight_after = [LeftParen, LeftBracket, Dot, Minus, DotDot, Less, Slash];
     let tight_before = [RightParen, RightBracket, Comma, Dot, Question, LeftBracket, Greater, DotDot, Less, Slash];
     if tight_after.contains(&before.kind) || tight_before.contains(&next.kind) {

@@ -3,8 +3,8 @@
 use super::COLUMNS;
 use super::piece::{Piece, Sums, is_apart, is_bracketed, pieces};
 use crate::syntax::SyntaxKind::{
-    Actions, Comma, Connections, External, Host, Instances, LeftBrace, LeftBracket, LeftParen, Less, Module, OnBoot,
-    Policies, Process, RightBrace, Supervision, Verify,
+    Actions, Comma, Connections, Environment, External, Host, Instances, LeftBrace, LeftBracket, LeftParen, Less,
+    Module, OnBoot, Policies, Process, RightBrace, Supervision, Verify,
 };
 use crate::syntax::SyntaxNode;
 use rowan::NodeOrToken;
@@ -184,7 +184,8 @@ impl<'t> Printer<'t> {
     /// Writes a node; `reserve` columns follow it in its last line.
     pub(super) fn node(&mut self, node: &SyntaxNode, reserve: usize) {
         let kind = node.kind();
-        if [Process, Instances, Policies, Supervision, External, Connections, Actions, Verify].contains(&kind)
+        if [Process, Instances, Policies, Supervision, External, Connections, Actions, Environment, Verify]
+            .contains(&kind)
             || kind == Module && !self.is_one_line(node)
             || [Host, OnBoot].contains(&kind) && self.sums.is_commented(&self.range(node))
         {

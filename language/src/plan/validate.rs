@@ -73,6 +73,14 @@ pub enum PlanError {
         /// Path of the leaf.
         path: String,
     },
+    /// Variables or a folder that no program can have.
+    #[error("the environment of `{path}` cannot be: {problem}")]
+    Environment {
+        /// Path of the leaf.
+        path: String,
+        /// The first thing that is wrong with it.
+        problem: String,
+    },
     /// A process of another deployment that is one of this, or none.
     #[error("`{path}` stands for no process of another deployment")]
     External {
@@ -111,6 +119,9 @@ impl Plan {
             in_range(leaf.host, self.hosts.len(), "host", &leaf.path)?;
             if leaf.policy.backoff.is_some_and(|backoff| !backoff.is_valid()) {
                 return Err(PlanError::Backoff { path: leaf.path.clone() });
+            }
+            if let Some(problem) = leaf.environment.problem() {
+                return Err(PlanError::Environment { path: leaf.path.clone(), problem });
             }
             if leaf
                 .external

@@ -41,6 +41,7 @@ const SYMBOLS: &[(&str, SyntaxKind)] = &[
     ("|", SyntaxKind::Bar),
     ("/", SyntaxKind::Slash),
     ("-", SyntaxKind::Minus),
+    ("*", SyntaxKind::Star),
 ];
 
 /// Some editors begin a text with this mark of its byte order; it means nothing.

@@ -72,7 +72,10 @@ fn completion_knows_what_can_stand_here() {
     );
     completes("process main() { host{$0} }", "");
     completes("$0", "process module const type use verify");
-    completes("module M(host) { $0 }", "in out proc state calls service done plain remembers exec stop claims");
+    completes(
+        "module M(host) { $0 }",
+        "in out proc state calls service done plain remembers exec env inherit directory stop claims",
+    );
     completes("module M(host) { in In: $0 }", "Force Truth Twist");
     completes("module M(host) { claims $0 }", "arm grip");
     completes("module M(host) { claims arm($0) }", "read write");

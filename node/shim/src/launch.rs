@@ -36,6 +36,17 @@ pub(crate) fn command(start: &ShimStart) -> io::Result<(OsString, Vec<OsString>)
     Ok((std::env::current_exe()?.into_os_string(), arguments))
 }
 
+/// Returns the environment of the program, or of the launch that is executed in its place and gives the program its own.
+pub(crate) fn variables(start: &ShimStart, more: Vec<(&'static str, String)>) -> Vec<(String, String)> {
+    let more = more.into_iter().map(|(name, value)| (name.to_owned(), value));
+    let environment = start.environment.iter().cloned().chain(more).collect();
+    let start = ShimStart { environment, ..start.clone() };
+    if is_plain(&start) {
+        return start.environment;
+    }
+    start.variables().map(|(name, value)| (name, value.to_owned())).collect()
+}
+
 /// The longest reason, in bytes.
 const REASON_MAX: usize = 64 << 10;
 
@@ -44,7 +55,7 @@ pub(crate) fn launch(start: &ShimStart) -> ExitCode {
     // Behind a sandbox it may not be made any more. An empty file is no reason.
     let early =
         (start.sandbox != Sandbox::default()).then(|| file::created(&start.dir.join(REFUSED_FILE), Privacy::Usual));
-    let reason = limit(start).map_or_else(|reason| reason, |command| execute(&command));
+    let reason = limit(start).map_or_else(|reason| reason, |command| execute(&command, start));
     let written = early.map_or_else(
         || file::write(&start.dir.join(REFUSED_FILE), reason.as_bytes()),
         |file| file?.write_all(reason.as_bytes()),
@@ -85,8 +96,15 @@ pub(crate) fn try_limits(start: &ShimStart) -> Result<(), String> {
     refusal.map_or(Ok(()), Err)
 }
 
+/// The command that a launch executes.
+struct Next {
+    command: Vec<OsString>,
+    /// Whether that is another launch, of the same program.
+    is_launch: bool,
+}
+
 /// Takes the limits, and gives up the rights; returns what to execute.
-fn limit(start: &ShimStart) -> Result<Vec<OsString>, String> {
+fn limit(start: &ShimStart) -> Result<Next, String> {
     let limits = &start.limits;
     let caps = [
         (Resource::As, limits.memory, "B of memory"),
@@ -109,7 +127,8 @@ fn limit(start: &ShimStart) -> Result<Vec<OsString>, String> {
                 let limits = Limits { realtime: None, ..start.limits.clone() };
                 let (program, arguments) = self::command(&ShimStart { limits, groups: others, ..start.clone() })
                     .map_err(|error| format!("it cannot be started in its class: {}", cause(&error)))?;
-                return Ok(class.map(OsString::from).into_iter().chain([program]).chain(arguments).collect());
+                let command = class.map(OsString::from).into_iter().chain([program]).chain(arguments).collect();
+                return Ok(Next { command, is_launch: true });
             }
             command.splice(0..0, class.map(OsString::from));
         } else if realtime.is_optional {
@@ -140,7 +159,7 @@ fn limit(start: &ShimStart) -> Result<Vec<OsString>, String> {
         }
     }
     sandbox::enter(&start.sandbox, [&start.dir, &start.working_directory])?;
-    Ok(command)
+    Ok(Next { command, is_launch: false })
 }
 
 /// Joins a control group.
@@ -158,8 +177,14 @@ fn is_allowed(class: &[String]) -> bool {
     trial.status().is_ok_and(|status| status.success())
 }
 
-fn execute(command: &[OsString]) -> String {
+fn execute(Next { command, is_launch }: &Next, start: &ShimStart) -> String {
     let Some((name, arguments)) = command.split_first() else { return "there is no program".to_owned() };
-    let error = Command::new(name).args(arguments).exec();
+    let mut next = Command::new(name);
+    next.args(arguments);
+    if !is_launch {
+        // From here on its variables may do what they do.
+        next.env_clear().envs(start.environment.iter().map(|(name, value)| (name, value)));
+    }
+    let error = next.exec();
     format!("cannot execute `{}`: {}", name.display(), cause(&error))
 }

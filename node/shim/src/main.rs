@@ -79,7 +79,8 @@ Options:
   --ready-within MS            ends it when it is not ready after so long (READY=1)
   --secret N                   word N of the command ends with the path of a file in memory; its content comes
                                first on standard input: four bytes of length, the lowest first, and itself
-  --environment NAME=VALUE     its whole environment; may be given more than once
+  --environment NAME=VALUE     a variable of its environment; may be given more than once. A variable DCA_ENV_NAME of the
+                               shim is one, too; it has no others
   --memory BYTES  --cpu-s S  --cpu-share THOUSANDTHS  --pids N  --files N  --file-size BYTES  --nice N
   --realtime P  --realtime-optional P
                                what it may use
@@ -120,6 +121,7 @@ fn main() -> ExitCode {
             return ExitCode::from(2);
         }
     };
+    start.take_variables(std::env::vars_os());
     if is_launch {
         // It has the secrets of the program.
         return launch::launch(&start);
@@ -286,8 +288,7 @@ fn execute(start: &ShimStart, output: &Output) -> Result<Program, String> {
     let child = Command::new(program)
         .args(arguments)
         .env_clear()
-        .envs(start.environment.iter().map(|(name, value)| (name, value)))
-        .envs(beats::environment(start))
+        .envs(launch::variables(start, beats::environment(start)))
         .current_dir(&start.working_directory)
         // `kill 0` in a script means the script and what it started, not this shim.
         .process_group(0)

@@ -37,6 +37,9 @@ pub const REFUSED_FILE: &str = "refused";
 pub const LAUNCH: &str = "--launch";
 /// The argument of a shim before the instance directory of its program.
 pub const DIRECTORY: &str = "--directory";
+/// How the variables of a program are called in the environment of its shim: what they do, such as `LD_PRELOAD`, they do to the program
+/// alone. Arguments could be read by every user.
+pub const VARIABLE_PREFIX: &str = "DCA_ENV_";
 /// The argument of a shim that says what its sandbox takes where the kernel has it, a word each: `landlock seccomp`.
 pub const LEVELS: &str = "--sandbox-levels";
 /// How the program ended, as the line of the [`ShimReport`]; in place before the report is made.

@@ -4,6 +4,7 @@ use crate::io::run_dir;
 use crate::logic::database::TEAM;
 use comms::logic::key::HostName;
 use dbmanager::io::store::Engine;
+use language::plan::pattern_problem;
 use std::net::Ipv6Addr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -33,6 +34,10 @@ pub(crate) struct Arguments {
     /// A program that offers controller types; may be given more than once [default: dca-controller beside this program]
     #[arg(long = "controllers", value_name = "PROGRAM")]
     pub(super) controllers: Vec<PathBuf>,
+    /// A variable that programs take over from this node, beside PATH, HOME, USER, LANG, TZ and RUST_LOG: a name, or how names begin, such
+    /// as `ROS_*`; may be given more than once
+    #[arg(long = "inherit", value_name = "NAME", value_delimiter = ',', value_parser = inherited)]
+    pub(super) inherited: Vec<String>,
     /// How long programs have to stop when this node is gone, in seconds [default: they go on, and this node finds them again
     /// when it is started again]
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
@@ -76,6 +81,7 @@ impl Arguments {
         }
         self.peers.iter().for_each(|peer| option("--peer", peer.clone()));
         self.controllers.iter().for_each(|program| option("--controllers", path(program)));
+        self.inherited.iter().for_each(|name| option("--inherit", name.clone()));
         if let Some(grace) = self.agent_loss_grace {
             option("--agent-loss-grace", grace.as_secs_f64().to_string());
         }
@@ -91,6 +97,11 @@ impl Arguments {
         }
         words
     }
+}
+
+/// Reads the name of a variable, or how names begin.
+fn inherited(text: &str) -> Result<String, String> {
+    pattern_problem(text).map_or_else(|| Ok(text.to_owned()), Err)
 }
 
 /// Reads where another node can be dialled.

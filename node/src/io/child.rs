@@ -103,12 +103,15 @@ pub fn start(shim: &Path, start: &ShimStart) -> io::Result<(ShimOrders, ShimRepo
     if let Err(error) = file::write(&start.dir.join(OUTPUT_BEGIN_FILE), written_before.to_string().as_bytes()) {
         tracing::debug!(%error, "where the output of a program begins is not kept");
     }
+    // Arguments can be read by every user of the machine.
+    let arguments = ShimStart { environment: Vec::new(), ..start.clone() }.arguments();
     let mut child = Command::new(shim)
-        .args(start.arguments())
+        .args(arguments)
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .env_clear()
+        .envs(start.variables())
         .spawn()?;
     let missing = || io::Error::other("a pipe to the shim is missing");
     let orders = ChildStdin::from_std(child.stdin.take().ok_or_else(missing)?)?;

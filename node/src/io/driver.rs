@@ -1,6 +1,7 @@
 //! A running node: one `select!` that turns every event into an input of the agent and carries its effects out, in order.
 
 mod adoption;
+mod environment;
 mod gate;
 mod inputs;
 mod keeping;
@@ -41,6 +42,7 @@ use comms::io::entropy;
 use comms::io::session::Reach;
 use comms::logic::control::Order;
 use comms::logic::time::Time;
+pub use environment::Inherited;
 use losses::Losses;
 use returning::Returning;
 use shim::protocol::{ShimOrder, ShimReport};
@@ -79,6 +81,8 @@ pub struct Config {
     pub controllers: Vec<PathBuf>,
     /// Locators of nodes known beforehand.
     pub peers: Vec<String>,
+    /// The variables of this process that every program has, too.
+    pub inherited: Inherited,
     /// How long programs have to stop when this node is gone; none if they go on, for a node that is started again.
     pub agent_loss_grace: Option<Duration>,
     /// Whether it takes over what a node of its name that was killed has left in its folder.

@@ -72,6 +72,18 @@ impl StartFolder {
         Self(std::env::current_dir().unwrap_or_else(|_gone| PathBuf::from("/")))
     }
 
+    /// Returns the folder of a program that names one, or this one.
+    ///
+    /// # Errors
+    /// This one was removed: for a person.
+    pub(crate) fn of(&self, directory: Option<&str>) -> Result<PathBuf, String> {
+        match directory.map(Path::new) {
+            Some(directory) if directory.is_absolute() => Ok(directory.to_owned()),
+            Some(directory) => Ok(self.path()?.join(directory)),
+            None => self.path(),
+        }
+    }
+
     /// Returns its path; that changes when it, or a folder above it, is moved.
     ///
     /// # Errors
@@ -85,6 +97,18 @@ impl StartFolder {
                 self.0.display()
             )
         })
+    }
+}
+
+/// Checks that a program can run in a folder. Blocks.
+///
+/// # Errors
+/// It is not there, or not a folder: for a person.
+pub(crate) fn check_directory(folder: &Path) -> Result<(), String> {
+    match fs::metadata(folder) {
+        Ok(found) if found.is_dir() => Ok(()),
+        Ok(_) => Err(format!("its program cannot run there: {}", no_folder(folder))),
+        Err(cause) => Err(format!("its program cannot run in the folder `{}`: {cause}", folder.display())),
     }
 }
 

@@ -156,6 +156,8 @@ impl ExecutionPolicy {
         let program = fs::canonicalize(program).with_context(|| format!("finding `{}`", program.display()))?;
         let hash = policy.needs_hash(&program).then(|| self.hash(&program)).transpose()?;
         let secrets: Vec<String> = order.secrets.iter().map(|secret| secret.key.clone()).collect();
+        let environment = &order.environment;
+        let variables: Vec<String> = environment.variables.keys().chain(&environment.inherited).cloned().collect();
         let own = getuid();
         let named = policy.user().map(users::named).transpose()?.flatten();
         let (mine, other): (Option<User>, Option<User>) = match named {
@@ -173,6 +175,7 @@ impl ExecutionPolicy {
             only,
             devices: &order.devices,
             secrets: &secrets,
+            variables: &variables,
             limits: words_of(asked),
         });
         match admitted {

@@ -7,6 +7,7 @@ use crate::io::child::leftovers;
 use crate::io::child::reach::{Reached, reach};
 use crate::io::child::{self, ShimOrders, ShimReports};
 use crate::io::event::{Event, hear_programs};
+use crate::io::folder;
 use crate::io::policy::{Admitted, ExecutionPolicy};
 use crate::io::program_database::ProgramDatabase;
 use crate::io::run_dir;
@@ -233,6 +234,7 @@ impl Starter {
         let deployment = order.process.deployment.clone();
         let policy = self.policy.clone();
         let admitting = tokio::task::spawn_blocking(move || {
+            folder::check_directory(&start.working_directory).map_err(anyhow::Error::msg)?;
             let Admitted { limits, sandbox, environment } = policy.admit(&order)?;
             (start.limits, start.sandbox) = (limits, sandbox);
             start.environment.retain(|(name, _)| environment.iter().all(|(other, _)| other != name));

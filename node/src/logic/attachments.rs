@@ -300,6 +300,7 @@ mod tests {
             kind: LeafKind::Controller,
             policy: Policy::default(),
             keys: Vec::new(),
+            environment: Default::default(),
         }))
     }
 

@@ -7,7 +7,7 @@ use crate::logic::nameserver::Change;
 use crate::logic::protocol::{Answer, Deployment, Estop, Kept, Message, Namesake, Signed, ToParticipant, Tombstone};
 use comms::logic::control::Order;
 use comms::logic::time::Time;
-use language::plan::{KeyBinding, LeafKind, Policy};
+use language::plan::{Environment, KeyBinding, LeafKind, Policy};
 use serde::{Deserialize, Serialize};
 use shim::protocol::ShimOrder;
 use std::collections::{BTreeMap, BTreeSet};
@@ -44,6 +44,8 @@ pub struct SpawnOrder {
     pub policy: Policy,
     /// The keys of the database that it is connected with.
     pub keys: Vec<KeyBinding>,
+    /// Its variables and its folder.
+    pub environment: Environment,
 }
 
 impl SpawnOrder {

@@ -111,6 +111,7 @@ pub fn order(process: ProcessId, command: Vec<String>, (plan, leaf): (&Plan, &Le
         kind: leaf.kind,
         policy: leaf.policy.clone(),
         keys: leaf.keys.clone(),
+        environment: leaf.environment.clone(),
     }
 }
 

@@ -13,6 +13,7 @@ mod database;
 mod dependencies;
 mod door;
 mod door_levels;
+mod environment;
 mod errors;
 mod estop;
 mod examples;

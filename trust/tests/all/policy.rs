@@ -22,6 +22,7 @@ fn start<'a>(devices: &'a [String], secrets: &'a [String]) -> Start<'a> {
         only: "",
         devices,
         secrets,
+        variables: &[],
         limits: Limits { realtime: Some(40), memory: Some(1_000_000), ..Limits::default() },
     }
 }
@@ -40,6 +41,30 @@ fn what_the_file_allows_is_started_within_its_limits() {
         Policy::parse("").unwrap().admit(&asked),
         Ok(asked.limits),
         "a rule that is not there restricts nothing"
+    );
+}
+
+/// A variable such as `LD_PRELOAD` would have a listed program run anything else.
+#[test]
+fn where_only_some_programs_run_specs_set_only_listed_variables() {
+    let variables = ["LD_PRELOAD", "ROS_DOMAIN_ID", "ROS_*"].map(str::to_owned);
+    let said = |file: &str| {
+        let asked = Start { variables: &variables, ..start(&[], &[]) };
+        let asked = Start { limits: Limits::default(), ..asked };
+        let denied = Policy::parse(file).unwrap().admit(&asked).err().unwrap_or_default();
+        denied.iter().map(|one| one.sentence(Path::new("/p"))).collect::<Vec<_>>()
+    };
+    let folders = "folders = [\"/opt/robot/bin\"]\n";
+    assert_eq!(said(""), Vec::<String>::new(), "anything runs anyway");
+    assert_eq!(said(folders).len(), 3);
+    assert_eq!(
+        said(folders)[0],
+        "no spec sets or inherits the variable `LD_PRELOAD` on this node (there is no rule `environment` in `/p`)"
+    );
+    let listed = format!("{folders}environment = [\"ROS_*\"]");
+    assert_eq!(
+        said(&listed),
+        ["no spec sets or inherits the variable `LD_PRELOAD` on this node (rule `environment`, `/p` line 2)"]
     );
 }
 

@@ -1,11 +1,12 @@
 //! Reads the interfaces of controller modules.
 
+use super::environment;
 use crate::algebra::TAG_MAX;
 use crate::check::names::twice;
 use crate::check::spec::{Call, CallRole, Claim, Direction, Module, Outcome, Port};
 use crate::check::value::Reader;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::plan::{self, LeafKind};
+use crate::plan::{self, Environment, LeafKind};
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Constant, Params, Text};
 use crate::syntax::ast::Node;
@@ -28,6 +29,7 @@ pub(super) fn module(node: &Node, places: &[Span], reader: &mut Reader<'_>) -> O
         remembers: false,
         outcomes: Vec::new(),
         exec: None,
+        environment: Environment::default(),
         kind: LeafKind::Controller,
         stop_within: STOP_WITHIN,
         takes: None,
@@ -68,6 +70,12 @@ fn read_item(module: &mut Module, item: &Node, reader: &mut Reader<'_>) {
                 .push(found.help("blanks separate words; write one that has blanks as `exec \"say 'good morning'\"`"));
         }
         module.exec = Some(exec);
+    } else if item.kind() == SyntaxKind::Environment {
+        environment::variables(&mut module.environment, item, reader);
+    } else if item.kind() == SyntaxKind::Inherit {
+        environment::inherited(&mut module.environment, item, reader);
+    } else if item.kind() == SyntaxKind::Folder {
+        environment::directory(&mut module.environment, item, reader);
     } else if item.kind() == SyntaxKind::StopWithin {
         let limit = item.child(Constant).and_then(|node| reader.duration(&node));
         module.stop_within = limit.unwrap_or(STOP_WITHIN);

@@ -218,6 +218,7 @@ impl Builder<'_> {
             host: 0,
             arguments,
             exec: module.and_then(|module| module.exec.clone()),
+            environment: module.map(|module| module.environment.clone()).unwrap_or_default(),
             kind: module.map_or(LeafKind::Controller, |module| module.kind),
             stop_within: module.map_or(STOP_WITHIN, |module| module.stop_within),
             outcomes: outcomes.collect(),

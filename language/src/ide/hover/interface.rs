@@ -46,6 +46,16 @@ impl Analysis {
         if let Some(exec) = &module.exec {
             let _infallible = write!(lines, "\n    exec \"{exec}\"");
         }
+        for (name, value) in &module.environment.variables {
+            let _infallible = write!(lines, "\n    env {name} = {value:?}");
+        }
+        let inherited: Vec<&str> = module.environment.inherited.iter().map(String::as_str).collect();
+        if !inherited.is_empty() {
+            let _infallible = write!(lines, "\n    inherit {}", inherited.join(", "));
+        }
+        if let Some(directory) = &module.environment.directory {
+            let _infallible = write!(lines, "\n    directory {directory:?}");
+        }
         told(&lines, &module.doc, &format!("{}{}", end_of(module), memory_of(module)))
     }
 

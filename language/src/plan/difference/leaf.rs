@@ -6,13 +6,14 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Returns the change from one program to another, if they differ.
 pub(super) fn change_of_leaf(leaf: u32, before: &Leaf, after: &Leaf, claims_differ: bool) -> Option<PlanChange> {
     // Every field by its name, so that one that is added is not forgotten here.
-    let Leaf { path, module, host: _, arguments: given, exec, kind, stop_within, outcomes, policy, keys, external: _ } =
-        before;
+    let Leaf { path, module, host: _, arguments: given, exec, environment, kind, .. } = before;
+    let Leaf { stop_within, outcomes, policy, keys, external: _, .. } = before;
     let Policy { restart, agent_loss, link_loss, usage, watchdog, ready_within, backoff, replacement } = policy;
     let mut why = Vec::new();
     let mut differs = |is_different: bool, words: &str| why.extend(is_different.then(|| words.to_owned()));
     differs(*module != after.module, &format!("its type is `{}`, was `{module}`", after.module));
     differs(*exec != after.exec, "its executable");
+    differs(*environment != after.environment, "its environment");
     differs(claims_differ, "its claims");
     differs(*kind != after.kind, "whether it speaks the control protocol");
     differs(*outcomes != after.outcomes, "its outcomes");

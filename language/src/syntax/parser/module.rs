@@ -24,6 +24,9 @@ impl Parser<'_> {
             "state" => self.state(),
             "done" | "service" | "plain" | "remembers" => self.flag(),
             "exec" => self.exec(),
+            "env" => self.environment(),
+            "inherit" => self.inherit(),
+            "directory" => self.directory(),
             "stop" => self.stop_within(),
             "claims" => self.claims(),
             "duration" => self.takes(),
@@ -33,8 +36,8 @@ impl Parser<'_> {
             }
             _ => {
                 self.expected(
-                    "`in`, `out`, `proc`, `state`, `calls`, `service`, `done`, `remembers`, `claims`, `duration`, `exec`, `plain` or \
-                     `stop within`",
+                    "`in`, `out`, `proc`, `state`, `calls`, `service`, `done`, `remembers`, `claims`, `duration`, `exec`, `env`, \
+                     `inherit`, `directory`, `plain` or `stop within`",
                 );
                 self.skip_statement();
             }
@@ -147,6 +150,58 @@ impl Parser<'_> {
         self.bump();
         if !self.eat(Text) {
             self.expected("a string with the program and its arguments");
+        }
+        self.end_statement();
+        self.finish();
+    }
+
+    /// `env { NAME = "value"; }`
+    fn environment(&mut self) {
+        self.start(SyntaxKind::Environment);
+        self.bump();
+        self.statements(Self::variable);
+        self.finish();
+    }
+
+    /// `NAME = "value";`
+    fn variable(&mut self) {
+        if !self.at(Ident) {
+            self.expected("the name of a variable");
+            return self.skip_statement();
+        }
+        self.start(SyntaxKind::Variable);
+        self.bump();
+        self.expect(SyntaxKind::Equals);
+        if !self.eat(Text) {
+            self.expected("a string with the value of the variable");
+        }
+        self.end_statement();
+        self.finish();
+    }
+
+    /// `inherit LC_ALL, ROS_*;`
+    fn inherit(&mut self) {
+        self.start(SyntaxKind::Inherit);
+        self.bump();
+        loop {
+            self.start(SyntaxKind::Inherited);
+            self.expect_name("the name of a variable, or how names begin, such as `ROS_*`");
+            self.eat(SyntaxKind::Star);
+            self.finish();
+            if !self.eat(SyntaxKind::Comma) {
+                break;
+            }
+        }
+        self.end_statement();
+        self.finish();
+    }
+
+    /// `directory "/opt/robot";`
+    fn directory(&mut self) {
+        self.start(SyntaxKind::Folder);
+        self.bump();
+        if !self.eat(Text) {
+            self.expected("a string with the path of a folder");
         }
         self.end_statement();
         self.finish();

@@ -1,6 +1,6 @@
 //! The arguments of a shim: what it starts, and how.
 
-use super::{AGENT_LOSS_GRACE, ChildError, DIRECTORY, Gate};
+use super::{AGENT_LOSS_GRACE, ChildError, DIRECTORY, Gate, VARIABLE_PREFIX};
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -146,6 +146,20 @@ impl ShimStart {
         arguments.push("--".into());
         arguments.extend(self.command.iter().map(OsString::from));
         arguments
+    }
+
+    /// Returns the variables of the program as they stand in the environment of its shim.
+    pub fn variables(&self) -> impl Iterator<Item = (String, &str)> {
+        self.environment.iter().map(|(name, value)| (format!("{VARIABLE_PREFIX}{name}"), value.as_str()))
+    }
+
+    /// Takes the variables of the program from the environment of its shim.
+    pub fn take_variables(&mut self, variables: impl IntoIterator<Item = (OsString, OsString)>) {
+        let own = |(name, value): (OsString, OsString)| {
+            let name = name.into_string().ok()?.strip_prefix(VARIABLE_PREFIX)?.to_owned();
+            Some((name, value.into_string().ok()?))
+        };
+        self.environment.extend(variables.into_iter().filter_map(own));
     }
 
     /// Reads the arguments of the shim, its own name left out.

@@ -1,9 +1,11 @@
 //! The programs of a node: how they are started, told where they were, and let go of.
 
-use super::{Driver, settings, start};
+use super::{Driver, settings};
 use crate::io::child;
 use crate::io::event::Event;
-use crate::io::run_dir::{self, CONTROL_VARIABLE, DATA_SOCKET, DATA_VARIABLE, TEAM_VARIABLE};
+use crate::io::folder::{self, StartFolder};
+use crate::io::policy::ExecutionPolicy;
+use crate::io::run_dir;
 use crate::io::starter::{self, Job, Start};
 use crate::logic::agent::{Input, OVER_MAX};
 use crate::logic::effect::{ProcessId, SpawnOrder};
@@ -11,15 +13,18 @@ use crate::logic::instance::watchdog::watched;
 use crate::logic::protocol::Deployment;
 use comms::io::control::ControlSender;
 use comms::io::descriptors;
-use comms::io::session::Reach;
 use comms::logic::control::{Location, Notice, Order, VERSION};
 use language::plan::LeafKind;
 use shim::protocol::{Gate, Sandbox, ShimReport, ShimStart};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use tokio::sync::mpsc;
 
-/// Variables that a program inherits from its node, where they are set.
-const INHERITED: [&str; 7] = ["PATH", "HOME", "USER", "LANG", "TZ", "RUST_LOG", "DCA_DIRECT"];
+/// Says why a program cannot be started. Blocks.
+fn examine(order: &SpawnOrder, (folder, policy): (&StartFolder, &ExecutionPolicy)) -> anyhow::Result<()> {
+    let directory = folder.of(order.environment.directory.as_deref()).map_err(anyhow::Error::msg)?;
+    folder::check_directory(&directory).map_err(anyhow::Error::msg)?;
+    policy.admit(order).map(drop)
+}
 
 impl Driver {
     /// Looks at executables in a task: a folder of another machine may not answer.
@@ -27,7 +32,7 @@ impl Driver {
         let (events, policy, folder) = (self.events.clone(), self.policy.clone(), self.start_folder.clone());
         self.tasks.spawn(async move {
             let problem = move |order: SpawnOrder| {
-                let problem = folder.path().map_err(anyhow::Error::msg).and_then(|_| policy.admit(&order)).err()?;
+                let problem = examine(&order, (&folder, &policy)).err()?;
                 Some(format!("`{}` cannot be started: {problem:#}", order.path))
             };
             let looking = tokio::task::spawn_blocking(move || programs.into_iter().filter_map(problem).collect()).await;
@@ -62,7 +67,7 @@ impl Driver {
         let dir = self.dir.process(&process);
         let (watchdog, ready_within) = watched(order.kind, &order.policy);
         let grace = self.settings.agent_loss_grace.or(self.config.agent_loss_grace);
-        let folder = self.start_folder.path();
+        let folder = self.start_folder.of(order.environment.directory.as_deref());
         let shim = ShimStart {
             working_directory: folder.clone().unwrap_or_default(),
             gate: if is_controller { Gate::None } else { Gate::Exec },
@@ -73,7 +78,7 @@ impl Driver {
             sandbox: Sandbox::default(),
             groups: Vec::new(),
             descriptors: descriptors::before(),
-            environment: self.environment((&process, order.word()), &dir, control.as_deref()),
+            environment: self.environment(&order, &dir, control.as_deref()),
             secrets: order.secrets.iter().map(|secret| secret.word).collect(),
             command: order.command.clone(),
             dir,
@@ -104,31 +109,6 @@ impl Driver {
     /// Returns where a program of this kind talks to its node, if it does.
     fn control_socket(&self, kind: LeafKind, deployment: &Deployment) -> Option<PathBuf> {
         (kind == LeafKind::Controller).then(|| self.dir.control_socket(deployment))
-    }
-
-    /// Returns the whole environment of a program.
-    fn environment(
-        &self,
-        (process, instance): (&ProcessId, String),
-        dir: &Path,
-        control: Option<&Path>,
-    ) -> Vec<(String, String)> {
-        let inherited = INHERITED.iter().filter_map(|name| Some(((*name).to_owned(), std::env::var(name).ok()?)));
-        let path = |path: &Path| path.display().to_string();
-        let mut environment: Vec<(String, String)> = inherited.collect();
-        environment.push(("DCA_INSTANCE".into(), instance));
-        environment.push(("DCA_DEPLOYMENT".into(), process.deployment.name.clone()));
-        environment.push(("DCA_DIR".into(), path(dir)));
-        if let Some(control) = control {
-            environment.push((CONTROL_VARIABLE.into(), path(control)));
-            environment.push((DATA_VARIABLE.into(), path(&dir.join(DATA_SOCKET))));
-            match self.config.reach {
-                Reach::Host => {}
-                Reach::Lan => environment.push(("DCA_REMOTE".into(), "1".into())),
-                Reach::Team(_) => environment.push((TEAM_VARIABLE.into(), path(&start::programs_identity(&self.dir)))),
-            }
-        }
-        environment
     }
 
     /// Tells a program that has connected what the database says of its parameters.
