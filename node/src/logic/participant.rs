@@ -25,7 +25,7 @@ use crate::logic::effect::{Out, earliest};
 use crate::logic::executer::{ExecContext, Executer, below_using, group_host, leaf_host};
 use crate::logic::instance::{Instance, InstanceContext, Note};
 use crate::logic::programs::Programs;
-use crate::logic::protocol::{Change, Deployment, Ending, LeafFacts, Target, ToParticipant};
+use crate::logic::protocol::{Change, Deployment, Ending, Estop, LeafFacts, Target, ToParticipant};
 use crate::logic::timed::TimedMap;
 use crate::logic::wiring::Registrations;
 pub(in crate::logic) use activation::gone;
@@ -101,6 +101,8 @@ pub struct Participant {
     together: Together,
     /// What it has asked its home, after its node was away.
     check_in: Option<CheckIn>,
+    /// The emergency stop that ends it, if one does.
+    estop: Option<Estop>,
 }
 
 impl Participant {
@@ -131,6 +133,7 @@ impl Participant {
             clients: BTreeMap::new(),
             together: Together::default(),
             check_in: None,
+            estop: None,
             deployment,
             plan,
             home,

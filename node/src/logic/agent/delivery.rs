@@ -75,7 +75,7 @@ impl Agent {
                 self.take_change(deployment, order, out);
             }
         } else if participant.is_rejoining() && is_for_members(&message) {
-            answer_of_absent(message, gone())
+            answer_of_absent(message, self.cause_of_absence())
                 .into_iter()
                 .for_each(|answer| out.send(from, deployment.to_participant(answer)));
         } else if is_home || !is_for_home(&message) {
@@ -143,9 +143,14 @@ impl Agent {
             let reason = format!("host `{}`: its node has left the deployment", self.identity.host);
             out.send(from, deployment.to_coordinator(ToCoordinator::Change(order.failed(reason))));
         } else {
-            let answer = answer_of_absent(message, gone());
+            let answer = answer_of_absent(message, self.cause_of_absence());
             answer.into_iter().for_each(|answer| out.send(from, deployment.to_participant(answer)));
         }
+    }
+
+    /// Returns why nothing of a deployment is here that once was.
+    fn cause_of_absence(&self) -> FailureCause {
+        self.stopped_by().cloned().map_or_else(gone, FailureCause::Estop)
     }
 
     pub(super) fn prepare(&mut self, deployment: Deployment, plan: Plan, from: &str, out: &mut Out<'_>) {

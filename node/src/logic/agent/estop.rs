@@ -35,7 +35,7 @@ impl Agent {
         let estop = estop.bounded();
         self.stop_gathering(|_| true, out);
         for participant in self.participants.values_mut() {
-            participant.leave(out);
+            participant.stop_at_once(&estop, out);
         }
         for coordinator in self.coordinators.values_mut() {
             coordinator.abort(FailureCause::Estop(estop.clone()), out);

@@ -4,9 +4,32 @@ use super::{Participant, Phase};
 use crate::logic::effect::Out;
 use crate::logic::executer::{ExecContext, group_host};
 use crate::logic::instance::Instance;
-use crate::logic::protocol::{Ending, Failure, FailureCause, Target, ToParticipant};
+use crate::logic::protocol::{Ending, Estop, Failure, FailureCause, Target, ToCoordinator, ToParticipant};
 
 impl Participant {
+    /// Tells every program to go after an emergency stop. Supervisors on other hosts hear that as the cause.
+    pub fn stop_at_once(&mut self, estop: &Estop, out: &mut Out<'_>) {
+        if self.phase == Phase::Leaving {
+            return;
+        }
+        self.estop = Some(estop.clone());
+        if matches!(self.phase, Phase::Preparing | Phase::Connecting) {
+            let reasons = vec![format!("host `{}`: {estop}", self.host)];
+            out.send(&self.home, self.deployment.to_coordinator(ToCoordinator::Refused { reasons }));
+        }
+        self.leave(out);
+    }
+
+    /// Returns an ending with the emergency stop as its cause, if there was one: people read the first cause that is told.
+    pub(super) fn as_stopped(&self, ending: Ending) -> Ending {
+        match (ending, &self.estop) {
+            (Ending::Aborted(Failure { origin, cause: FailureCause::NotAvailable(_), at }), Some(estop)) => {
+                Ending::Aborted(Failure { origin, cause: FailureCause::Estop(estop.clone()), at })
+            }
+            (ending, _) => ending,
+        }
+    }
+
     /// Tells every program to go.
     pub fn leave(&mut self, out: &mut Out<'_>) {
         if self.phase != Phase::Leaving {
@@ -31,13 +54,10 @@ impl Participant {
             // What was taken for it is not free before its programs have ended.
             executer.abandon(context, out);
             let origin = self.plan.groups.get(group as usize).map(|group| group.path.clone()).unwrap_or_default();
-            let failure = Failure {
-                origin,
-                cause: FailureCause::NotAvailable("its host has ended its part".into()),
-                at: since_go,
-            };
+            let left = || FailureCause::NotAvailable("its host has ended its part".into());
+            let cause = self.estop.clone().map_or_else(left, FailureCause::Estop);
             let (target, activation) = (Target::Group(group), executer.activation());
-            let ending = Ending::Aborted(failure);
+            let ending = Ending::Aborted(Failure { origin, cause, at: since_go });
             if let Some(host) = self.supervisors.get(&target).and_then(|(group, _)| group_host(&self.plan, *group)) {
                 out.send(host, self.deployment.to_participant(ToParticipant::Ended { target, activation, ending }));
             }

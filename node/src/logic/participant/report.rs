@@ -9,6 +9,7 @@ use crate::logic::table::counted;
 
 impl Participant {
     pub(super) fn tell_supervisor(&self, target: Target, activation: u32, ending: Ending, out: &mut Out<'_>) {
+        let ending = self.as_stopped(ending);
         match self.supervisors.get(&target).and_then(|(group, _)| group_host(&self.plan, *group)) {
             Some(host) => {
                 out.send(host, self.deployment.to_participant(ToParticipant::Ended { target, activation, ending }));

@@ -62,6 +62,31 @@ fn everything_ends_without_what_the_plan_does_at_its_end_and_stays_so() {
     assert_eq!(world.estops["c2"], None);
 }
 
+/// At any moment of a start, and whichever host hears of it first: who has stopped everything is the cause that people read.
+#[test]
+fn at_each_moment_of_a_start_the_cause_is_who_has_stopped_everything() {
+    for (millis, order) in (0..40).flat_map(|millis| [(millis, ["c1", "c2"]), (millis, ["c2", "c1"])]) {
+        let mut world = World::new(&["c1", "c2"]);
+        let call = world.deploy("c1", &TWO_HOSTS.replace("first instof Step", "first instof Long"));
+        world.run_for(Duration::from_millis(millis));
+        for host in order {
+            stop_all(&mut world, host);
+            world.run_for(Duration::from_millis(15));
+        }
+        world.run_for(Duration::from_secs(10));
+        let told = match world.last_report(call) {
+            Report::Refused { reasons } => reasons.join("; "),
+            Report::Finished { ending: Ending::Aborted(failure), .. } => failure.to_string(),
+            other => panic!("{millis} ms, {order:?}: {other:?}"),
+        };
+        assert!(told.contains("everything was stopped by ann@c1"), "{millis} ms, {order:?}: {told}");
+        assert!(
+            !told.contains("has ended its part") && !told.contains("its node left"),
+            "{millis} ms, {order:?}: {told}"
+        );
+    }
+}
+
 /// A part whose home nobody can reach ends, too, and stays ended when the home is back, which would have it again.
 #[test]
 fn a_host_that_has_lost_its_home_ends_its_part() {
