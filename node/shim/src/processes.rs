@@ -17,6 +17,8 @@ pub struct Stat {
     pub session: i32,
     /// Whether it has ended, and only its parent has not looked yet.
     pub is_zombie: bool,
+    /// Whether it is suspended, by a signal or by a debugger: it does nothing before that lets it go on.
+    pub is_stopped: bool,
 }
 
 /// Returns what the kernel says of a process; none if it is not there.
@@ -31,6 +33,7 @@ pub fn stat(pid: i32) -> Option<Stat> {
         parent: fields.get(1)?.parse().ok()?,
         session: fields.get(3)?.parse().ok()?,
         is_zombie: matches!(*fields.first()?, "Z" | "X"),
+        is_stopped: matches!(*fields.first()?, "T" | "t"),
     })
 }
 
@@ -94,6 +97,11 @@ fn listed_children(pid: i32) -> Vec<Process> {
 /// Returns whether a process runs: it is there, has the start time given, and has not ended.
 pub fn is_running(process: Process) -> bool {
     stat(process.pid).is_some_and(|stat| stat.process == process && !stat.is_zombie)
+}
+
+/// Returns whether a process is there, has the start time given, and may have ended without anybody having looked.
+pub fn is_there(process: Process) -> bool {
+    stat(process.pid).is_some_and(|stat| stat.process == process)
 }
 
 /// Returns whether a process has files open, or does not let this one look. One that is being killed closes them before it is gone,

@@ -8,6 +8,7 @@
 
 mod executable;
 pub mod leftovers;
+mod overdue;
 pub mod reach;
 
 pub use executable::check_executable;
@@ -16,6 +17,7 @@ use crate::logic::output_lines::last_lines;
 use comms::io::{clock, file};
 use comms::logic::bytes::SecretBytes;
 use language::plan::Usage;
+use overdue::Overdue;
 use rustix::net::sockopt::{Timeout, set_socket_timeout};
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, connect, socket_with};
 use shim::protocol::{
@@ -306,9 +308,22 @@ impl ShimReports {
             }
         };
         let mut lines = BufReader::new(reports).lines();
-        let mut gone = false;
-        while let Ok(Some(line)) = lines.next_line().await {
+        let (mut gone, mut overdue) = (false, if child.is_some() { Overdue::No } else { Overdue::recorded(&dir) });
+        loop {
+            let line = tokio::select! {
+                line = lines.next_line() => line,
+                () = overdue.wait() => {
+                    overdue.act(&dir).await;
+                    continue;
+                }
+            };
+            let Ok(Some(line)) = line else { break };
             let Some(report) = ShimReport::parse(&line) else { continue };
+            if let ShimReport::Started { pid } = report {
+                overdue = Overdue::of(pid);
+            } else if report.end().is_some() || report == ShimReport::Gone {
+                overdue = Overdue::No;
+            }
             let output = if report.end().is_some() {
                 let folder = dir.clone();
                 let reading = tokio::task::spawn_blocking(move || last_output(&folder, written_before));

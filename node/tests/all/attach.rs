@@ -266,6 +266,32 @@ fn a_suspended_shim_does_not_hold_its_node_up() {
     place.reap(shim);
 }
 
+/// A program whose shim is suspended ends unseen by that. Its node sees it, and has the shim go on, which says how it has ended.
+#[test]
+fn the_end_of_a_program_is_told_although_its_shim_was_suspended() {
+    for is_attached in [false, true] {
+        let mut place = Place::new(&format!("unseen-{is_attached}"));
+        let (orders, reports) = place.start(Gate::None, "sleep 60");
+        let (sender, mut reports) = place.serve(orders, reports);
+        assert!(matches!(place.next(&mut reports), Some((ShimReport::Started { .. }, _))));
+        let shim = place.shim();
+        let mut told = (sender, reports);
+        if is_attached {
+            place.lose();
+            let Attached { orders, reports, .. } = place.attach(1).unwrap();
+            told = place.serve(orders, reports);
+        }
+        kill_process(shim, Signal::STOP).unwrap();
+        processes::signal(place.record().program.unwrap(), Signal::KILL);
+        assert_eq!(place.next(&mut told.1), Some((ShimReport::Signalled { signal: 9 }, Vec::new())), "{is_attached}");
+        assert_eq!(place.next(&mut told.1), Some((ShimReport::Gone, Vec::new())));
+        drop(told);
+        if is_attached {
+            place.reap(shim);
+        }
+    }
+}
+
 /// Returns as many connections as the kernel lets wait.
 fn crowd(socket: &Path) -> Vec<OwnedFd> {
     let address = SocketAddrUnix::new(socket).unwrap();

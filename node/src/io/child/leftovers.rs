@@ -190,6 +190,28 @@ pub fn kill_shim(dir: &Path) {
     end_round(dir, 0);
 }
 
+/// Returns the program in `dir`, as its shim has recorded it.
+pub(super) fn program_of(dir: &Path) -> Option<Process> {
+    read_record(dir)?.record.program
+}
+
+/// Looks at the shim of the program in `dir`, which has ended and whose end was not told: one that is suspended is to go on, and is killed if
+/// it still does not. Blocks.
+pub fn press_shim(dir: &Path, is_urgent: bool) {
+    for shim in Shims::find().of(dir) {
+        if !processes::stat(shim.pid).is_some_and(|stat| stat.process == *shim && stat.is_stopped) {
+            continue;
+        }
+        if is_urgent {
+            tracing::warn!(?dir, "a shim is suspended, whose program has ended, and does not go on: it is killed");
+            processes::signal(*shim, Signal::KILL);
+        } else {
+            tracing::warn!(?dir, "a shim is suspended, whose program has ended: it is to go on");
+            processes::signal(*shim, Signal::CONT);
+        }
+    }
+}
+
 /// Returns whether a shim of an earlier run is there for the program in `dir`, or is about to be.
 pub fn has_shim(dir: &Path) -> bool {
     !Shims::find().of(dir).is_empty()

@@ -1,0 +1,75 @@
+//! Whether the end of a program is overdue: the kernel says when the program has ended, and its shim, which is to say how, may be suspended.
+
+use super::leftovers::{press_shim, program_of};
+use comms::io::clock;
+use comms::logic::time::Time;
+use rustix::process::{Pid, PidfdFlags, pidfd_open};
+use shim::processes;
+use std::os::fd::OwnedFd;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use tokio::io::Interest;
+use tokio::io::unix::AsyncFd;
+
+/// How long a shim may take to say how its program has ended before it is looked at; then twice as long each time. A shim that runs may
+/// take any time.
+const TOLD_WITHIN: Duration = Duration::from_secs(2);
+/// The longest time between two looks.
+const LOOK_EVERY: Duration = Duration::from_secs(60);
+
+/// The end of a program as the kernel sees it.
+#[derive(Debug)]
+pub(super) enum Overdue {
+    /// Nothing is watched: the program has not begun, or its end was told.
+    No,
+    /// It runs.
+    Running(AsyncFd<OwnedFd>),
+    /// It has ended, and its shim is looked at then, after so many looks.
+    Ended { look_at: Time, looks: u32 },
+}
+
+impl Overdue {
+    /// Watches a program that has been started.
+    pub(super) fn of(pid: u32) -> Self {
+        let number = i32::try_from(pid).ok().and_then(Pid::from_raw);
+        let descriptor = number.and_then(|number| pidfd_open(number, PidfdFlags::empty()).ok());
+        let watched = descriptor.and_then(|descriptor| AsyncFd::with_interest(descriptor, Interest::READABLE).ok());
+        watched.map_or(Self::No, Self::Running)
+    }
+
+    /// Watches the program of a shim that an earlier node has started.
+    pub(super) fn recorded(dir: &Path) -> Self {
+        let program = program_of(dir);
+        let watched = program.map_or(Self::No, |program| Self::of(program.pid.cast_unsigned()));
+        // A number that belongs to another process by now says nothing.
+        if program.is_some_and(processes::is_there) { watched } else { Self::No }
+    }
+
+    /// Waits until there is something to do.
+    ///
+    /// # Cancellation
+    /// Safe.
+    pub(super) async fn wait(&self) {
+        match self {
+            Self::No => std::future::pending().await,
+            // An error is looked at as an end: then nothing is done to a shim that runs.
+            Self::Running(descriptor) => drop(descriptor.readable().await),
+            Self::Ended { look_at, .. } => clock::sleep_until(*look_at).await,
+        }
+    }
+
+    /// Does it: a shim that is suspended is told to go on, and then killed.
+    pub(super) async fn act(&mut self, dir: &Path) {
+        let Self::Ended { looks, .. } = *self else {
+            *self = Self::Ended { look_at: clock::now() + TOLD_WITHIN, looks: 0 };
+            return;
+        };
+        let dir: PathBuf = dir.to_owned();
+        let pressing = tokio::task::spawn_blocking(move || press_shim(&dir, looks > 0));
+        if let Err(error) = pressing.await {
+            tracing::warn!(%error, "a shim was not looked at");
+        }
+        let pause = LOOK_EVERY.min(TOLD_WITHIN.saturating_mul(1 << looks.min(8)));
+        *self = Self::Ended { look_at: clock::now() + pause, looks: looks + 1 };
+    }
+}
