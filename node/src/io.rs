@@ -16,6 +16,7 @@ mod heads;
 pub mod input_log;
 pub mod journal;
 mod kept;
+pub mod kernel;
 pub(crate) mod leave;
 pub mod logging;
 pub mod peers;

@@ -7,7 +7,7 @@ use comms::logic::human::cause;
 use node::io::folder::no_folder;
 use node::io::programs::ANSWER_WITHIN;
 use node::io::run_dir::RunDir;
-use node::io::{cgroup, policy, programs, run_dir};
+use node::io::{cgroup, kernel, policy, programs, run_dir};
 use rustix::fs::{Access, access, statvfs};
 use rustix::process::{Resource, getrlimit};
 use std::io;
@@ -23,6 +23,7 @@ pub async fn look(run: &Path, state: Option<&Path>) -> Machine {
     let (interfaces, discovery) = session::discovery().await;
     let folders = vec![("sockets", sockets(run)), ("database", state.map_or_else(no_database, folder))];
     Machine {
+        kernel: kernel::check(),
         has_groups: cgroup::is_possible(),
         clock: clock::belief(),
         interfaces,

@@ -52,6 +52,8 @@ pub struct Check {
 /// A machine as it is.
 #[derive(Clone, Debug)]
 pub struct Machine {
+    /// Why the kernel does not let a node end what it starts, if so.
+    pub kernel: Result<(), String>,
     /// Whether a process may have a control group of its own, of version 2.
     pub has_groups: bool,
     /// How far its calendar clock is to be believed.
@@ -102,8 +104,8 @@ pub struct Folder {
 
 /// Returns every finding of a machine.
 pub fn findings(machine: &Machine) -> Vec<Check> {
-    let mut checks = vec![containment(machine), clock(machine), discovery(machine), listening(machine), files(machine)];
-    checks.push(realtime(machine));
+    let mut checks = vec![kernel(machine), containment(machine), clock(machine), discovery(machine)];
+    checks.extend([listening(machine), files(machine), realtime(machine)]);
     checks.extend(machine.folders.iter().map(|(name, folder)| space(name, folder)));
     checks.extend([shim(machine), controllers(machine), policy(machine), nodes(machine)]);
     checks
@@ -112,6 +114,14 @@ pub fn findings(machine: &Machine) -> Vec<Check> {
 fn check(name: &'static str, level: Level, finding: impl Into<String>, hint: &'static str) -> Check {
     let hint = (level != Level::Ok).then_some(hint);
     Check { name, level, finding: finding.into(), hint }
+}
+
+fn kernel(machine: &Machine) -> Check {
+    let (level, finding) = match &machine.kernel {
+        Ok(()) => (Level::Ok, "it has the calls by which a node ends programs".to_owned()),
+        Err(why) => (Level::Failed, why.clone()),
+    };
+    check("kernel", level, finding, "use Linux 5.3 or later, and in a container a newer runtime: no node starts here")
 }
 
 fn containment(machine: &Machine) -> Check {
@@ -280,6 +290,7 @@ mod tests {
     fn good() -> Machine {
         let folder = Folder { path: "/run/dca".into(), free: Some(4 << 30), writing: Ok(()) };
         Machine {
+            kernel: Ok(()),
             has_groups: true,
             clock: ClockQuality::Kept,
             interfaces: vec!["eth0".into()],
@@ -300,7 +311,7 @@ mod tests {
     fn a_good_machine_has_no_hints() {
         let checks = findings(&good());
         assert!(checks.iter().all(|check| check.level == Level::Ok && check.hint.is_none()), "{checks:#?}");
-        assert_eq!(checks.len(), 11);
+        assert_eq!(checks.len(), 12);
     }
 
     /// Checks that one finding of a machine with a flaw has this level and says this; the others are good.
@@ -317,6 +328,7 @@ mod tests {
     #[test]
     fn each_flaw_is_one_finding_with_a_hint() {
         let no = || Err("no".to_owned());
+        check_flaw(|it| it.kernel = no(), Level::Failed, "kernel", "no");
         check_flaw(|it| it.has_groups = false, Level::Warning, "containment", "no control group");
         check_flaw(|it| it.clock = ClockQuality::Plausible, Level::Warning, "clock", "nobody keeps it");
         check_flaw(|it| it.clock = ClockQuality::Unset, Level::Failed, "clock", "cannot be right");

@@ -20,6 +20,7 @@ use crate::io::folder::StartFolder;
 use crate::io::guard::Guard;
 use crate::io::input_log::InputLog;
 use crate::io::journal::{self, Journal};
+use crate::io::kernel;
 use crate::io::kept::KeptFiles;
 use crate::io::logging::{self, Log};
 use crate::io::peers::{Arrival, Peers};
@@ -152,6 +153,7 @@ struct Driver {
 pub async fn run(config: Config, mut leave: watch::Receiver<bool>, ready: watch::Sender<bool>) -> anyhow::Result<()> {
     // A file that is too long for the limits of this process is an error of whoever writes it, as a full disk is, not its end.
     let _too_long = signal(SignalKind::from_raw(SIGXFSZ)).context("asking for a signal")?;
+    kernel::check().map_err(anyhow::Error::msg)?;
     let (events, mut arriving) = mpsc::channel(EVENTS_MAX);
     let mut driver = Driver::open(config, events).await?;
     ready::announce(&driver.peers, &driver.config.reach, ready, &mut driver.tasks);

@@ -25,6 +25,7 @@ mod hanging;
 mod hardware;
 mod hosts;
 mod in_process;
+mod kernel;
 mod killed_nodes;
 mod kills;
 mod manual_runs;
