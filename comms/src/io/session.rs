@@ -214,10 +214,13 @@ impl Session {
             }
         };
         let is_here = |peer: &String| tunnels.is_none() || peer.starts_with("unixsock-stream/");
-        let dialled: Vec<String> = options.peers.iter().filter(|peer| is_here(peer)).cloned().collect();
+        // Robots may all have one list, with each of them on it.
+        let is_own = |peer: &String| matches!(&search, Search::Found(_, port) if reach::is_own(peer, *port));
+        let peers: Vec<String> = options.peers.into_iter().filter(|peer| !is_own(peer)).collect();
+        let dialled: Vec<String> = peers.iter().filter(|peer| is_here(peer)).cloned().collect();
         let settings = Settings::node().listen(&listen).connect(&dialled);
         let mut session = Self::open(settings, Redial::Found, search, tunnels).await?;
-        session.opened.watch_told(&options.peers);
+        session.opened.watch_told(&peers);
         tracing::debug!(host = options.name.as_str(), locators = ?session.locators(), "node session is open");
         Ok(session)
     }

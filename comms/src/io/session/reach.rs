@@ -1,9 +1,11 @@
 //! Asks several places at once and finds the one that answers first. Zenoh would try one after the other, and wait long for
 //! each.
 
+use super::interfaces;
 use crate::io::clock::{now, sleep_until};
 use crate::logic::human::{self, span};
-use std::net::SocketAddr;
+use rustix::system::uname;
+use std::net::{IpAddr, SocketAddr, UdpSocket};
 use std::time::Duration;
 use tokio::net::{TcpStream, UnixStream, lookup_host};
 use tokio::task::JoinSet;
@@ -68,11 +70,57 @@ pub(super) async fn resolve(locator: &Locator) -> Result<Vec<SocketAddr>, String
     }
 }
 
+/// Returns whether a place is where this machine itself listens on `port`: by an address of its own, or by its name.
+pub(super) fn is_own(locator: &str, port: u16) -> bool {
+    let Ok(locator) = locator.parse::<Locator>() else { return false };
+    let Some((host, dialled)) = locator.address().as_str().rsplit_once(':') else { return false };
+    if locator.protocol().as_str() != "tcp" || dialled.parse() != Ok(port) {
+        return false;
+    }
+    let host = host.trim_start_matches('[').trim_end_matches(']');
+    let address = host.split_once('%').map_or(host, |(address, _interface)| address);
+    match address.parse::<IpAddr>() {
+        // The system lets nothing listen at an address of another machine. A link-local address needs its interface.
+        Ok(IpAddr::V6(address)) if address.is_unicast_link_local() => {
+            interfaces::now().iter().any(|own| own.ip == IpAddr::V6(address))
+        }
+        Ok(address) => UdpSocket::bind((address, 0)).is_ok(),
+        Err(_name) => {
+            let system = uname();
+            let own = system.nodename().to_string_lossy();
+            host == own || host.strip_suffix(".local") == Some(&*own)
+        }
+    }
+}
+
 async fn ask(locator: Locator) -> Result<(Locator, Duration), String> {
     let (began, address) = (now(), locator.address().as_str().to_owned());
     match timeout(ANSWER_WITHIN, TcpStream::connect(&address)).await {
         Ok(Ok(_)) => Ok((locator, now() - began)),
         Ok(Err(error)) => Err(format!("{address}: {}", human::cause(&error))),
         Err(_elapsed) => Err(format!("{address}: nobody answers within {}", span(ANSWER_WITHIN))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_list_of_places_serves_all_robots() {
+        let name = uname().nodename().to_string_lossy().into_owned();
+        for own in
+            ["tcp/127.0.0.1:7447", "tcp/[::1]:7447", &format!("tcp/{name}:7447"), &format!("tcp/{name}.local:7447")]
+        {
+            // A machine without IPv6 has no such address.
+            let is_there = !own.contains("::1") || UdpSocket::bind(("::1", 0)).is_ok();
+            assert_eq!(is_own(own, 7447), is_there, "{own}");
+            assert!(!is_own(own, 7448), "{own}: another node of this machine");
+        }
+        for other in
+            ["tcp/192.0.2.7:7447", "tcp/another-robot:7447", "tcp/[fe80::7%eth0]:7447", "unixsock-stream//run/x", ""]
+        {
+            assert!(!is_own(other, 7447), "{other}");
+        }
     }
 }
