@@ -140,6 +140,19 @@ impl Clients {
     }
 }
 
+/// Says that there is no node; `other` is the user who has one that the service manager has started.
+fn no_node(other: Option<u32>) -> anyhow::Error {
+    match other {
+        Some(user) => anyhow!(
+            "no node of this user runs on this machine; user {user} has the folder of one, `/run/dca`: act as that user, such as with \
+             `sudo -u '#{user}' dca status`"
+        ),
+        None => {
+            anyhow!("no node runs on this machine; start one with `dca-node --name NAME`, or look further with `--lan`")
+        }
+    }
+}
+
 impl Client {
     /// Connects through a node that stays on this machine, or by scouting when `--lan` is given.
     pub(crate) async fn open(connect: &ConnectArgs) -> Result<Self, Failure> {
@@ -158,9 +171,8 @@ impl Client {
                 signing: Signing::of(connect.key_place()),
             });
         }
-        let none = || {
-            anyhow!("no node runs on this machine; start one with `dca-node --name NAME`, or look further with `--lan`")
-        };
+        let is_usual = connect.base() == run_dir::default_base();
+        let none = || no_node(run_dir::user_of_service().filter(|_| is_usual));
         Err(Failure::Unreachable(problem.unwrap_or_else(none)))
     }
 

@@ -103,10 +103,15 @@ async fn unlinked(client: &Client, nodes: &[NodeStatus]) -> Vec<String> {
         let Ok(mut answers) = answers else { continue };
         // One of an older version does not know the question.
         let Some(Ok(Answer::Unlinked(missing))) = answers.next_by(deadline).await else { continue };
-        let unseen = missing.into_iter().filter(|(who, _)| !node.peers.contains(who));
-        sentences.extend(unseen.map(|(who, why)| format!("`{}` is not linked to {who}: {why}", node.host)));
+        sentences.extend(missing_links(node, missing));
     }
     sentences
+}
+
+/// Says of a node to whom it is not linked. Another node that had its name is none of those.
+fn missing_links(node: &NodeStatus, missing: Vec<(String, String)>) -> impl Iterator<Item = String> {
+    let unseen = missing.into_iter().filter(|(who, _)| *who != node.host && !node.peers.contains(who));
+    unseen.map(|(who, why)| format!("`{}` is not linked to {who}: {why}", node.host))
 }
 
 fn dash(words: &[String]) -> String {
@@ -117,6 +122,14 @@ fn dash(words: &[String]) -> String {
 mod tests {
     use super::*;
     use std::time::Duration;
+
+    #[test]
+    fn a_node_is_not_missed_by_itself() {
+        let node = crate::logic::tree::tests::door_node("c3", &[]);
+        let missing = ["c3", "c4"].map(|who| (who.to_owned(), "it is being dialled".to_owned())).to_vec();
+        let said: Vec<String> = missing_links(&node, missing).collect();
+        assert_eq!(said, ["`c3` is not linked to c4: it is being dialled"], "a namesake of it has left");
+    }
 
     #[test]
     fn a_host_that_no_node_misses_yet_is_listed() {

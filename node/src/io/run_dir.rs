@@ -68,8 +68,8 @@ pub(crate) const PROGRAMS: &str = "programs";
 /// The file with what those show to programs of other hosts who look at them.
 pub const VISITORS: &str = "visitors";
 
-/// What stands behind the name of a node in that of the folder with the sockets of programs that run as another user. No node has a name
-/// with `+`.
+/// How the name of the folder ends that has the sockets of programs of another user; the node's name comes first. Names of nodes have no
+/// `+`.
 const OTHERS: &str = "+u";
 /// The file there with what programs know of the team.
 pub(crate) const OTHERS_TEAM: &str = "team";
@@ -103,7 +103,9 @@ pub enum RunDirError {
     #[error(transparent)]
     Folder(#[from] FolderError),
     /// The folder belongs to somebody else, so its sockets cannot be trusted.
-    #[error("the folder `{path}` belongs to user {owner}; remove it, or choose another with `--run-dir`")]
+    #[error(
+        "the folder `{path}` belongs to user {owner}, whose nodes may run there; act as that user, or choose another with `--run-dir`"
+    )]
     Foreign {
         /// The path.
         path: PathBuf,
@@ -156,6 +158,12 @@ pub fn default_base() -> PathBuf {
     } else {
         std::env::temp_dir().join(format!("dca-{uid}"))
     }
+}
+
+/// Returns the user who has the folder of a node which the service manager keeps running, if that is another one.
+pub fn user_of_service() -> Option<u32> {
+    let found = fs::symlink_metadata(SERVICE).ok().filter(fs::Metadata::is_dir)?;
+    Some(found.uid()).filter(|owner| *owner != getuid().as_raw())
 }
 
 /// Returns the nodes of this machine that are running, in order of name, with their sockets.
@@ -418,8 +426,14 @@ pub fn private_folder(path: &Path) -> Result<(), RunDirError> {
     folder::check(path, OPTION)?;
     let unusable = |cause| RunDirError::Unusable { path: path.to_owned(), cause };
     let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(path);
-    // What is wrong with a folder that is there says more than that it cannot be made.
-    check_own(path).and_then(|()| made.map_err(unusable))
+    match (check_own(path), made) {
+        // That it is not there says less than why it could not be made.
+        (Err(RunDirError::Unusable { cause, .. }), Err(why)) if cause.kind() == io::ErrorKind::NotFound => {
+            Err(unusable(why))
+        }
+        // A fault of a folder that is there says more than that it cannot be made.
+        (checked, made) => checked.and_then(|()| made.map_err(unusable)),
+    }
 }
 
 /// Checks that a folder is this user's own and nobody else can put anything into it.
@@ -490,7 +504,7 @@ mod tests {
             let name = folder.file_name().unwrap().to_str().unwrap();
             assert!(comms::logic::key::HostName::parse(name).is_err(), "{name}");
         }
-        // Nor do nodes with the names that such folders had lose theirs.
+        // Nodes with the names that such folders had keep theirs.
         let base = std::env::temp_dir().join(format!("dca-names-{}", std::process::id()));
         let living = ["c1.u", "run-999999999"].map(|name| RunDir::take(&base, name).unwrap());
         fs::create_dir_all(living[0].path().join("door.1")).unwrap();
@@ -499,6 +513,15 @@ mod tests {
         assert!(living.iter().all(|node| node.path().join("lock").exists()));
         assert!(living[0].path().join("door.1").exists());
         fs::remove_dir_all(&base).unwrap();
+    }
+
+    #[test]
+    fn a_folder_that_cannot_be_made_says_why() {
+        // Nobody makes anything there, root included.
+        let error = RunDir::take(Path::new("/proc/1/dca"), "c1").unwrap_err().to_string();
+        assert!(error.contains("cannot use the folder `/proc/1/dca`"), "{error}");
+        let made = fs::create_dir("/proc/1/dca").unwrap_err();
+        assert!(error.contains(&made.to_string()), "{error}: {made}");
     }
 
     /// As the kernel removes a killed node while its successor starts.

@@ -284,7 +284,7 @@ fn a_folder_that_cannot_be_used() {
     std::fs::create_dir(&theirs).expect("a test can write in its own folder");
     rustix::fs::chown(&theirs, Some(Uid::from_raw(65534)), Some(Gid::from_raw(65534))).expect("root gives it away");
     let node = cluster.here().with_run_dir(theirs).start_node("c1", &[]);
-    check_node(&cluster, node, &["belongs to user 65534; remove it, or choose another with `--run-dir`"]);
+    check_node(&cluster, node, &["belongs to user 65534, whose nodes may run there; act as that user"]);
 }
 
 #[track_caller]
