@@ -35,6 +35,13 @@ const KNOWS_AFTER: Duration = Duration::from_secs(2);
 const FIND_WITHIN: Duration = Duration::from_millis(1500);
 /// How long one node that was named is looked for: discovery on a busy network takes several rounds.
 const FIND_NAMED_WITHIN: Duration = Duration::from_secs(5);
+/// How long a command without a node waits for the word of a node that is named: each says once a second that it is there, and a way
+/// takes up to 1.5 s.
+const HEARD_WITHIN: Duration = Duration::from_secs(4);
+/// How long after its link was last being made a node may take to show itself: a round trip takes up to 3 s.
+const SHOWN_WITHIN: Duration = Duration::from_secs(4);
+/// How long such a command waits at most: four round trips after the first word.
+const LINKED_WITHIN: Duration = Duration::from_secs(20);
 /// The verb of every request: the request itself says what is asked.
 const VERB: &str = "request";
 
@@ -140,7 +147,7 @@ impl Clients {
     }
 }
 
-/// Says that there is no node; `other` is the user who has one that the service manager has started.
+/// Says that this user has no node here; `other` is the user whose node the service manager has started.
 fn no_node(other: Option<u32>) -> anyhow::Error {
     match other {
         Some(user) => anyhow!(
@@ -259,7 +266,9 @@ impl Client {
     async fn look(&self, wanted: &[String], within: Duration) -> Result<BTreeSet<String>, Failure> {
         let mut watch = self.session.watch(&key::live_any()).map_err(|error| Failure::Unreachable(error.into()))?;
         let (mut tokens, mut heard) = (BTreeSet::new(), BTreeSet::new());
-        let deadline = clock::now() + within;
+        let begun = clock::now();
+        let mut deadline =
+            begun + if self.local.is_none() && !wanted.is_empty() { within.max(HEARD_WITHIN) } else { within };
         let mut hosts_heard = Box::pin(self.heard_here(clock::now()));
         loop {
             // The node at the other end is there, also if it is too busy to say so in time.
@@ -275,6 +284,14 @@ impl Client {
                     continue;
                 }
                 () = clock::sleep_until(deadline) => None,
+                // A command without a node makes the links itself, which takes four round trips.
+                () = clock::sleep_until(clock::now() + ASK_AGAIN), if self.local.is_none() => {
+                    let is_wanted = !wanted.is_empty() || tokens.is_empty();
+                    if is_wanted && !self.session.unlinked().is_empty() {
+                        deadline = extended(begun, deadline, clock::now());
+                    }
+                    continue;
+                }
             };
             match presence {
                 Some(Presence::Appeared(key)) => tokens.extend(key::parse_live(&key).map(|(host, _)| host)),
@@ -282,6 +299,12 @@ impl Client {
                 None => return Ok(&tokens | &heard),
             }
         }
+    }
+
+    /// Returns a sentence for each of these hosts that was heard and is not linked.
+    pub(crate) fn unlinked(&self, hosts: &[&str]) -> Vec<String> {
+        let missing = self.session.unlinked().into_iter().filter(|(who, _)| hosts.contains(&who.as_str()));
+        missing.map(|(who, why)| format!("`{who}` was heard, but a link to it does not stand: {why}")).collect()
     }
 
     /// Returns the node of this machine that it goes through, while the link to it holds.
@@ -372,6 +395,11 @@ impl Answers {
     }
 }
 
+/// Returns until when nodes are looked for of which one was just being linked to.
+fn extended(begun: Time, deadline: Time, now: Time) -> Time {
+    deadline.max((now + SHOWN_WITHIN).min(begun + LINKED_WITHIN))
+}
+
 /// Has answers of nodes in a team checked by what the node with this socket gives to all of its machine.
 fn authenticated(session: Session, socket: &Path) -> anyhow::Result<Session> {
     let file = socket.with_file_name(run_dir::VISITORS);
@@ -408,6 +436,14 @@ mod tests {
     use comms::io::session::{NodeOptions, Reach};
     use comms::logic::key::HostName;
     use node::logic::protocol::{Containment, Network, NodeStatus};
+
+    #[test]
+    fn a_link_that_is_being_made_is_waited_for_and_not_for_ever() {
+        let at = |seconds| Time::ZERO + Duration::from_secs(seconds);
+        let deadline = [4, 8, 16, 19].into_iter().fold(at(4), |deadline, now| extended(at(0), deadline, at(now)));
+        assert_eq!(deadline, at(20));
+        assert_eq!(extended(at(0), at(4), at(3)), at(7));
+    }
 
     #[tokio::test(flavor = "multi_thread")]
     async fn a_node_that_does_not_answer_does_not_hide_the_others() {

@@ -54,6 +54,10 @@ pub(crate) async fn deploy(
     let hosts = client.hosts(&spec.plan.hosts).await?;
     let missing: Vec<&str> = spec.plan.hosts.iter().filter(|host| !hosts.contains(*host)).map(String::as_str).collect();
     if let Some(first) = missing.first() {
+        let unlinked = client.unlinked(&missing);
+        if !unlinked.is_empty() {
+            return Err(Failure::Unreachable(anyhow!("{}; try again", unlinked.join("; "))));
+        }
         let seen = if hosts.is_empty() { "none".to_owned() } else { hosts.into_iter().collect::<Vec<_>>().join(", ") };
         return Err(Failure::Unreachable(anyhow!(
             "no node answers for the host `{}` (nodes seen: {seen}); start `dca-node --name {first}` on it, in the same \
