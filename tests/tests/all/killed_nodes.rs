@@ -6,6 +6,7 @@ use dca_tests::cluster::{Cluster, Host, Network, Process, Program, SOON, Stream,
 use rustix::process::{Pid, Signal, kill_process};
 use std::collections::BTreeMap;
 use std::ops::Range;
+use std::process::{Child, Command};
 use std::time::Duration;
 
 /// How soon a node that was started again has everything.
@@ -151,5 +152,64 @@ fn every_program_is_found_again_and_every_end_is_told() {
     assert!(matches!(watched.code, Some(0 | 3)), "{watched}");
     let finished = || here.ask(&["events", "many"]).out.contains("finished: done");
     wait_until(SOON, finished).unwrap_or_else(|| panic!("{watched}{}", here.ask(&["events", "many"])));
+    drop(node);
+}
+
+/// How many deployments of [`PROGRAMS`] have ended before the node is killed: as many as keep their output.
+const ENDED: usize = 8;
+/// How many processes the machine has besides.
+const OTHERS: usize = 100;
+
+/// The programs that have ended cost the next node nothing, however many processes the machine has.
+#[test]
+#[ignore = "long: 1,800 programs are started"]
+fn a_node_is_soon_back_beside_many_programs_that_have_ended() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let instances: String = (0..PROGRAMS).map(|number| format!("p{number} instof P(\"c1\");\n")).collect();
+    let members: Vec<String> = (0..PROGRAMS).map(|number| format!("p{number}")).collect();
+    let text = format!(
+        "module P(host) {{ exec \"sleep 3600\"; plain; done; }}\nprocess main() {{\n host {{ \"c1\" }}\n instantiated_processes {{\n{instances}}}\n internal_event_actions {{ {} }}\n}}\n",
+        members.join(" , ")
+    );
+    let other = |_| Command::new("sleep").arg("600").spawn().expect("it is everywhere");
+    let others: Vec<Child> = (0..OTHERS).map(other).collect();
+    let deploy = |name: &str| {
+        let mission = here.dca(&["deploy", "--no-record", &cluster.file(&format!("{name}.dca"), &text)]);
+        mission.wait_for(Stream::Err, "200 programs on 1 host, started in", 2 * SOON);
+        mission
+    };
+    let back = |node: Program| {
+        kill(node);
+        let began = now();
+        let node = here.node("c1", &[]);
+        let ready = now() - began;
+        let runs = || states(&here).values().filter(|state| *state == "running").count() == PROGRAMS + 1;
+        wait_until(SOON, runs).expect("all are found again");
+        (node, ready, now() - began)
+    };
+    let mut node = here.node("c1", &[]);
+    for number in 0..ENDED {
+        let mission = deploy(&format!("ended{number}"));
+        let stopped = here.dca(&["stop", &format!("ended{number}")]).ended(2 * SOON);
+        assert_eq!(stopped.code, Some(0), "{stopped}");
+        drop(mission.ended(SOON));
+    }
+    let _mission = deploy("running");
+    let mut took = Vec::new();
+    for _ in 0..3 {
+        let (next, ready, known) = back(node);
+        println!(
+            "{PROGRAMS} run, {ENDED} deployments of {PROGRAMS} have ended: ready after {ready:.2?}, all known after {known:.2?}"
+        );
+        took.push(ready);
+        node = next;
+    }
+    for mut other in others {
+        other.kill().expect("it is ours");
+        other.wait().expect("it is ours");
+    }
+    let best = took.into_iter().min().expect("there are three");
+    assert!(best <= ADOPTED_WITHIN, "{best:?}");
     drop(node);
 }
