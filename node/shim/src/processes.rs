@@ -81,17 +81,29 @@ pub fn below(root: i32) -> BTreeSet<Process> {
     found
 }
 
+/// Returns the children of this process that have ended, and at which it has not looked.
+pub fn ended_children() -> BTreeSet<Process> {
+    let this = getpid().as_raw_nonzero().get();
+    let children = if has_child_lists(this) { stats_of_children(this) } else { all() };
+    let ended = children.into_iter().filter(|stat| stat.is_zombie && stat.parent == this);
+    ended.map(|stat| stat.process).collect()
+}
+
 fn has_child_lists(pid: i32) -> bool {
     Path::new(&format!("/proc/{pid}/task/{pid}/children")).exists()
 }
 
 /// Each thread has a list of its own.
 fn listed_children(pid: i32) -> Vec<Process> {
+    stats_of_children(pid).into_iter().map(|stat| stat.process).collect()
+}
+
+fn stats_of_children(pid: i32) -> Vec<Stat> {
     let threads = std::fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
     let lists = threads.filter_map(|thread| std::fs::read_to_string(thread.path().join("children")).ok());
     let pids: Vec<i32> =
         lists.flat_map(|list| list.split_whitespace().map(str::parse).collect::<Vec<_>>()).flatten().collect();
-    pids.into_iter().filter_map(stat).map(|stat| stat.process).collect()
+    pids.into_iter().filter_map(stat).collect()
 }
 
 /// Returns whether a process runs: it is there, has the start time given, and has not ended.

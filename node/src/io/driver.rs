@@ -7,6 +7,7 @@ mod inputs;
 mod keeping;
 mod launching;
 mod losses;
+mod output;
 mod returning;
 mod settings;
 mod start;
@@ -20,8 +21,8 @@ use crate::io::folder::StartFolder;
 use crate::io::guard::Guard;
 use crate::io::input_log::InputLog;
 use crate::io::journal::{self, Journal};
-use crate::io::kernel;
 use crate::io::kept::KeptFiles;
+use crate::io::kernel;
 use crate::io::logging::{self, Log};
 use crate::io::peers::{Arrival, Peers};
 use crate::io::policy::ExecutionPolicy;
@@ -82,7 +83,7 @@ pub struct Config {
     pub controllers: Vec<PathBuf>,
     /// Locators of nodes known beforehand.
     pub peers: Vec<String>,
-    /// The variables of this process that every program has, too.
+    /// The variables that every program takes over from this process.
     pub inherited: Inherited,
     /// How long programs have to stop when this node is gone; none if they go on, for a node that is started again.
     pub agent_loss_grace: Option<Duration>,
@@ -239,6 +240,7 @@ impl Driver {
         let (jobs, waiting) = mpsc::channel(starter::JOBS_MAX);
         tasks.spawn(start::starter(&config, &database, (policy.clone(), events.clone())).run(waiting));
         tasks.spawn(start::forward(arrivals, events.clone()));
+        tasks.spawn(keeping::reap_orphans());
         tasks.spawn(crate::io::founding::begin(config.member.clone(), database.handle().clone()));
         let mut driver = Self {
             state,
@@ -425,18 +427,6 @@ impl Driver {
         if let Err(error) = self.jobs.try_send(job) {
             tracing::warn!(%error, "the queue of jobs is full: one is dropped");
         }
-    }
-
-    /// Answers a call with output, in a task that is told when the deployment is over here.
-    fn tail<T: Future<Output = ()> + Send + 'static>(
-        &mut self,
-        call: u64,
-        deployment: &Deployment,
-        reading: impl FnOnce(Caller, tail::DeploymentEnd) -> T,
-    ) {
-        let Some(caller) = self.peers.take(call) else { return };
-        let over = tail::DeploymentEnd::new(self.living.get(deployment));
-        self.tasks.spawn(reading(caller, over));
     }
 
     async fn close(mut self) -> anyhow::Result<()> {

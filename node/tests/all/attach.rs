@@ -292,6 +292,20 @@ fn the_end_of_a_program_is_told_although_its_shim_was_suspended() {
     }
 }
 
+/// The first process of a container gets the orphans of all others. What has ended and is still there at the next look is reaped.
+#[test]
+fn an_orphan_that_has_ended_does_not_stay() {
+    let orphan = Command::new("true").spawn().unwrap();
+    let pid = orphan.id().cast_signed();
+    while !processes::stat(pid).unwrap().is_zombie {
+        std::thread::yield_now();
+    }
+    let seen = [processes::stat(pid).unwrap().process].into();
+    assert!(processes::ended_children().is_superset(&seen));
+    child::leftovers::reap_orphans(&seen);
+    assert_eq!(processes::stat(pid), None);
+}
+
 /// Returns as many connections as the kernel lets wait.
 fn crowd(socket: &Path) -> Vec<OwnedFd> {
     let address = SocketAddrUnix::new(socket).unwrap();
@@ -302,8 +316,8 @@ fn crowd(socket: &Path) -> Vec<OwnedFd> {
     std::iter::from_fn(one).collect()
 }
 
-/// The folders of programs that have ended cost the successor of their node one look at the processes, and no look each. What a killed shim
-/// has left is ended, and what a living one has is not.
+/// The folders of ended programs cost the successor of their node one look at the processes, and not one each. The program of a killed shim is
+/// ended, and that of a living one is not.
 #[test]
 fn ended_programs_cost_a_successor_nothing() {
     let node = std::env::temp_dir().join(format!("dca-attach-{}-successor", std::process::id()));

@@ -82,9 +82,7 @@ pub fn living_node(folder: &Path) -> Option<i32> {
     let all: Vec<Stat> = processes::all().into_iter().filter(|stat| !stat.is_zombie).collect();
     let is_node = |pid: i32| comm(pid).is_some_and(|name| NODES.contains(&name.as_str()));
     let ours = all.iter().filter(|stat| comm(stat.process.pid).as_deref() == Some(SHIM));
-    let ours = ours.filter(|shim| {
-        directory(shim.process.pid).is_some_and(|dir| dir.starts_with(folder))
-    });
+    let ours = ours.filter(|shim| directory(shim.process.pid).is_some_and(|dir| dir.starts_with(folder)));
     // A shim whose node is gone has another parent.
     ours.map(|shim| shim.parent)
         .find(|parent| *parent != this && is_node(*parent) && processes::has_open_files(*parent))
@@ -188,6 +186,18 @@ pub fn kill_shim(dir: &Path) {
         processes::signal(*shim, Signal::KILL);
     }
     end_round(dir, 0);
+}
+
+/// Takes note of the ends of children that were there at the last look, `seen`, and returns those of this look. A process whose parent has
+/// died comes to the first process of a container, or to the node that has started it. A child of the node itself is waited for at once,
+/// and a shim by its task. Blocks.
+pub fn reap_orphans(seen: &BTreeSet<Process>) -> BTreeSet<Process> {
+    let ended: BTreeSet<Process> =
+        processes::ended_children().into_iter().filter(|child| !is_shim(child.pid)).collect();
+    for orphan in ended.intersection(seen) {
+        waitpid(Pid::from_raw(orphan.pid), WaitOptions::NOHANG).map(|_ended| ()).unwrap_or_default();
+    }
+    ended.difference(seen).copied().collect()
 }
 
 /// Returns the program in `dir`, as its shim has recorded it.

@@ -1,12 +1,28 @@
 //! Has written down what the next node has to know.
 
 use super::Driver;
+use crate::io::child::leftovers;
 use crate::io::event::Event;
 use crate::io::journal;
 use crate::io::kept::KeptFiles;
 use crate::logic::protocol::{Deployment, Estop};
+use comms::io::clock;
+use std::collections::BTreeSet;
 use std::sync::Arc;
+use std::time::Duration;
 use tokio::sync::oneshot;
+
+/// How often children are looked for that have ended, and that nothing here waits for.
+const REAP_EVERY: Duration = Duration::from_secs(10);
+
+/// Takes note of the ends of orphans, for ever: the kernel keeps each until then.
+pub(super) async fn reap_orphans() {
+    let mut seen = BTreeSet::new();
+    loop {
+        clock::sleep_until(clock::now() + REAP_EVERY).await;
+        seen = tokio::task::spawn_blocking(move || leftovers::reap_orphans(&seen)).await.unwrap_or_default();
+    }
+}
 
 impl Driver {
     /// Writes an epoch down beside the loop: a disk may take long.
