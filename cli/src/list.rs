@@ -132,6 +132,7 @@ fn input(port: PortName) -> Listed {
         kind: ListedKind::Input,
         types: port.kind.unwrap_or_default(),
         doc: String::new(),
+        access: None,
     }
 }
 

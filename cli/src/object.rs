@@ -10,11 +10,13 @@ use crate::tapped::locations;
 use crate::{ConnectArgs, absent};
 use anyhow::anyhow;
 use comms::io::clock;
+use comms::io::data::call_digest;
 use comms::logic::control::Dial;
-use comms::logic::object::{ExportKind, Exported, Exports, ObjectError};
+use comms::logic::key;
+use comms::logic::object::{Access, ExportKind, Exported, Exports, ObjectCall, ObjectError, Warrant};
 use node::console::{self, Failure, block_on};
 use node::logic::printable::printable;
-use node::logic::protocol::{Answer, Deployment, LeafStatus, ProcessStatus, Request, leaves};
+use node::logic::protocol::{Answer, CallRequest, Deployment, LeafStatus, ProcessStatus, Request, leaves};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -33,6 +35,12 @@ struct ObjectArgs {
     json: bool,
     #[command(flatten)]
     connect: ConnectArgs,
+}
+
+impl ObjectArgs {
+    fn within(&self) -> Duration {
+        Duration::from_secs_f64(self.within)
+    }
 }
 
 /// The arguments of `dca call`.
@@ -62,9 +70,8 @@ const WATCH_EVERY: Duration = Duration::from_millis(100);
 const LOOK_EVERY: Duration = Duration::from_millis(500);
 
 /// A program that is meant, with what it exports.
-struct Found {
-    deployment: String,
-    path: String,
+struct Found<'a> {
+    program: Program<'a>,
     exports: Exports,
 }
 
@@ -79,14 +86,17 @@ struct Program<'a> {
 pub(crate) fn call(arguments: &CallArguments) -> Result<(), Failure> {
     let name = &arguments.object.name;
     block_on(with_taps(&arguments.object, async |clients, taps| {
-        let found = find(clients, taps, name).await?;
+        let all = clients.statuses().await?;
+        let found = find(&all, taps, name).await?;
         let exported = exported(&found, name)?;
         if exported.kind == ExportKind::State {
             return Err(anyhow!("`{}` is a state, which is read: `dca get {name}`", name.name).into());
         }
         let bytes = argument(&found.exports, &exported.signature, &arguments.argument);
         let bytes = bytes.map_err(|why| anyhow!("`{}` cannot be called so: {why}", name.name))?;
-        let (value, took) = ask(taps, &arguments.object, (&found, exported), bytes).await?;
+        let prepared = taps.prepare(exported, bytes, arguments.object.within());
+        let signed = found.program.signed(exported.access, prepared).await?;
+        let (value, took) = ask(taps, (&found, exported), signed).await?;
         show(&arguments.object, &found, exported, (&value, took));
         Ok(())
     }))
@@ -96,14 +106,16 @@ pub(crate) fn call(arguments: &CallArguments) -> Result<(), Failure> {
 pub(crate) fn get(arguments: &GetArguments) -> Result<(), Failure> {
     let name = &arguments.object.name;
     block_on(with_taps(&arguments.object, async |clients, taps| {
-        let found = find(clients, taps, name).await?;
+        let all = clients.statuses().await?;
+        let found = find(&all, taps, name).await?;
         let exported = exported(&found, name)?;
         if exported.kind == ExportKind::Procedure {
             return Err(anyhow!("`{}` is a procedure: `dca call {name}`", name.name).into());
         }
         let mut shown = None;
         loop {
-            let (value, took) = ask(taps, &arguments.object, (&found, exported), Vec::new()).await?;
+            let prepared = taps.prepare(exported, Vec::new(), arguments.object.within());
+            let (value, took) = ask(taps, (&found, exported), prepared).await?;
             if shown.as_ref() != Some(&value) {
                 show(&arguments.object, &found, exported, (&value, took));
                 shown = Some(value);
@@ -122,7 +134,7 @@ async fn with_taps(
 ) -> Result<(), Failure> {
     let clients = Clients::open(&arguments.connect).await?;
     let taps = Taps::open(clients.iter().find_map(Client::team)).await?;
-    let taps = taps.within(Duration::from_secs_f64(arguments.within));
+    let taps = taps.within(arguments.within());
     let mut reader = Reader::new()?;
     let done = tokio::select! {
         done = work(&clients, &taps) => done,
@@ -158,11 +170,10 @@ fn meant<'a>(all: &'a [(&'a Client, Statuses)], name: &ObjectName) -> Vec<Progra
 }
 
 /// Finds the one program that is meant, and asks it what it exports.
-async fn find(clients: &Clients, taps: &Taps, name: &ObjectName) -> Result<Found, Failure> {
-    let all = clients.statuses().await?;
-    let meant = meant(&all, name);
+async fn find<'a>(all: &'a [(&'a Client, Statuses)], taps: &Taps, name: &ObjectName) -> Result<Found<'a>, Failure> {
+    let meant = meant(all, name);
     let program = match meant.as_slice() {
-        [] => return Err(absent::missing(&format!("process `{}`", name.process), &all).await),
+        [] => return Err(absent::missing(&format!("process `{}`", name.process), all).await),
         [one] => *one,
         several => {
             let names = several.iter().map(|one| format!("`{}:{}`", one.at.deployment.name, one.path()));
@@ -173,7 +184,7 @@ async fn find(clients: &Clients, taps: &Taps, name: &ObjectName) -> Result<Found
         }
     };
     let (deployment, path) = (program.at.deployment, program.path());
-    let found = Found { deployment: deployment.name.clone(), path: path.to_owned(), exports: Exports::default() };
+    let found = Found { program, exports: Exports::default() };
     let Some(mut dial) = program.located(taps.patience()).await? else { return Ok(found) };
     let exports = loop {
         let failure = tokio::select! {
@@ -208,6 +219,22 @@ enum Place {
 impl Program<'_> {
     fn path(&self) -> &str {
         &self.at.process.path
+    }
+
+    /// Returns a call with the signature of its user, if the node is in a team and the procedure needs one.
+    async fn signed(&self, access: Access, call: ObjectCall) -> Result<ObjectCall, Failure> {
+        let (deployment, host) = (self.at.deployment, self.at.host);
+        let (key, _) = key::object(&deployment.name, self.path());
+        let asked = CallRequest {
+            deployment: deployment.clone(),
+            path: self.path().to_owned(),
+            procedure: call.name.clone(),
+            access,
+            digest: call_digest(&key, &call).map_err(|error| anyhow!("the call cannot be sent: {error}"))?,
+        };
+        let asked = self.client.signed(host, Request::Call(Box::new(asked)), deployment.epoch).await?;
+        let Request::Signed(signed) = asked else { return Ok(call) };
+        Ok(ObjectCall { warrant: Some(Warrant { head: signed.head.into(), body: signed.body.into() }), ..call })
     }
 
     /// Asks its node where it is.
@@ -283,7 +310,7 @@ pub(crate) async fn exports_of(
     taps.exports(&deployment.name, path).await?.ok_or_else(|| Failure::Unreachable(silent()))
 }
 
-fn exported<'a>(found: &'a Found, name: &ObjectName) -> Result<&'a Exported, Failure> {
+fn exported<'a>(found: &'a Found<'_>, name: &ObjectName) -> Result<&'a Exported, Failure> {
     let exported = found.exports.exports.iter().find(|exported| exported.name == name.name);
     let known = || found.exports.exports.iter().map(|exported| exported.name.clone()).collect();
     exported.ok_or_else(|| {
@@ -295,19 +322,18 @@ fn exported<'a>(found: &'a Found, name: &ObjectName) -> Result<&'a Exported, Fai
 /// Makes the call; returns its result, and how long it took.
 async fn ask(
     taps: &Taps,
-    arguments: &ObjectArgs,
-    (found, exported): (&Found, &Exported),
-    bytes: Vec<u8>,
+    (found, exported): (&Found<'_>, &Exported),
+    call: ObjectCall,
 ) -> Result<(Value, Duration), Failure> {
-    let (begun, within) = (clock::now(), Duration::from_secs_f64(arguments.within));
-    let called = taps.call((&found.deployment, &found.path), exported, bytes, within).await?;
+    let (begun, program) = (clock::now(), &found.program);
+    let called = taps.call((&program.at.deployment.name, program.path()), call).await?;
     let bytes = called.map_err(|error| failure(found, &exported.name, &error))?;
     Ok((result(&found.exports, &exported.signature, &bytes), clock::now() - begun))
 }
 
-fn show(arguments: &ObjectArgs, found: &Found, exported: &Exported, (value, took): (&Value, Duration)) {
+fn show(arguments: &ObjectArgs, found: &Found<'_>, exported: &Exported, (value, took): (&Value, Duration)) {
     if arguments.json {
-        let name = format!("{}:{}.{}", found.deployment, found.path, exported.name);
+        let name = format!("{}:{}.{}", found.program.at.deployment.name, found.program.path(), exported.name);
         let kind = exported.signature.result.name.as_str();
         console::say(&json!({ "name": name, "type": kind, "value": value, "took": took.as_secs_f64() }).to_string());
     } else if !value.is_null() {
@@ -316,8 +342,8 @@ fn show(arguments: &ObjectArgs, found: &Found, exported: &Exported, (value, took
 }
 
 /// Says in one sentence why there is no result. Where nobody can know whether it was carried out, nobody was reached.
-fn failure(found: &Found, name: &str, error: &ObjectError) -> Failure {
+fn failure(found: &Found<'_>, name: &str, error: &ObjectError) -> Failure {
     let hint = if error.hint().is_empty() { String::new() } else { format!("; {}", error.hint()) };
-    let why = anyhow!("`{name}` of `{}`: {error}{hint}", found.path);
+    let why = anyhow!("`{name}` of `{}`: {error}{hint}", found.program.path());
     if error.may_have_happened() { Failure::Unreachable(why) } else { Failure::Refused(why) }
 }

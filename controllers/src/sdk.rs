@@ -99,7 +99,7 @@ pub use controllers_derive::{Inputs, Outputs};
 pub use serde;
 
 pub use comms::logic::bytes::Bytes;
-pub use comms::logic::object::{ExportKind, ObjectError};
+pub use comms::logic::object::{Access, ExportKind, ObjectError};
 
 pub use arguments::{ArgumentError, Arguments, Kind, Parameter};
 pub use calls::{Answered, AnyCalls, CallOrder, CallPort, Calls};

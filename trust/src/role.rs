@@ -59,6 +59,8 @@ pub enum Action {
     Renew,
     /// Begin a database, and decide which robots have a copy of it.
     Found,
+    /// Call a procedure of a program that runs.
+    Operate,
 }
 
 const KINDS: [(Kind, u8, &str); 3] = [(Kind::Node, 1, "node"), (Kind::User, 2, "user"), (Kind::Program, 3, "program")];
@@ -72,7 +74,7 @@ const ROLES: [(Role, u8, &str); 8] = [
     (Role::Renewer, 7, "renewer"),
     (Role::Program, 8, "program"),
 ];
-const ACTIONS: [(Action, u8, &str); 10] = [
+const ACTIONS: [(Action, u8, &str); 11] = [
     (Action::Estop, 1, "stop everything"),
     (Action::Watch, 2, "look"),
     (Action::Stop, 3, "stop"),
@@ -83,6 +85,7 @@ const ACTIONS: [(Action, u8, &str); 10] = [
     (Action::Revoke, 8, "revoke"),
     (Action::Renew, 9, "renew"),
     (Action::Found, 10, "decide who has the database"),
+    (Action::Operate, 11, "operate"),
 ];
 
 impl Kind {
@@ -125,13 +128,13 @@ impl Role {
     /// Returns whether somebody with this role may do that.
     #[must_use]
     pub fn may(self, action: Action) -> bool {
-        use Action::{Deploy, Estop, Found, Invite, Renew, Revoke, Start, Stop, Watch, Write};
+        use Action::{Deploy, Estop, Found, Invite, Operate, Renew, Revoke, Start, Stop, Watch, Write};
         let also: &[Action] = match self {
             Self::Viewer | Self::Member => &[Watch],
-            Self::Operator => &[Watch, Stop, Start],
-            Self::Deployer => &[Watch, Stop, Start, Deploy, Write],
-            Self::Admin => &[Watch, Stop, Start, Deploy, Write, Invite, Revoke, Renew, Found],
-            Self::Ci => &[Watch, Stop, Start, Deploy],
+            Self::Operator => &[Watch, Stop, Start, Operate],
+            Self::Deployer => &[Watch, Stop, Start, Operate, Deploy, Write],
+            Self::Admin => &[Watch, Stop, Start, Operate, Deploy, Write, Invite, Revoke, Renew, Found],
+            Self::Ci => &[Watch, Stop, Start, Operate, Deploy],
             Self::Renewer => &[Watch, Renew],
             Self::Program => &[],
         };
@@ -189,10 +192,10 @@ mod tests {
     fn each_role_may_do_what_the_table_says() {
         let table = "\
 viewer    stop everything, look
-operator  stop everything, look, stop, start
-deployer  stop everything, look, stop, start, deploy, write the database
-admin     stop everything, look, stop, start, deploy, write the database, invite, revoke, renew, decide who has the database
-ci        stop everything, look, stop, start, deploy
+operator  stop everything, look, stop, start, operate
+deployer  stop everything, look, stop, start, deploy, write the database, operate
+admin     stop everything, look, stop, start, deploy, write the database, invite, revoke, renew, decide who has the database, operate
+ci        stop everything, look, stop, start, deploy, operate
 member    stop everything, look
 renewer   stop everything, look, renew
 program   stop everything
@@ -218,6 +221,6 @@ program   stop everything
         }
         assert!(KINDS.iter().all(|row| Kind::from_number(row.1) == Ok(row.0)));
         assert!(ACTIONS.iter().all(|row| Action::from_number(row.1) == Ok(row.0)));
-        assert!(Role::from_number(0).is_err() && Kind::from_number(4).is_err() && Action::from_number(11).is_err());
+        assert!(Role::from_number(0).is_err() && Kind::from_number(4).is_err() && Action::from_number(12).is_err());
     }
 }

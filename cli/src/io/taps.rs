@@ -121,24 +121,27 @@ impl Taps {
         Ok(())
     }
 
-    /// Calls what a program exports, and waits for what comes of it.
-    pub(crate) async fn call(
-        &self,
-        (robot, path): (&str, &str),
-        exported: &Exported,
-        argument: Vec<u8>,
-        within: Duration,
-    ) -> Result<Result<Vec<u8>, ObjectError>, Failure> {
-        let (session, keys) = (Arc::clone(&self.session), key::object(robot, path));
+    /// Returns a call of a procedure or state. No user has signed it yet.
+    pub(crate) fn prepare(&self, exported: &Exported, argument: Vec<u8>, within: Duration) -> ObjectCall {
         let number = self.called.fetch_add(1, Ordering::Relaxed);
-        let call = ObjectCall {
-            id: CallId { session: session.id(), number },
+        ObjectCall {
+            id: CallId { session: self.session.id(), number },
             caller: "dca".to_owned(),
             name: exported.name.clone(),
             signature: exported.signature.clone(),
             within,
             argument: Bytes(argument),
-        };
+            warrant: None,
+        }
+    }
+
+    /// Calls a program, and waits for the result.
+    pub(crate) async fn call(
+        &self,
+        (robot, path): (&str, &str),
+        call: ObjectCall,
+    ) -> Result<Result<Vec<u8>, ObjectError>, Failure> {
+        let (session, keys) = (Arc::clone(&self.session), key::object(robot, path));
         let way = self.way.clone();
         let calling = tokio::task::spawn_blocking(move || session.call_and_wait((&keys.0, &keys.1), (&way, &call)));
         let calling = calling.await;

@@ -189,7 +189,7 @@ fn fields<T: Shown + DeserializeOwned>(bytes: &[u8]) -> Option<Value> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use comms::logic::object::{ExportKind, Exported};
+    use comms::logic::object::{Access, ExportKind, Exported};
     use std::time::Duration;
 
     fn exports(arguments: &[(&str, &str)]) -> Exports {
@@ -199,6 +199,7 @@ mod tests {
             signature: Signature { argument: TypeForm::new(name, fields), result: TypeForm::default() },
             doc: String::new(),
             is_answered_idle: false,
+            access: Access::Operate,
         };
         Exports { exports: arguments.iter().map(exported).collect() }
     }

@@ -15,7 +15,7 @@ mod sealed;
 use answers::Answers;
 pub(crate) use listeners::Listeners;
 
-pub use calls::{CallGate, CallWay, Caller, Signs, Visitor};
+pub use calls::{CallGate, CallWay, Caller, Signs, Visitor, call_digest};
 pub use devices::{DeviceGate, Voucher};
 pub use object::{AnswerWay, IncomingCall, ObjectEvent, ObjectServer, PendingCall};
 pub use seal::{Cover, Opener, SealCounter, SealKey, Sealer};

@@ -289,12 +289,12 @@ fn check_size<T: Enveloped>(size: usize) -> Result<(), CodecError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::logic::bytes::SecretBytes;
+    use crate::logic::bytes::{Bytes, SecretBytes};
     use crate::logic::control::{
-        CallRoute, Device, Dial, Incoming, KeyPort, Location, Outgoing, Partner, Shape, VERSION,
+        CallRoute, Device, Dial, Incoming, KeyPort, Location, Outgoing, Partner, Shape, UserCall, VERSION,
     };
     use crate::logic::direct::{Challenge, Claim, Confirmation, Hello, Welcome};
-    use crate::logic::object::TypeForm;
+    use crate::logic::object::{Access, TypeForm, Warrant};
     use crate::logic::seal::{Refusal, Refused};
     use crate::logic::signals::{Peak, Signal};
     use crate::logic::switch::{Boundary, Expect, Flip, Opening};
@@ -319,30 +319,30 @@ mod tests {
         let devices = vec![Device { device: "arm".into(), owner: dial(), deployment: "d".into() }];
         check(
             &Order::Connect { robot: "r".into(), incoming: vec![incoming], outgoing: vec![outgoing], devices },
-            "44430e000100000172010102496e016b02613101016c0001ac02034f7574016a01010361726d02613101016c0164",
+            "44430f000100000172010102496e016b02613101016c0001ac02034f7574016a01010361726d02613101016c0164",
         );
-        check(&Order::Open { wires: vec![1, 2], generation: 3 }, "44430e0001000102010203");
-        check(&Order::Close { wires: vec![], generation: 1 }, "44430e000100020001");
-        check(&Order::Activate { activation: 9, value: vec![1] }, "44430e00010003090101");
-        check(&Order::Stop { activation: 9 }, "44430e0001000409");
-        check(&Order::Exit, "44430e00010005");
+        check(&Order::Open { wires: vec![1, 2], generation: 3 }, "44430f0001000102010203");
+        check(&Order::Close { wires: vec![], generation: 1 }, "44430f000100020001");
+        check(&Order::Activate { activation: 9, value: vec![1] }, "44430f00010003090101");
+        check(&Order::Stop { activation: 9 }, "44430f0001000409");
+        check(&Order::Exit, "44430f00010005");
         let parameters = vec![("a".to_owned(), "1".to_owned())];
-        check(&Order::Configure { parameters }, "44430e000100060101610131");
+        check(&Order::Configure { parameters }, "44430f000100060101610131");
         let shape = Shape { wire: 1, latch: true, queue: Some(5), period_min: Some(Duration::from_millis(100)) };
-        check(&Order::Shape { wires: vec![shape] }, "44430e000100070101010105010080c2d72f");
-        check(&Order::Rejoin, "44430e00010008");
-        check(&Order::Relink { lost: "b".into(), found: dial() }, "44430e00010009016202613101016c");
-        check(&Order::Resumed { notices: 300 }, "44430e0001000aac02");
+        check(&Order::Shape { wires: vec![shape] }, "44430f000100070101010105010080c2d72f");
+        check(&Order::Rejoin, "44430f00010008");
+        check(&Order::Relink { lost: "b".into(), found: dial() }, "44430f00010009016202613101016c");
+        check(&Order::Resumed { notices: 300 }, "44430f0001000aac02");
         let (call, path, name) = ("Grip".into(), "m".into(), "G".into());
         let route = CallRoute { wire: 300, call, server: dial(), path, name, deployment: "d".into(), seal: 300 };
         let calls = vec![route];
-        check(&Order::Calls { calls }, "44430e0001000b01ac02044772697002613101016c016d01470164ac02");
+        check(&Order::Calls { calls }, "44430f0001000b01ac02044772697002613101016c016d01470164ac02");
         let open = vec![Opening { wire: 4, after: vec![3] }];
         let flip = Flip { generation: 300, close: vec![3], open };
-        check(&Order::Flip { ticket: 2, flip: flip.clone() }, "44430e0001000c02ac02010301040103");
+        check(&Order::Flip { ticket: 2, flip: flip.clone() }, "44430f0001000c02ac02010301040103");
         let expect = Expect { generation: 300, close: vec![3], open: vec![4] };
         let port = KeyPort { port: "In".into(), keys: "k/".into(), is_write: true };
-        check(&Order::Keys { ports: vec![port] }, "44430e0001000f0102496e026b2f01");
+        check(&Order::Keys { ports: vec![port] }, "44430f0001000f0102496e026b2f01");
         let partner = Partner {
             session: "a1".into(),
             keys: vec![7],
@@ -350,11 +350,12 @@ mod tests {
             wires: vec![300],
             devices: vec!["arm".into()],
         };
-        check(&Order::Partners { partners: vec![partner] }, "44430e000100100102613101070101ac02010361726d");
+        check(&Order::Partners { partners: vec![partner] }, "44430f000100100102613101070101ac02010361726d");
         let secret = Order::Secret { parameter: "p".into(), value: SecretBytes::new(vec![1, 2]) };
-        check(&secret, "44430e000100110170020102");
-        check(&Order::Vouch { delegation: vec![7] }, "44430e000100120107");
-        check(&Order::Expect { ticket: 2, expect, then: Some(flip) }, "44430e0001000d02ac020103010401ac02010301040103");
+        check(&secret, "44430f000100110170020102");
+        check(&Order::Vouch { delegation: vec![7] }, "44430f000100120107");
+        check(&Order::Judged { number: 300, refusal: Some("x".into()) }, "44430f00010013ac02010178");
+        check(&Order::Expect { ticket: 2, expect, then: Some(flip) }, "44430f0001000d02ac020103010401ac02010301040103");
     }
 
     #[test]
@@ -368,25 +369,30 @@ mod tests {
             needs: vec!["ft".into()],
             signals: true,
         };
-        check(&hello, "44430e000200000e016d010161010175000107000102667401");
-        check(&Notice::Connected, "44430e00020001");
-        check(&Notice::ConnectFailed { reason: "x".into() }, "44430e000200020178");
-        check(&Notice::Switched { generation: 7 }, "44430e0002000307");
-        check(&Notice::Running { activation: 1 }, "44430e0002000401");
-        check(&Notice::Done { activation: 1, value: vec![] }, "44430e000200050100");
-        check(&Notice::Aborted { activation: 1, reason: "x".into() }, "44430e00020006010178");
-        check(&Notice::Stopped { activation: 1 }, "44430e0002000701");
+        check(&hello, "44430f000200000f016d010161010175000107000102667401");
+        check(&Notice::Connected, "44430f00020001");
+        check(&Notice::ConnectFailed { reason: "x".into() }, "44430f000200020178");
+        check(&Notice::Switched { generation: 7 }, "44430f0002000307");
+        check(&Notice::Running { activation: 1 }, "44430f0002000401");
+        check(&Notice::Done { activation: 1, value: vec![] }, "44430f000200050100");
+        check(&Notice::Aborted { activation: 1, reason: "x".into() }, "44430f00020006010178");
+        check(&Notice::Stopped { activation: 1 }, "44430f0002000701");
         let resume = Notice::Resume { version: VERSION, instance: "m".into(), orders: 300, notices: 7 };
-        check(&resume, "44430e000200080e016dac0207");
-        check(&Notice::Expecting { ticket: 2 }, "44430e0002000902");
+        check(&resume, "44430f000200080f016dac0207");
+        check(&Notice::Expecting { ticket: 2 }, "44430f0002000902");
         let taken = Notice::Taken { ticket: 2, lost: 300, late: 1, missing: vec![4] };
-        check(&taken, "44430e0002000a02ac02010104");
+        check(&taken, "44430f0002000a02ac02010104");
         let losses = Notice::Losses { wires: vec![(300, 2)] };
-        check(&losses, "44430e0002000c01ac0202");
+        check(&losses, "44430f0002000c01ac0202");
         let refused = Refused { wire: 300, count: 2, why: Refusal::Repeated, from: Some("a1".into()) };
         let refused = Notice::Refused { wires: vec![refused] };
-        check(&refused, "44430e0002000d01ac02020201026131");
-        assert!(!losses.is_counted() && !refused.is_counted());
+        check(&refused, "44430f0002000d01ac02020201026131");
+        let warrant = Warrant { head: Bytes(vec![1]), body: Bytes(vec![2]) };
+        let call = UserCall { name: "G".into(), access: Access::Operate, digest: [7; 32], warrant };
+        let judge = Notice::Judge { number: 300, call };
+        let bytes = "44430f0002000eac02014701";
+        check(&judge, &format!("{bytes}{}01010102", "07".repeat(32)));
+        assert!(!losses.is_counted() && !refused.is_counted() && !judge.is_counted());
         assert!(hello.is_counted() && !resume.is_counted());
         assert!(Order::Exit.is_counted() && !Order::Resumed { notices: 0 }.is_counted());
         assert!(!Order::Configure { parameters: vec![] }.is_counted());

@@ -15,6 +15,7 @@
 use crate::logic::bytes::SecretBytes;
 use crate::logic::database::{DatabaseAnswer, DatabaseRequest};
 use crate::logic::direct::Place;
+use crate::logic::object::{Access, Warrant};
 use crate::logic::seal::Refused;
 use crate::logic::switch::{Expect, Flip};
 use serde::{Deserialize, Serialize};
@@ -22,7 +23,7 @@ use std::time::Duration;
 
 /// Version of this protocol: one more with every order, notice or field that is appended, and with every kind of locator. Node and program must be of the
 /// same one. Of any other they understand no more than [`Notice::Hello`] and [`Notice::Resume`] say at their beginning, so that each can be told.
-pub const VERSION: u16 = 14;
+pub const VERSION: u16 = 15;
 
 /// Where a program's data session can be dialled.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -281,6 +282,13 @@ pub enum Order {
         /// A delegation, in the form of the room `trust`.
         delegation: Vec<u8>,
     },
+    /// Whether a user may make a call that the program has asked about.
+    Judged {
+        /// The number of the question.
+        number: u64,
+        /// Why not, for a person; none if the user may.
+        refusal: Option<String>,
+    },
 }
 
 impl Order {
@@ -295,6 +303,7 @@ impl Order {
                 | Self::Keys { .. }
                 | Self::Secret { .. }
                 | Self::Vouch { .. }
+                | Self::Judged { .. }
         )
     }
 }
@@ -398,11 +407,38 @@ pub enum Notice {
         /// Each wire at most once a minute.
         wires: Vec<Refused>,
     },
+    /// A user wants to call a procedure of this program, in a team: may the user? Answered by [`Order::Judged`].
+    Judge {
+        /// The answer bears it; the program gives each number once.
+        number: u64,
+        /// The call.
+        call: UserCall,
+    },
+}
+
+/// A call of a user, as the program has it that is called.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct UserCall {
+    /// The procedure.
+    pub name: String,
+    /// The right that the user needs.
+    pub access: Access,
+    /// The digest of the call, which the user has signed.
+    pub digest: [u8; 32],
+    /// The signature of the user.
+    pub warrant: Warrant,
 }
 
 impl Notice {
     /// Returns whether the notice has a number: [`Notice::Hello`] is 1.
     pub const fn is_counted(&self) -> bool {
-        !matches!(self, Self::Resume { .. } | Self::Database { .. } | Self::Losses { .. } | Self::Refused { .. })
+        !matches!(
+            self,
+            Self::Resume { .. }
+                | Self::Database { .. }
+                | Self::Losses { .. }
+                | Self::Refused { .. }
+                | Self::Judge { .. }
+        )
     }
 }

@@ -46,6 +46,29 @@ pub struct ObjectCall {
     pub within: Duration,
     /// The encoded argument; none for a state.
     pub argument: Bytes,
+    /// The signature of a user, in a team. Programs that the spec connects need none, and a call that only looks needs none.
+    pub warrant: Option<Warrant>,
+}
+
+/// A request with the signature of a user, in the form of the room `trust`. Only a node judges it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Warrant {
+    /// The request, its time and its user, with the signature.
+    pub head: Bytes,
+    /// The bytes that the signature covers.
+    pub body: Bytes,
+}
+
+/// The right that a user of a team needs to call a procedure. Programs need none: the spec connects them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum Access {
+    /// To look: the procedure changes nothing.
+    Look,
+    /// To operate what runs.
+    #[default]
+    Operate,
+    /// To decide what runs.
+    Deploy,
 }
 
 /// The answer to an [`ObjectCall`].
@@ -102,6 +125,8 @@ pub struct Exported {
     pub doc: String,
     /// Whether it is answered while its process is idle.
     pub is_answered_idle: bool,
+    /// The right that a user needs; for a state it is `Look`.
+    pub access: Access,
 }
 
 /// What is exported.
@@ -258,6 +283,16 @@ impl fmt::Display for Signature {
     }
 }
 
+impl fmt::Display for Access {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Look => "look",
+            Self::Operate => "operate",
+            Self::Deploy => "deploy",
+        })
+    }
+}
+
 impl From<Result<Vec<u8>, ObjectError>> for ObjectAnswer {
     fn from(result: Result<Vec<u8>, ObjectError>) -> Self {
         match result.and_then(|bytes| ObjectError::check_size(bytes.len()).map(|()| bytes)) {
@@ -278,7 +313,7 @@ impl From<ObjectAnswer> for Result<Vec<u8>, ObjectError> {
 
 impl Enveloped for ObjectCall {
     const KIND: Kind = Kind::ObjectCall;
-    const VERSION: u16 = 1;
+    const VERSION: u16 = 2;
 }
 
 impl Enveloped for ObjectAnswer {
@@ -300,7 +335,7 @@ impl Enveloped for TypeForm {
 
 impl Enveloped for Exports {
     const KIND: Kind = Kind::Exports;
-    const VERSION: u16 = 1;
+    const VERSION: u16 = 2;
     const SIZE_MAX: usize = 1 << 20;
 }
 
@@ -323,6 +358,7 @@ mod tests {
     #[test]
     fn golden_messages() {
         let id = || CallId { session: "a1".into(), number: 300 };
+        let warrant = Some(Warrant { head: Bytes(vec![1]), body: Bytes(vec![2, 3]) });
         let call = ObjectCall {
             id: id(),
             caller: "m".into(),
@@ -330,10 +366,11 @@ mod tests {
             signature: signature("n: N"),
             within: Duration::new(1, 5),
             argument: Bytes(vec![7, 8]),
+            warrant,
         };
         check(
             &call,
-            b"DC\x01\x00\x0c\x00\x02a1\xac\x02\x01m\x04Grip\x05Force\x04n: N\x05Width\x00\x01\x05\x02\x07\x08",
+            b"DC\x02\x00\x0c\x00\x02a1\xac\x02\x01m\x04Grip\x05Force\x04n: N\x05Width\x00\x01\x05\x02\x07\x08\x01\x01\x01\x02\x02\x03",
         );
         check(&ObjectAnswer::Done(Bytes(vec![9])), b"DC\x01\x00\x0d\x00\x00\x01\x09");
         check(&TypeForm::new("W", "x: N"), b"DC\x01\x00\x10\x00\x01W\x04x: N");
@@ -344,9 +381,12 @@ mod tests {
             signature: Signature::default(),
             doc: "d".into(),
             is_answered_idle,
+            access: if kind == ExportKind::State { Access::Look } else { Access::Deploy },
         };
         let exports = Exports { exports: vec![export(ExportKind::Procedure, false), export(ExportKind::State, true)] };
-        check(&exports, b"DC\x01\x00\x0f\x00\x02\x01x\x00\x00\x00\x00\x00\x01d\x00\x01x\x01\x00\x00\x00\x00\x01d\x01");
+        let golden =
+            b"DC\x02\x00\x0f\x00\x02\x01x\x00\x00\x00\x00\x00\x01d\x00\x02\x01x\x01\x00\x00\x00\x00\x01d\x01\x00";
+        check(&exports, golden);
     }
 
     #[test]

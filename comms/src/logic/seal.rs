@@ -99,6 +99,9 @@ pub enum Refusal {
     /// A program that has no wire wants to link.
     #[error("it has no wire with this program")]
     NoWire,
+    /// Somebody who may only look calls a procedure.
+    #[error("no user has signed it")]
+    Unsigned,
 }
 
 /// What a program has refused on one of its wires.

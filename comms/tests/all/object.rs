@@ -52,6 +52,7 @@ fn call(session: &DataSession, number: u64, name: &str, argument: Vec<u8>, withi
         signature: Signature::default(),
         within,
         argument: Bytes(argument),
+        warrant: None,
     }
 }
 

@@ -1,7 +1,7 @@
 //! What a controller exports: procedures that others call, and state that they read, between two calculations of its loop.
 
 use super::port::Message;
-use comms::logic::object::{ExportKind, Exported, ObjectCall, ObjectError, Signature, TypeForm};
+use comms::logic::object::{Access, ExportKind, Exported, ObjectCall, ObjectError, Signature, TypeForm};
 use std::fmt;
 use std::marker::PhantomData;
 
@@ -37,6 +37,8 @@ pub struct ExportInterface {
     pub doc: &'static str,
     /// Whether it is answered while the process is idle.
     pub is_answered_idle: bool,
+    /// The right that a user of a team needs.
+    pub access: Access,
 }
 
 /// What can be known of a call that a controller makes.
@@ -124,6 +126,7 @@ impl<C: 'static> Exports<C> {
             signature: Signature { argument: TypeForm::default(), result: form::<R>() },
             doc,
             is_answered_idle: true,
+            access: Access::Look,
         };
         let run = Run::State(Box::new(move |controller| encode(&read(controller))));
         self.all.push(Export { about, run });
@@ -133,6 +136,13 @@ impl<C: 'static> Exports<C> {
     /// Has the procedure that was exported last answered while the process is idle, too.
     pub fn idle(&mut self) -> &mut Self {
         self.all.iter_mut().last().into_iter().for_each(|export| export.about.is_answered_idle = true);
+        self
+    }
+
+    /// Sets the right that a user of a team needs to call the procedure that was exported last. Without this it is
+    /// [`Access::Operate`]. Give [`Access::Look`] to a procedure that changes nothing.
+    pub fn access(&mut self, access: Access) -> &mut Self {
+        self.all.iter_mut().last().into_iter().for_each(|export| export.about.access = access);
         self
     }
 
@@ -148,6 +158,7 @@ impl<C: 'static> Exports<C> {
             signature: Signature { argument: form::<A>(), result: form::<R>() },
             doc,
             is_answered_idle: false,
+            access: Access::default(),
         };
         let run = move |controller: &mut C, argument: &[u8], raw: RawReply| match postcard::from_bytes(argument) {
             Ok(argument) => run(controller, argument, Reply { raw, of: PhantomData }),
@@ -186,15 +197,15 @@ impl<C: 'static> Exports<C> {
     }
 }
 
-/// Says whether a call fits what is exported.
+/// Returns the right that a user needs for a call, if the call fits an export.
 ///
 /// # Errors
 /// If there is no such export, or the caller knows it by other types.
-pub(super) fn admit(exports: &[ExportInterface], call: &ObjectCall) -> Result<(), ObjectError> {
+pub(super) fn admit(exports: &[ExportInterface], call: &ObjectCall) -> Result<Access, ObjectError> {
     let export = exports.iter().find(|export| export.name == call.name);
     let export = export.ok_or_else(|| unknown(&call.name, exports))?;
     if export.signature.fits(&call.signature) {
-        return Ok(());
+        return Ok(export.access);
     }
     let (theirs, ours) = (Box::new(export.signature.clone()), Box::new(call.signature.clone()));
     Err(ObjectError::WrongType { name: call.name.clone(), theirs, ours })
@@ -227,6 +238,7 @@ impl ExportInterface {
             signature: self.signature.clone(),
             doc: self.doc.trim().to_owned(),
             is_answered_idle: self.is_answered_idle,
+            access: self.access,
         }
     }
 
@@ -335,6 +347,7 @@ mod tests {
             })
             .procedure("Home", "Goes home.", |hand: &mut Hand, ()| Ok(Width(hand.width)))
             .idle()
+            .access(Access::Look)
             .procedure_later("Grip", "", |hand: &mut Hand, (), reply| hand.waiting = Some(reply))
             .state("opening", "How far it is open.", |hand| Width(hand.width));
         exports
@@ -396,11 +409,16 @@ mod tests {
             signature: Signature { argument, result: TypeForm::default() },
             within: Duration::from_secs(1),
             argument: Bytes::default(),
+            warrant: None,
         };
         let interfaces = exports().interfaces();
         let admitted = |name, argument| admit(&interfaces, &call(name, argument));
-        assert_eq!(admitted("Open", form::<Width>()), Ok(()));
-        assert_eq!(admitted("Open", TypeForm::new("Width", "")), Ok(()));
+        assert_eq!(admitted("Open", form::<Width>()), Ok(Access::Operate));
+        assert_eq!(admitted("Open", TypeForm::new("Width", "")), Ok(Access::Operate));
+        let home = Signature { argument: TypeForm::default(), result: form::<Width>() };
+        let home = ObjectCall { signature: home, ..call("Home", TypeForm::default()) };
+        assert_eq!(admit(&interfaces, &home), Ok(Access::Look), "it says so");
+        assert_eq!(interfaces.iter().map(|one| one.access).collect::<Vec<_>>()[2..], [Access::Operate, Access::Look]);
         assert!(matches!(admitted("Open", TypeForm::default()), Err(ObjectError::WrongType { .. })));
         assert!(matches!(admitted("Open", TypeForm::new("Width", "angle: Angle")), Err(ObjectError::WrongType { .. })));
         assert!(matches!(admitted("Nope", TypeForm::default()), Err(ObjectError::NoSuchProcedure { .. })));

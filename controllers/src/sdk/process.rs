@@ -25,6 +25,7 @@ mod objects;
 mod peaks;
 mod secret;
 mod taps;
+mod warrants;
 mod wire;
 
 use super::arguments::Arguments;
@@ -154,6 +155,7 @@ fn take_part(registry: &Registry, name: &str, arguments: &[String]) -> Result<Ex
     }
     let links = Arc::new(Links::new(keyring, direct));
     let (notices, orders) = node_line::connect(&socket, &word, parent)?;
+    links.keyring().into_iter().for_each(|keyring| keyring.warrants().ask_by(&notices));
     notices.send(&hello(&interface, &word, location))?;
     let parameters = interface.about.parameters;
     // The registry has made a controller of them already, so they fit.
@@ -232,6 +234,7 @@ impl Program {
                 Ok(Order::Database { number, answer }) => database.take(number, answer, &inbox),
                 Ok(Order::Resumed { .. }) => {
                     database.renew(&inbox);
+                    links.keyring().into_iter().for_each(|keyring| keyring.warrants().renew());
                     inbox.tell_losses_again();
                 }
                 Ok(Order::Keys { ports }) => drop(inbox.command(Command::Connect(ports))),
@@ -348,6 +351,11 @@ impl Program {
             Order::Partners { partners } => links.take_partners(partners),
             Order::Vouch { delegation } => {
                 links.keyring().into_iter().for_each(|keyring| keyring.take_delegation(&delegation));
+            }
+            Order::Judged { number, refusal } => {
+                if let Some(keyring) = links.keyring() {
+                    keyring.warrants().judged(number, refusal);
+                }
             }
             Order::Relink { lost, found } => self.relink((lost, found), inbox, links)?,
             Order::Exit | Order::Resumed { .. } | Order::Database { .. } | Order::Keys { .. } => {}

@@ -319,6 +319,10 @@ impl Driver {
                 None
             }
             Event::Refused(connection, wires) => self.refused(&connection, wires),
+            Event::Judge(connection, sender, number, call) => {
+                self.judge_call(connection, sender, (number, call));
+                None
+            }
             Event::Reached(process) => {
                 self.returning.shim_is_back(&process);
                 None

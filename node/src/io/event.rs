@@ -6,7 +6,7 @@ use crate::io::program_database::ProgramDatabase;
 use crate::logic::effect::ProcessId;
 use crate::logic::protocol::{Deployment, Request};
 use comms::io::control::{ControlReceiver, ControlSender, Listener};
-use comms::logic::control::Notice;
+use comms::logic::control::{Notice, UserCall};
 use comms::logic::seal::Refused;
 use shim::protocol::ShimReport;
 use std::sync::Arc;
@@ -40,6 +40,8 @@ pub(crate) enum Event {
     Losses(Connection, Vec<(u32, u64)>),
     /// What a program has dropped that the other ends of its wires have not sealed.
     Refused(Connection, Vec<Refused>),
+    /// A user wants to call a procedure of a program, which asks under this number whether the user may.
+    Judge(Connection, ControlSender, u64, UserCall),
     /// The epoch of a deployment is in the journal, or why it is not.
     Committed(Deployment, Result<(), String>),
     /// Whether everything is stopped is on the disk, or why it is not; by the number of the write.
@@ -121,9 +123,10 @@ async fn hear(
         | Notice::Taken { .. }
         | Notice::Database { .. }
         | Notice::Losses { .. }
-        | Notice::Refused { .. } => anyhow::bail!("a program did not say who it is"),
+        | Notice::Refused { .. }
+        | Notice::Judge { .. } => anyhow::bail!("a program did not say who it is"),
     };
-    let mut requests = database.open(&connection.deployment, &connection.instance, channel);
+    let mut requests = database.open(&connection.deployment, &connection.instance, channel.clone());
     if hello.is_some() {
         requests.tell_ports();
     }
@@ -141,6 +144,7 @@ async fn hear(
             }
             Notice::Losses { wires } => Some(Event::Losses(connection.clone(), wires)),
             Notice::Refused { wires } => Some(Event::Refused(connection.clone(), wires)),
+            Notice::Judge { number, call } => Some(Event::Judge(connection.clone(), channel.clone(), number, call)),
             said @ (Notice::Hello { .. }
             | Notice::Connected
             | Notice::ConnectFailed { .. }

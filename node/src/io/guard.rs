@@ -5,7 +5,7 @@
 mod ledger_file;
 
 use crate::logic::gate::{Attempt, Gate, Outcome, Passed, Refused};
-use crate::logic::protocol::{Deployment, Request, Signed, ToParticipant};
+use crate::logic::protocol::{CallRequest, Deployment, Request, Signed, ToParticipant};
 use anyhow::bail;
 use ledger_file::LedgerFile;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -54,6 +54,15 @@ impl Guard {
     /// It is refused: why, for a person. That is in the audit log.
     pub(crate) fn call(&self, request: Request, epoch_of: impl Fn(&str) -> u64) -> Result<Passed, String> {
         let passed = self.0.member.with_judge(|judge| self.gate().call(request, judge, epoch_of));
+        passed.map_err(|refused| self.refused(refused))
+    }
+
+    /// Decides about a call of a user that has come to a program of this node.
+    ///
+    /// # Errors
+    /// As of [`Guard::call`].
+    pub(crate) fn procedure(&self, asked: CallRequest, signed: &Signed) -> Result<Attempt, String> {
+        let passed = self.0.member.with_judge(|judge| self.gate().procedure(asked, signed, judge));
         passed.map_err(|refused| self.refused(refused))
     }
 

@@ -18,7 +18,9 @@ pub use action::{action, audience, subject};
 pub use ledger::{ENTRIES_MAX, Found, LEDGER_MAX, Ledger, LedgerError};
 pub use outcome::{Outcome, outcome, outcome_of_order};
 
-use crate::logic::protocol::{ChangeOrder, ChangeRequest, Deployment, Order, Ordered, Request, Signed, ToParticipant};
+use crate::logic::protocol::{
+    CallRequest, ChangeOrder, ChangeRequest, Deployment, Order, Ordered, Request, Signed, ToParticipant,
+};
 use language::plan::{OnBoot, Plan, difference};
 use ledger::{Place, Start};
 use std::collections::BTreeSet;
@@ -83,6 +85,9 @@ pub enum Refusal {
         /// What is asked for.
         asked: Action,
     },
+    /// A program is called in another way than was signed.
+    #[error("another call was signed than the one that has come")]
+    OtherCall,
     /// What is ordered is not what was signed.
     #[error("what `{0}` orders is not what was signed")]
     Altered(String),
@@ -169,7 +174,9 @@ impl Gate {
             let attempt = Attempt { who: "somebody".to_owned(), what: subject(&request) };
             return Err(Refused { attempt, why: Refusal::Unsigned(action) });
         };
-        let asked = signed.request().ok().and_then(|request| Some((action(&request)?, request)));
+        // A call is judged only with the call that the program has received.
+        let asked = signed.request().ok().filter(|request| !matches!(request, Request::Call(_)));
+        let asked = asked.and_then(|request| Some((action(&request)?, request)));
         let who = signer(&signed);
         let Some((action, request)) = asked else {
             let attempt = Attempt { who, what: "something".to_owned() };
@@ -179,6 +186,22 @@ impl Gate {
         match self.check_call(&signed, (action, &request), judge, epoch_of) {
             Ok(()) => Ok(Passed::Signed(attempt, signed)),
             Err(why) => Err(Refused { attempt, why }),
+        }
+    }
+
+    /// Decides about a call of a user that has come to a program of this node.
+    ///
+    /// # Errors
+    /// It is refused.
+    pub fn procedure(&mut self, asked: CallRequest, signed: &Signed, judge: &Judge<'_>) -> Result<Attempt, Refused> {
+        let request = Request::Call(Box::new(asked));
+        let attempt = Attempt { who: signer(signed), what: subject(&request) };
+        let refused = |why| Err(Refused { attempt: attempt.clone(), why });
+        let Ok(found) = signed.request() else { return refused(Refusal::Unreadable) };
+        let Some(action) = action(&request).filter(|_| found == request) else { return refused(Refusal::OtherCall) };
+        match self.check_call(signed, (action, &request), judge, |_| 0) {
+            Ok(()) => Ok(attempt),
+            Err(why) => refused(why),
         }
     }
 

@@ -27,6 +27,7 @@ pub use change::{ChangeOrder, ChangeReply, ChangeRequest, ChangeStage, ChangeUnd
 pub use clock::{ClockKeeping, ClockReading};
 use comms::logic::codec::{Enveloped, Kind};
 use comms::logic::control::Dial;
+use comms::logic::object::Access;
 pub use deploying::{StartMode, ToCoordinator, ToParticipant};
 pub use estop::{Estop, Estopped};
 pub use event::Event;
@@ -236,6 +237,23 @@ pub enum Request {
     },
     /// Takes in sets of revocations, signed by the team or an admin of it. Answered by [`Answer::Revocations`], when all is on the disk.
     Revocations(Vec<Vec<u8>>),
+    /// A call of a procedure. A user signs it and sends it to the program, which asks its node. No node answers it directly.
+    Call(Box<CallRequest>),
+}
+
+/// A call of a procedure.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CallRequest {
+    /// The deployment of the program.
+    pub deployment: Deployment,
+    /// The absolute path of its process.
+    pub path: String,
+    /// The procedure.
+    pub procedure: String,
+    /// The right that the user needs.
+    pub access: Access,
+    /// The digest of the call, with its argument: `comms::io::data::call_digest`.
+    pub digest: [u8; 32],
 }
 
 /// A request to switch connection sets.
@@ -472,6 +490,15 @@ mod tests {
         assert_eq!(postcard::to_stdvec(&estopped).unwrap(), *b"\x14\x01\x05d@2 m\x00");
         let released = Answer::Released { was_stopped: true, unwritten: None };
         assert_eq!(postcard::to_stdvec(&released).unwrap(), [21, 1, 0]);
+        let asked = CallRequest {
+            deployment: deployment.clone(),
+            path: "m".into(),
+            procedure: "G".into(),
+            access: Access::Operate,
+            digest: [7; 32],
+        };
+        let bytes = [&b"\x1e\x01d\x02\x01m\x01G\x01"[..], &[7; 32]].concat();
+        assert_eq!(postcard::to_stdvec(&Request::Call(Box::new(asked))).unwrap(), bytes);
         let report = Report::Connected { host: "c2".into() };
         let time = Duration::new(5, 6);
         let event = Event { deployment, number: 300, host: "c2".into(), ago: heard, report, time };

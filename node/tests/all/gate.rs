@@ -3,12 +3,13 @@
 mod ledger;
 mod world;
 
+use comms::logic::object::Access;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::txn::Write;
 use language::plan::{Member, MemberKind, OnBoot, Plan};
 use node::logic::database::question::{AckLevel, Commit, Question};
 use node::logic::gate::{Gate, Ledger, Passed, Refusal};
-use node::logic::protocol::{ChangeOrder, ChangeRequest, Deployment, Request, Signed, ToParticipant};
+use node::logic::protocol::{CallRequest, ChangeOrder, ChangeRequest, Deployment, Request, Signed, ToParticipant};
 use std::time::Duration;
 use trust::request::{Audience, Refusal as Unsound, ReplayError};
 use trust::revocation::Revocations;
@@ -116,6 +117,68 @@ fn a_call_passes_once_and_only_as_it_was_signed() {
     let mut restarted = world.gate_with("c1", kept);
     assert!(is_replay(refused(&mut restarted, good)));
     assert!(Ledger::from_bytes(b"something else", &Revocations::default()).is_err());
+}
+
+/// A call that has come to a program of `c2`.
+fn grip(access: Access) -> CallRequest {
+    let (path, procedure) = ("main/hand".to_owned(), "Grip".to_owned());
+    CallRequest { deployment: at(3), path, procedure, access, digest: [7; 32] }
+}
+
+#[test]
+fn a_user_calls_what_the_role_allows_and_each_call_once() {
+    let world = World::new();
+    let mut gate = world.gate("c2");
+    let may = [
+        (Role::Viewer, [false, false]),
+        (Role::Operator, [true, false]),
+        (Role::Ci, [true, true]),
+        (Role::Deployer, [true, true]),
+        (Role::Admin, [true, true]),
+    ];
+    for (role, may) in may {
+        let user = world.user(&format!("a-{role}"), role);
+        for (access, may) in [Access::Operate, Access::Deploy].into_iter().zip(may) {
+            let signed = user.sign(&Request::Call(Box::new(grip(access))), "c2");
+            let judged = gate.procedure(grip(access), &signed, &world.judge(NOW));
+            assert_eq!(judged.is_ok(), may, "{role} {access}: {judged:?}");
+            let attempt = judged.map_or_else(|refused| refused.attempt, |attempt| attempt);
+            assert_eq!(
+                (attempt.who, attempt.what),
+                (format!("a-{role}"), "call `Grip` of `main/hand` of `test@3`".into())
+            );
+            assert!(gate.procedure(grip(access), &signed, &world.judge(NOW)).is_err(), "it was sent again");
+        }
+    }
+}
+
+#[test]
+fn a_call_that_is_not_the_one_that_was_signed_is_refused() {
+    let world = World::new();
+    let (olga, mut gate) = (world.user("olga", Role::Operator), world.gate("c2"));
+    let asked = |call| Request::Call(Box::new(call));
+    let signed = olga.sign(&asked(grip(Access::Operate)), "c2");
+    let refused =
+        |gate: &mut Gate, call, signed: &Signed| gate.procedure(call, signed, &world.judge(NOW)).unwrap_err().why;
+    let others = [
+        CallRequest { procedure: "Open".into(), ..grip(Access::Operate) },
+        CallRequest { path: "main/arm".into(), ..grip(Access::Operate) },
+        CallRequest { deployment: at(4), ..grip(Access::Operate) },
+        CallRequest { digest: [8; 32], ..grip(Access::Operate) },
+        grip(Access::Deploy),
+    ];
+    for other in others {
+        assert_eq!(refused(&mut gate, other, &signed), Refusal::OtherCall);
+    }
+    let elsewhere = olga.sign(&asked(grip(Access::Operate)), "c1");
+    assert_eq!(refused(&mut gate, grip(Access::Operate), &elsewhere), Unsound::Audience.into());
+    let stopped = olga.sign_with(&asked(grip(Access::Operate)), "c2", &|it| it.action = Action::Stop);
+    let other = Refusal::Action { signed: Action::Stop, asked: Action::Operate };
+    assert_eq!(refused(&mut gate, grip(Access::Operate), &stopped), other);
+    let direct = call(&mut gate, &world, Request::Signed(Box::new(signed.clone())));
+    assert_eq!(direct, Err(Refusal::Unreadable), "no node carries out a call by itself");
+    assert_eq!(*gate.ledger(), Ledger::default(), "what is refused changes nothing");
+    assert!(gate.procedure(grip(Access::Operate), &signed, &world.judge(NOW)).is_ok());
 }
 
 /// Whoever carries a request can change nothing of it: not one byte, and not its length.

@@ -158,6 +158,7 @@ impl Callee {
                 signature: Signature { argument: form(argument_type), result: form(result_type) },
                 within: WITHIN,
                 argument: Bytes(argument(self.made)),
+                warrant: None,
             };
             let sent = now();
             let answer = self.session.call_and_wait((&key, &cancel_key), (&CallWay::Open, &call))?;

@@ -2,7 +2,7 @@
 //! comes over it, reads nothing, and answers nothing for others. That is one line of the audit log, and the wire keeps its rate.
 
 use comms::io::clock::now;
-use comms::io::data::{CallWay, Cover, DataSession, Opener, Priority, SealCounter, SealKey, Sealer};
+use comms::io::data::{CallWay, Cover, DataSession, Opener, Priority, SealCounter, SealKey, Sealer, Visitor};
 use comms::io::direct::DirectPath;
 use comms::io::session::{Reach, Session};
 use comms::logic::bytes::Bytes;
@@ -120,11 +120,16 @@ impl Team {
 
     /// Returns what and why of each refusal in the audit log of a node that is about a wire or a call.
     fn refusals(&self, number: usize) -> Vec<String> {
+        self.audited(number, "refused")
+    }
+
+    /// The same of another decision.
+    fn audited(&self, number: usize, decision: &str) -> Vec<String> {
         let name = MEMBERS[number - 1];
         let log = fs::read_to_string(self.host(number).state().join(name).join("team/audit")).unwrap_or_default();
         let fields = |line: &str| {
             let fields: Vec<&str> = line.split('\t').collect();
-            let is_meant = fields.get(2) == Some(&"refused")
+            let is_meant = fields.get(2) == Some(&decision)
                 && ["send on", "call", "link to"].iter().any(|what| fields[4].starts_with(what));
             is_meant.then(|| format!("{}|{}", fields[4], fields[6]))
         };
@@ -279,12 +284,23 @@ fn calls_in_vain(team: &Team, program: &str) {
     };
     let moves = |from: f64| wait_until(SOON, || place() > from).is_some();
     assert!(moves(place()), "the trip drives the wheels over two hosts");
-    let asked = team.host(4).ask(&["call", "wheels.Drive", "speed=0.25 m/s", "--json", "--within", "60"]);
+    let drive = ["call", "wheels.Drive", "speed=0.25 m/s", "--json", "--within", "60"];
+    let nobody = team.cluster.folder().join("nobody").display().to_string();
+    let unsigned = team.host(4).ask(&[&drive[..], &["--keys", &nobody]].concat());
+    assert!(unsigned.code == Some(1) && unsigned.err.contains("you have no key"), "{unsigned}");
+    let asked = team.host(4).ask(&team.with(&drive));
     assert_eq!(asked.code, Some(0), "{asked}");
+    let accepted = team.audited(3, "accepted");
+    assert_eq!(
+        accepted.last().map(String::as_str),
+        Some("call `Drive` of `main/wheels` of `levels@2`|"),
+        "{accepted:?}"
+    );
     let locations = team.locations(3, ("levels", 2));
     let dial = locations.into_iter().find(|(path, _)| path == "main/wheels").expect("it is there").1;
     let (file, folder) = (team.host(4).run_dir().join("c4/visitors"), team.cluster.folder().to_owned());
     let attack = move || {
+        let visitor = VisitorIdentity::open(&file).expect("the node has written it");
         let session = intrude(&file, &folder, &[dial]);
         let (key, cancel_key) = key::object("levels", "main/wheels");
         let call = ObjectCall {
@@ -294,6 +310,7 @@ fn calls_in_vain(team: &Team, program: &str) {
             signature: Signature::default(),
             within: Duration::from_secs(5),
             argument: Bytes(3.0_f64.to_le_bytes().to_vec()),
+            warrant: None,
         };
         let own = || {
             let sealer = Arc::new(Sealer::new(&SealCounter::default()));
@@ -301,12 +318,15 @@ fn calls_in_vain(team: &Team, program: &str) {
             sealer
         };
         let sealed = CallWay::Sealed { call: own(), cancel: own(), answer: Arc::new(Opener::new(|_, _| ())) };
-        let called = [&CallWay::Open, &sealed].map(|way| session.call_and_wait((&key, &cancel_key), (way, &call)));
+        let signed = CallWay::Signed(Visitor(Arc::new(move |digest| Some(visitor.sign_visit(digest)))));
+        let ways = [&CallWay::Open, &sealed, &signed];
+        let called = ways.map(|way| session.call_and_wait((&key, &cancel_key), (way, &call)));
         session.close();
         called
     };
     let called = team.network.inside(4, attack).join().expect("the attack ends");
-    assert_eq!(called, [Err(ObjectError::Gone), Err(ObjectError::Gone)]);
+    let reason = "in a team, to call `Drive` needs the key of a user who may operate (`dca team key`)".to_owned();
+    assert_eq!(called, [Err(ObjectError::Gone), Err(ObjectError::Gone), Err(ObjectError::Refused { reason })]);
     let told = wait_until(SOON, || team.refusals(3).iter().any(|line| line.starts_with("call ")));
     let lines: Vec<String> = team.refusals(3).into_iter().filter(|line| line.starts_with("call ")).collect();
     assert!(told.is_some() && lines.len() == 1, "{lines:#?}");

@@ -1,6 +1,6 @@
 //! The rows of `dca list`.
 
-use comms::logic::object::{ExportKind, Exported, TypeForm};
+use comms::logic::object::{Access, ExportKind, Exported, TypeForm};
 use comms::logic::tap::{InnerOutput, OutputType};
 use serde_json::{Value, json};
 
@@ -15,6 +15,8 @@ pub(crate) struct Listed {
     pub(crate) kind: ListedKind,
     pub(crate) types: String,
     pub(crate) doc: String,
+    /// The right that a user of a team needs to call it; none for all but procedures.
+    pub(crate) access: Option<Access>,
 }
 
 /// What a name stands for.
@@ -48,13 +50,14 @@ impl Listed {
             ExportKind::State => exported.signature.result.to_string(),
             ExportKind::Procedure => format!("{} -> {}", exported.signature.argument, exported.signature.result),
         };
-        Self { process: process.to_owned(), name: exported.name, to: None, kind, types, doc: exported.doc }
+        let access = (kind == ListedKind::Procedure).then_some(exported.access);
+        Self { process: process.to_owned(), name: exported.name, to: None, kind, types, doc: exported.doc, access }
     }
 
     pub(crate) fn output(process: &str, output: OutputType) -> Self {
         let types = TypeForm::new(&output.type_name, &output.fields).to_string();
         let (process, kind) = (process.to_owned(), ListedKind::Output);
-        Self { process, name: output.name, to: None, kind, types, doc: String::new() }
+        Self { process, name: output.name, to: None, kind, types, doc: String::new(), access: None }
     }
 
     /// Returns a row for each wire inside a group that begins at this output.
@@ -69,14 +72,21 @@ impl Listed {
             Some(to) => format!("{} -> {to}", self.name),
             None => self.name.clone(),
         };
-        [self.process.clone(), name, self.kind.word().to_owned(), self.types.clone()]
+        let kind = match self.access {
+            Some(access) if access != Access::default() => format!("{} ({access})", self.kind.word()),
+            _ => self.kind.word().to_owned(),
+        };
+        [self.process.clone(), name, kind, self.types.clone()]
     }
 
     pub(crate) fn json(&self) -> Value {
         let (process, name, kind) = (&self.process, &self.name, self.kind.word());
         let mut row = json!({ "process": process, "name": name, "kind": kind, "type": self.types, "doc": self.doc });
-        if let (Some(to), Some(row)) = (&self.to, row.as_object_mut()) {
-            row.insert("to".to_owned(), to.clone().into());
+        let more = [("to", self.to.clone()), ("access", self.access.map(|access| access.to_string()))];
+        for (name, value) in more {
+            if let (Some(value), Some(row)) = (value, row.as_object_mut()) {
+                row.insert(name.to_owned(), value.into());
+            }
         }
         row
     }
@@ -96,10 +106,11 @@ mod tests {
             signature: signature.clone(),
             doc: "Does.".into(),
             is_answered_idle: false,
+            access: Access::Look,
         };
         let row = Listed::exported("d:main/a", exported(ExportKind::Procedure));
-        assert_eq!(row.cells(), ["d:main/a", "x", "proc", "Push { force: Force } -> ()"]);
-        assert_eq!(row.json()["doc"], "Does.");
+        assert_eq!(row.cells(), ["d:main/a", "x", "proc (look)", "Push { force: Force } -> ()"]);
+        assert_eq!((&row.json()["doc"], &row.json()["access"]), (&json!("Does."), &json!("look")));
         assert_eq!(Listed::exported("d:main/a", exported(ExportKind::State)).cells()[2..], ["state", "()"]);
         let output = OutputType { name: "Out".into(), type_name: "W".into(), fields: "x: Force".into() };
         assert_eq!(Listed::output("d:main/a", output.clone()).cells()[1..], ["Out", "out", "W { x: Force }"]);

@@ -3,7 +3,8 @@
 use super::seal::Sealed;
 use super::{Opener, Sealer};
 use crate::io::session::{Digest, question};
-use crate::logic::codec;
+use crate::logic::codec::{self, CodecError};
+use crate::logic::object::ObjectCall;
 use crate::logic::proof::Proof;
 use crate::logic::seal::{Content, Refusal, Seal};
 use std::collections::BTreeMap;
@@ -67,6 +68,15 @@ pub struct Visitor(pub Arc<Signs>);
 /// Signs a digest; returns nothing if it cannot.
 pub type Signs = dyn Fn(&Digest) -> Option<Proof> + Send + Sync;
 
+/// Returns the digest that a user signs for a call on a key. It covers all of the call but the warrant.
+///
+/// # Errors
+/// The call is too long.
+pub fn call_digest(key: &str, call: &ObjectCall) -> Result<Digest, CodecError> {
+    debug_assert!(call.warrant.is_none(), "a warrant does not cover itself");
+    Ok(question(key, &[], &codec::encode(call)?))
+}
+
 /// Something to be sent to a server, and what goes beside it.
 pub(super) struct Outgoing {
     pub(super) bytes: ZBytes,
@@ -125,6 +135,15 @@ impl CallGate {
         *self.callers.lock().unwrap_or_else(PoisonError::into_inner) = callers.into_iter().collect();
     }
 
+    /// Returns whether a sender may name this session as its own. A visitor speaks for no program.
+    pub(super) fn may_be(&self, sender: &Sender, session: &str) -> bool {
+        let callers = self.callers.lock().unwrap_or_else(PoisonError::into_inner);
+        match sender {
+            Sender::Caller(own, _, _) => own == session,
+            Sender::Visitor => callers.values().all(|caller| caller.session != session),
+        }
+    }
+
     /// Returns who has sent something, and what; nothing if it is to be dropped.
     pub(super) fn open(
         &self,
@@ -160,18 +179,49 @@ impl CallGate {
     }
 }
 
-impl Sender {
-    /// Returns whether what it says is from a session may be from there.
-    pub(super) fn may_be(&self, session: &str) -> bool {
-        match self {
-            Self::Caller(own, _, _) => own == session,
-            Self::Visitor => true,
-        }
-    }
-}
-
 impl fmt::Debug for CallGate {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("CallGate").field("callers", &self.callers).finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::SealCounter;
+    use super::*;
+    use crate::logic::bytes::Bytes;
+    use crate::logic::object::{CallId, Signature};
+    use std::time::Duration;
+
+    #[test]
+    fn nobody_speaks_for_a_program_that_calls() {
+        let gate = CallGate::new(|_, _| None, |_, _| ());
+        let (opener, sealer) = (Arc::new(Opener::new(|_, _| ())), Arc::new(Sealer::new(&SealCounter::default())));
+        gate.set([(7, Caller { session: "task".to_owned(), opener, sealer: Arc::clone(&sealer) })]);
+        let program = |session: &str| gate.may_be(&Sender::Caller("task".to_owned(), Arc::clone(&sealer), 1), session);
+        assert!(program("task") && !program("dca"));
+        assert!(gate.may_be(&Sender::Visitor, "dca") && !gate.may_be(&Sender::Visitor, "task"));
+    }
+
+    #[test]
+    fn what_a_user_signs_is_one_call() {
+        let call = ObjectCall {
+            id: CallId { session: "a1".to_owned(), number: 1 },
+            caller: "dca".to_owned(),
+            name: "Grip".to_owned(),
+            signature: Signature::default(),
+            within: Duration::from_secs(1),
+            argument: Bytes(vec![7]),
+            warrant: None,
+        };
+        let digest = |key, call| call_digest(key, call).unwrap();
+        let others = [
+            ObjectCall { id: CallId { session: "a1".to_owned(), number: 2 }, ..call.clone() },
+            ObjectCall { id: CallId { session: "a2".to_owned(), number: 1 }, ..call.clone() },
+            ObjectCall { argument: Bytes(vec![8]), ..call.clone() },
+            ObjectCall { name: "Open".to_owned(), ..call.clone() },
+        ];
+        assert!(others.iter().all(|other| digest("hand", other) != digest("hand", &call)));
+        assert_ne!(digest("hand", &call), digest("arm", &call));
     }
 }

@@ -56,6 +56,8 @@ pub struct IncomingCall {
     pub call: ObjectCall,
     /// When its caller waits no more, on the clock of this host.
     pub deadline: Time,
+    /// Whether it comes from a command line, by a node of the team, and not from a program.
+    pub is_visit: bool,
     /// The way of the answer.
     pub way: AnswerWay,
 }
@@ -148,7 +150,7 @@ impl DataSession {
                 return;
             };
             if let Ok(ObjectCancel { id }) = codec::decode(&bytes)
-                && sender.is_none_or(|sender| sender.may_be(&id.session))
+                && may_be(gate.as_deref(), sender.as_ref(), &id.session)
             {
                 cancelled(ObjectEvent::Cancelled(id));
             }
@@ -254,6 +256,11 @@ fn admit(
     gate.open(content, said, key).map(|(sender, bytes)| (Some(sender), bytes))
 }
 
+/// Returns whether the sender of a call may name this session as its own.
+fn may_be(gate: Option<&CallGate>, sender: Option<&Sender>, session: &str) -> bool {
+    gate.zip(sender).is_none_or(|(gate, sender)| gate.may_be(sender, session))
+}
+
 /// Takes what a caller sends. Called from zenoh.
 fn hear(
     query: Query,
@@ -266,8 +273,9 @@ fn hear(
     // Dropped, the query tells its caller that nobody is there.
     let Some((sender, bytes)) = admit(gate, Content::Call, said, &key) else { return };
     let call = codec::decode::<ObjectCall>(&bytes);
-    let is_own = |call: &ObjectCall| sender.as_ref().is_none_or(|sender| sender.may_be(&call.id.session));
+    let is_own = |call: &ObjectCall| may_be(gate, sender.as_ref(), &call.id.session);
     let call = call.and_then(|call| if is_own(&call) { Ok(call) } else { Err(CodecError::Foreign) });
+    let is_visit = matches!(sender, Some(Sender::Visitor));
     let sealer = match sender {
         Some(Sender::Caller(_, sealer, number)) => Some((sealer, number)),
         Some(Sender::Visitor) | None => None,
@@ -276,7 +284,7 @@ fn hear(
     match call {
         Ok(call) => {
             let deadline = now() + call.within;
-            serve(ObjectEvent::Called(Box::new(IncomingCall { call, deadline, way })));
+            serve(ObjectEvent::Called(Box::new(IncomingCall { call, deadline, is_visit, way })));
         }
         Err(error) => way.answer(Err(ObjectError::Refused { reason: format!("the call cannot be read: {error}") })),
     }

@@ -296,7 +296,7 @@ impl Inbox {
                 Next::Run(call) => call,
                 Next::Expired(_) => continue,
             };
-            let IncomingCall { call, deadline, way } = incoming;
+            let IncomingCall { call, deadline, way, .. } = incoming;
             let is_there = move |caller: &str| session.upgrade().is_some_and(|session| session.is_linked(caller));
             if !is_there(&call.id.session) {
                 continue;

@@ -5,6 +5,7 @@
 //! ends of wires, and tells them anew when one of them was started again; what is made already takes the new key then.
 
 use super::inbox::Inbox;
+use super::warrants::Warrants;
 use comms::io::data::{CallGate, CallWay, Caller, Cover, DeviceGate, Opener, SealCounter, SealKey, Sealer, Voucher};
 use comms::io::direct::{Guard, WireSecrets};
 use comms::io::session::Digest;
@@ -50,6 +51,7 @@ pub(super) struct Keyring {
     identity: Arc<ProgramIdentity>,
     counter: SealCounter,
     inbox: Arc<Inbox>,
+    warrants: Arc<Warrants>,
     state: Mutex<State>,
 }
 
@@ -80,7 +82,13 @@ impl Keyring {
     /// Seals with the keys of a program.
     pub(super) fn new(identity: &Arc<ProgramIdentity>, inbox: &Arc<Inbox>) -> Self {
         let (identity, inbox) = (Arc::clone(identity), Arc::clone(inbox));
-        Self { identity, counter: SealCounter::default(), inbox, state: Mutex::default() }
+        let warrants = Arc::new(Warrants::new(&inbox));
+        Self { identity, counter: SealCounter::default(), inbox, warrants, state: Mutex::default() }
+    }
+
+    /// Returns the calls of users that the node judges.
+    pub(super) const fn warrants(&self) -> &Arc<Warrants> {
+        &self.warrants
     }
 
     /// Takes what the node has signed for the keys.

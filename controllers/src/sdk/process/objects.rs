@@ -5,6 +5,7 @@
 
 use super::inbox::Inbox;
 use super::keyring::Keyring;
+use super::warrants::Warrants;
 use crate::sdk::calls::CallOrder;
 use crate::sdk::export::{ExportInterface, admit};
 use crate::sdk::interface::Interface;
@@ -79,7 +80,9 @@ impl Serving {
         let (key, cancel_key) = key::object(robot, instance);
         let serve = |exports: Vec<_>| {
             let gate = keyring.map(|keyring| keyring.gate((&key, &cancel_key)));
-            session.serve_calls((&key, &cancel_key), gate, move |event| hear(event, &exports, &inbox, &of))
+            let warrants = keyring.map(|keyring| Arc::clone(keyring.warrants()));
+            let of = Served { key: key.clone(), exports, inbox, session: of, warrants };
+            session.serve_calls((&key, &cancel_key), gate, move |event| of.hear(event))
         };
         let server = Some(exports).filter(|exports| !exports.is_empty()).map(serve).transpose()?;
         // What exports nothing says so, too: silence means that it was not reached.
@@ -90,13 +93,26 @@ impl Serving {
     }
 }
 
-fn hear(event: ObjectEvent, exports: &[ExportInterface], inbox: &Inbox, session: &Weak<DataSession>) {
-    match event {
-        ObjectEvent::Called(incoming) => match admit(exports, &incoming.call) {
-            Ok(()) => inbox.called(*incoming, session),
-            Err(error) => incoming.way.answer(Err(error)),
-        },
-        ObjectEvent::Cancelled(id) => inbox.cancelled(&id),
+/// The exports of a program, and the queue that their calls go to.
+struct Served {
+    key: String,
+    exports: Vec<ExportInterface>,
+    inbox: Arc<Inbox>,
+    session: Weak<DataSession>,
+    /// Calls of users, in a team.
+    warrants: Option<Arc<Warrants>>,
+}
+
+impl Served {
+    fn hear(&self, event: ObjectEvent) {
+        match event {
+            ObjectEvent::Called(incoming) => match (admit(&self.exports, &incoming.call), &self.warrants) {
+                (Ok(access), Some(warrants)) => warrants.admit((&self.key, access), *incoming, &self.session),
+                (Ok(_), None) => self.inbox.called(*incoming, &self.session),
+                (Err(error), _) => incoming.way.answer(Err(error)),
+            },
+            ObjectEvent::Cancelled(id) => self.inbox.cancelled(&id),
+        }
     }
 }
 
@@ -215,7 +231,8 @@ fn work(jobs: &Receiver<Job>, session: &Weak<DataSession>, caller: &str, (shared
                 made += 1;
                 let id = CallId { session: session.id(), number: made };
                 let (name, signature, argument) = (route.name, route.signature, Bytes(argument));
-                let asked = ObjectCall { id, caller: caller.to_owned(), name, signature, within, argument };
+                let (caller, warrant) = (caller.to_owned(), None);
+                let asked = ObjectCall { id, caller, name, signature, within, argument, warrant };
                 let (theirs, to) = (Arc::clone(shared), Arc::clone(inbox));
                 let take = move |result| {
                     theirs.pending().remove(&call);

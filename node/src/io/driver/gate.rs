@@ -2,12 +2,15 @@
 
 use super::Driver;
 use crate::io::caller::Caller;
-use crate::io::event::Event;
+use crate::io::event::{Connection, Event};
 use crate::io::guard::Guard;
 use crate::io::policy::ExecutionPolicy;
 use crate::logic::agent::Input;
 use crate::logic::gate::{Attempt, Outcome, Passed};
-use crate::logic::protocol::{Answer, Deployment, Request, Signed, ToParticipant};
+use crate::logic::protocol::{Answer, CallRequest, Deployment, Request, Signed, ToParticipant};
+use comms::io::control::ControlSender;
+use comms::logic::control::{Order, UserCall};
+use comms::logic::object::Warrant;
 
 /// How many orders were accepted and are not answered yet; of more, the latest.
 const ACCEPTED_MAX: usize = 256;
@@ -56,6 +59,27 @@ impl Driver {
                 None
             }
         }
+    }
+
+    /// Judges the call of a user that has come to a program, and tells the program when it is written down.
+    pub(super) fn judge_call(&mut self, program: Connection, sender: ControlSender, (number, call): (u64, UserCall)) {
+        let Connection { deployment, instance, .. } = program;
+        let UserCall { name: procedure, access, digest, warrant: Warrant { head, body } } = call;
+        // A number behind the path tells it from another program of the same process.
+        let path = instance.split('#').next().unwrap_or_default().to_owned();
+        let (asked, signed) =
+            (CallRequest { deployment, path, procedure, access, digest }, Signed { head: head.0, body: body.0 });
+        let guard = self.guard.clone();
+        self.tasks.spawn(async move {
+            let judged = keep(move || {
+                let guard = guard.ok_or("this node is in no team")?;
+                guard.procedure(asked, &signed).and_then(|attempt| guard.keep(&attempt))
+            });
+            let refusal = judged.await.err();
+            if let Err(error) = sender.send(&Order::Judged { number, refusal }) {
+                tracing::debug!(%error, "a program does not hear whether it may be called");
+            }
+        });
     }
 
     /// Hands a call to whom it is for.

@@ -85,7 +85,7 @@ impl Agent {
             Request::Credentials => answer(call, Answer::Credentials(Vec::new()), out),
             Request::Clock | Request::Team | Request::Signed(_) | Request::Revoke { .. } => elsewhere(call, out),
             Request::Revocations(_) | Request::Database(_) | Request::Here { .. } => elsewhere(call, out),
-            Request::RenewUser { .. } => elsewhere(call, out),
+            Request::RenewUser { .. } | Request::Call(_) => elsewhere(call, out),
         }
         out.effects.push(Effect::EndAnswers { call });
     }

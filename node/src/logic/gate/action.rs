@@ -2,6 +2,7 @@
 
 use crate::logic::database::question::{Commit, Question};
 use crate::logic::protocol::Request;
+use comms::logic::object::Access;
 use language::plan::Plan;
 use trust::name::{Name, NoName};
 use trust::request::Audience;
@@ -17,6 +18,7 @@ pub fn action(request: &Request) -> Option<Action> {
         Request::Stop { .. } | Request::Forget { .. } | Request::StopAway(_) => Some(Action::Stop),
         Request::ReleaseEstop => Some(Action::Start),
         Request::Database(question) | Request::Here { question, .. } => of_question(question),
+        Request::Call(call) => of_access(call.access),
         // To stop everything is everybody's; the set of the revoked, and what a user asks with to be renewed, are signed themselves.
         Request::Estop(_)
         | Request::Revoke { .. }
@@ -40,6 +42,14 @@ pub fn action(request: &Request) -> Option<Action> {
         | Request::Duplicates
         // A signature around a signature is nothing that anybody asks for.
         | Request::Signed(_) => None,
+    }
+}
+
+const fn of_access(access: Access) -> Option<Action> {
+    match access {
+        Access::Look => None,
+        Access::Operate => Some(Action::Operate),
+        Access::Deploy => Some(Action::Deploy),
     }
 }
 
@@ -89,6 +99,7 @@ pub fn subject(request: &Request) -> String {
         Request::Estop(_) => "stop everything".to_owned(),
         Request::ReleaseEstop => "let programs begin again".to_owned(),
         Request::Database(question) | Request::Here { question, .. } => subject_of(question),
+        Request::Call(call) => format!("call `{}` of `{}` of `{}`", call.procedure, call.path, call.deployment),
         _ => "look".to_owned(),
     }
 }

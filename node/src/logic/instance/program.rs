@@ -63,7 +63,7 @@ impl Instance {
             }
             Notice::Connected | Notice::ConnectFailed { .. } | Notice::Resume { .. } => {}
             // Neither comes as far as the agent.
-            Notice::Database { .. } | Notice::Losses { .. } | Notice::Refused { .. } => {}
+            Notice::Database { .. } | Notice::Losses { .. } | Notice::Refused { .. } | Notice::Judge { .. } => {}
         }
     }
 

@@ -138,7 +138,8 @@ impl World {
             | Order::Keys { .. }
             | Order::Partners { .. }
             | Order::Secret { .. }
-            | Order::Vouch { .. } => {}
+            | Order::Vouch { .. }
+            | Order::Judged { .. } => {}
             Order::Exit if self.lingers => {}
             Order::Exit => self.die(host, process, ShimReport::Exited { code: 0 }),
         }
