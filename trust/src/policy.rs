@@ -241,6 +241,12 @@ impl Policy {
         self.sandbox
     }
 
+    /// Returns whether it says which programs may be started.
+    #[must_use]
+    pub const fn limits_programs(&self) -> bool {
+        self.folders.is_some() || self.hashes.is_some()
+    }
+
     /// Returns whether only the hash of a program can say whether it may be started.
     #[must_use]
     pub fn needs_hash(&self, program: &Path) -> bool {

@@ -4,11 +4,12 @@
 //! So the program never runs without them, not even for an instant, and the shim itself has none. What the kernel refuses is
 //! left in the instance directory as one sentence, which the shim reports.
 
+use crate::judged;
 use crate::sandbox;
 use comms::io::file::{self, Privacy};
 use comms::logic::human::cause;
 use rustix::process::{Resource, Rlimit, setpriority_process, setrlimit};
-use shim::protocol::{LAUNCH, Limits, REFUSED_FILE, Sandbox, ShimStart};
+use shim::protocol::{Judged, LAUNCH, Limits, REFUSED_FILE, Sandbox, ShimStart};
 use std::ffi::OsString;
 use std::io::{self, Write as _};
 use std::os::unix::process::CommandExt;
@@ -55,7 +56,7 @@ pub(crate) fn launch(start: &ShimStart) -> ExitCode {
     // Behind a sandbox it may not be made any more. An empty file is no reason.
     let early =
         (start.sandbox != Sandbox::default()).then(|| file::created(&start.dir.join(REFUSED_FILE), Privacy::Usual));
-    let reason = limit(start).map_or_else(|reason| reason, |command| execute(&command, start));
+    let reason = limit(start).map_or_else(|reason| reason, |next| execute(&next, start));
     let written = early.map_or_else(
         || file::write(&start.dir.join(REFUSED_FILE), reason.as_bytes()),
         |file| file?.write_all(reason.as_bytes()),
@@ -84,7 +85,8 @@ pub(crate) fn try_limits(start: &ShimStart) -> Result<(), String> {
     if is_plain(start) {
         return Ok(());
     }
-    let trial = ShimStart { command: vec!["true".to_owned()], ..start.clone() };
+    let sandbox = Sandbox { judged: None, ..start.sandbox.clone() };
+    let trial = ShimStart { command: vec!["true".to_owned()], sandbox, ..start.clone() };
     let failed = |error: io::Error| format!("its limits cannot be tried: {}", cause(&error));
     let (program, arguments) = command(&trial).map_err(failed)?;
     let mut trial = Command::new(program);
@@ -97,14 +99,16 @@ pub(crate) fn try_limits(start: &ShimStart) -> Result<(), String> {
 }
 
 /// The command that a launch executes.
-struct Next {
-    command: Vec<OsString>,
+struct ToExecute<'a> {
+    words: Vec<OsString>,
+    /// The file that alone may run for its first word.
+    judged: Option<&'a Judged>,
     /// Whether that is another launch, of the same program.
     is_launch: bool,
 }
 
 /// Takes the limits, and gives up the rights; returns what to execute.
-fn limit(start: &ShimStart) -> Result<Next, String> {
+fn limit(start: &ShimStart) -> Result<ToExecute<'_>, String> {
     let limits = &start.limits;
     let caps = [
         (Resource::As, limits.memory, "B of memory"),
@@ -127,8 +131,8 @@ fn limit(start: &ShimStart) -> Result<Next, String> {
                 let limits = Limits { realtime: None, ..start.limits.clone() };
                 let (program, arguments) = self::command(&ShimStart { limits, groups: others, ..start.clone() })
                     .map_err(|error| format!("it cannot be started in its class: {}", cause(&error)))?;
-                let command = class.map(OsString::from).into_iter().chain([program]).chain(arguments).collect();
-                return Ok(Next { command, is_launch: true });
+                let words = class.map(OsString::from).into_iter().chain([program]).chain(arguments).collect();
+                return Ok(ToExecute { words, judged: None, is_launch: true });
             }
             command.splice(0..0, class.map(OsString::from));
         } else if realtime.is_optional {
@@ -159,7 +163,7 @@ fn limit(start: &ShimStart) -> Result<Next, String> {
         }
     }
     sandbox::enter(&start.sandbox, [&start.dir, &start.working_directory])?;
-    Ok(Next { command, is_launch: false })
+    Ok(ToExecute { words: command, judged: start.sandbox.judged.as_ref(), is_launch: false })
 }
 
 /// Joins a control group.
@@ -177,10 +181,14 @@ fn is_allowed(class: &[String]) -> bool {
     trial.status().is_ok_and(|status| status.success())
 }
 
-fn execute(Next { command, is_launch }: &Next, start: &ShimStart) -> String {
-    let Some((name, arguments)) = command.split_first() else { return "there is no program".to_owned() };
-    let mut next = Command::new(name);
-    next.args(arguments);
+fn execute(ToExecute { words, judged, is_launch }: &ToExecute<'_>, start: &ShimStart) -> String {
+    let Some((name, arguments)) = words.split_first() else { return "there is no program".to_owned() };
+    let opened = match judged.map(judged::open).transpose() {
+        Ok(opened) => opened,
+        Err(reason) => return reason,
+    };
+    let mut next = opened.as_ref().map_or_else(|| Command::new(name), |opened| Command::new(opened.path()));
+    next.arg0(name).args(arguments);
     if !is_launch {
         // From here on its variables may do what they do.
         next.env_clear().envs(start.environment.iter().map(|(name, value)| (name, value)));

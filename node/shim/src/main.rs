@@ -18,6 +18,7 @@ mod agent;
 mod beats;
 mod descendants;
 mod group;
+mod judged;
 mod launch;
 mod output;
 mod record;
@@ -86,6 +87,8 @@ Options:
                                what it may use
   --sandbox none|standard  --user UID:GID[:GID...]
                                its rights, and as whom it runs
+  --judged folder|hash:STAMP:PATH
+                               the only file that may run, as the node has judged it
   --sandbox-levels             what the sandbox takes besides, where the kernel has it: landlock, seccomp
   -h, --help                   this text
   -V, --version                the version";

@@ -17,9 +17,11 @@
 //! The shim reads one connection at a time, to its end. A connection that begins with anything else is closed.
 
 mod end;
+mod judged;
 mod start;
 
 pub use end::{EndReason, LimitKind, ProgramEnd};
+pub use judged::{Judged, JudgedBy, Stamp};
 pub use start::{Account, Limits, Realtime, SECRET_MAX, Sandbox, SandboxLevel, ShimStart, secret};
 use std::fmt;
 use std::time::Duration;

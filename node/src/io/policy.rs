@@ -12,11 +12,13 @@ use crate::logic::effect::SpawnOrder;
 use crate::logic::protocol::PolicyInUse;
 use anyhow::{Context, anyhow, ensure};
 use comms::io::file;
+use rustix::fs::{Mode, OFlags};
 use rustix::process::getuid;
-use shim::protocol::{Limits, Sandbox, SandboxLevel};
+use shim::protocol::{Judged, JudgedBy, Limits, Sandbox, SandboxLevel, Stamp};
 use std::collections::BTreeMap;
 use std::fs::{self, File};
-use std::io::ErrorKind;
+use std::io::{self, ErrorKind};
+use std::os::fd::AsRawFd;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -84,8 +86,32 @@ pub(crate) struct Admitted {
     pub(crate) environment: Vec<(String, String)>,
 }
 
-/// A program as it was when its hash was taken: device, inode, length, and when it was changed in any way.
-type Stamp = (u64, u64, u64, i64, i64);
+/// An executable file that is looked at. It stays open, so it is one file whatever happens to its names.
+struct Looked {
+    file: File,
+    path: PathBuf,
+    stamp: Stamp,
+}
+
+impl Looked {
+    /// Opens a program, by whatever links.
+    fn open(program: &Path) -> io::Result<Self> {
+        let file = File::from(rustix::fs::open(program, OFlags::PATH | OFlags::CLOEXEC, Mode::empty())?);
+        let stamp = Stamp::of(&file.metadata()?);
+        let path = fs::read_link(descriptor(&file))?;
+        Ok(Self { file, path, stamp })
+    }
+
+    /// Opens it once more, to be read.
+    fn read(&self) -> io::Result<File> {
+        file::opened(&descriptor(&self.file))
+    }
+}
+
+/// The path that leads to an open file.
+fn descriptor(file: &File) -> PathBuf {
+    format!("/proc/self/fd/{}", file.as_raw_fd()).into()
+}
 
 /// Decides what runs on this host.
 #[derive(Clone, Debug)]
@@ -153,8 +179,9 @@ impl ExecutionPolicy {
         let Some(PolicyFile { path, policy }) = found.context("this node starts nothing")? else {
             return Ok(Admitted { limits: asked.clone(), ..Admitted::default() });
         };
-        let program = fs::canonicalize(program).with_context(|| format!("finding `{}`", program.display()))?;
-        let hash = policy.needs_hash(&program).then(|| self.hash(&program)).transpose()?;
+        let looked = Looked::open(program).with_context(|| format!("finding `{}`", program.display()))?;
+        let by = if policy.needs_hash(&looked.path) { JudgedBy::Hash } else { JudgedBy::Folder };
+        let hash = (by == JudgedBy::Hash).then(|| self.hash(&looked)).transpose()?;
         let secrets: Vec<String> = order.secrets.iter().map(|secret| secret.key.clone()).collect();
         let environment = &order.environment;
         let variables: Vec<String> = environment.variables.keys().chain(&environment.inherited).cloned().collect();
@@ -168,7 +195,7 @@ impl ExecutionPolicy {
         let other = other.filter(|_| only.is_empty());
         let user = other.as_ref().or(mine.as_ref()).map_or_else(users::own_name, |user| user.name.clone());
         let admitted = policy.admit(&Start {
-            program: &program,
+            program: &looked.path,
             hash,
             user: &user,
             is_root: other.as_ref().map_or(own.as_raw(), |user| user.account.uid) == 0,
@@ -185,6 +212,7 @@ impl ExecutionPolicy {
                     level: level(policy.sandbox()),
                     user: other.as_ref().map(|user| user.account.clone()),
                     own: None,
+                    judged: policy.limits_programs().then_some(Judged { path: looked.path, stamp: looked.stamp, by }),
                 },
                 environment: other
                     .into_iter()
@@ -200,16 +228,18 @@ impl ExecutionPolicy {
     }
 
     /// Returns the hash of a program, which is taken once as long as nobody changes the file.
-    fn hash(&self, program: &Path) -> anyhow::Result<[u8; 32]> {
-        let failed = || format!("reading `{}`", program.display());
-        let file = file::opened(program).with_context(failed)?;
-        let found = file.metadata().with_context(failed)?;
-        let stamp = (found.dev(), found.ino(), found.len(), found.ctime(), found.ctime_nsec());
+    fn hash(&self, program: &Looked) -> anyhow::Result<[u8; 32]> {
+        let failed = || format!("reading `{}`", program.path.display());
+        let stamp = program.stamp;
         let known = |hashes: &BTreeMap<Stamp, [u8; 32]>| hashes.get(&stamp).copied();
         if let Some(hash) = known(&self.0.hashes.lock().unwrap_or_else(PoisonError::into_inner)) {
             return Ok(hash);
         }
-        let hash = hash_of(file).with_context(failed)?;
+        let file = program.read().with_context(failed)?;
+        let hash = hash_of(&file).with_context(failed)?;
+        // Bytes that were written while it was read are not those that were hashed.
+        let after = Stamp::of(&file.metadata().with_context(failed)?);
+        ensure!(after == stamp, "`{}` was changed while it was looked at", program.path.display());
         let mut hashes = self.0.hashes.lock().unwrap_or_else(PoisonError::into_inner);
         if hashes.len() >= HASHES_MAX {
             hashes.pop_first();
@@ -268,9 +298,9 @@ fn standard() -> &'static str {
     })
 }
 
-fn hash_of(file: File) -> std::io::Result<[u8; 32]> {
+fn hash_of(file: &File) -> io::Result<[u8; 32]> {
     let mut hasher = blake3::Hasher::new();
-    std::io::copy(&mut std::io::BufReader::with_capacity(64 << 10, file), &mut hasher)?;
+    io::copy(&mut io::BufReader::with_capacity(64 << 10, file), &mut hasher)?;
     Ok(*hasher.finalize().as_bytes())
 }
 
@@ -344,11 +374,14 @@ mod tests {
         let program = folder.join("program");
         let written = |bytes: &str| {
             fs::write(&program, bytes).unwrap();
-            policy.hash(&program).unwrap()
+            policy.hash(&Looked::open(&program).unwrap()).unwrap()
         };
         for bytes in ["one", "two!", "three"] {
             assert_eq!(written(bytes), *blake3::hash(bytes.as_bytes()).as_bytes());
-            assert_eq!(policy.hash(&program).unwrap(), *blake3::hash(bytes.as_bytes()).as_bytes());
+            assert_eq!(
+                policy.hash(&Looked::open(&program).unwrap()).unwrap(),
+                *blake3::hash(bytes.as_bytes()).as_bytes()
+            );
         }
         fs::remove_dir_all(&folder).unwrap();
     }

@@ -4,7 +4,7 @@
 use dca_tests::cluster::{Cluster, Ended, Host, Network, SOON, Stream, Trace, executable, wait_until};
 use rustix::process::Signal;
 use std::fs::{self, Permissions};
-use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
+use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, symlink};
 use std::path::PathBuf;
 use std::process::Command;
 
@@ -261,6 +261,47 @@ fn a_stricter_policy_counts_from_the_next_start_on() {
     let ended = mission.ended(SOON);
     let why = format!("(rule `folders`, `{}` line 2)", file.display());
     assert!(ended.code == Some(1) && format!("{ended}").contains(&why), "{ended}");
+}
+
+/// A link in another folder leads to a listed program while the node looks, and elsewhere when the program begins.
+#[test]
+fn a_link_that_is_turned_after_the_look_changes_nothing() {
+    let cluster = Cluster::new();
+    let host = cluster.here();
+    let [listed, other] = ["listed", "other"].map(|name| cluster.folder().join(name));
+    let [good, evil, link] = [listed.join("good"), other.join("evil"), other.join("tool")];
+    for (folder, program) in [(&listed, &good), (&other, &evil)] {
+        fs::create_dir_all(folder).expect("a folder of ours");
+        let script = format!("#!/bin/sh\necho \"$0\" > {}/ran\n", folder.display());
+        fs::write(program, script).expect("a folder of ours");
+        fs::set_permissions(program, Permissions::from_mode(0o755)).expect("a file of ours");
+    }
+    symlink(&good, &link).expect("a folder of ours");
+    let shell = real("/bin/sh");
+    let folders = [listed.display().to_string(), shell.parent().expect("it is in a folder").display().to_string()];
+    put(&host, "c1", &format!("{}\nfolders = {folders:?}", own_user()));
+    let _node = host.node("c1", &[]);
+    let go = cluster.folder().join("go");
+    let text = format!(
+        "module Hold(host) {{ exec \"sh -c 'until [ -e {} ]; do sleep 0.02; done'\"; plain; done; }}
+        module Tool(host) {{ exec \"{}\"; plain; done; }}
+        process main() {{
+            host {{ c1 }}
+            instantiated_processes {{ hold instof Hold(c1); tool instof Tool(c1); }}
+            internal_event_actions {{ hold ; tool }}
+        }}",
+        go.display(),
+        link.display()
+    );
+    let mission = host.dca(&["deploy", &cluster.file("tool.dca", &text)]);
+    assert!(wait_until(SOON, || cluster.leaf("main/hold").is_some()).is_some(), "it runs");
+    fs::remove_file(&link).expect("a file of ours");
+    symlink(&evil, &link).expect("a folder of ours");
+    fs::write(&go, "").expect("a folder of ours");
+    let ended = mission.ended(SOON);
+    assert_eq!(ended.code, Some(0), "{ended}");
+    let ran = [&listed, &other].map(|folder| fs::read_to_string(folder.join("ran")).ok());
+    assert_eq!(ran, [Some(format!("{}\n", real(&good.display().to_string()).display())), None]);
 }
 
 /// In a team each refusal is a line of the audit log, although a deployer has signed the deployment.

@@ -1,7 +1,7 @@
 //! Calls of users in a team, from their arrival until the node has judged whether the user may make them.
 //!
-//! The node judges, because it knows who is in the team and what was done already, and because it writes the audit log. A call
-//! waits for no other node than the one that was asked: if that one is lost, the call is refused, and has not happened.
+//! The node judges, because it knows the members of the team and the requests that it has accepted, and because it writes the audit
+//! log. If the node is lost before it has answered, the call is refused and has not happened.
 
 use super::inbox::Inbox;
 use super::node_line::NoticeLog;
@@ -89,7 +89,7 @@ impl Warrants {
         }
     }
 
-    /// There is another channel: nobody answers what was asked over those before.
+    /// There is another channel: questions that went over earlier ones get no answer.
     pub(super) fn renew(&self) {
         let Some(channel) = self.notices.get().map(NoticeLog::channel) else { return };
         let lost: Vec<Waiting> =

@@ -1,6 +1,6 @@
 //! The arguments of a shim: what it starts, and how.
 
-use super::{AGENT_LOSS_GRACE, ChildError, DIRECTORY, Gate, VARIABLE_PREFIX};
+use super::{AGENT_LOSS_GRACE, ChildError, DIRECTORY, Gate, Judged, VARIABLE_PREFIX};
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -73,6 +73,8 @@ pub struct Sandbox {
     pub user: Option<Account>,
     /// The folder of that user where the sockets of the program are: the instance directory is the node's alone.
     pub own: Option<PathBuf>,
+    /// The only file that may run, whatever the first word of the command leads to by then.
+    pub judged: Option<Judged>,
 }
 
 /// How much is taken from a program.
@@ -134,6 +136,7 @@ impl ShimStart {
             arguments.extend(["--user".into(), format!("{uid}:{gid}{groups}").into()]);
         }
         arguments.extend(self.sandbox.own.iter().flat_map(|own| ["--own".into(), own.clone().into()]));
+        arguments.extend(self.sandbox.judged.iter().flat_map(|judged| ["--judged".into(), judged.argument()]));
         for group in &self.groups {
             arguments.extend(["--group".into(), group.clone().into()]);
         }
@@ -230,6 +233,9 @@ impl ShimStart {
                 self.descriptors = Some(count.ok_or("must be a number")?);
             }
             "--own" => self.sandbox.own = Some(value.into()),
+            "--judged" => {
+                self.sandbox.judged = Some(Judged::parse(value).ok_or("must be `folder:STAMP:PATH` or `hash:…`")?)
+            }
             "--group" => self.groups.push(value.into()),
             "--sandbox" => {
                 self.sandbox.level = match value.to_str() {
@@ -327,7 +333,12 @@ fn text(value: OsString) -> Result<String, ()> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::{JudgedBy, Stamp};
     use super::*;
+
+    fn stamp() -> Stamp {
+        Stamp::of(&std::fs::metadata("/").unwrap())
+    }
 
     #[test]
     fn start_round_trips() {
@@ -352,6 +363,7 @@ mod tests {
                 level: SandboxLevel::Standard,
                 user: Some(Account { uid: 61184, gid: 61184, groups: vec![20, 44] }),
                 own: Some("/run/dca/c1+u/d/x".into()),
+                judged: Some(Judged { path: "/opt/a b:c/d".into(), stamp: stamp(), by: JudgedBy::Hash }),
             },
             groups: vec!["/sys/fs/cgroup/pids/dca-program-7-70".into()],
             descriptors: Some(1024),
@@ -378,6 +390,9 @@ mod tests {
         check(&["--nice", "very"], "argument `--nice`: must be a number");
         check(&["--sandbox", "strict"], "argument `--sandbox`: must be `none` or `standard`");
         check(&["--user", "root"], "argument `--user`: must be numbers: `UID:GID`, and more groups");
+        for wrong in ["folder:1.2.3.4:/a", "hash:1.2.3.4.5:a", "name:1.2.3.4.5:/a", "hash"] {
+            check(&["--judged", wrong], "argument `--judged`: must be `folder:STAMP:PATH` or `hash:…`");
+        }
         check(&["--speed", "9"], "argument `--speed`: is unknown");
     }
 }

@@ -2,7 +2,13 @@
 
 use super::{STARTED, Shim, exited};
 use rustix::process::getuid;
-use shim::protocol::{Account, Limits, OUTPUT_FILE, Realtime, Sandbox, SandboxLevel, ShimReport, ShimStart};
+use shim::protocol::{
+    Account, Gate, Judged, JudgedBy, Limits, OUTPUT_FILE, Realtime, Sandbox, SandboxLevel, ShimOrder, ShimReport,
+    ShimStart, Stamp,
+};
+use std::fs::Permissions;
+use std::os::unix::fs::{PermissionsExt as _, symlink};
+use std::path::Path;
 use std::process::{Command, Stdio};
 
 /// A user without rights, on every Linux.
@@ -12,7 +18,7 @@ const NOBODY: u32 = 65534;
 fn confined(script: &str, adjust: impl FnOnce(&mut ShimStart)) -> String {
     let user = getuid().is_root().then(|| Account { uid: NOBODY, gid: NOBODY, groups: vec![20] });
     let shim = Shim::start_with(|start| {
-        start.sandbox = Sandbox { level: SandboxLevel::Standard, user, own: None };
+        start.sandbox = Sandbox { level: SandboxLevel::Standard, user, own: None, judged: None };
         start.command = ["sh", "-c", script].map(str::to_owned).to_vec();
         adjust(start);
     });
@@ -143,4 +149,93 @@ fn what_a_sandboxed_program_is_refused_is_said() {
         start.command = ["sh", "-c", "exit 126"].map(str::to_owned).to_vec();
     });
     shim.expect(&[STARTED, exited(126), ShimReport::Gone]);
+}
+
+/// Makes an executable script; returns the judgement of it.
+fn judged(path: &Path, text: &str, by: JudgedBy) -> Judged {
+    std::fs::write(path, text).unwrap();
+    std::fs::set_permissions(path, Permissions::from_mode(0o755)).unwrap();
+    let path = std::fs::canonicalize(path).unwrap();
+    let stamp = Stamp::of(&std::fs::metadata(&path).unwrap());
+    Judged { path, stamp, by }
+}
+
+/// Waits at its gate with a command that a node has judged, while something happens.
+fn meanwhile(command: &Path, judged: Judged, limits: Limits, happens: impl FnOnce()) -> Shim {
+    let mut shim = Shim::start_with(|start| {
+        start.gate = Gate::Exec;
+        start.limits = limits;
+        start.sandbox.judged = Some(judged);
+        start.command = vec![command.display().to_string()];
+    });
+    assert_eq!(shim.next(), Some(ShimReport::Ready));
+    happens();
+    shim.order(&ShimOrder::Go);
+    shim
+}
+
+/// A link is turned round between the judgement of a node and the start: the file that was judged runs, and no other.
+#[test]
+fn what_was_judged_runs_wherever_a_link_leads_by_then() {
+    let folder = std::env::temp_dir().join(format!("dca-judged-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let [good, evil, link] = ["good", "evil", "link"].map(|name| folder.join(name));
+    let real_time = Limits { realtime: Some(Realtime { priority: 5, is_optional: true }), ..Limits::default() };
+    for (by, limits) in
+        [(JudgedBy::Folder, Limits::default()), (JudgedBy::Hash, Limits::default()), (JudgedBy::Hash, real_time)]
+    {
+        let is_good = judged(&good, "#!/bin/sh\necho good as $0\n", by);
+        judged(&evil, "#!/bin/sh\necho evil\n", by);
+        std::fs::remove_file(&link).unwrap_or_default();
+        symlink(&good, &link).unwrap();
+        let turned = || {
+            std::fs::remove_file(&link).unwrap();
+            symlink(&evil, &link).unwrap();
+        };
+        let ran = meanwhile(&link, is_good.clone(), limits, turned);
+        let said = ran.expect(&[STARTED, exited(0), ShimReport::Gone]).read(OUTPUT_FILE);
+        let name =
+            if by == JudgedBy::Folder { is_good.path.display().to_string() } else { "/proc/self/fd/".to_owned() };
+        assert!(said.starts_with(&format!("good as {name}")), "{by:?}: {said}");
+        // Any program but a script is told the name that the spec has.
+        let shell = std::fs::canonicalize("/bin/sh").unwrap();
+        let stamp = Stamp::of(&std::fs::metadata(&shell).unwrap());
+        let shim = Shim::start_with(|start| {
+            start.sandbox.judged = Some(Judged { path: shell, stamp, by });
+            start.command = ["/nowhere/sh", "-c", "echo as $0; ls /proc/self/fd | wc -l"].map(str::to_owned).to_vec();
+        });
+        let said = shim.expect(&[STARTED, exited(0), ShimReport::Gone]).read(OUTPUT_FILE);
+        assert_eq!(said, "as /nowhere/sh\n4\n", "nothing of it stays open");
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+/// The file itself is changed, or another one has its name: nothing runs.
+#[test]
+fn a_file_that_was_exchanged_after_the_judgement_does_not_run() {
+    let folder = std::env::temp_dir().join(format!("dca-exchanged-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let [program, other, evil] = ["program", "other", "evil"].map(|name| folder.join(name));
+    let written = || std::fs::write(&program, "#!/bin/sh\ntouch /tmp/evil\n").unwrap();
+    let renamed = || std::fs::rename(&other, &program).unwrap();
+    let linked = || {
+        std::fs::remove_file(&program).unwrap();
+        symlink(&evil, &program).unwrap();
+    };
+    let happenings: [(&dyn Fn(), &str); 3] =
+        [(&written, "was changed"), (&renamed, "was changed"), (&linked, "was changed")];
+    for by in [JudgedBy::Folder, JudgedBy::Hash] {
+        for (happens, why) in happenings {
+            std::fs::remove_file(&program).unwrap_or_default();
+            let good = judged(&program, "#!/bin/sh\necho good\n", by);
+            judged(&other, "#!/bin/sh\necho other\n", by);
+            judged(&evil, "#!/bin/sh\necho evil\n", by);
+            let (path, shim) = (good.path.clone(), meanwhile(&program, good, Limits::default(), happens));
+            let reason =
+                format!("`{}` {why} or exchanged after the policy had admitted it; deploy it again", path.display());
+            let ended = shim.expect(&[STARTED, ShimReport::ExecFailed { reason }, ShimReport::Gone]);
+            assert_eq!(ended.read(OUTPUT_FILE), "", "nothing has run");
+        }
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
 }
