@@ -1,7 +1,9 @@
 //! What Landlock and seccomp take from a program, where the kernel has them: without them the rest of the sandbox holds all the same.
 
 use landlock::{ABI, AccessFs, CompatLevel, Compatible, Ruleset, RulesetAttr, RulesetCreatedAttr, path_beneath_rules};
-use seccompiler::{BpfProgram, SeccompAction, SeccompFilter};
+use seccompiler::{
+    BpfProgram, SeccompAction, SeccompCmpArgLen, SeccompCmpOp, SeccompCondition, SeccompFilter, SeccompRule,
+};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -13,11 +15,28 @@ const OF_THE_SYSTEM: [&str; 9] = ["bin", "boot", "etc", "lib", "lib32", "lib64",
 const WRITES: ABI = ABI::V3;
 /// EPERM of the calls that are refused. Source: errno(3), Linux.
 const EPERM: u32 = 1;
+/// ENOSYS of a call that a library replaces by an older one, as on an older kernel. Source: errno(3), Linux.
+const ENOSYS: u32 = 38;
+/// The flags with which `clone` makes a process in a new namespace. Source: clone(2).
+const NEW_NAMESPACE: [libc::c_int; 7] = [
+    libc::CLONE_NEWCGROUP,
+    libc::CLONE_NEWIPC,
+    libc::CLONE_NEWNET,
+    libc::CLONE_NEWNS,
+    libc::CLONE_NEWPID,
+    libc::CLONE_NEWUSER,
+    libc::CLONE_NEWUTS,
+];
+/// The bit in the number of a call of the x32 form, which a kernel for x86 may have beside its own. Source: syscall(2).
+const X32: libc::c_long = 0x4000_0000;
+/// The numbers that x32 has of its own for calls that are refused: `ptrace`, `kexec_load`, `process_vm_readv`, `process_vm_writev`.
+/// Source: syscall_64.tbl, Linux.
+const OF_X32: [libc::c_long; 4] = [521, 528, 539, 540];
 
 /// Calls that are refused: those that change the kernel, the mounts, the clock or the namespaces, look into other processes, or have been the way
 /// into the kernel before. Source: systemd.exec(5), groups `@clock @module @mount @obsolete @raw-io @reboot @swap` and others.
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
-const REFUSED: [libc::c_long; 36] = [
+const REFUSED: [libc::c_long; 42] = [
     libc::SYS_acct,
     libc::SYS_add_key,
     libc::SYS_bpf,
@@ -29,6 +48,11 @@ const REFUSED: [libc::c_long; 36] = [
     libc::SYS_fsopen,
     libc::SYS_fspick,
     libc::SYS_init_module,
+    // A ring makes calls that no filter sees.
+    libc::SYS_io_uring_enter,
+    libc::SYS_io_uring_register,
+    libc::SYS_io_uring_setup,
+    libc::SYS_kcmp,
     libc::SYS_kexec_file_load,
     libc::SYS_kexec_load,
     libc::SYS_keyctl,
@@ -38,11 +62,13 @@ const REFUSED: [libc::c_long; 36] = [
     libc::SYS_open_by_handle_at,
     libc::SYS_open_tree,
     libc::SYS_perf_event_open,
+    libc::SYS_pidfd_getfd,
     libc::SYS_pivot_root,
     libc::SYS_process_vm_readv,
     libc::SYS_process_vm_writev,
     libc::SYS_ptrace,
     libc::SYS_quotactl,
+    libc::SYS_quotactl_fd,
     libc::SYS_reboot,
     libc::SYS_request_key,
     libc::SYS_setdomainname,
@@ -67,8 +93,10 @@ pub(super) fn confine(own: [&Path; 2]) -> Result<(), String> {
         write_nowhere_but(&places(own)).map_err(|error| format!("a sandbox with Landlock is refused: {error}"))?;
     }
     if has_seccomp() {
-        let program = filter().map_err(|error| format!("a sandbox with seccomp cannot be made: {error}"))?;
-        seccompiler::apply_filter(&program).map_err(|error| format!("a sandbox with seccomp is refused: {error}"))?;
+        for program in filters().map_err(|error| format!("a sandbox with seccomp cannot be made: {error}"))? {
+            seccompiler::apply_filter(&program)
+                .map_err(|error| format!("a sandbox with seccomp is refused: {error}"))?;
+        }
     }
     Ok(())
 }
@@ -128,15 +156,78 @@ fn write_nowhere_but(places: &[PathBuf]) -> Result<(), landlock::RulesetError> {
     rules.add_rules(path_beneath_rules(places, writes))?.restrict_self().map(drop)
 }
 
-fn filter() -> Result<BpfProgram, seccompiler::BackendError> {
-    let rules: BTreeMap<i64, Vec<_>> = REFUSED.into_iter().map(|call| (call, Vec::new())).collect();
+/// Returns the filters: one of calls that are refused, and one of calls that seem not to be there.
+fn filters() -> Result<[BpfProgram; 2], seccompiler::BackendError> {
+    let always = REFUSED.into_iter().map(|call| (call, Vec::new()));
+    let namespaces = || NEW_NAMESPACE.into_iter().map(makes_namespace).collect::<Result<Vec<_>, _>>();
+    let mut refused: BTreeMap<i64, Vec<SeccompRule>> = always.chain([(libc::SYS_clone, namespaces()?)]).collect();
+    // A filter sees the flags of `clone`. The flags of `clone3` are in memory. Without `clone3` libraries use `clone`.
+    let mut missing = BTreeMap::from([(libc::SYS_clone3, Vec::new())]);
+    if cfg!(target_arch = "x86_64") {
+        for rules in [&mut refused, &mut missing] {
+            rules.extend(rules.clone().into_iter().map(|(call, of_call)| (call | X32, of_call)));
+        }
+        refused.extend(OF_X32.into_iter().map(|call| (call | X32, Vec::new())));
+    }
     let arch = std::env::consts::ARCH.try_into()?;
-    SeccompFilter::new(rules, SeccompAction::Allow, SeccompAction::Errno(EPERM), arch)?.try_into()
+    let filter = |rules, error| -> Result<BpfProgram, seccompiler::BackendError> {
+        SeccompFilter::new(rules, SeccompAction::Allow, SeccompAction::Errno(error), arch)?.try_into()
+    };
+    Ok([filter(refused, EPERM)?, filter(missing, ENOSYS)?])
+}
+
+/// Returns the rule that meets a `clone` with this flag.
+fn makes_namespace(flag: libc::c_int) -> Result<SeccompRule, seccompiler::BackendError> {
+    let flag = u64::from(flag.cast_unsigned());
+    let has_flag = SeccompCmpOp::MaskedEq(flag);
+    SeccompRule::new(vec![SeccompCondition::new(0, SeccompCmpArgLen::Qword, has_flag, flag)?])
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::io::Error;
+
+    /// Makes a call without an argument in memory, and returns its error; a process that comes of it ends at once.
+    #[expect(unsafe_code, reason = "the library has no function for a call by its number")]
+    fn error_of(call: libc::c_long, first: libc::c_int) -> Option<i32> {
+        // SAFETY: the arguments are numbers. A child has a copy of the memory, and calls nothing but `_exit`.
+        let made = unsafe { libc::syscall(call, libc::c_long::from(first), 0, 0, 0, 0) };
+        if made == 0 && matches!(call, libc::SYS_clone | libc::SYS_clone3) {
+            // SAFETY: as above.
+            unsafe { libc::_exit(0) };
+        }
+        if made < 0 { Error::last_os_error().raw_os_error() } else { None }
+    }
+
+    /// In a thread: a filter holds for the thread that takes it.
+    #[test]
+    fn no_namespace_is_made_and_processes_and_threads_are() {
+        if !has_seccomp() {
+            println!("skipped: this kernel has no seccomp");
+            return;
+        }
+        let confined = || {
+            rustix::thread::set_no_new_privs(true).unwrap();
+            filters().unwrap().iter().for_each(|program| seccompiler::apply_filter(program).unwrap());
+            for flag in NEW_NAMESPACE {
+                assert_eq!(error_of(libc::SYS_clone, flag | libc::SIGCHLD), Some(libc::EPERM), "{flag:x}");
+                assert_eq!(error_of(libc::SYS_unshare, flag), Some(libc::EPERM), "{flag:x}");
+            }
+            assert_eq!(error_of(libc::SYS_clone3, 0), Some(libc::ENOSYS));
+            for call in [libc::SYS_setns, libc::SYS_io_uring_setup, libc::SYS_pidfd_getfd, libc::SYS_ptrace] {
+                assert_eq!(error_of(call, 0), Some(libc::EPERM), "{call}");
+            }
+            if cfg!(target_arch = "x86_64") {
+                let refused = [libc::SYS_unshare | X32, libc::SYS_setns | X32, OF_X32[0] | X32];
+                assert!(refused.iter().all(|call| error_of(*call, 0) == Some(libc::EPERM)));
+                assert_eq!(error_of(libc::SYS_clone | X32, libc::CLONE_NEWUSER), Some(libc::EPERM));
+            }
+            assert_eq!(std::thread::spawn(|| 7).join().unwrap(), 7);
+            assert!(std::process::Command::new("true").status().unwrap().success());
+        };
+        std::thread::spawn(confined).join().unwrap();
+    }
 
     #[test]
     fn what_is_closed_is_left_out_and_all_beside_it_is_open() {
