@@ -1,14 +1,27 @@
 //! The table of links of a session: which stand, by zenoh's events, and where a lost one is dialled again.
+//!
+//! A place that the program was told, or where a link has stood, is dialled first and stays. Any other place was only said on the
+//! network, where anybody can say anything. So a sender has few places, a place that has failed is left alone for a while, and it
+//! makes room for a place that was not tried yet.
 
 use super::patience;
+use crate::logic::time::Time;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::net::IpAddr;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use zenoh::config::Locator;
 
-/// At how many places one session is dialled.
-const PLACES_MAX: usize = 4;
+/// At how many places one session is dialled that were only said on the network.
+const PROPOSED_MAX: usize = 16;
+/// How many of those one sender has said.
+const PROPOSED_BY_ONE_MAX: usize = 2;
+/// How many places of one session are remembered where a link has stood, or that the program was told.
+const KNOWN_MAX: usize = 8;
+/// How long a place is left alone that has failed once; twice as long after each further time.
+const LEFT_ALONE: Duration = Duration::from_secs(2);
+/// The longest time for which it is left alone.
+const LEFT_ALONE_MAX: Duration = Duration::from_secs(60);
 /// How many sessions that were found, and not linked yet, are dialled at a time.
 const FOUND_MAX: usize = 64;
 /// How many of those are on one machine.
@@ -36,28 +49,78 @@ pub(super) struct Links {
 }
 
 /// Where to dial a session again.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub(super) struct Place {
-    pub(super) locators: Vec<Locator>,
+    /// Places that the program was told, or where a link has stood.
+    pub(super) known: Vec<Locator>,
+    /// Places that were said on the network, the latest first.
+    proposed: Vec<Proposed>,
     /// For how long; none for as long as this session lives.
     pub(super) within: Option<Duration>,
+}
+
+/// A place that was said on the network.
+#[derive(Clone)]
+struct Proposed {
+    locator: Locator,
+    /// The machine that has said it.
+    by: IpAddr,
+    /// How often it has failed, and until when it is left alone.
+    failures: u32,
+    until: Time,
+}
+
+/// A session that has said on the network where it is.
+pub(super) struct Heard {
+    pub(super) session: String,
+    /// Its name; empty if it does not say one.
+    pub(super) name: String,
+    pub(super) by: IpAddr,
+    pub(super) locator: Locator,
+}
+
+impl Place {
+    /// Returns a place that the program was told.
+    pub(super) const fn told(known: Vec<Locator>, within: Option<Duration>) -> Self {
+        Self { known, proposed: Vec::new(), within }
+    }
+
+    /// Returns all its places, for a person.
+    pub(super) fn all(&self) -> impl Iterator<Item = &Locator> {
+        self.known.iter().chain(self.proposed.iter().map(|proposed| &proposed.locator))
+    }
+
+    /// Returns the places that were said on the network, and that may be tried now.
+    pub(super) fn due(&self, now: Time) -> Vec<Locator> {
+        let due = self.proposed.iter().filter(|proposed| proposed.until <= now);
+        due.map(|proposed| proposed.locator.clone()).collect()
+    }
+
+    fn propose(&mut self, locator: Locator, by: IpAddr) {
+        if self.known.contains(&locator) || self.proposed.iter().any(|proposed| proposed.locator == locator) {
+            return;
+        }
+        let by_one = self.proposed.iter().filter(|proposed| proposed.by == by).count();
+        let of_sender = |proposed: &Proposed| by_one < PROPOSED_BY_ONE_MAX || proposed.by == by;
+        if by_one >= PROPOSED_BY_ONE_MAX || self.proposed.len() >= PROPOSED_MAX {
+            // The one that has failed most often gives way, and of several the oldest.
+            let places = self.proposed.iter().enumerate().filter(|(_, proposed)| of_sender(proposed));
+            let gives_way = places.max_by_key(|(place, proposed)| (proposed.failures, *place)).map(|(place, _)| place);
+            gives_way.map(|place| self.proposed.remove(place));
+        }
+        self.proposed.insert(0, Proposed { locator, by, failures: 0, until: Time::ZERO });
+    }
 }
 
 impl Links {
     /// Takes note of a session that says that it is there; says whether to dial it. Anybody can say anything on a network, so
     /// few that have never been linked are dialled at a time: a new one takes the place of the oldest of its machine, or of
     /// all. Who is there says so again.
-    pub(super) fn find(
-        &mut self,
-        session: &str,
-        name: String,
-        (at, locator): (IpAddr, Locator),
-        within: Duration,
-    ) -> bool {
-        if !self.kept.contains_key(session) {
+    pub(super) fn find(&mut self, Heard { session, name, by, locator }: Heard, within: Duration) -> bool {
+        if !self.kept.contains_key(&session) {
             let (kept, standing) = (&self.kept, &self.standing);
             self.found.retain(|(other, _)| kept.contains_key(other) && !standing.contains(other));
-            let is_near = |(_, other): &(String, IpAddr)| *other == at;
+            let is_near = |(_, other): &(String, IpAddr)| *other == by;
             let oldest = match self.found.iter().filter(|one| is_near(one)).count() {
                 FOUND_NEAR_MAX.. => self.found.iter().position(is_near),
                 _ => (self.found.len() >= FOUND_MAX).then_some(0),
@@ -67,18 +130,34 @@ impl Links {
                 self.names.remove(&oldest);
                 self.troubles.remove(&oldest);
             }
-            self.found.push_back((session.to_owned(), at));
+            self.found.push_back((session.clone(), by));
         }
         if !name.is_empty() {
-            self.names.insert(session.to_owned(), name);
+            self.names.insert(session.clone(), name);
         }
-        let place = self.kept.entry(session.to_owned());
-        let place = place.or_insert_with(|| Place { locators: Vec::new(), within: Some(within) });
-        // What was heard last comes first.
-        place.locators.retain(|other| *other != locator);
-        place.locators.insert(0, locator);
-        place.locators.truncate(PLACES_MAX);
-        !self.standing.contains(session) && !self.dialling.contains(session)
+        let is_wanted = !self.standing.contains(&session) && !self.dialling.contains(&session);
+        let place = self.kept.entry(session).or_insert_with(|| Place::told(Vec::new(), Some(within)));
+        place.propose(locator, by);
+        is_wanted
+    }
+
+    /// Takes note that a link has been made to a session at a place.
+    pub(super) fn prove(&mut self, session: &str, locator: &Locator) {
+        let Some(place) = self.kept.get_mut(session) else { return };
+        place.proposed.retain(|proposed| proposed.locator != *locator);
+        if !place.known.contains(locator) {
+            place.known.insert(0, locator.clone());
+            place.known.truncate(KNOWN_MAX);
+        }
+    }
+
+    /// Takes note that places of a session were tried in vain.
+    pub(super) fn fail(&mut self, session: &str, locators: &[Locator], now: Time) {
+        let Some(place) = self.kept.get_mut(session) else { return };
+        for proposed in place.proposed.iter_mut().filter(|proposed| locators.contains(&proposed.locator)) {
+            proposed.until = now + LEFT_ALONE_MAX.min(LEFT_ALONE * 2_u32.saturating_pow(proposed.failures.min(8)));
+            proposed.failures = proposed.failures.saturating_add(1);
+        }
     }
 
     /// Forgets a link; returns the other ones of the session.
@@ -107,14 +186,14 @@ mod tests {
     fn words_on_the_network_make_few_dials() {
         let mut links = Links::default();
         let hear = |links: &mut Links, session: &str, machine: u8| {
-            let at = IpAddr::from([10, 0, 0, machine]);
-            let locator = format!("tcp/{at}:7").parse().unwrap();
-            links.find(session, "c1".into(), (at, locator), Duration::from_secs(60))
+            let by = IpAddr::from([10, 0, 0, machine]);
+            let locator = format!("tcp/{by}:7").parse().unwrap();
+            links.find(Heard { session: session.into(), name: "c1".into(), by, locator }, Duration::from_secs(60))
         };
         // One that is linked, and one that this program was told of, stay whatever is said.
         assert!(hear(&mut links, "linked", 1));
         links.standing.insert("linked".into());
-        links.kept.insert("told".into(), Place { locators: vec![], within: None });
+        links.kept.insert("told".into(), Place::told(vec![], None));
         for number in 0..1000 {
             assert!(hear(&mut links, &format!("forged {number}"), 2));
         }
@@ -128,5 +207,60 @@ mod tests {
         assert!(hear(&mut links, "new", 3) && links.kept.contains_key("new"), "who is there says so again");
         links.dialling.insert("new".into());
         assert!(!hear(&mut links, "new", 3) && !hear(&mut links, "linked", 1));
+    }
+
+    fn locator(text: &str) -> Locator {
+        format!("tcp/{text}").parse().unwrap()
+    }
+
+    /// Says that a session is somewhere, as a machine.
+    fn say(links: &mut Links, session: &str, by: [u8; 4], place: &str) {
+        let heard = Heard { session: session.into(), name: String::new(), by: by.into(), locator: locator(place) };
+        links.find(heard, Duration::from_secs(60));
+    }
+
+    #[test]
+    fn words_on_the_network_do_not_displace_a_place_that_has_proved_itself() {
+        let (mut links, at) = (Links::default(), Time::from_nanos(1));
+        say(&mut links, "r2", [10, 0, 0, 2], "10.0.0.2:7");
+        assert_eq!(links.kept["r2"].due(at), [locator("10.0.0.2:7")]);
+        links.prove("r2", &locator("10.0.0.2:7"));
+        for number in 0..1000_u16 {
+            let machine = u8::try_from(number % 250).unwrap();
+            say(&mut links, "r2", [10, 0, 9, machine], &format!("10.0.9.{machine}:{number}"));
+        }
+        let place = &links.kept["r2"];
+        assert_eq!((&place.known[..], place.due(at).len()), (&[locator("10.0.0.2:7")][..], PROPOSED_MAX));
+        say(&mut links, "r2", [10, 0, 0, 2], "10.0.0.2:7");
+        assert!(!links.kept["r2"].due(at).contains(&locator("10.0.0.2:7")), "it is known");
+    }
+
+    #[test]
+    fn a_sender_has_few_places_and_those_that_failed_give_way() {
+        let (mut links, at) = (Links::default(), Time::from_nanos(1));
+        for port in 1..100 {
+            say(&mut links, "r2", [10, 0, 0, 66], &format!("10.0.0.66:{port}"));
+        }
+        assert_eq!(links.kept["r2"].due(at), [locator("10.0.0.66:99"), locator("10.0.0.66:98")]);
+        for machine in 100..114 {
+            say(&mut links, "r2", [10, 0, 0, machine], &format!("10.0.0.{machine}:7"));
+        }
+        let all = links.kept["r2"].due(at);
+        assert_eq!(all.len(), PROPOSED_MAX);
+        links.fail("r2", &all[1..], at);
+        assert_eq!(links.kept["r2"].due(at), all[..1], "the others are left alone");
+        for machine in 200..215 {
+            say(&mut links, "r2", [10, 0, 0, machine], &format!("10.0.0.{machine}:7"));
+        }
+        let now = links.kept["r2"].due(at);
+        assert!(now.len() == PROPOSED_MAX && now.contains(&all[0]), "those that were not tried stay: {now:?}");
+        // Longer and longer.
+        let (one, mut now) = (&all[..1], at);
+        for seconds in [2, 4, 8, 16, 32, 60, 60] {
+            links.fail("r2", one, now);
+            let is_due = |later: u64| links.kept["r2"].due(now + Duration::from_millis(later)).contains(&all[0]);
+            assert!(!is_due(1000 * seconds - 1) && is_due(1000 * seconds), "{seconds}");
+            now = now + Duration::from_secs(seconds);
+        }
     }
 }

@@ -4,7 +4,7 @@
 mod keeper;
 
 use super::config::Settings;
-use super::links::{Links, Place, lock};
+use super::links::{Heard, Links, Place, lock};
 use super::nearby::{self, Announced, NearbyNode};
 use super::tunnel::{TunnelOptions, Tunnels};
 use super::{OpenError, patience};
@@ -146,7 +146,7 @@ impl Opened {
         let links = lock(&self.dialler.links);
         let missing = links.kept.iter().filter(|(session, _)| !links.standing.contains(*session));
         let told = missing.map(|(session, place)| {
-            let places = || place.locators.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+            let places = || place.all().map(ToString::to_string).collect::<Vec<_>>().join(", ");
             let who = links.names.get(session).cloned().unwrap_or_else(places);
             (who, links.troubles.get(session).cloned().unwrap_or_else(|| "it is being dialled".to_owned()))
         });
@@ -231,7 +231,7 @@ impl Opened {
             return Err("it listens nowhere that can be reached from here".to_owned());
         }
         // Before the first attempt, so that a link lost right after it is noticed.
-        let place = Place { locators: locators.clone(), within: None };
+        let place = Place::told(locators.clone(), None);
         lock(&self.dialler.links).kept.insert(session.to_owned(), place);
         let connecting = connect(&self.dialler, id);
         let linked = ZRuntime::Net.block_in_place(async { tokio::time::timeout(within, connecting).await });
@@ -244,6 +244,12 @@ impl Opened {
         })
     }
 
+    /// Hears that a node has said on the network where it is.
+    #[cfg(test)]
+    pub(super) fn hear(&self, node: NearbyNode) {
+        hears(self.id(), self.dialler.clone(), Arc::clone(&self.to_keeper))(node);
+    }
+
     /// Links to a peer whenever it can be reached, and keeps linked to it; waits for nothing. Says why not.
     pub(crate) fn keep(&self, session: &str, locators: &[String]) -> Result<(), String> {
         let locators: Result<Vec<Locator>, _> = locators.iter().map(|locator| locator.parse()).collect();
@@ -251,7 +257,7 @@ impl Opened {
         if session == self.id() {
             return Ok(());
         }
-        lock(&self.dialler.links).kept.insert(session.to_owned(), Place { locators, within: None });
+        lock(&self.dialler.links).kept.insert(session.to_owned(), Place::told(locators, None));
         match self.to_keeper.push(Change::Wanted(session.to_owned())) {
             Pushed::Stored | Pushed::Replaced(_) => Ok(()),
             Pushed::Rejected(_) => Err("too many links are lost".to_owned()),
@@ -332,8 +338,8 @@ fn hears(own: String, dialler: Dialler, to_keeper: Arc<Sender<Change>>) -> impl 
         if session == own || !is_ours || session.parse::<ZenohId>().is_err() {
             return;
         }
-        let is_wanted = lock(&dialler.links).find(&session, name, (at.ip(), locator), FOUND_AGAIN_WITHIN);
-        if is_wanted {
+        let heard = Heard { session: session.clone(), name, by: at.ip(), locator };
+        if lock(&dialler.links).find(heard, FOUND_AGAIN_WITHIN) {
             to_keeper.push(Change::Wanted(session));
         }
     }

@@ -5,6 +5,7 @@ use super::super::links::{Links, Place, lock};
 use super::super::tunnel::Tunnels;
 use super::super::{patience, reach};
 use super::FOUND_AGAIN_WITHIN;
+use crate::io::clock::now;
 use crate::io::queue::Receiver;
 use std::net::SocketAddr;
 use std::path::Path;
@@ -18,6 +19,14 @@ use zenoh::internal::runtime::{Runtime, ZRuntime};
 const RETRY_MIN: Duration = Duration::from_millis(100);
 /// The longest wait between two attempts to dial; each is half as long again as the one before.
 const RETRY_MAX: Duration = Duration::from_millis(500);
+/// How much earlier a known place is asked than one that was only said on the network.
+const HEAD_START: Duration = Duration::from_millis(300);
+/// How long a place has that was only said on the network, until it has shown who is there: a round trip of 3 s.
+const SHOWN_WITHIN: Duration = Duration::from_secs(8);
+/// The same where many places were said: then most of them are false.
+const SHOWN_WITHIN_OF_MANY: Duration = Duration::from_secs(1);
+/// So many places are not many: the addresses of one machine.
+const FEW: usize = 4;
 /// How often a link that is being made is looked for, to give it a limit.
 const LIMIT_EVERY: Duration = Duration::from_millis(100);
 /// How often the keeper looks at a place that zenoh dials by itself.
@@ -58,8 +67,9 @@ pub(super) async fn keep(dialler: Dialler, port: Option<u16>, mut changes: Recei
             Some(Change::Made { session, from, to }) => {
                 // The other side of a link that we accepted listens elsewhere, and dials us.
                 if port != Some(from.port()) {
-                    let place = Place { locators: vec![to], within: Some(FOUND_AGAIN_WITHIN) };
-                    lock(&links).kept.entry(session).or_insert(place);
+                    let (mut links, found) = (lock(&links), || Place::told(Vec::new(), Some(FOUND_AGAIN_WITHIN)));
+                    links.kept.entry(session.clone()).or_insert_with(found);
+                    links.prove(&session, &to);
                 }
                 continue;
             }
@@ -111,33 +121,96 @@ pub(super) async fn connect(dialler: &Dialler, id: ZenohId) {
     loop {
         let place = {
             let mut links = lock(links);
-            let kept = links.kept.get(&session).map(|place| place.locators.clone());
-            let place = kept.filter(|_| !links.standing.contains(&session));
+            let place = links.kept.get(&session).cloned().filter(|_| !links.standing.contains(&session));
             if place.is_none() {
                 // With the same look: a link that is lost from here on is told to the keeper, who has to find nobody dialling.
                 links.dialling.remove(&session);
             }
             place
         };
-        let Some(locators) = place.filter(|_| !dialler.runtime.is_closed()) else { return };
-        let attempted = attempt(dialler, id, &locators).await;
-        {
-            let mut links = lock(links);
-            if links.standing.contains(&session) {
-                continue;
-            }
-            // The event that a link stands may be a moment late.
-            if let Err(why) = attempted {
-                links.troubles.insert(session.clone(), why);
-            }
+        let Some(place) = place.filter(|_| !dialler.runtime.is_closed()) else { return };
+        attempt(dialler, id, &place).await;
+        // The event that a link stands may be a moment late.
+        if lock(links).standing.contains(&session) {
+            continue;
         }
         tokio::time::sleep(wait.mul_f64(jitter())).await;
         wait = RETRY_MAX.min(wait.mul_f64(1.5));
     }
 }
 
-/// Tries once to make a link. Says why there is none, for a person.
-async fn attempt(dialler: &Dialler, id: ZenohId, locators: &[Locator]) -> Result<(), String> {
+/// Tries once to make a link, first at the known places. Takes note of the reason if there is none.
+async fn attempt(dialler: &Dialler, id: ZenohId, place: &Place) {
+    let due = place.due(now());
+    let note = |why: String| {
+        let (mut links, session) = (lock(&dialler.links), id.to_string());
+        if !links.standing.contains(&session) {
+            links.troubles.insert(session, why);
+        }
+    };
+    let known = async {
+        let made = match place.known.is_empty() {
+            true => Err(None),
+            false => make(dialler, id, &place.known).await.map_err(Some),
+        };
+        made.map_err(|why| why.map(note))
+    };
+    let proposed = async {
+        if !place.known.is_empty() {
+            tokio::time::sleep(HEAD_START).await;
+        }
+        let made = if due.is_empty() { Err(None) } else { propose(dialler, id, due).await.map_err(Some) };
+        made.map_err(|why| why.map(note))
+    };
+    tokio::pin!(known, proposed);
+    // The first that makes a link ends the other; two that fail end as well.
+    tokio::select! {
+        Ok(()) = &mut known => {}
+        Ok(()) = &mut proposed => {}
+        else => {}
+    }
+}
+
+/// Asks all places at once that were said on the network. The first one that shows the right key gets the link.
+async fn propose(dialler: &Dialler, id: ZenohId, locators: Vec<Locator>) -> Result<(), String> {
+    let within = if locators.len() > FEW { SHOWN_WITHIN_OF_MANY } else { SHOWN_WITHIN };
+    let (mut asking, mut why) = (JoinSet::new(), String::new());
+    for locator in locators.clone() {
+        let dialler = dialler.clone();
+        asking.spawn(async move {
+            let silent = || Err(format!("{}: it does not say in time who it is", locator.address()));
+            let shown = tokio::time::timeout(within, shown(&dialler, id, std::slice::from_ref(&locator))).await;
+            shown.unwrap_or_else(|_elapsed| silent())
+        });
+    }
+    while let Some(asked) = asking.join_next().await {
+        match asked.map_err(|error| error.to_string()).flatten() {
+            Ok(shown) => {
+                // Each of the others may be one more address of the same node.
+                asking.abort_all();
+                return enter(dialler, id, shown).await;
+            }
+            Err(because) => why = because,
+        }
+    }
+    lock(&dialler.links).fail(&id.to_string(), &locators, now());
+    Err(why)
+}
+
+async fn make(dialler: &Dialler, id: ZenohId, locators: &[Locator]) -> Result<(), String> {
+    enter(dialler, id, shown(dialler, id, locators).await?).await
+}
+
+/// A place that answers, and in a team has shown who is there.
+struct Shown {
+    locator: Locator,
+    /// The way of the link: a tunnel, in a team.
+    way: Locator,
+    took: Duration,
+}
+
+/// Finds a place that answers, and looks who is there.
+async fn shown(dialler: &Dialler, id: ZenohId, locators: &[Locator]) -> Result<Shown, String> {
     let (locator, took) = reach::first(locators).await?;
     let place = locator.address().as_str().to_owned();
     let way = match &dialler.tunnels {
@@ -148,12 +221,18 @@ async fn attempt(dialler: &Dialler, id: ZenohId, locators: &[Locator]) -> Result
             lock(&dialler.links).names.insert(id.to_string(), name);
             through(&path)?
         }
-        _ => locator,
+        _ => locator.clone(),
     };
+    Ok(Shown { locator, way, took })
+}
+
+/// Makes the link to a place.
+async fn enter(dialler: &Dialler, id: ZenohId, Shown { locator, way, took }: Shown) -> Result<(), String> {
     if link(dialler, id, way, took).await {
+        lock(&dialler.links).prove(&id.to_string(), &locator);
         return Ok(());
     }
-    Err(format!("{place} answers after {} ms, and makes no link", took.as_millis()))
+    Err(format!("{} answers after {} ms, and makes no link", locator.address(), took.as_millis()))
 }
 
 /// Returns the way through a tunnel.
@@ -239,6 +318,6 @@ pub(super) async fn watch_place(place: Locator, links: Arc<Mutex<Links>>) {
 
 /// Returns a factor from 0.75 to 1.25, so that programs that lost their links together do not dial together.
 fn jitter() -> f64 {
-    let millionth = crate::io::clock::now().nanos() % 1_000_000;
+    let millionth = now().nanos() % 1_000_000;
     0.75 + f64::from(u32::try_from(millionth).unwrap_or(0)) / 2e6
 }

@@ -1,4 +1,5 @@
 use super::super::config::{Settings, unix_locator};
+use super::super::nearby::NearbyNode;
 use super::super::open::{Opened, Redial, Search};
 use super::*;
 use std::collections::BTreeSet;
@@ -130,6 +131,34 @@ fn who_is_trusted_is_linked_and_ends_with_the_trust() {
     assert_eq!(events.recv_timeout(WITHIN), Ok(SampleKind::Delete));
     assert_eq!(events.recv_timeout(WITHIN), Ok(SampleKind::Put));
     assert!(reaches(&a, &b));
+    a.close();
+    b.close();
+}
+
+/// Places that take a connection and say nothing are said on the network for a session, again and again.
+#[test]
+fn silent_places_keep_no_node_from_its_link() {
+    let ((a, _, _), (b, _, _)) = (session(0, &[1]), session(1, &[0]));
+    let silent: Vec<std::net::TcpListener> =
+        (1..=30).map(|machine| std::net::TcpListener::bind(([127, 0, 7, machine], 0)).unwrap()).collect();
+    let say = |at: SocketAddr| a.hear(NearbyNode { session: b.id(), name: String::new(), at });
+    let say_false = || silent.iter().for_each(|listener| say(listener.local_addr().unwrap()));
+    let (events_tx, events) = sync_channel(16);
+    let on_event = move |event: TransportEvent| events_tx.try_send(event.kind()).unwrap_or_default();
+    let info = a.session.info();
+    let _listener = info.transport_events_listener().history(false).callback(on_event).wait().unwrap();
+    // Before any link the true place is one of many.
+    say_false();
+    say(tcp(&b).trim_start_matches("tcp/").parse().unwrap());
+    assert_eq!(events.recv_timeout(WITHIN), Ok(SampleKind::Put));
+    // After a cut it is the first one, whatever is said meanwhile.
+    say_false();
+    let began = now();
+    a.cut(&b.id());
+    say_false();
+    assert_eq!(events.recv_timeout(WITHIN), Ok(SampleKind::Delete));
+    assert_eq!(events.recv_timeout(WITHIN), Ok(SampleKind::Put));
+    println!("again after {:?}", now() - began);
     a.close();
     b.close();
 }
