@@ -30,8 +30,11 @@ const WAITING_MAX: usize = 256;
 const TOGETHER_MAX: usize = 63;
 /// How many of them are refusals: who is refused again and again keeps nothing out that was done.
 const REFUSED_MAX: usize = 128;
-/// How many records of either decision there are in a minute; more are counted, so that nobody fills the disk.
+/// The most records of a minute that tell of something done, and the most that tell of a refused member. The disk stays free of
+/// more: they are only counted.
 const PER_MINUTE: u32 = 600;
+/// The most records of a minute that tell of a refused stranger. Strangers have a count of their own, so they hide no refusal of a member.
+const STRANGERS_PER_MINUTE: u32 = 8;
 /// After how long a disk that has refused is tried again.
 const AGAIN_AFTER: Duration = Duration::from_secs(1);
 const TOO_MANY: &str = "too many in a minute";
@@ -56,10 +59,33 @@ pub struct Audit {
     writer: Option<JoinHandle<()>>,
     /// How many refusals wait.
     refused: Arc<AtomicUsize>,
-    /// Of what was done, and of what was refused.
-    quotas: Mutex<[Quota; 2]>,
+    /// By the place of their [`Class`].
+    quotas: Mutex<[Quota; 3]>,
     /// Where the log has come to on the disk.
     position: watch::Receiver<Option<Position>>,
+}
+
+/// The records that are counted together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Class {
+    Done,
+    Refused,
+    Stranger,
+}
+
+impl Class {
+    const ALL: [Self; 3] = [Self::Done, Self::Refused, Self::Stranger];
+
+    const fn per_minute(self) -> u32 {
+        if matches!(self, Self::Stranger) { STRANGERS_PER_MINUTE } else { PER_MINUTE }
+    }
+
+    /// Says how many records were left out.
+    fn more(self, count: u32, reason: &str) -> AuditEntry {
+        let decision = if self == Self::Done { Decision::Done } else { Decision::Refused };
+        let who = if self == Self::Stranger { "strangers" } else { "many" };
+        AuditEntry { who: who.to_owned(), ..more(decision, count, reason) }
+    }
 }
 
 /// How many records there were in this minute, and how many there would have been.
@@ -95,14 +121,27 @@ impl Audit {
 
     /// Has a record written. What comes too fast is only counted, and told of in the next minute, or at the end.
     pub fn record(&self, entry: AuditEntry) {
+        let class = if entry.decision == Decision::Refused { Class::Refused } else { Class::Done };
+        self.record_of(class, entry);
+    }
+
+    /// Has a record written of a stranger who was refused, as [`Audit::record`] does, but a few in a minute. Says whether it is one of them.
+    pub fn record_stranger(&self, entry: AuditEntry) -> bool {
+        self.record_of(Class::Stranger, entry)
+    }
+
+    fn record_of(&self, class: Class, entry: AuditEntry) -> bool {
         let now = crate::now();
         let mut quotas = self.quotas.lock().unwrap_or_else(PoisonError::into_inner);
-        let quota = &mut quotas[usize::from(entry.decision == Decision::Refused)];
-        let told = quota.begin(now).map(|count| more(entry.decision, count, TOO_MANY));
-        for entry in told.into_iter().chain([entry]) {
-            let taken = quota.takes() && self.send(now, entry);
-            quota.lost += u32::from(!taken);
+        let quota = &mut quotas[class as usize];
+        if let Some(count) = quota.begin(now)
+            && !self.send(now, class.more(count, TOO_MANY))
+        {
+            quota.lost += count;
         }
+        let is_taken = quota.takes(class.per_minute()) && self.send(now, entry);
+        quota.lost += u32::from(!is_taken);
+        is_taken
     }
 
     /// Gives a record to the writer; says whether there was room.
@@ -131,10 +170,10 @@ impl Drop for Audit {
     fn drop(&mut self) {
         let quotas = std::mem::take(self.quotas.get_mut().unwrap_or_else(PoisonError::into_inner));
         if let Some(records) = self.records.take() {
-            for (quota, decision) in quotas.into_iter().zip([Decision::Done, Decision::Refused]) {
+            for (quota, class) in quotas.into_iter().zip(Class::ALL) {
                 if quota.lost > 0 {
                     // The writer takes what waits, and then this: there is nobody else any more.
-                    drop(records.send((crate::now(), more(decision, quota.lost, TOO_MANY))));
+                    drop(records.send((crate::now(), class.more(quota.lost, TOO_MANY))));
                 }
             }
         }
@@ -155,9 +194,9 @@ impl Quota {
         (lost > 0).then_some(lost)
     }
 
-    fn takes(&mut self) -> bool {
+    fn takes(&mut self, per_minute: u32) -> bool {
         self.count = self.count.saturating_add(1);
-        self.count <= PER_MINUTE
+        self.count <= per_minute
     }
 }
 
@@ -485,10 +524,36 @@ mod tests {
     }
 
     #[test]
+    fn strangers_hide_no_refusal_of_a_member_and_are_summed() {
+        let folder = std::env::temp_dir().join(format!("dca-audit-strangers-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let audit = Audit::open(&folder, KeyId([1; 32]), KeyId([2; 32])).unwrap();
+        for number in 0..10_000 {
+            audit.record_stranger(entry(&format!("stranger {number}")));
+            if number % 1000 == 999 {
+                audit.record(entry("vera"));
+            }
+        }
+        drop(audit);
+        let lines = lines(&folder);
+        assert_eq!(lines.iter().filter(|line| line.contains("\tvera\t")).count(), 10);
+        let strangers = lines.iter().filter(|line| line.contains("\tstranger ")).count();
+        let sums = lines.iter().filter(|line| line.contains("\tstrangers\t"));
+        let counted = |line: &String| -> Option<usize> {
+            line.split_once(" more that were refused")?.0.split('\t').next_back()?.parse().ok()
+        };
+        let counts: Vec<usize> = sums.filter_map(counted).collect();
+        // A minute may have ended meanwhile.
+        assert!(strangers <= 8 * counts.len() && counts.len() <= 2, "{strangers} {counts:?}");
+        assert_eq!(strangers + counts.iter().sum::<usize>(), 10_000, "all are counted");
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
     fn too_many_are_counted() {
         let (mut quota, at) = (Quota::default(), UnixTime(6000));
         assert_eq!(quota.begin(at), None);
-        let taken = (0..1000).filter(|_| quota.takes()).count();
+        let taken = (0..1000).filter(|_| quota.takes(PER_MINUTE)).count();
         assert_eq!(taken, 600);
         quota.lost = 400;
         assert_eq!((quota.begin(at.plus(59)), quota.begin(at.plus(60))), (None, Some(400)));

@@ -22,10 +22,10 @@ use crate::folder;
 use anyhow::{Context as _, bail, ensure};
 use comms::io::session::{Authenticator, Author, Digest, Identity, PublicKey};
 use comms::logic::proof::Proof;
+use refusals::Refusals;
 use renewal::Vouched;
 pub(crate) use revoked::{REVOKED_BYTES_MAX, revocations};
-use std::collections::BTreeSet;
-use std::net::{IpAddr, SocketAddr};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
@@ -72,10 +72,7 @@ pub struct Member {
     /// None where the disk takes none.
     audit: Option<Audit>,
     heads: Mutex<Heads>,
-    /// A minute, and who was refused in it and why.
-    told: Mutex<(u64, BTreeSet<(IpAddr, String)>)>,
-    /// A minute, and why messages were refused in it.
-    forged: Mutex<(u64, BTreeSet<String>)>,
+    refusals: Mutex<Refusals>,
 }
 
 impl Member {
@@ -117,7 +114,7 @@ impl Member {
             audit.inspect_err(|error| tracing::error!(error = format!("{error:#}"), "there is no audit log")).ok();
         let heads = Mutex::new(heads::open(&folder));
         let (revoked, changes) = (Mutex::new(revoked), watch::Sender::new(()));
-        let (cards, told, forged) = (Cards::default(), Mutex::default(), Mutex::default());
+        let (cards, refusals) = (Cards::default(), Mutex::default());
         let (newest, vouched, shared) = (Mutex::new(credential.clone()), Mutex::default(), Mutex::default());
         let member = Self {
             folder,
@@ -132,8 +129,7 @@ impl Member {
             changes,
             audit,
             heads,
-            told,
-            forged,
+            refusals,
         };
         Ok(Some(member))
     }
@@ -303,7 +299,7 @@ impl Identity for Member {
         let by = self.by(&revoked);
         // It may have been renewed since it was shown here.
         let newer = self.cards.newer(&credential, &by);
-        newer.as_ref().unwrap_or(&credential).check(&by).map_err(|error| error.to_string())?;
+        newer.as_ref().unwrap_or(&credential).check(&by).map_err(|error| self.judged(&error))?;
         if credential.certificate().kind() != Kind::Node {
             return Err(format!("`{}` is no node", claims.name));
         }

@@ -4,13 +4,27 @@ use super::Member;
 use crate::audit::AuditEntry;
 use std::collections::BTreeSet;
 use std::net::{IpAddr, SocketAddr};
-use std::sync::PoisonError;
+use std::sync::{MutexGuard, PoisonError};
 use trust::audit::Decision;
+use trust::team::TrustError;
 
-/// So many addresses and reasons are told apart in a minute; beyond that each refusal is a line, up to the limit of the log.
+/// So many addresses and reasons are told apart in a minute; beyond that each refusal is counted.
 const LINKS_MAX: usize = 256;
+/// How many reasons against members are known.
+const OF_MEMBERS_MAX: usize = 256;
 /// For so many reasons messages are refused aloud in a minute.
 const REASONS_MAX: usize = 32;
+
+/// The refusals of this minute.
+#[derive(Debug, Default)]
+pub(super) struct Refusals {
+    /// The minute, and the addresses and reasons of links.
+    links: (u64, BTreeSet<(IpAddr, String)>),
+    /// The minute, and the reasons of messages.
+    messages: (u64, BTreeSet<String>),
+    /// Reasons against those who have a certificate of the team.
+    of_members: BTreeSet<String>,
+}
 
 impl Member {
     /// Takes note that a link was refused.
@@ -19,15 +33,41 @@ impl Member {
         if !self.is_news(from.ip(), why) {
             return;
         }
-        tracing::warn!(%from, why, "somebody was refused");
         let (who, what) = (from.to_string(), "link".to_owned());
-        self.record(AuditEntry { decision: Decision::Refused, who, what, reason: why.to_owned() });
+        let entry = AuditEntry { decision: Decision::Refused, who, what, reason: why.to_owned() };
+        let is_member = self.refusals().of_members.contains(why);
+        let is_line = match &self.audit {
+            Some(audit) if !is_member => audit.record_stranger(entry),
+            _ => {
+                self.record(entry);
+                true
+            }
+        };
+        // The log of the node has no more lines than the audit log.
+        if is_line {
+            tracing::warn!(%from, why, "a link was refused");
+        }
+    }
+
+    /// Returns why a credential is not valid, and takes note of the reason if the credential is one of this team.
+    pub(super) fn judged(&self, error: &TrustError) -> String {
+        let (why, mut refusals) = (error.to_string(), self.refusals());
+        let is_stranger = matches!(error, TrustError::OtherTeam(_) | TrustError::Issuer(_) | TrustError::Signature(_));
+        if !is_stranger && refusals.of_members.len() < OF_MEMBERS_MAX {
+            refusals.of_members.insert(why.clone());
+        }
+        why
+    }
+
+    fn refusals(&self) -> MutexGuard<'_, Refusals> {
+        // Sets of plain values are valid whatever happened to the thread that held them.
+        self.refusals.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Returns whether nobody was refused at this address for this reason in this minute.
     fn is_news(&self, from: IpAddr, why: &str) -> bool {
         let minute = crate::now().0 / 60;
-        let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
+        let told = &mut self.refusals().links;
         if told.0 != minute {
             *told = (minute, BTreeSet::new());
         }
@@ -37,13 +77,13 @@ impl Member {
     /// Takes note that a message was refused: what it was to do, and why it may not. Says whether that is worth a word: who goes on
     /// and on fills no disk, with a line a minute for each reason, and no more than a few.
     pub fn refuse_message(&self, what: &str, why: &str) -> bool {
-        let mut told = self.forged.lock().unwrap_or_else(PoisonError::into_inner);
-        let minute = crate::now().0 / 60;
+        let mut refusals = self.refusals();
+        let (told, minute) = (&mut refusals.messages, crate::now().0 / 60);
         if told.0 != minute {
             *told = (minute, BTreeSet::new());
         }
         let is_news = told.1.len() < REASONS_MAX && told.1.insert(format!("{what}: {why}"));
-        drop(told);
+        drop(refusals);
         if is_news {
             tracing::warn!(what, why, "a message was refused");
             let (who, what) = ("a member".to_owned(), what.to_owned());
