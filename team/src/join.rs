@@ -4,7 +4,7 @@
 //! listens in learns that somebody joins, and under which name.
 
 use anyhow::{Context as _, anyhow, bail, ensure};
-use comms::io::{entropy, stream};
+use comms::io::{clock, entropy, stream};
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -22,8 +22,10 @@ use trust::team::{Credential, Team};
 const TALK_WITHIN: Duration = Duration::from_secs(15);
 /// How long until the joiner tries the next address.
 const CONNECT_WITHIN: Duration = Duration::from_secs(4);
-/// How many conversations there may be at a time; for a new one the oldest goes.
+/// How many conversations there may be at a time; for a new one the oldest goes of the address that has the most.
 const TALKS_MAX: usize = 64;
+/// How long a conversation stays whose proof was wrong: so a stranger makes few expensive checks, and the right line does not wait.
+const WRONG_STAYS: Duration = Duration::from_secs(1);
 
 /// Joins the team of an invitation, at the first of its addresses that answers.
 ///
@@ -138,6 +140,7 @@ impl Door {
         let effects = match proven {
             Ok(effects) => effects,
             Err(error) => {
+                clock::sleep_until(clock::now() + WRONG_STAYS).await;
                 send(stream, &Message::Refused).await?;
                 return Err(error.into());
             }

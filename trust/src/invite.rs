@@ -6,7 +6,7 @@
 mod handshake;
 mod message;
 
-pub use handshake::{ATTEMPT_EVERY, ATTEMPTS_MAX, INVITES_MAX, Inviter, InviterEffect, JoinError, Joiner, OpenInvite};
+pub use handshake::{INVITES_MAX, Inviter, InviterEffect, JoinError, Joiner, OpenInvite};
 pub use message::{Hello, MESSAGE_MAX, Message, Offer, Proof, Welcome};
 
 use crate::identity::KeyId;

@@ -1,8 +1,8 @@
 //! Stream sockets of others: connections that are accepted, and frames on them ([`crate::logic::frame`]).
 
 use crate::logic::frame::{self, FrameError, PREFIX_SIZE};
-use std::collections::VecDeque;
-use std::net::SocketAddr;
+use std::collections::{BTreeMap, VecDeque};
+use std::net::{IpAddr, SocketAddr};
 use std::time::Duration;
 use thiserror::Error;
 use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _};
@@ -12,7 +12,8 @@ use tokio::task::{AbortHandle, JoinSet};
 /// How long nobody is accepted after the system has refused to.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 
-/// Accepts connections for ever, and has each served. At most `serving_max` are served at a time: for a new one the oldest goes.
+/// Accepts connections for ever, and has each served. At most `serving_max` are served at a time: for a new one the oldest goes of
+/// the address that has the most. So an address with many connections ends none of another address.
 ///
 /// # Cancellation
 /// All connections end.
@@ -20,7 +21,7 @@ pub async fn accept<F>(listener: TcpListener, serving_max: usize, serve: impl Fn
 where
     F: Future<Output = ()> + Send + 'static,
 {
-    let (mut tasks, mut begun) = (JoinSet::new(), VecDeque::<AbortHandle>::new());
+    let (mut tasks, mut begun) = (JoinSet::new(), VecDeque::<(IpAddr, AbortHandle)>::new());
     loop {
         let accepted = tokio::select! {
             accepted = listener.accept() => accepted,
@@ -30,14 +31,22 @@ where
             tokio::time::sleep(ACCEPT_PAUSE).await;
             continue;
         };
-        begun.retain(|task| !task.is_finished());
+        begun.retain(|(_, task)| !task.is_finished());
         if begun.len() >= serving_max
-            && let Some(oldest) = begun.pop_front()
+            && let Some((_, given_up)) = gives_way(&begun).and_then(|place| begun.remove(place))
         {
-            oldest.abort();
+            given_up.abort();
         }
-        begun.push_back(tasks.spawn(serve(stream, from)));
+        begun.push_back((from.ip(), tasks.spawn(serve(stream, from))));
     }
+}
+
+/// Returns the place of the oldest connection of the address that has the most.
+fn gives_way<T>(begun: &VecDeque<(IpAddr, T)>) -> Option<usize> {
+    let mut counts = BTreeMap::<IpAddr, usize>::new();
+    begun.iter().for_each(|(address, _)| *counts.entry(*address).or_default() += 1);
+    let most = counts.values().copied().max()?;
+    begun.iter().position(|(address, _)| counts.get(address) == Some(&most))
 }
 
 /// Why a frame does not come or go.
@@ -79,6 +88,14 @@ pub async fn receive(stream: &mut (impl AsyncRead + Unpin), size_max: usize) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_address_with_many_connections_ends_its_own() {
+        let begun = |machines: &[u8]| machines.iter().map(|machine| (IpAddr::from([10, 0, 0, *machine]), ())).collect();
+        assert_eq!(gives_way::<()>(&begun(&[])), None);
+        assert_eq!(gives_way(&begun(&[1, 2, 3])), Some(0), "the oldest");
+        assert_eq!(gives_way(&begun(&[1, 2, 3, 2, 1, 2])), Some(1));
+    }
 
     #[tokio::test]
     async fn a_frame_arrives_whole_or_not_at_all() {

@@ -97,3 +97,22 @@ async fn an_invitation_is_for_its_team_alone() {
     assert_eq!(refused.to_string(), JoinError::OtherTeam.to_string());
     assert_eq!(other.kept.load(Ordering::SeqCst), 0);
 }
+
+/// Wrong lines that come again and again keep the right one neither out nor waiting.
+#[tokio::test]
+async fn the_right_line_does_not_wait_for_wrong_ones() {
+    let waiting = waiting(60).await;
+    let mut wrong = Invite::from_line(&waiting.line).unwrap();
+    wrong.secret = Zeroizing::new([7; 16]);
+    let wrong = wrong.to_line().to_string();
+    let mut trying = JoinSet::new();
+    for _ in 0..40 {
+        let line = wrong.clone();
+        trying.spawn(async move { join(&line, "robot".parse().unwrap(), keys()).await.unwrap_err().to_string() });
+    }
+    // Some have been refused, and the others are waiting.
+    assert_eq!(trying.join_next().await.unwrap().unwrap(), JoinError::Refused.to_string());
+    let joined = join(&waiting.line, "robot".parse().unwrap(), keys()).await;
+    assert_eq!(joined.unwrap().2.certificate().claims().name.as_str(), "r1");
+    assert_eq!(waiting.kept.load(Ordering::SeqCst), 1);
+}

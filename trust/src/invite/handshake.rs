@@ -23,10 +23,6 @@ use std::collections::BTreeMap;
 use thiserror::Error;
 use zeroize::Zeroizing;
 
-/// How many proofs may fail in a row before the next one has to wait.
-pub const ATTEMPTS_MAX: u64 = 10;
-/// How long it takes until one more may fail, in seconds.
-pub const ATTEMPT_EVERY: u64 = 6;
 /// The most invitations that are open at once.
 pub const INVITES_MAX: usize = 256;
 
@@ -54,9 +50,6 @@ pub enum JoinError {
     /// The secret is not that of an open invitation.
     #[error("somebody tried to join without an open invitation")]
     NoInvite,
-    /// Too many have tried in vain.
-    #[error("too many have tried to join in vain; wait {0} s")]
-    TooMany(u64),
     /// There are too many open invitations.
     #[error("no more than {INVITES_MAX} invitations can be open")]
     Full,
@@ -186,15 +179,13 @@ pub struct Inviter {
     open: BTreeMap<[u8; 32], OpenInvite>,
     /// Those that were used: who repeats its proof, because the answer was lost, gets its certificate again.
     used: BTreeMap<[u8; 32], Certificate>,
-    /// How many proofs have failed, and since when that is counted.
-    failed: (u64, UnixTime),
 }
 
 impl Inviter {
     /// Takes the team and who invites; no credential if the keys are the team's.
     pub fn new(team: Team, keys: SecretKeys, credential: Option<Credential>) -> Self {
         let (open, used) = (BTreeMap::new(), BTreeMap::new());
-        Self { team, keys, credential, open, used, failed: (0, UnixTime(0)) }
+        Self { team, keys, credential, open, used }
     }
 
     /// Opens an invitation.
@@ -218,10 +209,10 @@ impl Inviter {
         Message::Offer(Box::new(Offer { team: self.team.clone(), inviter, nonce: own, signature }))
     }
 
-    /// Checks a proof, spends the invitation, and signs a certificate.
+    /// Checks a proof, spends the invitation, and signs a certificate. Proofs that have failed before change nothing for the right one.
     ///
     /// # Errors
-    /// The proof is not that of an open invitation, or too many have failed. The answer to that is [`Message::Refused`].
+    /// The proof is not that of an open invitation. The answer to that is [`Message::Refused`].
     pub fn proven(
         &mut self,
         nonces: (&[u8; 32], &[u8; 32]),
@@ -229,18 +220,11 @@ impl Inviter {
         now: UnixTime,
         entropy: &mut Entropy,
     ) -> Result<Vec<InviterEffect>, JoinError> {
-        self.may_try(now)?;
-        let Some(hash) = self.opened(nonces, proof) else {
-            self.failed.0 += 1;
-            return Err(JoinError::NoInvite);
-        };
+        let hash = self.opened(nonces, proof).ok_or(JoinError::NoInvite)?;
         if let Some(given) = self.used.get(&hash).filter(|given| given.claims().keys == proof.keys) {
             return Ok(vec![reply(given.clone())]);
         }
-        let Some(open) = self.open.get(&hash).cloned().filter(|open| now <= open.expires) else {
-            self.failed.0 += 1;
-            return Err(JoinError::NoInvite);
-        };
+        let open = self.open.get(&hash).cloned().filter(|open| now <= open.expires).ok_or(JoinError::NoInvite)?;
         let certificate = self.issue(proof, open, now, entropy).map_err(JoinError::Claims)?;
         self.open.remove(&hash);
         if self.used.len() >= INVITES_MAX {
@@ -248,20 +232,6 @@ impl Inviter {
         }
         self.used.insert(hash, certificate.clone());
         Ok(vec![InviterEffect::Spend(hash, Box::new(certificate.clone())), reply(certificate)])
-    }
-
-    /// A failure is forgotten after some seconds: that bounds how often the expensive checks are made.
-    fn may_try(&mut self, now: UnixTime) -> Result<(), JoinError> {
-        let passed = now.since(self.failed.1) / ATTEMPT_EVERY;
-        if passed >= self.failed.0 {
-            self.failed = (0, now);
-        } else {
-            self.failed = (self.failed.0 - passed, self.failed.1.plus(passed * ATTEMPT_EVERY));
-        }
-        if self.failed.0 < ATTEMPTS_MAX {
-            return Ok(());
-        }
-        Err(JoinError::TooMany(ATTEMPT_EVERY.saturating_sub(now.since(self.failed.1)).max(1)))
     }
 
     /// Returns the hash of the secret that was sealed, if the joiner has signed for it.

@@ -5,9 +5,7 @@ use proptest::prelude::*;
 use std::net::SocketAddr;
 use trust::TextError;
 use trust::identity::{Entropy, KeyId};
-use trust::invite::{
-    ATTEMPT_EVERY, ATTEMPTS_MAX, Invite, Inviter, InviterEffect, JoinError, Joiner, Message, Offer, OpenInvite, Proof,
-};
+use trust::invite::{Invite, Inviter, InviterEffect, JoinError, Joiner, Message, Offer, OpenInvite, Proof};
 use trust::name::UnixTime;
 use trust::role::Role;
 use trust::team::{Standing, Team};
@@ -139,18 +137,16 @@ fn who_listens_can_neither_use_nor_change_a_proof() {
 }
 
 #[test]
-fn guesses_are_slow() {
+fn wrong_proofs_do_not_keep_the_right_one_out() {
     let world = World::new();
     let (mut joiner, nonce) = joiner(invite(&world.team));
     let mut inviter = inviter(&world);
     let good = proof(&joiner.offered(offer(&inviter, nonce), NOW).unwrap());
     let wrong = Proof { signature: [1; 64], ..good.clone() };
-    for _ in 0..ATTEMPTS_MAX {
+    for _ in 0..100 {
         assert_eq!(inviter.proven((&nonce, &OWN), &wrong, NOW, &mut entropy()), Err(JoinError::NoInvite));
     }
-    let refused = inviter.proven((&nonce, &OWN), &good, NOW, &mut entropy());
-    assert_eq!(refused, Err(JoinError::TooMany(ATTEMPT_EVERY)));
-    assert!(inviter.proven((&nonce, &OWN), &good, NOW.plus(ATTEMPT_EVERY), &mut entropy()).is_ok());
+    assert!(inviter.proven((&nonce, &OWN), &good, NOW, &mut entropy()).is_ok());
 }
 
 #[test]
