@@ -14,7 +14,7 @@ use thiserror::Error;
 /// The most heads of one log by one signer. Of more, one goes that has another one near it in time.
 pub const HEADS_MAX: usize = 8;
 /// The most pairs of a log and a signer.
-pub const PAIRS_MAX: usize = 256;
+pub const PAIRS_MAX: usize = 512;
 /// The most bytes of the text of all.
 pub const TEXT_MAX: usize = 1 << 20;
 
@@ -35,6 +35,9 @@ pub enum HeadError {
         /// The record.
         number: u64,
     },
+    /// Its node has signed a later head, so this one is a copy that was sent again.
+    #[error("its node has signed a later one")]
+    Old,
     /// There is no room.
     #[error("no more than {PAIRS_MAX} pairs of a log and a signer are kept")]
     Full,
@@ -59,16 +62,24 @@ struct Signed {
 }
 
 impl Heads {
-    /// Signs where the log of somebody else has come to, unless it was there before. Returns the head, and whether it is a new one.
+    /// Signs where the log of another node has come to, as that node has `told`, unless this member has signed the same before. Returns
+    /// the head, and whether it is a new one. The latest head that the node has told is kept as well: an earlier one counts no more, so
+    /// a copy of it that is sent again does not make the log look as if it was cut off.
     ///
     /// # Errors
-    /// This member has signed something else of that log, or there is no room.
+    /// This member has signed another state of that log, the node has signed a later head, or the table is full.
     pub fn countersign(
         &mut self,
-        position: Position,
+        (told, of): (&Head, &Name),
         at: UnixTime,
         (name, keys): (&Name, &SecretKeys),
     ) -> Result<(Head, bool), HeadError> {
+        let position = told.position();
+        let order = |head: &Head| (head.at(), head.position().number);
+        let latest = self.0.get(&(position.log, told.by())).and_then(|signed| signed.heads.last());
+        if latest.is_some_and(|latest| order(told) < order(latest)) {
+            return Err(HeadError::Old);
+        }
         let pair = (position.log, keys.public().id());
         if let Some(last) = self.0.get(&pair).and_then(|signed| signed.heads.last()) {
             let Position { number, hash, .. } = last.position();
@@ -81,6 +92,7 @@ impl Heads {
             }
         }
         let head = Head::sign(position, at, keys);
+        self.keep(told.clone(), of)?;
         self.keep(head.clone(), name).map(|_is_new| (head, true))
     }
 

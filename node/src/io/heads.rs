@@ -23,6 +23,7 @@ use tokio::sync::broadcast::error::RecvError::Lagged;
 use tokio::sync::{broadcast, watch};
 use tokio::task::JoinSet;
 use trust::audit::{Decision, Head, Position};
+use trust::heads::HeadError;
 use trust::name::Name;
 
 /// How long after a record its place is told, unless it was told less than [`TELL_EVERY`] ago.
@@ -114,15 +115,19 @@ impl Countersigning {
 
     /// Signs where the log of another node has come to, unless this node has signed something else. That is written down.
     async fn countersign(&mut self, from: String, head: Vec<u8>) {
-        let member = Arc::clone(&self.member);
+        let (member, name) = (Arc::clone(&self.member), from.parse::<Name>());
         let signed = blocking(move || {
             let head = Head::from_bytes(&head).context("it is no head of an audit log")?;
-            member.countersign(&head)
+            member.countersign(&head, &name.context("its name is none")?)
         });
         match signed.await {
             Ok(head) => {
                 self.wrong.remove(&from);
                 self.put(&key::countersigned(&from), head.to_bytes());
+            }
+            // Anybody on the way may have sent it again.
+            Err(error) if error.downcast_ref() == Some(&HeadError::Old) => {
+                tracing::debug!(host = from, "a head of an audit log has come again");
             }
             Err(error) => {
                 let why = format!("{error:#}");

@@ -42,11 +42,11 @@ impl Member {
     ///
     /// # Errors
     /// The log was cut off or rewritten since this node has signed it last, it is not that node's own, or the disk refuses.
-    pub fn countersign(&self, head: &Head) -> anyhow::Result<Head> {
+    pub fn countersign(&self, head: &Head, of: &Name) -> anyhow::Result<Head> {
         ensure!(head.position().log == head.by(), "somebody else has signed where its log has come to");
         let mut heads = self.heads.lock().unwrap_or_else(PoisonError::into_inner);
         let mut with = heads.clone();
-        let (head, is_new) = with.countersign(head.position(), crate::now(), (self.name(), &self.keys))?;
+        let (head, is_new) = with.countersign((head, of), crate::now(), (self.name(), &self.keys))?;
         if is_new {
             // On the disk first: what was signed is not signed in another way after a restart.
             folder::write(&self.folder.join(HEADS), with.to_text().as_bytes())?;

@@ -4,7 +4,7 @@ use crate::world::{NOW, keys};
 use trust::audit::{AuditError, Decision, Entry, Head, Log, Verifier};
 use trust::heads::{HEADS_MAX, HeadError, Heads, PAIRS_MAX};
 use trust::identity::KeyId;
-use trust::name::Name;
+use trust::name::{Name, UnixTime};
 
 const TEAM: KeyId = KeyId([3; 32]);
 const NODE: KeyId = KeyId([4; 32]);
@@ -18,13 +18,21 @@ fn add(log: &mut Log, what: &str) -> String {
     log.add(&Entry { at: NOW, decision, who, what, request: [0; 16], reason })
 }
 
+/// Where a log has come to, as its own node signs it.
+fn told(log: &Log, at: UnixTime) -> Head {
+    Head::sign(log.position().expect("it has a record"), at, &keys(9))
+}
+
 #[test]
 fn a_member_signs_no_log_that_was_cut_or_rewritten() {
     let (member, r2) = (keys(5), name("r2"));
     let (mut log, _) = Log::begin(TEAM, NODE, None);
     assert_eq!(log.position(), None, "there is nothing to sign");
-    let mut heads = Heads::default();
-    let mut sign = |log: &Log| heads.countersign(log.position().unwrap(), NOW, (&r2, &member));
+    let (mut heads, mut at) = (Heads::default(), NOW);
+    let mut sign = |log: &Log| {
+        at = at.plus(1);
+        heads.countersign((&told(log, at), &name("r1")), NOW, (&r2, &member))
+    };
     add(&mut log, "one");
     let early = log;
     add(&mut log, "two");
@@ -39,6 +47,26 @@ fn a_member_signs_no_log_that_was_cut_or_rewritten() {
     assert!(sign(&log).unwrap().1);
 }
 
+/// A relay sends a head again that a node has signed before: the log of that node was not cut off.
+#[test]
+fn a_head_that_is_sent_again_is_no_sign_of_a_cut() {
+    let (member, names) = (keys(5), [name("r1"), name("r2")]);
+    let (mut log, _) = Log::begin(TEAM, NODE, None);
+    let mut heads = Heads::default();
+    add(&mut log, "one");
+    let (first, early) = (told(&log, NOW), log);
+    add(&mut log, "two");
+    let second = told(&log, NOW.plus(1));
+    let sign = |heads: &mut Heads, head: &Head| heads.countersign((head, &names[0]), NOW, (&names[1], &member));
+    assert!(sign(&mut heads, &first).unwrap().1 && sign(&mut heads, &second).unwrap().1);
+    assert_eq!(sign(&mut heads, &first), Err(HeadError::Old));
+    // The same holds after a restart. A later head of the node itself still counts.
+    let mut read = Heads::from_text(&heads.to_text()).unwrap();
+    assert_eq!(sign(&mut read, &first), Err(HeadError::Old));
+    let cut = told(&early, NOW.plus(2));
+    assert_eq!(sign(&mut read, &cut), Err(HeadError::Cut { found: 1, signed: 2 }));
+}
+
 /// Old heads stay, so a log that was rewritten and has grown since is found out.
 #[test]
 fn some_heads_of_all_times_are_kept() {
@@ -47,9 +75,12 @@ fn some_heads_of_all_times_are_kept() {
     let (mut heads, mut lines) = (Heads::default(), vec![first]);
     for number in 0..500 {
         lines.push(add(&mut log, "something"));
-        heads.countersign(log.position().unwrap(), NOW.plus(60 * number), (&r2, &member)).unwrap();
+        let at = NOW.plus(60 * number);
+        heads.countersign((&told(&log, at), &name("r1")), at, (&r2, &member)).unwrap();
     }
-    let numbers: Vec<u64> = heads.of(NODE).map(|(_, head)| head.position().number).collect();
+    let by_member = |head: &Head| head.by() == member.public().id();
+    let numbers: Vec<u64> =
+        heads.of(NODE).filter(|(_, head)| by_member(head)).map(|(_, head)| head.position().number).collect();
     assert!(numbers.len() == HEADS_MAX && numbers[0] == 1 && numbers[HEADS_MAX - 1] == 500, "{numbers:?}");
     assert!(numbers.windows(2).all(|pair| pair[1] - pair[0] < 250), "{numbers:?}");
     let read = Heads::from_text(&heads.to_text()).unwrap();
