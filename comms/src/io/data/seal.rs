@@ -3,6 +3,7 @@
 use crate::logic::codec;
 use crate::logic::seal::{Content, Refusal, Seal, TAG_SIZE};
 use ring::aead::{Aad, CHACHA20_POLY1305, LessSafeKey, NONCE_LEN, Nonce, Tag, UnboundKey};
+use std::collections::VecDeque;
 use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -57,7 +58,12 @@ struct Opening {
     key: Option<Arc<SealKey>>,
     /// The number of the last seal that was broken.
     last: u64,
+    /// The same of keys that were expected before, the latest first.
+    earlier: VecDeque<(u32, u64)>,
 }
+
+/// How many earlier keys are remembered: each start of the program at the other end is another one.
+const EARLIER_MAX: usize = 64;
 
 impl SealKey {
     /// Takes 32 secret bytes that are used for nothing else.
@@ -178,10 +184,22 @@ impl Opener {
     /// Expects a key from now on; says whether it is another one than before.
     pub fn set(&self, key: Option<SealKey>) -> bool {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        let is_other = key.as_ref().map(|key| key.id) != state.key.as_ref().map(|key| key.id);
-        let last = if is_other { 0 } else { state.last };
-        *state = Opening { key: key.map(Arc::new), last };
-        is_other
+        let id = |key: Option<&SealKey>| key.map(|key| key.id);
+        if id(key.as_ref()) == id(state.key.as_deref()) {
+            state.key = key.map(Arc::new);
+            return false;
+        }
+        // A key that comes back has the number that it had: what it has sealed before comes no second time.
+        if let Some(before) = id(state.key.as_deref()) {
+            let last = state.last;
+            state.earlier.retain(|(other, _)| *other != before);
+            state.earlier.push_front((before, last));
+            state.earlier.truncate(EARLIER_MAX);
+        }
+        let found = id(key.as_ref()).and_then(|id| state.earlier.iter().find(|(other, _)| *other == id));
+        state.last = found.map_or(0, |(_, last)| *last);
+        state.key = key.map(Arc::new);
+        true
     }
 
     /// Returns what names the key that it expects.
@@ -275,14 +293,17 @@ mod tests {
             assert_eq!(open(&opener, 7, &second), Some((Content::Boundary, b"value".to_vec())));
             assert_eq!(open(&opener, 7, &first), None);
             assert_eq!(refused.try_iter().collect::<Vec<_>>(), [Refusal::Repeated, Refusal::Repeated]);
-            // The same key again forgets nothing, another one does.
+            // The same key again forgets nothing.
             opener.set(Some(key(1, cover)));
             assert_eq!(open(&opener, 7, &second), None);
             opener.set(Some(key(2, cover)));
             assert_eq!(open(&opener, 7, &seal(Content::Value, 7)), None);
             opener.set(None);
             assert_eq!(open(&opener, 7, &seal(Content::Value, 7)), None);
-            let why = [Refusal::Repeated, Refusal::OtherKey, Refusal::OtherKey];
+            // It comes back, after another one and after none.
+            opener.set(Some(key(1, cover)));
+            assert_eq!(open(&opener, 7, &second), None);
+            let why = [Refusal::Repeated, Refusal::OtherKey, Refusal::OtherKey, Refusal::Repeated];
             assert_eq!(refused.try_iter().collect::<Vec<_>>(), why);
             sealer.set(None);
             assert!(sealer.seal(Content::Value, 7, &b"value"[..].into()).is_none());
