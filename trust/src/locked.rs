@@ -52,12 +52,58 @@ pub enum LockError {
     /// The passphrase is too short or too long.
     #[error("a passphrase has {PASSPHRASE_MIN} characters or more, and {PASSPHRASE_MAX} bytes at most")]
     Passphrase,
+    /// The passphrase is one of the first that anybody tries.
+    #[error(
+        "this passphrase is among the first that are tried; take four words that do not belong together, for example"
+    )]
+    Guessable,
     /// The passphrase is another one, or the file was changed.
     #[error("the passphrase is wrong, or the file was changed")]
     Wrong,
     /// There is not enough memory for the passphrase to be checked.
     #[error("there is not enough memory to use the passphrase")]
     Memory,
+}
+
+/// The most common passphrases of [`PASSPHRASE_MIN`] characters or more that are neither a run nor of few characters.
+const COMMON: [&str; 24] = [
+    "1q2w3e4r",
+    "1q2w3e4r5t",
+    "1qaz2wsx",
+    "abc12345",
+    "abcd1234",
+    "asdfghjk",
+    "asdfghjkl",
+    "baseball",
+    "changeme",
+    "football",
+    "iloveyou",
+    "letmein1",
+    "passw0rd",
+    "password",
+    "password1",
+    "password123",
+    "passwort",
+    "princess",
+    "qwerty123",
+    "qwertyui",
+    "qwertyuiop",
+    "sunshine",
+    "superman",
+    "trustno1",
+];
+/// The fewest different characters of a passphrase.
+const DIFFERENT_MIN: usize = 5;
+
+/// Returns whether a passphrase is common, has few different characters, or is a run such as `12345678` or `hgfedcba`.
+fn is_guessable(passphrase: &str) -> bool {
+    let lower = passphrase.to_lowercase();
+    let characters: Vec<u32> = lower.chars().map(u32::from).collect();
+    let steps: Vec<i64> = characters.windows(2).map(|pair| i64::from(pair[1]) - i64::from(pair[0])).collect();
+    // `1234567890` goes on from 9 with 0.
+    let along = steps.iter().filter(|step| matches!(step, 1 | -1)).count();
+    let different = characters.iter().collect::<std::collections::BTreeSet<_>>().len();
+    different < DIFFERENT_MIN || along + 2 > steps.len() || COMMON.contains(&lower.as_str())
 }
 
 /// Secret keys that only the passphrase opens.
@@ -78,6 +124,9 @@ impl LockedKeys {
     pub fn lock(keys: &SecretKeys, passphrase: &str, cost: Cost, entropy: &mut Entropy) -> Result<Self, LockError> {
         if passphrase.chars().count() < PASSPHRASE_MIN || passphrase.len() > PASSPHRASE_MAX {
             return Err(LockError::Passphrase);
+        }
+        if is_guessable(passphrase) {
+            return Err(LockError::Guessable);
         }
         let (salt, nonce) = (entropy.bytes(), entropy.bytes());
         let ciphertext = [0; SECRET_LEN + TAG];
@@ -161,6 +210,26 @@ impl LockedKeys {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_passphrase_that_everybody_tries_first_is_refused() {
+        for common in [
+            "12345678",
+            "1234567890",
+            "87654321",
+            "abcdefgh",
+            "ABCDEFGHI",
+            "aaaaaaaa",
+            "abababab",
+            "Password",
+            "qwertyui",
+        ] {
+            assert!(is_guessable(common), "{common}");
+        }
+        for good in ["correct horse battery", "walrus copper lantern", "k7#pQ2!x", "einszweidrei", "20261129"] {
+            assert!(!is_guessable(good), "{good}");
+        }
+    }
 
     #[test]
     fn only_the_passphrase_opens_keys() {
