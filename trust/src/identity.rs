@@ -51,12 +51,13 @@ impl fmt::Debug for Entropy {
 pub struct KeyId(pub [u8; 32]);
 
 impl KeyId {
-    /// Returns four words that two people can compare over a telephone: 40 bits of the id.
+    /// Returns six words that two people can compare over a telephone: 60 bits of the id, which is that of both public keys. Four words
+    /// are 40 bits, and for those another pair of keys is found in minutes.
     pub fn fingerprint(&self) -> String {
-        let hash = blake3::derive_key("dca fingerprint 1", &self.0);
-        let bits = hash.iter().take(5).fold(0u64, |bits, byte| (bits << 8) | u64::from(*byte));
-        let word = |place: u32| word((bits >> (10 * place)) & 1023);
-        format!("{} {} {} {}", word(3), word(2), word(1), word(0))
+        let hash = blake3::derive_key("dca fingerprint 2", &self.0);
+        let bits = hash.iter().take(8).fold(0u64, |bits, byte| (bits << 8) | u64::from(*byte));
+        let words: Vec<&str> = (0..6).map(|place| word((bits >> (54 - 10 * place)) & 1023)).collect();
+        words.join(" ")
     }
 }
 
@@ -255,6 +256,22 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
     use std::collections::BTreeSet;
+
+    #[test]
+    fn a_fingerprint_has_sixty_bits_of_both_keys() {
+        let words = |id: KeyId| id.fingerprint().split(' ').map(str::to_owned).collect::<Vec<_>>();
+        let one = SecretKeys::generate(&mut Entropy::new(&[1; 32]));
+        assert_eq!(words(one.public().id()).len(), 6);
+        let mut bytes = one.public().to_bytes();
+        let other = SecretKeys::generate(&mut Entropy::new(&[2; 32])).public().to_bytes();
+        // The second half is the key that opens secrets.
+        bytes[32..].copy_from_slice(&other[32..]);
+        let mixed = PublicKeys::from_bytes(&bytes).unwrap();
+        assert_ne!(words(mixed.id()), words(one.public().id()));
+        // Each word depends on the id.
+        let all: Vec<Vec<String>> = (0..64).map(|number| words(KeyId([number; 32]))).collect();
+        assert!((0..6).all(|place| all.iter().map(|words| &words[place]).collect::<BTreeSet<_>>().len() > 32));
+    }
 
     #[test]
     fn the_words_are_1024_different_plain_ones() {

@@ -38,7 +38,7 @@ impl ImportArgs {
         let (name, words) = (team.name(), team.id().fingerprint());
         console::say(&format!("team {name}: {words}"));
         if is_new {
-            console::note("Compare the four words with the operator's: `dca team` prints them there.");
+            console::note("Compare the six words with the operator's: `dca team` prints them there.");
         }
         let own = keyring.own()?.and_then(|own| bundle.credential_of(&own.public().id()));
         console::note(&match own {

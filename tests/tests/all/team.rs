@@ -76,7 +76,7 @@ fn a_team_has_users_and_loses_them() {
     let begun = desk.done(&["team", "init", "acme"]);
     assert!(begun.starts_with("team acme: ") && begun.contains("  admin  "), "its maker is its admin: {begun}");
     let words = begun.lines().next().unwrap_or_default().trim_start_matches("team acme: ").split(' ').count();
-    assert_eq!(words, 4, "{begun}");
+    assert_eq!(words, 6, "{begun}");
     let key = desk.done(&["team", "key"]);
     assert_eq!(desk.done(&["team", "key"]), key, "a key is made once");
     let add = ["team", "user", "add", "dan", "--role", "deployer", "--key", key.trim()];
