@@ -169,7 +169,7 @@ mod tests {
     fn programs_say_their_processor_and_their_loader() {
         let elf = |bytes: &[u8]| match format(bytes) {
             Format::Elf(elf) => elf,
-            other => panic!("{other:?}"),
+            other @ (Format::Empty | Format::Script(_) | Format::Unknown) => panic!("{other:?}"),
         };
         let bytes = program(62);
         let native = elf(&bytes);

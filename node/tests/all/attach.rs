@@ -294,6 +294,7 @@ fn the_end_of_a_program_is_told_although_its_shim_was_suspended() {
 
 /// The first process of a container gets the orphans of all others. What has ended and is still there at the next look is reaped.
 #[test]
+#[expect(clippy::zombie_processes, reason = "the node waits for it")]
 fn an_orphan_that_has_ended_does_not_stay() {
     let orphan = Command::new("true").spawn().unwrap();
     let pid = orphan.id().cast_signed();

@@ -142,7 +142,7 @@ fn a_user_calls_what_the_role_allows_and_each_call_once() {
             let signed = user.sign(&Request::Call(Box::new(grip(access))), "c2");
             let judged = gate.procedure(grip(access), &signed, &world.judge(NOW));
             assert_eq!(judged.is_ok(), may, "{role} {access}: {judged:?}");
-            let attempt = judged.map_or_else(|refused| refused.attempt, |attempt| attempt);
+            let attempt = judged.unwrap_or_else(|refused| refused.attempt);
             assert_eq!(
                 (attempt.who, attempt.what),
                 (format!("a-{role}"), "call `Grip` of `main/hand` of `test@3`".into())

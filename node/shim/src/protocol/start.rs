@@ -234,7 +234,7 @@ impl ShimStart {
             }
             "--own" => self.sandbox.own = Some(value.into()),
             "--judged" => {
-                self.sandbox.judged = Some(Judged::parse(value).ok_or("must be `folder:STAMP:PATH` or `hash:…`")?)
+                self.sandbox.judged = Some(Judged::parse(value).ok_or("must be `folder:STAMP:PATH` or `hash:…`")?);
             }
             "--group" => self.groups.push(value.into()),
             "--sandbox" => {

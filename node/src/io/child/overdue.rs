@@ -33,6 +33,10 @@ impl Overdue {
     pub(super) fn of(pid: u32) -> Self {
         let number = i32::try_from(pid).ok().and_then(Pid::from_raw);
         let descriptor = number.and_then(|number| pidfd_open(number, PidfdFlags::empty()).ok());
+        #[expect(
+            deprecated,
+            reason = "its successor is unsafe; an `OwnedFd` keeps its descriptor open, which is all that is asked"
+        )]
         let watched = descriptor.and_then(|descriptor| AsyncFd::with_interest(descriptor, Interest::READABLE).ok());
         watched.map_or(Self::No, Self::Running)
     }

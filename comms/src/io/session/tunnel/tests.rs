@@ -139,8 +139,9 @@ fn who_is_trusted_is_linked_and_ends_with_the_trust() {
 #[test]
 fn silent_places_keep_no_node_from_its_link() {
     let ((a, _, _), (b, _, _)) = (session(0, &[1]), session(1, &[0]));
-    let silent: Vec<std::net::TcpListener> =
-        (1..=30).map(|machine| std::net::TcpListener::bind(([127, 0, 7, machine], 0)).unwrap()).collect();
+    let silent: Vec<std::net::TcpListener> = (1..=30)
+        .map(|machine| std::net::TcpListener::bind((std::net::Ipv4Addr::new(127, 0, 7, machine), 0)).unwrap())
+        .collect();
     let say = |at: SocketAddr| a.hear(NearbyNode { session: b.id(), name: String::new(), at });
     let say_false = || silent.iter().for_each(|listener| say(listener.local_addr().unwrap()));
     let (events_tx, events) = sync_channel(16);

@@ -20,13 +20,13 @@ fn who_was_away_for_90_days_returns() {
 fn returns_after(days: u64) {
     let mut world = team(3);
     world.put(0, "team/a", 1);
-    world.settle().unwrap();
+    world.settle().expect("it settles");
     world.crash(2);
     world.delete(0, "team/a");
     world.run_for(days * DAY);
     assert_eq!(world.siblings(0, "team/a"), 1, "the deletion is kept for who is away");
     world.restart(2);
-    world.settle().unwrap();
+    world.settle().expect("it settles");
     world.run_for(30_000);
     assert_eq!((world.siblings(0, "team/a"), world.siblings(2, "team/a")), (0, 0));
 }
@@ -63,7 +63,7 @@ fn retired_for_90_days_does_not_bring_back_what_was_deleted() {
 fn brings_nothing_back_after(days: u64) {
     let mut world = team(3);
     world.put(0, "team/a", 1);
-    world.settle().unwrap();
+    world.settle().expect("it settles");
     world.crash(2);
     world.delete(0, "team/a");
     let away = world.asleep(2);
@@ -71,7 +71,7 @@ fn brings_nothing_back_after(days: u64) {
     world.run_for(days * DAY);
     assert_eq!(world.siblings(0, "team/a"), 0, "nobody waits for who is retired");
     world.restart(2);
-    world.settle().unwrap();
+    world.settle().expect("it settles");
     assert_eq!((world.siblings(0, "team/a"), world.siblings(2, "team/a")), (0, 0), "and it has no zombies");
 }
 
