@@ -163,7 +163,7 @@ impl ExecutionPolicy {
     /// It cannot be started, or the policy does not admit it: with the rule, the file and the line. That is in the audit log.
     pub(crate) fn admit(&self, order: &SpawnOrder) -> anyhow::Result<Admitted> {
         let asked = child::limits(&order.policy.usage);
-        let program = child::check_executable(&order.command)?;
+        let program = child::check_executable(&order.command, &order.environment)?;
         let admitted = self.decide(order, &program, &asked);
         if let Err(error) = &admitted {
             self.refused(order, &format!("{error:#}"));

@@ -2,9 +2,10 @@
 
 use crate::logic::executable::{BEGIN_SIZE, Elf, Format, Piece, Script, format};
 use comms::io::file;
+use language::plan::Environment;
 use rustix::fs::{Access, MemfdFlags, StatVfsMountFlags, access, memfd_create, statvfs};
 use rustix::io::Errno;
-use std::ffi::OsStr;
+use std::ffi::{OsStr, OsString};
 use std::fs::File;
 use std::io::{self, Read, Write};
 use std::os::fd::AsRawFd;
@@ -24,9 +25,13 @@ const ENV: &str = "env";
 ///
 /// # Errors
 /// It is not there, must not be executed by this user, or cannot be executed by this kernel.
-pub fn check_executable(command: &[String]) -> io::Result<PathBuf> {
+pub fn check_executable(command: &[String], environment: &Environment) -> io::Result<PathBuf> {
     let name = command.first().map_or("", String::as_str);
-    let found = if name.contains('/') { vec![PathBuf::from(name)] } else { on_path(name) };
+    let path = environment.variables.get("PATH").map(OsString::from).or_else(|| std::env::var_os("PATH"));
+    let path = path.unwrap_or_default();
+    // A relative path is one from the folder of the program.
+    let directory = Path::new(environment.directory.as_deref().unwrap_or_default());
+    let found = if name.contains('/') { vec![directory.join(name)] } else { on_path(name, &path) };
     let Some(file) = found.first().filter(|file| file.is_file()) else {
         let why = match found.first().map(|file| file.metadata()) {
             Some(Ok(metadata)) if metadata.is_dir() => format!("`{name}` is a folder, not a program"),
@@ -37,14 +42,13 @@ pub fn check_executable(command: &[String]) -> io::Result<PathBuf> {
     };
     let refused = |why: String| io::Error::new(io::ErrorKind::PermissionDenied, format!("`{name}` {why}"));
     check_permission(file).map_err(refused)?;
-    check_format(file, INTERPRETERS_MAX).map_err(refused)?;
+    check_format(file, (&path, INTERPRETERS_MAX)).map_err(refused)?;
     Ok(file.clone())
 }
 
 /// Returns the files with a name in the folders where programs are looked for.
-fn on_path(name: &str) -> Vec<PathBuf> {
-    let path = std::env::var_os("PATH").unwrap_or_default();
-    std::env::split_paths(&path).map(|folder| folder.join(name)).filter(|file| file.is_file()).collect()
+fn on_path(name: &str, path: &OsStr) -> Vec<PathBuf> {
+    std::env::split_paths(path).map(|folder| folder.join(name)).filter(|file| file.is_file()).collect()
 }
 
 fn check_permission(file: &Path) -> Result<(), String> {
@@ -59,8 +63,8 @@ fn check_permission(file: &Path) -> Result<(), String> {
     })
 }
 
-/// Says why the kernel does not execute a file, as far as its content tells.
-fn check_format(path: &Path, interpreters: usize) -> Result<(), String> {
+/// Says why the kernel does not execute a file, as far as its content tells. Programs are looked for on `search`.
+fn check_format(path: &Path, (search, interpreters): (&OsStr, usize)) -> Result<(), String> {
     // The kernel executes also what this user must not read.
     let Ok(file) = file::opened(path) else { return Ok(()) };
     let mut begin = Vec::new();
@@ -69,7 +73,7 @@ fn check_format(path: &Path, interpreters: usize) -> Result<(), String> {
     }
     match format(&begin) {
         Format::Empty => Err("is empty".to_owned()),
-        Format::Script(script) => check_script(&script, interpreters),
+        Format::Script(script) => check_script(&script, (search, interpreters)),
         Format::Elf(elf) => check_program(&file, elf, &begin),
         Format::Unknown if is_taken(&begin) => Ok(()),
         Format::Unknown => {
@@ -80,7 +84,7 @@ fn check_format(path: &Path, interpreters: usize) -> Result<(), String> {
     }
 }
 
-fn check_script(script: &Script, interpreters: usize) -> Result<(), String> {
+fn check_script(script: &Script, (search, interpreters): (&OsStr, usize)) -> Result<(), String> {
     let Script { interpreter, argument, has_carriage_return } = script;
     if interpreter.is_empty() {
         return Err("names no interpreter behind `#!` in its first line".to_owned());
@@ -101,9 +105,9 @@ fn check_script(script: &Script, interpreters: usize) -> Result<(), String> {
     if interpreters == 0 {
         return Err(of("has too many interpreters of its own".to_owned()));
     }
-    check_format(path, interpreters - 1).map_err(of)?;
+    check_format(path, (search, interpreters - 1)).map_err(of)?;
     let is_name = !argument.is_empty() && !argument.contains(['-', '=', ' ', '\t', '/']);
-    if path.file_name() == Some(OsStr::new(ENV)) && is_name && on_path(argument).is_empty() {
+    if path.file_name() == Some(OsStr::new(ENV)) && is_name && on_path(argument, search).is_empty() {
         return Err(of(format!("finds no program `{argument}` in `PATH`")));
     }
     Ok(())
@@ -175,7 +179,9 @@ mod tests {
             fs::write(&path, content).unwrap();
             fs::set_permissions(&path, Permissions::from_mode(0o755)).unwrap();
             let name = path.display().to_string();
-            let why = check_executable(std::slice::from_ref(&name)).err().map(|error| error.to_string());
+            let why = check_executable(std::slice::from_ref(&name), &Environment::default())
+                .err()
+                .map(|error| error.to_string());
             why.unwrap_or_default().replace(&format!("`{name}` "), "")
         };
         let mut own = Vec::new();
@@ -209,6 +215,26 @@ mod tests {
             let offset = usize::try_from(loader.offset).unwrap();
             other[offset..offset + 4].copy_from_slice(b"/no/");
             assert!(check(&other).starts_with("needs the loader `/no/"), "{}", check(&other));
+        }
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    /// The module of a program may say where it runs, and where programs are looked for.
+    #[test]
+    fn a_program_is_looked_for_where_it_will_run() {
+        let folder = std::env::temp_dir().join(format!("dca-executable-where-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let path = folder.join("here-alone");
+        fs::write(&path, "#!/bin/sh\n").unwrap();
+        fs::set_permissions(&path, Permissions::from_mode(0o755)).unwrap();
+        let text = folder.display().to_string();
+        let (variables, directory) = ([("PATH".to_owned(), text.clone())].into(), Some(text));
+        let module = Environment { variables, directory, ..Environment::default() };
+        for (name, is_there) in [("./here-alone", true), ("here-alone", true), ("sh", false), ("/bin/sh", true)] {
+            let command = [name.to_owned()];
+            assert_eq!(check_executable(&command, &module).is_ok(), is_there, "{name}");
+            let elsewhere = check_executable(&command, &Environment::default()).is_ok();
+            assert_eq!(elsewhere, !name.contains("alone"), "{name}");
         }
         fs::remove_dir_all(&folder).unwrap();
     }
