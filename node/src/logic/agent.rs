@@ -324,6 +324,7 @@ impl Agent {
                 self.listeners.retain(|listener| *listener != call);
                 self.inquiries.forget(call);
                 self.forget_stopped(call);
+                self.promises.forget(call);
                 self.coordinators.values_mut().for_each(|coordinator| coordinator.forget(call));
             }
             Input::Shim { process, report, output } => {

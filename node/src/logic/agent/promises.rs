@@ -25,6 +25,12 @@ impl Promises {
     pub(super) fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
+
+    /// Forgets a caller that has gone away. The disk still forgets the deployment.
+    pub(super) fn forget(&mut self, call: u64) {
+        let is_other = |promise: &Promise| !matches!(promise, Promise::Stopped(waiting) if *waiting == call);
+        self.0.values_mut().for_each(|promises| promises.retain(is_other));
+    }
 }
 
 impl Agent {

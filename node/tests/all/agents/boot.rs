@@ -40,6 +40,8 @@ pub(super) fn power_off(world: &mut World, host: &str) {
 /// The host boots, with what is on its disk.
 pub(super) fn power_on(world: &mut World, host: &str, was_rebooted: bool) {
     let boot = world.boots[host] + 100;
+    // A new boot takes nothing over.
+    world.written.remove(host);
     let kept = world.kept.get(host).cloned().unwrap_or_default();
     let epoch = kept.keys().max().copied().unwrap_or(0).max(1);
     let open = kept.values().map(|kept| (kept.deployment.clone(), kept.hosts.clone())).collect();
