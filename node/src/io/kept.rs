@@ -25,7 +25,7 @@ const RUNNING: &str = "running";
 /// The file with the tombstones.
 const STOPPED: &str = "stopped";
 /// How a file begins; its checksum follows, in 8 hexadecimal digits.
-const BEGIN: &[u8] = b"dca kept 1 ";
+const BEGIN: &[u8] = b"dca kept 2 ";
 /// The longest file, in bytes: a plan of 10,000 processes and the request for it have less.
 const SIZE_MAX: usize = 64 << 20;
 /// How many deployments are read: as many as a node takes part in.
@@ -237,7 +237,8 @@ fn running(folder: &Path, boot: &str) -> Vec<Before> {
         let read = file::bytes(&path, SIZE_MAX).map(|bytes| content::<Running>(&bytes));
         let why = match read {
             Ok(Some(Running { boot: then, kept })) if kept.deployment.epoch == epoch => {
-                found.push(Before { kept, was_rebooted: then != boot });
+                let was_rebooted = then != boot || kept.waits;
+                found.push(Before { kept, was_rebooted });
                 continue;
             }
             Ok(_) => "it is damaged, or of another version".to_owned(),
@@ -276,6 +277,7 @@ mod tests {
             by: "ann@c1".to_owned(),
             hosts: vec!["c1".to_owned()],
             has_ended: false,
+            waits: false,
             resume: None,
         }
     }
@@ -303,6 +305,9 @@ mod tests {
         assert_eq!(found("first"), [(3, false), (1, false)]);
         assert_eq!(found("second"), [(3, true), (1, true)]);
         assert_eq!(open("second").1.tombstones, [tombstone(7)]);
+        files.keep(&Kept { waits: true, ..kept(3) });
+        files.write().unwrap();
+        assert_eq!(found("first"), [(3, true), (1, false)], "one that waits is resumed by any next node");
         files.keep_all(&[kept(1)]);
         files.keep_tombstones(Vec::new());
         files.write().unwrap();

@@ -292,17 +292,17 @@ fn the_end_of_a_program_is_told_although_its_shim_was_suspended() {
     }
 }
 
-/// The first process of a container gets the orphans of all others. What has ended and is still there at the next look is reaped.
+/// The first process of a container gets the orphans of all others. An orphan that is still there at the next look is reaped.
 #[test]
 #[expect(clippy::zombie_processes, reason = "the node waits for it")]
 fn an_orphan_that_has_ended_does_not_stay() {
     let orphan = Command::new("true").spawn().unwrap();
     let pid = orphan.id().cast_signed();
-    while !processes::stat(pid).unwrap().is_zombie {
+    while processes::stat(pid).is_some_and(|stat| !stat.is_zombie) {
         std::thread::yield_now();
     }
-    let seen = [processes::stat(pid).unwrap().process].into();
-    assert!(processes::ended_children().is_superset(&seen));
+    // Another test that ends leftovers may have reaped it by now.
+    let seen = processes::stat(pid).into_iter().map(|stat| stat.process).collect();
     child::leftovers::reap_orphans(&seen);
     assert_eq!(processes::stat(pid), None);
 }

@@ -80,7 +80,7 @@ impl AwaitingHosts {
         let Resumed { from, origin, .. } = self.resumed.clone()?;
         let resume = Some((self.plan.clone(), self.signed.as_deref().cloned()));
         let (by, hosts, has_ended) = (self.by.clone(), self.plan.hosts.clone(), true);
-        Some(Kept { deployment: from, origin, by, hosts, has_ended, resume })
+        Some(Kept { deployment: from, origin, by, hosts, has_ended, waits: true, resume })
     }
 }
 
@@ -91,7 +91,7 @@ impl Agent {
         // Of one that was being begun again when the power failed once more, the last counts.
         earlier.sort_by_key(|before| std::cmp::Reverse(before.kept.deployment.epoch));
         for Before { kept, was_rebooted } in earlier {
-            let Kept { deployment, origin, by, hosts, has_ended, resume } = kept;
+            let Kept { deployment, origin, by, hosts, has_ended, resume, .. } = kept;
             if !has_ended {
                 let cause = if was_rebooted { FailureCause::Rebooted } else { FailureCause::Restarted };
                 tracing::warn!(%deployment, %cause, "a deployment has not come to its end");

@@ -60,7 +60,7 @@ impl Coordinator {
         let signed = self.signed.as_deref();
         let resume = (self.wanted.on_boot == OnBoot::Resume).then(|| ((*self.wanted).clone(), signed.cloned()));
         let (deployment, origin, by) = (self.deployment.clone(), self.origin(), self.begun_by.clone());
-        Kept { deployment, origin, by, hosts: self.hosts.clone(), has_ended, resume }
+        Kept { deployment, origin, by, hosts: self.hosts.clone(), has_ended, waits: false, resume }
     }
 
     fn unkeep(&mut self, out: &mut Out<'_>) {

@@ -17,6 +17,8 @@ pub struct Kept {
     pub hosts: Vec<String>,
     /// Whether it has come to an end, since its node was told to leave: that was told.
     pub has_ended: bool,
+    /// Whether it waits to be resumed: then the next node resumes it in the same boot, too.
+    pub waits: bool,
     /// The plan, and the request if a user has signed it: nothing of what is not to be resumed.
     pub resume: Option<(Plan, Option<Signed>)>,
 }

@@ -114,6 +114,7 @@ fn a_stop_ends_the_waiting_for_good() {
 fn what_waits_outlives_its_node() {
     let mut world = rebooted(true);
     kill(&mut world);
+    assert!(world.kept["c1"][&1].waits, "also if that node is one that takes nothing over");
     assert_eq!(waiting(&mut world)[0].to_string(), "waits to be resumed, in 6 s");
     world.run_for(Duration::from_secs(10));
     assert_eq!(runs(&world), on_both(2));
@@ -125,13 +126,14 @@ fn a_stop_is_answered_when_the_disk_has_it() {
     for is_killed in [false, true] {
         let mut world = rebooted(true);
         world.disk_ms = 900;
+        let before = world.kept["c1"].clone();
         let stop = world.stop("c1");
         world.run_for(Duration::from_millis(800));
         assert_eq!(world.answers.get(&stop), None, "the disk does not have it");
         if is_killed {
             // It had not come to it.
             world.crash("c1");
-            world.kept.get_mut("c1").unwrap().clear();
+            world.kept.insert("c1".to_owned(), before);
             world.adopt("c1");
             world.run_for(Duration::from_secs(1));
             assert_eq!(world.answers.get(&stop), None, "who asked is gone with the node that was asked");
