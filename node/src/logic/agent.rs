@@ -369,7 +369,7 @@ impl Agent {
             Input::Reached { process } => self.inquiries.reached(&process),
             Input::Leave => {
                 self.leaving = true;
-                self.stop_gathering(|_| true, out);
+                self.stop_gathering(|_| true, calls::STOPPED, out);
                 self.coordinators.values_mut().for_each(|coordinator| coordinator.stop(None, out));
                 let coordinators = &self.coordinators;
                 let away =

@@ -17,6 +17,9 @@ const REQUESTS_MAX: usize = 10_000;
 /// How long a deployment waits for hosts that this node has not seen yet.
 const GATHER_WITHIN: Duration = Duration::from_secs(2);
 
+/// Why a deployment does not begin that somebody has stopped.
+pub(super) const STOPPED: &str = "it was stopped before it ran";
+
 impl Agent {
     pub(super) fn call(&mut self, call: u64, request: Request, signed: Option<Arc<Signed>>, out: &mut Out<'_>) {
         match request {
@@ -205,11 +208,10 @@ impl Agent {
         begun.or_else(|| Some(waiting()?.by.as_str())).map(|by| format!("is already deployed by {by}"))
     }
 
-    /// Ends deployments that have not begun.
-    pub(super) fn stop_gathering(&mut self, which: impl Fn(&Plan) -> bool, out: &mut Out<'_>) {
+    /// Ends deployments that have not begun, for this reason.
+    pub(super) fn stop_gathering(&mut self, which: impl Fn(&Plan) -> bool, why: &str, out: &mut Out<'_>) {
         let stopped: Vec<AwaitingHosts> = self.awaiting_hosts.extract_if(.., |one| which(&one.plan)).collect();
         for AwaitingHosts { call, resumed, .. } in &stopped {
-            let why = "it was stopped before it ran";
             if let Some(call) = *call {
                 answer(call, Answer::Report(Report::Refused { reasons: vec![why.to_owned()] }), out);
                 out.effects.push(Effect::EndAnswers { call });

@@ -33,7 +33,8 @@ impl Agent {
     /// Ends everything on this host; the call is answered when nothing of it runs.
     pub(super) fn estop(&mut self, call: u64, estop: &Estop, out: &mut Out<'_>) {
         let estop = estop.bounded();
-        self.stop_gathering(|_| true, out);
+        let why = format!("it {}", FailureCause::Estop(estop.clone()));
+        self.stop_gathering(|_| true, &why, out);
         for participant in self.participants.values_mut() {
             participant.stop_at_once(&estop, out);
         }

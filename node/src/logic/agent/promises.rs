@@ -1,6 +1,6 @@
 //! Words that promise that a deployment does not begin again: each is said once the disk has it.
 
-use super::calls::answer;
+use super::calls::{STOPPED, answer};
 use super::{Agent, AwaitingHosts};
 use crate::logic::effect::{Effect, Out};
 use crate::logic::protocol::{Answer, Body, Deployment, Message, StopReply};
@@ -44,7 +44,7 @@ impl Agent {
         let is_meant = |one: &&AwaitingHosts| one.plan.name == name;
         let Some(one) = self.awaiting_hosts.iter().find(is_meant) else { return false };
         let before = one.resumed.as_ref().map(|resumed| resumed.before().clone());
-        self.stop_gathering(|plan| plan.name == name, out);
+        self.stop_gathering(|plan| plan.name == name, STOPPED, out);
         if let Some(before) = before {
             self.promise(before, Promise::Stopped(call));
         } else {

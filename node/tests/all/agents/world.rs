@@ -322,10 +322,12 @@ impl World {
             Effect::KillShim { process } => self.die(host, &process, ShimReport::Signalled { signal: 9 }),
             Effect::Settled { deployment } => self.settled.push((host.into(), deployment)),
             Effect::KeepEstop { number, estop } => self.keep_estop(host, number, estop),
-            Effect::Keep(kept) if self.disk_refuses.is_none() => {
-                self.kept.entry(host.into()).or_default().insert(kept.deployment.epoch, *kept);
+            Effect::Keep(kept) => {
+                let files = self.kept.entry(host.into()).or_default();
+                if self.disk_refuses.is_none() {
+                    files.insert(kept.deployment.epoch, *kept);
+                }
             }
-            Effect::Keep(_) => {}
             Effect::Unkeep { deployment } => {
                 let written = self.written();
                 if written.is_ok() {
