@@ -19,9 +19,9 @@ const PROPOSED_BY_ONE_MAX: usize = 2;
 /// How many places of one session are remembered where a link has stood, or that the program was told.
 const KNOWN_MAX: usize = 8;
 /// How long a place is left alone that has failed once; twice as long after each further time.
-const LEFT_ALONE: Duration = Duration::from_secs(2);
+const LEFT_ALONE: Duration = Duration::from_secs(1);
 /// The longest time for which it is left alone.
-const LEFT_ALONE_MAX: Duration = Duration::from_secs(60);
+const LEFT_ALONE_MAX: Duration = Duration::from_secs(8);
 /// How many sessions that were found, and not linked yet, are dialled at a time.
 const FOUND_MAX: usize = 64;
 /// How many of those are on one machine.
@@ -151,10 +151,10 @@ impl Links {
         }
     }
 
-    /// Takes note that places of a session were tried in vain.
-    pub(super) fn fail(&mut self, session: &str, locators: &[Locator], now: Time) {
+    /// Takes note that a place of a session was tried in vain.
+    pub(super) fn fail(&mut self, session: &str, locator: &Locator, now: Time) {
         let Some(place) = self.kept.get_mut(session) else { return };
-        for proposed in place.proposed.iter_mut().filter(|proposed| locators.contains(&proposed.locator)) {
+        for proposed in place.proposed.iter_mut().filter(|proposed| proposed.locator == *locator) {
             proposed.until = now + LEFT_ALONE_MAX.min(LEFT_ALONE * 2_u32.saturating_pow(proposed.failures.min(8)));
             proposed.failures = proposed.failures.saturating_add(1);
         }
@@ -247,7 +247,7 @@ mod tests {
         }
         let all = links.kept["r2"].due(at);
         assert_eq!(all.len(), PROPOSED_MAX);
-        links.fail("r2", &all[1..], at);
+        all[1..].iter().for_each(|place| links.fail("r2", place, at));
         assert_eq!(links.kept["r2"].due(at), all[..1], "the others are left alone");
         for machine in 200..215 {
             say(&mut links, "r2", [10, 0, 0, machine], &format!("10.0.0.{machine}:7"));
@@ -255,9 +255,9 @@ mod tests {
         let now = links.kept["r2"].due(at);
         assert!(now.len() == PROPOSED_MAX && now.contains(&all[0]), "those that were not tried stay: {now:?}");
         // Longer and longer.
-        let (one, mut now) = (&all[..1], at);
-        for seconds in [2, 4, 8, 16, 32, 60, 60] {
-            links.fail("r2", one, now);
+        let mut now = at;
+        for seconds in [1, 2, 4, 8, 8, 8] {
+            links.fail("r2", &all[0], now);
             let is_due = |later: u64| links.kept["r2"].due(now + Duration::from_millis(later)).contains(&all[0]);
             assert!(!is_due(1000 * seconds - 1) && is_due(1000 * seconds), "{seconds}");
             now = now + Duration::from_secs(seconds);

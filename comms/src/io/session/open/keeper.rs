@@ -27,6 +27,8 @@ const SHOWN_WITHIN: Duration = Duration::from_secs(8);
 const SHOWN_WITHIN_OF_MANY: Duration = Duration::from_secs(1);
 /// So many places are not many: the addresses of one machine.
 const FEW: usize = 4;
+/// How many places are asked in one attempt.
+const ASKED_MAX: usize = 64;
 /// How often a link that is being made is looked for, to give it a limit.
 const LIMIT_EVERY: Duration = Duration::from_millis(100);
 /// How often the keeper looks at a place that zenoh dials by itself.
@@ -141,7 +143,6 @@ pub(super) async fn connect(dialler: &Dialler, id: ZenohId) {
 
 /// Tries once to make a link, first at the known places. Takes note of the reason if there is none.
 async fn attempt(dialler: &Dialler, id: ZenohId, place: &Place) {
-    let due = place.due(now());
     let note = |why: String| {
         let (mut links, session) = (lock(&dialler.links), id.to_string());
         if !links.standing.contains(&session) {
@@ -149,17 +150,14 @@ async fn attempt(dialler: &Dialler, id: ZenohId, place: &Place) {
         }
     };
     let known = async {
-        let made = match place.known.is_empty() {
-            true => Err(None),
-            false => make(dialler, id, &place.known).await.map_err(Some),
-        };
+        let made = if place.known.is_empty() { Err(None) } else { make(dialler, id, &place.known).await.map_err(Some) };
         made.map_err(|why| why.map(note))
     };
     let proposed = async {
         if !place.known.is_empty() {
             tokio::time::sleep(HEAD_START).await;
         }
-        let made = if due.is_empty() { Err(None) } else { propose(dialler, id, due).await.map_err(Some) };
+        let made = if place.due(now()).is_empty() { Err(None) } else { propose(dialler, id).await.map_err(Some) };
         made.map_err(|why| why.map(note))
     };
     tokio::pin!(known, proposed);
@@ -171,30 +169,43 @@ async fn attempt(dialler: &Dialler, id: ZenohId, place: &Place) {
     }
 }
 
-/// Asks all places at once that were said on the network. The first one that shows the right key gets the link.
-async fn propose(dialler: &Dialler, id: ZenohId, locators: Vec<Locator>) -> Result<(), String> {
-    let within = if locators.len() > FEW { SHOWN_WITHIN_OF_MANY } else { SHOWN_WITHIN };
-    let (mut asking, mut why) = (JoinSet::new(), String::new());
-    for locator in locators.clone() {
-        let dialler = dialler.clone();
-        asking.spawn(async move {
-            let silent = || Err(format!("{}: it does not say in time who it is", locator.address()));
-            let shown = tokio::time::timeout(within, shown(&dialler, id, std::slice::from_ref(&locator))).await;
-            shown.unwrap_or_else(|_elapsed| silent())
-        });
-    }
-    while let Some(asked) = asking.join_next().await {
-        match asked.map_err(|error| error.to_string()).flatten() {
-            Ok(shown) => {
+/// Asks all places at once that were said on the network, and those that are said in the meantime. The first one that shows the
+/// right key gets the link.
+async fn propose(dialler: &Dialler, id: ZenohId) -> Result<(), String> {
+    let (session, mut asking, mut why) = (id.to_string(), JoinSet::new(), String::new());
+    let mut asked = Vec::new();
+    loop {
+        let due = lock(&dialler.links).kept.get(&session).map(|place| place.due(now())).unwrap_or_default();
+        let new: Vec<Locator> = due.into_iter().filter(|place| !asked.contains(place)).collect();
+        for locator in new.into_iter().take(ASKED_MAX - asked.len()) {
+            asked.push(locator.clone());
+            let within = if asked.len() > FEW { SHOWN_WITHIN_OF_MANY } else { SHOWN_WITHIN };
+            let dialler = dialler.clone();
+            asking.spawn(async move {
+                let shown = tokio::time::timeout(within, shown(&dialler, id, std::slice::from_ref(&locator))).await;
+                let silent = |_elapsed| Err(format!("{}: it does not say in time who it is", locator.address()));
+                let shown = shown.unwrap_or_else(silent);
+                (locator, shown)
+            });
+        }
+        let answer = tokio::select! {
+            Some(answer) = asking.join_next() => answer,
+            () = tokio::time::sleep(LIMIT_EVERY), if !asking.is_empty() => continue,
+            else => return Err(why),
+        };
+        match answer {
+            Ok((_, Ok(shown))) => {
                 // Each of the others may be one more address of the same node.
                 asking.abort_all();
                 return enter(dialler, id, shown).await;
             }
-            Err(because) => why = because,
+            Ok((locator, Err(because))) => {
+                lock(&dialler.links).fail(&session, &locator, now());
+                why = because;
+            }
+            Err(error) => why = error.to_string(),
         }
     }
-    lock(&dialler.links).fail(&id.to_string(), &locators, now());
-    Err(why)
 }
 
 async fn make(dialler: &Dialler, id: ZenohId, locators: &[Locator]) -> Result<(), String> {
