@@ -307,7 +307,7 @@ fn calls_in_vain(team: &Team, program: &str) {
             id: CallId { session: session.id(), number: 1 },
             caller: "dca".to_owned(),
             name: "Drive".to_owned(),
-            signature: Signature::default(),
+            signature: Signature { argument: TypeForm::new("Go", ""), result: TypeForm::new("Place", "") },
             within: Duration::from_secs(5),
             argument: Bytes(3.0_f64.to_le_bytes().to_vec()),
             warrant: None,
