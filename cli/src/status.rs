@@ -11,7 +11,7 @@ use crate::client::{Client, Clients, Statuses};
 use crate::logic::tree::{Unknown, tree};
 use node::console::{self, Failure, block_on};
 use node::logic::printable::one_line;
-use node::logic::protocol::{Absent, LostValues, Network, NodeStatus};
+use node::logic::protocol::{Absent, LostValues, Network, NodeStatus, RefusedValues};
 use node::logic::table::table;
 
 /// The arguments of `dca status`.
@@ -102,7 +102,14 @@ fn text(statuses: &[NodeStatus], away: &Absences, name: Option<&str>) -> String 
         };
         part.lost.iter().map(row).collect::<Vec<_>>()
     });
-    blocks.push(table(&lost.collect::<Vec<_>>()));
+    let refused = statuses.iter().flat_map(|status| &status.deployments).flat_map(|part| {
+        let row = |refused: &RefusedValues| {
+            let what = format!("{} refused: a number was not finite", refused.count);
+            vec![format!("{}: {}", part.deployment.name, refused.input), what]
+        };
+        part.refused.iter().map(row).collect::<Vec<_>>()
+    });
+    blocks.push(table(&lost.chain(refused).collect::<Vec<_>>()));
     let waiting = statuses.iter().flat_map(|status| status.waiting.iter().map(move |one| (&status.host, one)));
     let waiting = waiting.map(|(host, one)| vec![one_line(&one.name).to_string(), one.to_string(), host.clone()]);
     blocks.push(table(&waiting.collect::<Vec<_>>()));

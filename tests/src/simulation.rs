@@ -6,6 +6,7 @@
 
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
+pub use controllers::sdk::harness::Sample;
 use controllers::sdk::harness::{Disturbance, Ending, Harness, ModuleId, Report, WireId};
 use language::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, StepRecord, Value, step};
 use language::plan::{Argument, Constant, MemberKind, Plan, Transfer};
@@ -178,6 +179,17 @@ impl Simulation {
         self.loses = Some(loses);
     }
 
+    /// Has `meddler` see, and change, the encoded samples that leaves get from now on; it is told the path of the leaf.
+    pub fn meddle(&mut self, mut meddler: impl FnMut(&str, &Sample, &mut Vec<u8>) + 'static) {
+        let modules = self.leaves.iter().map(|leaf| leaf.module);
+        let paths: BTreeMap<ModuleId, String> =
+            modules.zip(self.plan.leaves.iter().map(|leaf| leaf.path.clone())).collect();
+        self.harness.meddle(move |sample, bytes| {
+            let path = paths.get(&sample.module).expect("each module is a leaf");
+            meddler(path, sample, bytes);
+        });
+    }
+
     /// Makes the machine and the network better or worse from now on.
     pub fn disturb(&mut self, disturbance: Disturbance) {
         self.harness.disturb(disturbance);
@@ -345,7 +357,7 @@ impl Simulation {
 /// Returns an argument as the controller kit reads it.
 fn spelled(argument: &Argument) -> String {
     let value = match &argument.value {
-        Constant::Text(text) => format!("\"{text}\""),
+        Constant::Text(text) => text.clone(),
         Constant::Number(number) => number.to_string(),
         Constant::Truth(truth) => truth.to_string(),
         Constant::Secret(key) => format!("secret({key:?})"),

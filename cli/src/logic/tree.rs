@@ -90,6 +90,7 @@ pub(crate) mod tests {
             phase: "running".into(),
             processes: processes.iter().map(process).collect(),
             lost: Vec::new(),
+            refused: Vec::new(),
         };
         let (version, up) = ("0".into(), Duration::ZERO);
         NodeStatus {

@@ -382,8 +382,8 @@ mod tests {
         check(&Notice::Expecting { ticket: 2 }, "44430f0002000902");
         let taken = Notice::Taken { ticket: 2, lost: 300, late: 1, missing: vec![4] };
         check(&taken, "44430f0002000a02ac02010104");
-        let losses = Notice::Losses { wires: vec![(300, 2)] };
-        check(&losses, "44430f0002000c01ac0202");
+        let losses = Notice::Losses { wires: vec![(300, 2)], refused: vec![("i".into(), 300)] };
+        check(&losses, "44430f0002000c01ac0202010169ac02");
         let refused = Refused { wire: 300, count: 2, why: Refusal::Repeated, from: Some("a1".into()) };
         let refused = Notice::Refused { wires: vec![refused] };
         check(&refused, "44430f0002000d01ac02020201026131");

@@ -397,10 +397,12 @@ pub enum Notice {
         /// The request, or a word about a watch that has this number.
         request: DatabaseRequest,
     },
-    /// How many values of wires have not come since the program began.
+    /// How many values of wires have not come, and how many values inputs have refused, since the program began.
     Losses {
         /// The wires that have lost some, each with all that it has lost.
         wires: Vec<(u32, u64)>,
+        /// The inputs that have refused some, because a number in them was not finite, each with all that it has refused.
+        refused: Vec<(String, u64)>,
     },
     /// What has come over wires and was dropped, because the other end has not sealed it.
     Refused {

@@ -48,7 +48,7 @@ pub struct Spread {
     pub direction: f64,
 }
 
-/// Returns the line closest to all `points` (m), and how well it is known; none of fewer than three.
+/// Returns the line closest to all `points` (m), and how well it is known; none of fewer than three, nor of points that are not finite.
 pub fn through(points: &[Vector2<f64>]) -> Option<(Line, Spread)> {
     let count = points.len();
     if count < 3 {
@@ -56,6 +56,9 @@ pub fn through(points: &[Vector2<f64>]) -> Option<(Line, Spread)> {
     }
     let mean = points.iter().sum::<Vector2<f64>>() / count as f64;
     let scatter: Matrix2<f64> = points.iter().map(|p| (p - mean) * (p - mean).transpose()).sum();
+    if !scatter.iter().all(|number| number.is_finite()) {
+        return None;
+    }
     let eigen = scatter.symmetric_eigen();
     let normal = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
     let (across, along) = (eigen.eigenvalues.min().max(0.0), eigen.eigenvalues.max());
@@ -108,5 +111,13 @@ mod tests {
         assert!((line.distance - 1.2).abs() < 2e-3, "{line:?}");
         assert!((line.normal - normal).norm() < 7e-3, "{line:?}");
         assert_eq!(fit(&points[..5], 0.02, &mut random), None);
+    }
+
+    #[test]
+    fn points_that_are_not_finite_make_no_line() {
+        for number in [f64::NAN, f64::INFINITY, f64::MAX] {
+            let points = [Vector2::new(1.0, 0.0), Vector2::new(1.0, number), Vector2::new(1.0, 2.0)];
+            assert_eq!(through(&points), None, "{number}");
+        }
     }
 }

@@ -115,6 +115,11 @@ impl Resolver {
         });
         let weighted = SMatrix::<f64, 9, 6>::from_fn(|i, j| inverse_weights[i] * jacobian[(j, i)]);
         let gram: Matrix6<f64> = jacobian * weighted;
+        // The search for eigenvalues of a matrix that is not finite never ends.
+        if !gram.iter().chain(twist.iter()).chain(null.iter()).all(|number| number.is_finite()) {
+            let q = if q.iter().all(|angle| angle.is_finite()) { *q } else { puma560::door_posture() };
+            return Resolved { rates: self.rest(&q, dt), singular_value_min: 0.0, scaling: 1.0 };
+        }
         let singular_value_min = gram.symmetric_eigenvalues().min().max(0.0).sqrt();
         let lack = (1.0 - (singular_value_min / SINGULAR_BELOW).powi(2)).max(0.0);
         let damped = gram + Matrix6::identity() * (DAMPING.powi(2) * lack);
@@ -159,6 +164,23 @@ mod tests {
 
     fn motion(twist_in_tool: Vector6<f64>, null: Rates) -> Motion {
         Motion { twist_in_tool, null, steady: false }
+    }
+
+    #[test]
+    fn what_is_not_finite_moves_nothing() {
+        let q = puma560::door_posture();
+        for number in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            let (mut angles, mut twist, mut null) = (q, Vector6::zeros(), Rates::zeros());
+            angles[2] = number;
+            let motion_by_angles = (angles, motion(twist, null));
+            twist[0] = number;
+            let motion_by_twist = (q, motion(twist, null));
+            null[4] = number;
+            for (q, motion) in [motion_by_angles, motion_by_twist, (q, motion(Vector6::zeros(), null))] {
+                let resolved = Resolver::default().resolve(&q, &motion, 0.01);
+                assert_eq!(resolved.rates, Rates::zeros(), "{number}");
+            }
+        }
     }
 
     #[test]

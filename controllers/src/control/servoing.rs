@@ -17,6 +17,8 @@ const GAIN: (f64, f64) = (0.8, 0.4);
 const FAR: (f64, f64) = (40.0, 8.0);
 const LINEAR_MAX: f64 = 0.15;
 const ANGULAR_MAX: f64 = 0.4;
+/// The most steps of a singular value decomposition; some 20 are usual.
+const SVD_STEPS: usize = 500;
 
 /// The calibration of the camera, and its distance from the handle in the end. It is measured on each robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,7 +98,8 @@ pub fn errors(seen: &[Mark; 4], way: Way, calibration: &Calibration) -> SVector<
     })
 }
 
-/// Returns the velocity that brings the four marks to where they belong.
+/// Returns the velocity that brings the four marks to where they belong. Marks with numbers that are not finite, or too large to
+/// calculate with, move nothing, and their error is infinite.
 pub fn servo(seen: &[Mark; 4], way: Way, calibration: &Calibration) -> Servo {
     let focal = calibration.focal;
     let mut interaction = SMatrix::<f64, 8, 6>::zeros();
@@ -112,9 +115,15 @@ pub fn servo(seen: &[Mark; 4], way: Way, calibration: &Calibration) -> Servo {
     }
     let far = ((errors.amax() * focal - FAR.1) / (FAR.0 - FAR.1)).clamp(0.0, 1.0);
     let gain = GAIN.1 + far * (GAIN.0 - GAIN.1);
-    let svd = interaction.svd(true, true);
-    let cut = svd.singular_values.max() * 1e-3;
-    let correction = svd.solve(&errors, cut).map_or_else(|_reason| Vector6::zeros(), |v| v * -gain);
+    // With a number that is not finite `svd` never ends.
+    if !interaction.iter().chain(errors.iter()).all(|number| number.is_finite()) {
+        return Servo { twist_in_tool: Vector6::zeros(), error: f64::INFINITY };
+    }
+    let correction = interaction.try_svd(true, true, f64::EPSILON, SVD_STEPS).and_then(|svd| {
+        let cut = svd.singular_values.max() * 1e-3;
+        svd.solve(&errors, cut).ok()
+    });
+    let correction = correction.map_or_else(Vector6::zeros, |velocity| velocity * -gain);
     let linear = Vector3::new(correction[0], correction[1], correction[2]).map(|v| v.clamp(-LINEAR_MAX, LINEAR_MAX));
     let angular = Vector3::new(correction[3], correction[4], correction[5]).map(|w| w.clamp(-ANGULAR_MAX, ANGULAR_MAX));
     let at_grasp = linear + angular.cross(&Vector3::new(0.0, 0.0, CAMERA_BEHIND));
@@ -156,6 +165,23 @@ mod tests {
         assert!(error < 0.3, "{error}");
         let goal = Vector3::new(0.0, 0.0, CAMERA_BEHIND - 0.30);
         assert!((tool.translation.vector - goal).norm() < 1e-3 && tool.rotation.angle() < 3e-3);
+    }
+
+    #[test]
+    fn marks_that_are_not_finite_move_nothing() {
+        let seen = MARKS.map(|[x, y, _]| Mark { pixel: [320.0 + 900.0 * x, 240.0 + 900.0 * y], depth: 0.5 });
+        for number in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MAX, f64::MIN] {
+            for poison in [0, 1, 2] {
+                let mut seen = seen;
+                match poison {
+                    2 => seen[1].depth = number,
+                    axis => seen[1].pixel[axis] = number,
+                }
+                let servo = servo(&seen, Way::nearer(&seen), &Calibration::default());
+                assert!(servo.twist_in_tool.iter().all(|rate| rate.is_finite()), "{number} {poison}: {servo:?}");
+                assert!(poison == 2 || servo.error > 1e6, "{number} {poison}: {servo:?}");
+            }
+        }
     }
 
     /// A pinhole: a lever looks as large from further away through a longer lens. Whoever measures his lens is right.

@@ -46,8 +46,11 @@ impl Touch {
     }
 
     /// Takes a sample (N), `dt` (s) after the last one. Returns the mean force beyond what is usual, if it is larger than
-    /// `threshold` (N) and more than noise.
+    /// `threshold` (N) and more than noise. A sample that is not finite is none: its noise would hide every touch after it.
     pub fn update(&mut self, force: &Vector3<f64>, threshold: f64, dt: f64) -> Option<Vector3<f64>> {
+        if !force.norm_squared().is_finite() {
+            return None;
+        }
         self.count = self.count.saturating_add(1);
         let share = |memory: f64| (1.0 / f64::from(self.count)).max(memory);
         if let Some(forgets) = self.forgets {
@@ -104,6 +107,20 @@ mod tests {
                 let time = noticed(noise, 300.0, seed);
                 assert!(time.is_ok_and(|time| time < 0.1), "{time:?} with {noise} N, seed {seed}");
             }
+        }
+    }
+
+    #[test]
+    fn a_sample_that_is_not_finite_does_not_blind_it() {
+        for number in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MAX] {
+            let mut touch = Touch::new(Some(1.5));
+            let free = Vector3::new(2.0, -14.0, 1.0);
+            for i in 0..200 {
+                let force = if i == 100 { Vector3::new(0.0, number, 0.0) } else { free };
+                assert_eq!(touch.update(&force, 5.0, DT), None, "{number}");
+            }
+            let felt = (0..3).find_map(|_| touch.update(&(free + Vector3::z() * 20.0), 5.0, DT));
+            assert!(felt.is_some_and(|force| force.norm() > 5.0), "{number}: {felt:?}");
         }
     }
 

@@ -212,6 +212,9 @@ impl State {
             inputs.gripper.fresh().cloned().map(Order::Gripper),
             inputs.force.fresh().cloned().map(Order::Force),
         ];
+        servers.arm.note_refused(inputs.arm.refused());
+        servers.base.note_refused(inputs.base.refused());
+        servers.gripper.note_refused(inputs.gripper.refused());
         let times = (self.delays.command, self.delays.jitter);
         for order in orders.into_iter().flatten().chain(queued(now, servers)) {
             self.orders.put(now, order, times, &mut self.random);

@@ -62,8 +62,12 @@ impl<const N: usize> Drive<N> {
         Self { limits, target: [0.0; N], heard: None, stopped: None, velocity: [0.0; N] }
     }
 
-    /// Takes a command, clamped to the speed limits; none brings the axes to rest.
+    /// Takes a command, clamped to the speed limits; none brings the axes to rest. A command that is not finite
+    /// is ignored.
     pub fn command(&mut self, target: Option<&[f64; N]>, now: Time) {
+        if target.is_some_and(|target| !target.iter().all(|speed| speed.is_finite())) {
+            return;
+        }
         self.heard = target.map(|_| now);
         if let Some(target) = target {
             let speed = &self.limits.speed;
@@ -109,6 +113,21 @@ mod tests {
         }
         assert!(drive.velocity[0].abs() < 1e-6);
         assert!(steps.iter().all(|step| *step <= 1e-3 + 1e-12));
+    }
+
+    #[test]
+    fn a_command_that_is_not_finite_counts_for_nothing() {
+        let limits = Limits { lag: 0.08, acceleration: [1.0; 2], speed: [0.5; 2] };
+        for number in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            let (mut drive, mut now) = (Drive::new(limits), Time::ZERO);
+            for i in 0..1000 {
+                drive.command(Some(&if i < 500 { [0.1, 0.2] } else { [0.1, number] }), now);
+                now = now + Duration::from_millis(1);
+                drive.step(now, 1e-3);
+                assert!(drive.velocity.iter().all(|speed| speed.is_finite()), "{number}");
+            }
+            assert!(drive.stopped.is_some(), "the watchdog has ended the last command that was one");
+        }
     }
 
     #[test]

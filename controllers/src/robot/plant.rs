@@ -187,6 +187,9 @@ impl Plant {
 
     /// Sends the fingers to a width (m); they press with no more than `force` (N), nor than they can.
     pub fn grip_to(&mut self, width: f64, force: f64) {
+        if !width.is_finite() || !force.is_finite() {
+            return;
+        }
         self.grip_target = width.clamp(0.0, GRIP_MAX);
         self.grip_force_max = force.clamp(0.0, self.setup.machine.grip_force);
     }

@@ -1,6 +1,6 @@
 //! A call of what another process exports, as a controller makes it: sent after a calculation, answered in a later one.
 
-use super::export::{encode, refused};
+use super::export::{encode, fit, refused};
 use super::port::Message;
 use comms::logic::object::ObjectError;
 use std::collections::{BTreeSet, VecDeque};
@@ -80,6 +80,7 @@ impl<A: Message, R: Message> Calls<A, R> {
         let waiting = u32::try_from(self.pending.len()).unwrap_or(u32::MAX);
         let busy = if self.pending.len() >= PENDING_MAX { Err(ObjectError::Busy { waiting }) } else { Ok(()) };
         match busy
+            .and_then(|()| fit(&argument, "argument"))
             .and_then(|()| encode(&argument))
             .and_then(|bytes| ObjectError::check_size(bytes.len()).map(|()| bytes))
         {
@@ -141,7 +142,8 @@ impl<A: Message, R: Message> AnyCalls for Calls<A, R> {
         }
         let decode = |bytes: Vec<u8>| {
             let read = postcard::from_bytes(&bytes);
-            read.map_err(|cause| refused(format!("the answer is not a `{}`: {cause}", R::TYPE)))
+            let read = read.map_err(|cause| refused(format!("the answer is not a `{}`: {cause}", R::TYPE)))?;
+            fit(&read, "answer").map(|()| read)
         };
         self.answers.push_back((number, result.and_then(decode)));
     }

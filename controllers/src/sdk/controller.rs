@@ -2,9 +2,11 @@
 
 use super::arguments::{Arguments, Parameter};
 use super::export::Exports;
+use super::finite::is_finite;
 use super::port::{InputSet, OutputSet};
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
+use serde::Serialize;
 use std::time::Duration;
 
 /// A leaf of a spec: `Init()`, `Run()`, `MainCalc()` and `Stop()` of the paper's section 4.2.
@@ -112,6 +114,18 @@ pub enum Progress {
 }
 
 impl Progress {
+    /// Returns the normal end that leaves `value` to the next process, encoded with postcard. A number in it that is not finite is an
+    /// abort, and so is a value that cannot be encoded.
+    pub fn done<T: Serialize + ?Sized>(value: &T) -> Self {
+        if !is_finite(value) {
+            return Self::Aborted("a number of the value that it leaves is not finite".to_owned());
+        }
+        match postcard::to_stdvec(value) {
+            Ok(bytes) => Self::Done(bytes),
+            Err(cause) => Self::Aborted(format!("the value that it leaves cannot be written: {cause}")),
+        }
+    }
+
     /// Returns the normal end `tag`, one of [`About::outcomes`], leaving `value` to the next process.
     ///
     /// The bytes are one with the length of the tag, the tag, and the value: what postcard makes of `(tag, value)`. A

@@ -1,6 +1,6 @@
 //! What a controller exports: procedures that others call, and state that they read, between two calculations of its loop.
 
-use super::port::Message;
+use super::port::{Message, is_fit};
 use comms::logic::object::{Access, ExportKind, Exported, ObjectCall, ObjectError, Signature, TypeForm};
 use std::fmt;
 use std::marker::PhantomData;
@@ -160,9 +160,13 @@ impl<C: 'static> Exports<C> {
             is_answered_idle: false,
             access: Access::default(),
         };
-        let run = move |controller: &mut C, argument: &[u8], raw: RawReply| match postcard::from_bytes(argument) {
-            Ok(argument) => run(controller, argument, Reply { raw, of: PhantomData }),
-            Err(cause) => raw.answer(Err(refused(format!("the argument is not a `{}`: {cause}", A::TYPE)))),
+        let run = move |controller: &mut C, argument: &[u8], raw: RawReply| {
+            let read = postcard::from_bytes(argument);
+            let read = read.map_err(|cause| refused(format!("the argument is not a `{}`: {cause}", A::TYPE)));
+            match read.and_then(|argument| fit(&argument, "argument").map(|()| argument)) {
+                Ok(argument) => run(controller, argument, Reply { raw, of: PhantomData }),
+                Err(error) => raw.answer(Err(error)),
+            }
         };
         self.all.push(Export { about, run: Run::Procedure(Box::new(run)) });
         self
@@ -223,6 +227,14 @@ pub(super) fn refused(reason: String) -> ObjectError {
 /// Returns what a message type says of itself.
 pub(super) fn form<T: Message>() -> TypeForm {
     TypeForm::new(T::TYPE, T::FIELDS)
+}
+
+/// Looks whether a value may be the argument or the result of a call.
+///
+/// # Errors
+/// A number in it is not finite.
+pub(super) fn fit<T: Message>(value: &T, what: &str) -> Result<(), ObjectError> {
+    if is_fit(value) { Ok(()) } else { Err(refused(format!("a number of the {what} is not finite"))) }
 }
 
 pub(super) fn encode<T: Message>(value: &T) -> Result<Vec<u8>, ObjectError> {

@@ -8,7 +8,7 @@ mod disturbance;
 
 use super::controller::{Progress, Stopping};
 use super::interface::{Binding, Direction};
-use super::module::{Delivery, Module};
+use super::module::{Delivery, DeliveryError, Module};
 use super::random::Random;
 use comms::logic::human::span;
 use comms::logic::signals::Signal;
@@ -82,6 +82,23 @@ pub struct Harness {
     sent: u64,
     disturbance: Disturbance,
     random: Random,
+    meddler: Option<Box<Meddler>>,
+}
+
+/// Sees each sample before its module has it, and may change it.
+type Meddler = dyn FnMut(&Sample, &mut Vec<u8>);
+
+/// A sample that is about to be delivered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sample {
+    /// The time of its delivery.
+    pub at: Time,
+    /// The module that it is for.
+    pub module: ModuleId,
+    /// The input.
+    pub port: &'static str,
+    /// The type of its messages.
+    pub type_name: &'static str,
 }
 
 struct Slot {
@@ -130,6 +147,7 @@ impl Harness {
             sent: 0,
             random: Random::new(disturbance.seed),
             disturbance,
+            meddler: None,
         }
     }
 
@@ -268,6 +286,11 @@ impl Harness {
         self.disturbance = disturbance;
     }
 
+    /// Has `meddler` see, and change, the encoded samples that modules get from now on.
+    pub fn meddle(&mut self, meddler: impl FnMut(&Sample, &mut Vec<u8>) + 'static) {
+        self.meddler = Some(Box::new(meddler));
+    }
+
     /// Lets time pass until an activation ends, at most until `until`.
     pub fn run(&mut self, until: Time) -> Option<Report> {
         loop {
@@ -285,7 +308,7 @@ impl Harness {
             self.now = at;
             match happening {
                 HarnessEvent::Calculate { slot, token } => self.calculate(slot, token),
-                HarnessEvent::Deliver { slot, port, bytes } => self.deliver(slot, port, &bytes),
+                HarnessEvent::Deliver { slot, port, bytes } => self.deliver(slot, port, bytes),
             }
         }
     }
@@ -341,13 +364,20 @@ impl Harness {
         self.arm(slot, due);
     }
 
-    fn deliver(&mut self, slot: usize, port: &'static str, bytes: &[u8]) {
+    fn deliver(&mut self, slot: usize, port: &'static str, mut bytes: Vec<u8>) {
         let (now, receiver) = (self.now, &mut self.slots[slot]);
         if matches!(receiver.state, State::Idle) {
             return;
         }
+        if let Some(meddler) = &mut self.meddler {
+            let type_name = receiver.module.interface().port(port).map_or("", |port| port.type_name);
+            meddler(&Sample { at: now, module: ModuleId(slot), port, type_name }, &mut bytes);
+        }
         let held = receiver.held.0 <= now && now < receiver.held.1;
-        let delivery = receiver.module.deliver(port, bytes, now).expect("connect has compared the types");
+        let delivery = match receiver.module.deliver(port, &bytes, now) {
+            Err(DeliveryError::NotFinite { .. }) => return,
+            taken => taken.expect("connect has compared the types"),
+        };
         if delivery == Delivery::Triggers && !held && matches!(receiver.state, State::Running) {
             self.arm(slot, now);
         }

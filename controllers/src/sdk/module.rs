@@ -7,7 +7,7 @@ use super::database::{DATABASE, Database, DatabaseOrder, Unknown};
 use super::export::{Activity, Exports, RawReply};
 use super::interface::{Direction, Interface};
 use super::key_ports::KeyPorts;
-use super::port::{AnyIn, InputSet, OutputSet};
+use super::port::{AnyIn, InputSet, OutputSet, Unfit};
 use comms::io::direct::Filler;
 use comms::logic::control::KeyPort;
 use comms::logic::database::DatabaseAnswer;
@@ -28,7 +28,7 @@ pub trait Module: Send {
     /// Hands a sample to an input; says whether a calculation is due at once.
     ///
     /// # Errors
-    /// If there is no such input, or the bytes are not of its type. The input keeps its older value.
+    /// If there is no such input, the bytes are not of its type, or a number in them is not finite. The input keeps its older value.
     fn deliver(&mut self, port: &str, bytes: &[u8], arrived: Time) -> Result<Delivery, DeliveryError>;
 
     /// Hands over a sample as [`Module::deliver`] does, from bytes that can only be copied.
@@ -179,6 +179,12 @@ pub enum DeliveryError {
         /// The error of the decoder.
         cause: postcard::Error,
     },
+    /// A number in it is infinite, or not a number, and its type does not allow that.
+    #[error("a value for `{port}` was refused: a number in it is not finite")]
+    NotFinite {
+        /// The port.
+        port: &'static str,
+    },
 }
 
 /// One instance of a controller with its ports.
@@ -240,7 +246,7 @@ impl<C: Controller> Instance<C> {
     fn hand_over(
         &mut self,
         port: &str,
-        mut deliver: impl FnMut(&mut dyn AnyIn) -> Result<(), postcard::Error>,
+        mut deliver: impl FnMut(&mut dyn AnyIn) -> Result<(), Unfit>,
     ) -> Result<Delivery, DeliveryError> {
         let inputs = &self.interface.ports[..self.input_count];
         let Some((index, declared)) = inputs.iter().enumerate().find(|(_, declared)| declared.name == port) else {
@@ -252,9 +258,35 @@ impl<C: Controller> Instance<C> {
                 result = deliver(input);
             }
         });
-        result.map_err(|cause| DeliveryError::Decode { port: declared.name, expected: declared.type_name, cause })?;
+        let port = declared.name;
+        result.map_err(|unfit| match unfit {
+            Unfit::Encoding(cause) => DeliveryError::Decode { port, expected: declared.type_name, cause },
+            Unfit::NotFinite => DeliveryError::NotFinite { port },
+        })?;
         let trigger = self.interface.about.schedule.trigger;
         Ok(if trigger == Some(declared.name) { Delivery::Triggers } else { Delivery::Stored })
+    }
+
+    /// Drops what waits at outputs and is not finite; returns the last port that has such a value.
+    fn refuse_outputs(&mut self) -> Option<&'static str> {
+        let (ports, mut refused) = (&self.interface.ports[self.input_count..], None);
+        self.outputs.visit(&mut |at, output| {
+            if output.refuse() {
+                refused = ports.get(at).map(|port| port.name);
+            }
+        });
+        refused
+    }
+
+    /// Returns a reason to abort together with what is wrong with the inputs: so a reader whose sensor seems to be silent tells why.
+    fn explained(&mut self, mut reason: String) -> String {
+        let ports = &self.interface.ports;
+        self.inputs.visit(&mut |at, input| {
+            if let (Some(trouble), Some(port)) = (input.trouble(), ports.get(at)) {
+                reason += &format!("; `{}` {trouble}", port.name);
+            }
+        });
+        reason
     }
 
     fn tick(&mut self, now: Time) -> Tick {
@@ -326,11 +358,15 @@ impl<C: Controller> Module for Instance<C> {
         self.tell_news(now);
         let progress = self.controller.main_calc(tick, &self.inputs, &mut self.outputs);
         self.inputs.visit(&mut |_, input| input.mark_seen());
+        if let Some(port) = self.refuse_outputs() {
+            return Progress::Aborted(self.explained(format!("a number of output `{port}` is not finite")));
+        }
         match progress {
+            Progress::Aborted(reason) => Progress::Aborted(self.explained(reason)),
             Progress::Done(value) if !self.interface.may_end_with(&value) => {
                 Progress::Aborted("it is done with an outcome that its interface does not declare".to_owned())
             }
-            Progress::Continue | Progress::Done(_) | Progress::Aborted(_) => progress,
+            Progress::Continue | Progress::Done(_) => progress,
         }
     }
 
@@ -338,6 +374,9 @@ impl<C: Controller> Module for Instance<C> {
         let tick = self.tick(now);
         self.outputs.database().into_iter().for_each(|database| database.begin(now));
         let stopping = self.controller.stop(tick, &self.inputs, &mut self.outputs);
+        if let Some(port) = self.refuse_outputs() {
+            tracing::warn!(port, "a number of an output is not finite while the controller stops");
+        }
         match stopping {
             Stopping::Again => self.inputs.visit(&mut |_, input| input.mark_seen()),
             Stopping::Finished => self.inputs.visit(&mut |_, input| input.clear()),

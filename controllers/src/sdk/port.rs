@@ -3,6 +3,7 @@
 use super::calls::AnyCalls;
 use super::database::Database;
 use super::export::CallInterface;
+use super::finite::is_finite;
 use super::port_interface::PortInterface;
 use comms::io::direct::Filler;
 use comms::logic::decode::{Source, decode_from};
@@ -25,6 +26,9 @@ pub trait Message: Serialize + DeserializeOwned + Debug + Send + 'static {
     /// The fields, as a spec writes them in a record: `force: Force[3], torque: Torque[3]`. Empty if the type does not
     /// declare them: then `dca check` compares the name alone.
     const FIELDS: &'static str = "";
+    /// Whether numbers in it may be infinite, or not a number. Otherwise an input refuses such a value and counts it, and an
+    /// output that sends one aborts its controller.
+    const ALLOW_NAN: bool = false;
 
     /// Returns when it was measured, on the clock of the host that the device is at: its age counts from then, however long
     /// it was on its way. None if nobody measured it; then it is as old as its arrival.
@@ -42,19 +46,83 @@ impl Message for () {
 /// clock, and so is one that comes from the future. It is as old as its arrival.
 const FOREIGN: Duration = Duration::from_secs(10);
 
+/// Returns whether a message may go through a port.
+pub(super) fn is_fit<T: Message>(value: &T) -> bool {
+    T::ALLOW_NAN || is_finite(value)
+}
+
+/// Why an input does not take a value.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Unfit {
+    /// The bytes are of another type or version.
+    Encoding(postcard::Error),
+    /// A number in it is infinite, or not a number.
+    NotFinite,
+}
+
+impl From<postcard::Error> for Unfit {
+    fn from(cause: postcard::Error) -> Self {
+        Self::Encoding(cause)
+    }
+}
+
+/// The values that an input has refused in this activation.
+#[derive(Clone, Copy, Debug, Default)]
+struct Refusals {
+    all: u64,
+    /// Since the last value that was taken.
+    in_a_row: u64,
+}
+
+impl Refusals {
+    fn judge<T: Message>(&mut self, value: T) -> Result<T, Unfit> {
+        if is_fit(&value) {
+            self.in_a_row = 0;
+            return Ok(value);
+        }
+        (self.all, self.in_a_row) = (self.all + 1, self.in_a_row + 1);
+        Err(Unfit::NotFinite)
+    }
+
+    fn trouble(self) -> Option<String> {
+        match self.in_a_row {
+            0 => None,
+            1 => Some("has refused its last value: a number in it was not finite".to_owned()),
+            count => Some(format!("has refused its last {count} values: a number in them was not finite")),
+        }
+    }
+}
+
+/// A sample that has come again so often is told when its reader fails.
+const REPEATED_MIN: u64 = 3;
+
 /// An input: holds the newest value that arrived.
 #[derive(Debug)]
 pub struct In<T> {
     value: Option<T>,
     arrived: Time,
     received: u64,
+    /// How many of those were not the sample before once more, and how many of them a calculation has seen.
+    new: u64,
     seen: u64,
+    /// How often the newest sample has come again.
+    repeated: u64,
     lost: u64,
+    refusals: Refusals,
 }
 
 impl<T> Default for In<T> {
     fn default() -> Self {
-        Self { value: None, arrived: Time::ZERO, received: 0, seen: 0, lost: 0 }
+        Self {
+            value: None,
+            arrived: Time::ZERO,
+            received: 0,
+            new: 0,
+            seen: 0,
+            repeated: 0,
+            lost: 0,
+            refusals: Refusals::default(),
+        }
     }
 }
 
@@ -87,9 +155,10 @@ impl<T: Message> In<T> {
         self.fresh_within(now, age_max).is_none()
     }
 
-    /// Returns the newest value if it arrived since the last calculation.
+    /// Returns the newest value if it arrived since the last calculation. A sample with the stamp of the one before is that one once
+    /// more, from a sensor that hangs: it is not fresh.
     pub fn fresh(&self) -> Option<&T> {
-        self.value.as_ref().filter(|_| self.received > self.seen)
+        self.value.as_ref().filter(|_| self.new > self.seen)
     }
 
     /// Returns when the newest value arrived, on this host's clock.
@@ -108,10 +177,22 @@ impl<T: Message> In<T> {
         self.lost
     }
 
-    fn take(&mut self, value: T, arrived: Time) {
+    /// Returns how many values have arrived in this activation and were refused, because a number in them was not finite; see
+    /// [`Message::ALLOW_NAN`].
+    pub fn refused(&self) -> u64 {
+        self.refusals.all
+    }
+
+    fn take(&mut self, value: T, arrived: Time) -> Result<(), Unfit> {
+        let value = self.refusals.judge(value)?;
+        let before = self.value.as_ref().and_then(Message::stamp);
+        let is_repeated = before.is_some() && value.stamp() == before;
+        self.repeated = if is_repeated { self.repeated + 1 } else { 0 };
+        self.new += u64::from(!is_repeated);
         self.value = Some(value);
         self.arrived = arrived;
         self.received += 1;
+        Ok(())
     }
 }
 
@@ -124,11 +205,12 @@ const EVERY_MAX: usize = 8192;
 pub struct Every<T> {
     values: VecDeque<T>,
     lost: u64,
+    refusals: Refusals,
 }
 
 impl<T> Default for Every<T> {
     fn default() -> Self {
-        Self { values: VecDeque::new(), lost: 0 }
+        Self { values: VecDeque::new(), lost: 0, refusals: Refusals::default() }
     }
 }
 
@@ -144,12 +226,19 @@ impl<T: Message> Every<T> {
         self.lost
     }
 
-    fn take(&mut self, value: T) {
+    /// Returns how many values were refused in this activation: see [`In::refused`].
+    pub fn refused(&self) -> u64 {
+        self.refusals.all
+    }
+
+    fn take(&mut self, value: T) -> Result<(), Unfit> {
+        let value = self.refusals.judge(value)?;
         if self.values.len() >= EVERY_MAX {
             self.values.pop_front();
             self.lost += 1;
         }
         self.values.push_back(value);
+        Ok(())
     }
 }
 
@@ -182,13 +271,15 @@ pub trait AnyIn {
     /// Takes an encoded value.
     ///
     /// # Errors
-    /// If `bytes` are not a value of this port's type.
-    fn deliver(&mut self, bytes: &[u8], arrived: Time) -> Result<(), postcard::Error>;
+    /// If `bytes` are not a value of this port's type, or a number in it is not finite.
+    fn deliver(&mut self, bytes: &[u8], arrived: Time) -> Result<(), Unfit>;
     /// Takes an encoded value that can only be copied: each byte once, right into the value.
     ///
     /// # Errors
     /// As of [`AnyIn::deliver`].
-    fn deliver_from(&mut self, source: &mut dyn Source, arrived: Time) -> Result<(), postcard::Error>;
+    fn deliver_from(&mut self, source: &mut dyn Source, arrived: Time) -> Result<(), Unfit>;
+    /// Returns the present trouble with the values of this input, for a person: `has refused its last 6 values ...`.
+    fn trouble(&self) -> Option<String>;
     /// Takes note of values that do not come.
     fn lose(&mut self, count: u64);
     /// Notes that a calculation has seen the newest value.
@@ -198,14 +289,19 @@ pub trait AnyIn {
 }
 
 impl<T: Message> AnyIn for In<T> {
-    fn deliver(&mut self, bytes: &[u8], arrived: Time) -> Result<(), postcard::Error> {
-        self.take(postcard::from_bytes(bytes)?, arrived);
-        Ok(())
+    fn deliver(&mut self, bytes: &[u8], arrived: Time) -> Result<(), Unfit> {
+        self.take(postcard::from_bytes(bytes)?, arrived)
     }
 
-    fn deliver_from(&mut self, source: &mut dyn Source, arrived: Time) -> Result<(), postcard::Error> {
-        self.take(decode_from(source)?, arrived);
-        Ok(())
+    fn deliver_from(&mut self, source: &mut dyn Source, arrived: Time) -> Result<(), Unfit> {
+        self.take(decode_from(source)?, arrived)
+    }
+
+    fn trouble(&self) -> Option<String> {
+        let is_stuck = self.repeated >= REPEATED_MIN;
+        let stuck =
+            is_stuck.then(|| format!("has got its last sample {} times more, with the same stamp", self.repeated));
+        self.refusals.trouble().or(stuck)
     }
 
     fn lose(&mut self, count: u64) {
@@ -213,7 +309,7 @@ impl<T: Message> AnyIn for In<T> {
     }
 
     fn mark_seen(&mut self) {
-        self.seen = self.received;
+        self.seen = self.new;
     }
 
     fn clear(&mut self) {
@@ -222,14 +318,16 @@ impl<T: Message> AnyIn for In<T> {
 }
 
 impl<T: Message> AnyIn for Every<T> {
-    fn deliver(&mut self, bytes: &[u8], _: Time) -> Result<(), postcard::Error> {
-        self.take(postcard::from_bytes(bytes)?);
-        Ok(())
+    fn deliver(&mut self, bytes: &[u8], _: Time) -> Result<(), Unfit> {
+        self.take(postcard::from_bytes(bytes)?)
     }
 
-    fn deliver_from(&mut self, source: &mut dyn Source, _: Time) -> Result<(), postcard::Error> {
-        self.take(decode_from(source)?);
-        Ok(())
+    fn deliver_from(&mut self, source: &mut dyn Source, _: Time) -> Result<(), Unfit> {
+        self.take(decode_from(source)?)
+    }
+
+    fn trouble(&self) -> Option<String> {
+        self.refusals.trouble()
     }
 
     fn lose(&mut self, count: u64) {
@@ -253,6 +351,9 @@ pub trait AnyOut {
     /// Returns whether a value waits.
     fn is_pending(&self) -> bool;
 
+    /// Drops the value that waits, if a number in it is not finite; says whether it did.
+    fn refuse(&mut self) -> bool;
+
     /// Encodes the value that waits right into memory, and says whether there is room; then it waits no more.
     fn fill(&mut self, filler: &mut Filler<'_>) -> bool;
 }
@@ -265,6 +366,10 @@ impl<T: Message> AnyOut for Out<T> {
 
     fn is_pending(&self) -> bool {
         self.pending.is_some()
+    }
+
+    fn refuse(&mut self) -> bool {
+        self.pending.take_if(|value| !is_fit(value)).is_some()
     }
 
     fn fill(&mut self, filler: &mut Filler<'_>) -> bool {
@@ -416,6 +521,24 @@ mod tests {
         input.mark_seen();
         input.lose(3);
         assert_eq!((input.iter().count(), input.lost()), (0, 3));
+    }
+
+    #[test]
+    fn a_sample_that_comes_again_is_not_fresh() {
+        let mut input = In::<Sample>::default();
+        let mut deliver = |nanos| {
+            input
+                .deliver(&postcard::to_stdvec(&Sample { stamp: Time::from_nanos(nanos) }).unwrap(), Time::ZERO)
+                .unwrap();
+            let fresh = input.fresh().map(|sample| sample.stamp);
+            input.mark_seen();
+            (fresh.is_some(), input.trouble().is_some())
+        };
+        assert_eq!(deliver(7), (true, false));
+        assert_eq!([7; 4].map(&mut deliver), [(false, false), (false, false), (false, true), (false, true)]);
+        assert_eq!(deliver(9), (true, false), "and then it goes on");
+        assert_eq!(deliver(7), (true, false), "another clock, after a device was started again");
+        assert_eq!(input.received(), 7);
     }
 
     #[test]

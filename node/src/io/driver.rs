@@ -313,9 +313,9 @@ impl Driver {
                 let is_current = self.programs.get(&process).is_some_and(|(current, _)| *current == number);
                 is_current.then(|| self.said(process, notice))
             }
-            Event::Losses(Connection { deployment, instance, .. }, wires) => {
+            Event::Losses(Connection { deployment, instance, .. }, counted) => {
                 let process = self.state.attachments.find(&deployment, &instance)?.clone();
-                self.losses.note(process, wires);
+                self.losses.note(process, instance, counted);
                 None
             }
             Event::Refused(connection, wires) => self.refused(&connection, wires),

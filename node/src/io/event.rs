@@ -36,8 +36,8 @@ pub(crate) enum Event {
     },
     /// A word from a program.
     Control(Connection, Notice),
-    /// What the wires of a program have lost.
-    Losses(Connection, Vec<(u32, u64)>),
+    /// The values that wires of a program have lost and its inputs have refused.
+    Losses(Connection, Counted),
     /// What a program has dropped that the other ends of its wires have not sealed.
     Refused(Connection, Vec<Refused>),
     /// A user wants to call a procedure of a program, which asks under this number whether the user may.
@@ -56,6 +56,13 @@ pub(crate) enum Event {
     Alarm,
     /// The programs of a change that cannot be started here.
     Found(Deployment, u32, Vec<String>),
+}
+
+/// The values that a program has counted since it began: see [`Notice::Losses`].
+#[derive(Debug)]
+pub(crate) struct Counted {
+    pub(crate) wires: Vec<(u32, u64)>,
+    pub(crate) refused: Vec<(String, u64)>,
 }
 
 /// A program's way to its node.
@@ -142,7 +149,7 @@ async fn hear(
                 requests.take(number, request);
                 None
             }
-            Notice::Losses { wires } => Some(Event::Losses(connection.clone(), wires)),
+            Notice::Losses { wires, refused } => Some(Event::Losses(connection.clone(), Counted { wires, refused })),
             Notice::Refused { wires } => Some(Event::Refused(connection.clone(), wires)),
             Notice::Judge { number, call } => Some(Event::Judge(connection.clone(), channel.clone(), number, call)),
             said @ (Notice::Hello { .. }

@@ -45,7 +45,7 @@ use serde::{Deserialize, Serialize};
 pub use signed::{Order, Ordered, Signed, TeamOfNode};
 pub use status::{
     Containment, DeploymentStatus, LeafStatus, LostValues, Network, NodeStatus, PolicyInUse, ProcessStatus,
-    WaitingDeployment, leaves,
+    RefusedValues, WaitingDeployment, leaves,
 };
 use std::fmt;
 use std::time::Duration;

@@ -37,6 +37,7 @@ mod objects;
 mod outputs;
 mod overlap;
 mod parameters;
+mod poison;
 mod policies;
 mod policy;
 mod presence;

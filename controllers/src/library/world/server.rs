@@ -37,12 +37,22 @@ pub(super) struct Server<T> {
     /// When a command was obeyed last.
     commanded: Option<Time>,
     refused: u64,
+    /// The commands that its port has refused in this activation, because a number in them was not finite.
+    not_finite: u64,
 }
 
 impl<T: Message> Server<T> {
     fn new(unlocked: Unlocked) -> Self {
         let commands = Queue::new(COMMANDS_MAX, Full::DropOldest);
-        Self { unlocked, lock: Lock::new(LOCK), commands, owner: Owner::default(), commanded: None, refused: 0 }
+        Self {
+            unlocked,
+            lock: Lock::new(LOCK),
+            commands,
+            owner: Owner::default(),
+            commanded: None,
+            refused: 0,
+            not_finite: 0,
+        }
     }
 
     /// Takes a request to the lock.
@@ -53,7 +63,7 @@ impl<T: Message> Server<T> {
     /// Takes a command into the queue, from who holds the lock alone.
     pub(super) fn receive(&mut self, message: QueueMessage) -> Receipt {
         let receipt = self.commands.receive_under(&mut self.lock, message);
-        if matches!(receipt, Receipt::Rejected(Rejected::Fenced(_))) {
+        if matches!(receipt, Receipt::Rejected(Rejected::Fenced(_) | Rejected::WrongType { .. })) {
             self.refused += 1;
         }
         receipt
@@ -76,6 +86,11 @@ impl<T: Message> Server<T> {
         is_obeyed
     }
 
+    /// Takes note of how many commands its port has refused in this activation.
+    pub(super) fn note_refused(&mut self, not_finite: u64) {
+        self.not_finite = not_finite;
+    }
+
     /// Lets somebody else speak who uses no lock.
     pub(super) fn release(&mut self) {
         self.owner.release();
@@ -84,7 +99,7 @@ impl<T: Message> Server<T> {
     /// Returns when a command was obeyed last (s since the host was started, 0 if none was), how many were refused, and who holds the lock.
     pub(super) fn status(&self) -> (f64, f64, String) {
         let commanded = self.commanded.map_or(0.0, super::super::seconds);
-        (commanded, self.refused as f64, self.holder().unwrap_or_default())
+        (commanded, (self.refused + self.not_finite) as f64, self.holder().unwrap_or_default())
     }
 
     /// Returns what people see of the queue.

@@ -3,7 +3,7 @@
 use super::lock::Lock;
 use super::{Full, Header, QueueMessage, QueueStatus, Receipt, Rejected};
 use crate::sdk::calls::Calls;
-use crate::sdk::port::Message;
+use crate::sdk::port::{Message, is_fit};
 use comms::io::entropy;
 use comms::logic::messaging::header::DATA_SIZE_MAX;
 use comms::logic::messaging::queue::{MessageQueue, QueueSettings};
@@ -52,9 +52,16 @@ impl<T: Message> Queue<T> {
 
     /// Receives a message: the one method of a queue.
     pub fn receive(&mut self, message: QueueMessage) -> Receipt {
-        if message.type_name == T::TYPE && postcard::from_bytes::<T>(&message.data).is_err() {
-            let (expected, found) = (T::TYPE.to_owned(), format!("{} of other fields", T::TYPE));
-            return self.queue.turn_away(Rejected::WrongType { expected, found });
+        if message.type_name == T::TYPE {
+            let problem = match postcard::from_bytes::<T>(&message.data) {
+                Ok(data) if is_fit(&data) => None,
+                Ok(_) => Some("with a number that is not finite"),
+                Err(_) => Some("of other fields"),
+            };
+            if let Some(problem) = problem {
+                let (expected, found) = (T::TYPE.to_owned(), format!("{} {problem}", T::TYPE));
+                return self.queue.turn_away(Rejected::WrongType { expected, found });
+            }
         }
         self.queue.receive(self.now, message)
     }
@@ -99,6 +106,17 @@ impl<T: Message> Queue<T> {
             last_sender: self.queue.last_sender().to_owned(),
         }
     }
+}
+
+/// Returns the data of a message as it travels.
+///
+/// # Errors
+/// It cannot be encoded, or a number in it is not finite.
+pub(super) fn encoded<T: Message>(data: &T) -> Result<Vec<u8>, String> {
+    if !is_fit(data) {
+        return Err(format!("a number of the `{}` is not finite", T::TYPE));
+    }
+    postcard::to_stdvec(data).map_err(|cause| format!("a `{}` cannot be written: {cause}", T::TYPE))
 }
 
 /// How sending a message ended.
@@ -192,7 +210,7 @@ impl<T: Message> QueueClient<T> {
         if self.sending.len() >= SENDING_MAX {
             return Err(format!("{SENDING_MAX} messages are on their way already"));
         }
-        let data = postcard::to_stdvec(data).map_err(|cause| format!("a `{}` cannot be written: {cause}", T::TYPE))?;
+        let data = encoded(data)?;
         let id = self.numbering.next();
         let (category, sender, recipient) = (category.to_owned(), self.sender.clone(), recipient.to_owned());
         let header = Header { category, id, sender, recipient, priority, marker };

@@ -3,6 +3,7 @@
 //! The subscriber always has one call open at the router, and the router answers it with the next message that the filters of the
 //! subscriber take. So a spec connects a subscription as any call, filters are evaluated at the sender, and who is gone is noticed.
 
+use super::queue::encoded;
 use super::{Queue, QueueMessage, Receipt, Rejected};
 use crate::sdk::calls::Calls;
 use crate::sdk::export::Reply;
@@ -141,7 +142,7 @@ impl<T: Message> Router<T> {
     /// # Errors
     /// If the data or a name is too long.
     pub fn send(&mut self, now: Time, (category, priority, marker): (&str, u8, u64), data: &T) -> Result<u64, String> {
-        let data = postcard::to_stdvec(data).map_err(|cause| format!("a `{}` cannot be written: {cause}", T::TYPE))?;
+        let data = encoded(data)?;
         let id = self.numbering.next();
         let (category, sender, recipient) = (category.to_owned(), self.sender.clone(), String::new());
         let header = Header { category, id, sender, recipient, priority, marker };

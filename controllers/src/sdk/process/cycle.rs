@@ -10,7 +10,7 @@ use super::wire::fetch_all;
 use crate::sdk::arguments::Arguments;
 use crate::sdk::controller::{Progress, Schedule, Stopping};
 use crate::sdk::export::Activity;
-use crate::sdk::module::{Delivery, Module};
+use crate::sdk::module::{Delivery, DeliveryError, Module};
 use comms::io::clock::{make_punctual, now};
 use comms::logic::control::Notice;
 use comms::logic::signals::{Peaks, Signal, Signals};
@@ -65,6 +65,8 @@ pub(super) struct Cycle {
     overruns: u64,
     /// Values that were sent to inputs in this activation, and have not come.
     lost: u64,
+    /// Values that inputs have refused in this activation, because a number in them was not finite.
+    refused: u64,
     /// When the node is told next what wires have lost.
     losses_due: Time,
     leaving: bool,
@@ -92,6 +94,7 @@ impl Cycle {
             peaks: Watch::default(),
             overruns: 0,
             lost: 0,
+            refused: 0,
             losses_due: Time::ZERO,
             leaving: false,
         }
@@ -198,7 +201,7 @@ impl Cycle {
         self.activation = activation;
         self.take_samples();
         let (time, connected) = (now(), self.links.callers().connected());
-        (self.due, self.signals_due, self.overruns, self.lost) = (time, time, 0, 0);
+        (self.due, self.signals_due, self.overruns, self.lost, self.refused) = (time, time, 0, 0, 0);
         self.peaks = Watch::default();
         self.phase = Phase::Running;
         for sample in std::mem::take(&mut self.latched) {
@@ -308,10 +311,19 @@ impl Cycle {
             Some(Ok(delivery)) => delivery == Delivery::Triggers,
             None => false,
             Some(Err(error)) => {
-                tracing::warn!(%error, "a sample was not taken");
+                self.not_taken(error);
                 false
             }
         }
+    }
+
+    /// Counts a value that its input has refused.
+    fn not_taken(&mut self, error: DeliveryError) {
+        if let DeliveryError::NotFinite { port } = error {
+            self.refused += 1;
+            return self.inbox.refuse_value(port);
+        }
+        tracing::warn!(%error, "a sample was not taken");
     }
 
     /// Sets the next deadline: one period after a trigger, or on the grid, which a trigger inside a group leaves alone. Missed ones are counted.
@@ -354,7 +366,7 @@ impl Cycle {
         for (port, bytes) in fetched {
             match self.call(|module| module.deliver(port, &bytes, now())) {
                 Some(Ok(_)) => {}
-                Some(Err(error)) => tracing::warn!(%error, "a fetched sample was not taken"),
+                Some(Err(error)) => self.not_taken(error),
                 None => return,
             }
         }
@@ -374,7 +386,7 @@ impl Cycle {
     fn tell_losses(&mut self, time: Time) {
         if time >= self.losses_due {
             self.losses_due = time + LOSSES_EVERY;
-            self.notices.tell(self.inbox.take_losses().map(|wires| Notice::Losses { wires }));
+            self.notices.tell(self.inbox.take_losses());
         }
     }
 
@@ -393,6 +405,9 @@ impl Cycle {
         }
         if self.lost > 0 {
             tracing::info!(lost = self.lost, "values did not arrive");
+        }
+        if self.refused > 0 {
+            tracing::warn!(refused = self.refused, "values were refused: a number in them was not finite");
         }
         self.tell(&match ending {
             Ending::Done(value) => Notice::Done { activation, value },
@@ -419,7 +434,11 @@ impl Cycle {
         }
         self.signals_due = time + every;
         let missed = self.peaks.sampled(&values, time);
-        let counts = [("overruns", Some(self.overruns)), ("lost values", Some(self.lost).filter(|lost| *lost > 0))];
+        let counts = [
+            ("overruns", Some(self.overruns)),
+            ("lost values", Some(self.lost).filter(|lost| *lost > 0)),
+            ("refused values", Some(self.refused).filter(|refused| *refused > 0)),
+        ];
         for (name, count) in counts {
             #[expect(clippy::cast_precision_loss, reason = "a count for people")]
             let value = count.map(|count| count as f64);
@@ -454,7 +473,6 @@ mod tests {
     use super::*;
     use crate::sdk::controller::{About, Configured};
     use crate::sdk::interface::Interface;
-    use crate::sdk::module::DeliveryError;
     use comms::io::control;
     use comms::logic::codec;
     use comms::logic::frame::Decoder;

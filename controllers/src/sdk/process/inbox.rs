@@ -131,10 +131,12 @@ struct Waiting {
     left: bool,
 }
 
-/// What wires have lost since the program began.
+/// The values that wires have lost and inputs have refused since the program began.
 #[derive(Debug, Default)]
 struct Losses {
     of_wires: BTreeMap<u32, u64>,
+    /// By input.
+    refused: BTreeMap<&'static str, u64>,
     /// Whether the node has not been told.
     is_news: bool,
 }
@@ -324,11 +326,20 @@ impl Inbox {
         std::mem::take(&mut self.lock().answers)
     }
 
-    /// Returns what each wire has lost since the program began, if that is news for the node.
-    pub(super) fn take_losses(&self) -> Option<Vec<(u32, u64)>> {
+    /// Returns what each wire has lost and each input has refused since the program began, if that is news for the node.
+    pub(super) fn take_losses(&self) -> Option<Notice> {
         let losses = &mut self.lock().losses;
-        let is_news = std::mem::take(&mut losses.is_news);
-        is_news.then(|| losses.of_wires.iter().map(|(wire, count)| (*wire, *count)).collect())
+        std::mem::take(&mut losses.is_news).then(|| Notice::Losses {
+            wires: losses.of_wires.iter().map(|(wire, count)| (*wire, *count)).collect(),
+            refused: losses.refused.iter().map(|(input, count)| ((*input).to_owned(), *count)).collect(),
+        })
+    }
+
+    /// Notes that an input has refused a value, because a number in it is not finite.
+    pub(super) fn refuse_value(&self, input: &'static str) {
+        let losses = &mut self.lock().losses;
+        *losses.refused.entry(input).or_default() += 1;
+        losses.is_news = true;
     }
 
     /// Notes that something has come over a wire which its other end has not sealed.
@@ -352,7 +363,7 @@ impl Inbox {
     /// Has another node told of all losses.
     pub(super) fn tell_losses_again(&self) {
         let losses = &mut self.lock().losses;
-        losses.is_news = !losses.of_wires.is_empty();
+        losses.is_news = !losses.of_wires.is_empty() || !losses.refused.is_empty();
     }
 
     /// Takes an answer of the database.
@@ -489,9 +500,16 @@ mod tests {
             Item::Lost(..) | Item::Taken(_) => panic!("{item:?}"),
         };
         assert_eq!(items.iter().map(what).filter(|what| *what > 0).sum::<u64>(), 4);
-        assert_eq!((inbox.take_losses(), inbox.take_losses()), (Some(vec![(3, 4)]), None));
+        let told = |wires: &[(u32, u64)], refused: &[(&str, u64)]| {
+            let refused = refused.iter().map(|(input, count)| ((*input).to_owned(), *count)).collect();
+            Some(Notice::Losses { wires: wires.to_vec(), refused })
+        };
+        assert_eq!((inbox.take_losses(), inbox.take_losses()), (told(&[(3, 4)], &[]), None));
         inbox.tell_losses_again();
-        assert_eq!(inbox.take_losses(), Some(vec![(3, 4)]));
+        assert_eq!(inbox.take_losses(), told(&[(3, 4)], &[]));
+        inbox.refuse_value("In");
+        inbox.refuse_value("In");
+        assert_eq!((inbox.take_losses(), inbox.take_losses()), (told(&[(3, 4)], &[("In", 2)]), None));
         assert_eq!(items.iter().map(what).filter(|what| *what == 0).count(), 2);
     }
 }

@@ -1,24 +1,36 @@
-//! The values that wires have lost, and those that were refused, as the programs at their ends count them.
+//! The values that wires have lost, and those that inputs or seals have refused, as the programs at their ends count them.
 
 use super::Driver;
-use crate::io::event::Connection;
+use crate::io::event::{Connection, Counted};
 use crate::logic::agent::{Agent, Input};
 use crate::logic::effect::ProcessId;
-use crate::logic::protocol::{LostValues, NodeStatus};
+use crate::logic::protocol::{LostValues, NodeStatus, RefusedValues};
 use comms::logic::seal::{DEVICE, LINK, NO_WIRE, Refused};
 use std::collections::BTreeMap;
 
-/// How many wires of one program are told at most.
+/// How many wires and inputs of one program are told at most.
 const WIRES_MAX: usize = 256;
 
-/// The losses of the programs of this node, by the number of the wire.
+/// The losses of the programs of this node.
 #[derive(Debug, Default)]
-pub(super) struct Losses(BTreeMap<ProcessId, BTreeMap<u32, u64>>);
+pub(super) struct Losses(BTreeMap<ProcessId, Counts>);
+
+/// The counts of one program since it began.
+#[derive(Debug, Default)]
+struct Counts {
+    instance: String,
+    /// By the number of the wire.
+    lost: BTreeMap<u32, u64>,
+    /// By input.
+    refused: BTreeMap<String, u64>,
+}
 
 impl Losses {
-    /// Takes what a program has counted since it began.
-    pub(super) fn note(&mut self, process: ProcessId, wires: Vec<(u32, u64)>) {
-        self.0.insert(process, wires.into_iter().take(WIRES_MAX).collect());
+    /// Takes what a program, which is this instance, has counted since it began.
+    pub(super) fn note(&mut self, process: ProcessId, instance: String, counted: Counted) {
+        let lost = counted.wires.into_iter().take(WIRES_MAX).collect();
+        let refused = counted.refused.into_iter().take(WIRES_MAX).collect();
+        self.0.insert(process, Counts { instance, lost, refused });
     }
 
     /// Forgets programs that are not there any more.
@@ -26,11 +38,19 @@ impl Losses {
         self.0.retain(|process, _| !is_gone(process));
     }
 
-    /// Adds what was lost to a status.
+    /// Adds what was lost and refused to a status.
     pub(super) fn tell(&self, status: &mut NodeStatus, agent: &Agent) {
         for part in &mut status.deployments {
-            let of_part = self.0.iter().filter(|(process, _)| process.deployment == part.deployment);
-            let wires = of_part.flat_map(|(_, wires)| wires);
+            let of_part = || self.0.iter().filter(|(process, _)| process.deployment == part.deployment);
+            let refused = of_part().flat_map(|(_, Counts { instance, refused, .. })| {
+                let named = |(input, count): (&String, &u64)| {
+                    let input = format!("{instance}, {input}");
+                    RefusedValues { input, count: *count }
+                };
+                refused.iter().map(named).collect::<Vec<_>>()
+            });
+            part.refused = refused.collect();
+            let wires = of_part().flat_map(|(_, counts)| &counts.lost);
             let named = wires.filter_map(|(wire, count)| {
                 let wire = agent.wire(&part.deployment, *wire)?;
                 Some(LostValues { wire, count: *count })

@@ -46,7 +46,7 @@ impl Participant {
             Phase::Leaving => "ending",
         };
         let (deployment, home) = (self.deployment.clone(), self.home.clone());
-        DeploymentStatus { deployment, home, phase: phase.to_owned(), processes, lost: Vec::new() }
+        DeploymentStatus { deployment, home, phase: phase.to_owned(), processes, lost: Vec::new(), refused: Vec::new() }
     }
 
     /// Returns the ends of a wire, for people.

@@ -158,6 +158,8 @@ pub struct DeploymentStatus {
     pub processes: Vec<ProcessStatus>,
     /// What wires to its programs on this host have lost.
     pub lost: Vec<LostValues>,
+    /// The values that inputs of its programs on this host have refused.
+    pub refused: Vec<RefusedValues>,
 }
 
 /// Values that were sent over a wire and have not come: dropped by a link that was cut or congested, or without room in the queue. Counted
@@ -166,6 +168,15 @@ pub struct DeploymentStatus {
 pub struct LostValues {
     /// The ends of the wire: `main/a, Out -> main/b, In`.
     pub wire: String,
+    /// How many.
+    pub count: u64,
+}
+
+/// Values that an input has refused, because a number in them was not finite. Counted since its program began.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RefusedValues {
+    /// The input: `main/b, In`, or `main/b, arm/state` of a device.
+    pub input: String,
     /// How many.
     pub count: u64,
 }
