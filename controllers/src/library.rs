@@ -23,6 +23,8 @@ mod servoing;
 mod through;
 mod world;
 
+use crate::message::FtState;
+use crate::robot::laser::RANGE_MAX;
 use crate::sdk::{Registry, Tick};
 use comms::logic::time::Time;
 use std::time::Duration;
@@ -83,6 +85,60 @@ impl Watch {
     }
 }
 
+/// A sensor hangs when so many more samples are equal to the first one: noise makes each sample another one.
+const EQUAL_MAX: u32 = 5;
+
+/// Notices that a noisy sensor says the same again and again, with whatever stamp.
+#[derive(Clone, Debug)]
+struct Stuck<T> {
+    last: Option<T>,
+    equal: u32,
+}
+
+impl<T> Default for Stuck<T> {
+    fn default() -> Self {
+        Self { last: None, equal: 0 }
+    }
+}
+
+impl<T: PartialEq + Clone> Stuck<T> {
+    /// Takes a new sample; returns whether so many were equal that the sensor hangs.
+    fn is_stuck(&mut self, sample: &T) -> bool {
+        if self.last.as_ref() == Some(sample) {
+            self.equal = self.equal.saturating_add(1);
+        } else {
+            (self.last, self.equal) = (Some(sample.clone()), 0);
+        }
+        self.equal >= EQUAL_MAX
+    }
+}
+
+/// Notices that the wrist sensor says the same again and again.
+#[derive(Clone, Debug, Default)]
+struct StuckForce(Stuck<[f64; 6]>);
+
+impl StuckForce {
+    /// Takes a new sample; returns why the sensor cannot be trusted.
+    fn problem(&mut self, state: &FtState) -> Option<String> {
+        let ([x, y, z], [a, b, c]) = (state.force, state.torque);
+        let is_stuck = self.0.is_stuck(&[x, y, z, a, b, c]);
+        is_stuck.then(|| format!("the force sensor hangs: {EQUAL_MAX} samples after one are equal to it"))
+    }
+}
+
+/// Notices that the laser says the same again and again. Sweeps without an echo are all equal.
+#[derive(Clone, Debug, Default)]
+struct StuckLaser(Stuck<Vec<f64>>);
+
+impl StuckLaser {
+    /// Takes a new sweep; returns why the laser cannot be trusted.
+    fn problem(&mut self, ranges: &Vec<f64>) -> Option<String> {
+        let has_echo = ranges.iter().any(|range| (0.0..RANGE_MAX).contains(range));
+        let is_stuck = self.0.is_stuck(ranges) && has_echo;
+        is_stuck.then(|| format!("the laser hangs: {EQUAL_MAX} sweeps after one are equal to it"))
+    }
+}
+
 /// Returns the step that a ramp may take: a calculation that was held up does not make it a jump.
 fn ramp_dt(tick: Tick) -> f64 {
     tick.dt().min(0.03)
@@ -91,9 +147,4 @@ fn ramp_dt(tick: Tick) -> f64 {
 /// Returns a stamp in seconds, as messages between ports have it: a record knows what that is.
 fn seconds(stamp: Time) -> f64 {
     stamp.since(Time::ZERO).as_secs_f64()
-}
-
-/// Returns what a process leaves to the next.
-fn value<T: serde::Serialize>(value: &T) -> Vec<u8> {
-    postcard::to_stdvec(value).expect("numbers are always encoded")
 }

@@ -1,7 +1,7 @@
 //! The laser, and the detector of the distance from hand to door.
 
 use super::servoing::{CALIBRATION, calibration};
-use super::{SENSED, Watch};
+use super::{SENSED, StuckLaser, Watch};
 use crate::control::filter::Debounce;
 use crate::control::servoing::{self, Calibration, Mark, Way};
 use crate::control::{line, puma560};
@@ -46,6 +46,7 @@ pub(super) struct SensorOutputs {
 /// Tells what the laser sees.
 #[derive(Debug, Default)]
 pub(super) struct LaserSensor {
+    stuck: StuckLaser,
     watch: Watch,
 }
 
@@ -69,6 +70,9 @@ impl Controller for LaserSensor {
 
     fn main_calc(&mut self, tick: Tick, inputs: &SensorInputs, outputs: &mut SensorOutputs) -> Progress {
         let fresh = inputs.state.fresh();
+        if let Some(why) = fresh.and_then(|state| self.stuck.problem(&state.ranges)) {
+            return Progress::Aborted(why);
+        }
         if let Some(state) = fresh {
             outputs.scan.send(LaserScan { ranges: state.ranges.clone() });
         }
@@ -199,7 +203,7 @@ impl Controller for DistanceThreshold {
         let settled = self.recent.len() == SETTLE && (mean(before) - mean(after)).abs() < SETTLED;
         let arrived = self.image.is_some_and(|errors| errors.amax() < ARRIVED);
         if self.debounce.update(distance < self.threshold && settled && arrived) {
-            return Progress::Done(super::value(&distance));
+            return Progress::done(&distance);
         }
         Progress::Continue
     }

@@ -1,6 +1,6 @@
 //! The wrist sensor and what watches it.
 
-use super::{Watch, seconds};
+use super::{StuckForce, Watch, seconds};
 use crate::control::touch::Touch;
 use crate::message::{FtCommand, FtState, Wrench};
 use crate::sdk::{
@@ -44,6 +44,7 @@ pub(super) struct ForceTorque {
     threshold: f64,
     /// The sensor's count of zeroings when this began.
     zeroed_before: Option<u32>,
+    stuck: StuckForce,
     watch: Watch,
 }
 
@@ -69,7 +70,8 @@ impl Controller for ForceTorque {
 
     fn new(arguments: &Arguments) -> Result<Self, String> {
         let (zero, threshold) = (arguments.text("zero") == "zero", arguments.number("threshold"));
-        Ok(Self { zero, threshold, drift: (0, Vector3::zeros()), zeroed_before: None, watch: Watch::default() })
+        let (drift, stuck, watch) = ((0, Vector3::zeros()), StuckForce::default(), Watch::default());
+        Ok(Self { zero, threshold, drift, zeroed_before: None, stuck, watch })
     }
 
     fn configure(&mut self, arguments: &Arguments) -> Result<Configured, String> {
@@ -79,7 +81,7 @@ impl Controller for ForceTorque {
 
     fn init(&mut self, _: &[u8]) -> Result<(), String> {
         (self.zeroed_before, self.watch) = (None, Watch::default());
-        self.drift = (0, Vector3::zeros());
+        (self.drift, self.stuck) = ((0, Vector3::zeros()), StuckForce::default());
         Ok(())
     }
 
@@ -89,6 +91,9 @@ impl Controller for ForceTorque {
             return Progress::Aborted("no word from the force sensor for 1 s".to_owned());
         }
         let Some(state) = fresh else { return Progress::Continue };
+        if let Some(why) = self.stuck.problem(state) {
+            return Progress::Aborted(why);
+        }
         let before = *self.zeroed_before.get_or_insert(state.zeroed);
         if self.zero && state.zeroed == before {
             outputs.command.send(FtCommand { after: before });
@@ -133,6 +138,7 @@ pub(super) struct SensorOutputs {
 #[derive(Debug, Default)]
 pub(super) struct ForceSensor {
     zeroed_before: Option<u32>,
+    stuck: StuckForce,
     watch: Watch,
 }
 
@@ -163,6 +169,9 @@ impl Controller for ForceSensor {
             return Progress::Aborted("no word from the force sensor for 1 s".to_owned());
         }
         let Some(state) = fresh else { return Progress::Continue };
+        if let Some(why) = self.stuck.problem(state) {
+            return Progress::Aborted(why);
+        }
         let before = *self.zeroed_before.get_or_insert(state.zeroed);
         if state.zeroed == before {
             outputs.command.send(FtCommand { after: before });
@@ -205,7 +214,7 @@ impl Threshold {
         }
         let Some(wrench) = fresh else { return Progress::Continue };
         match self.touch.update(&Vector3::from(wrench.force), self.threshold, tick.dt()) {
-            Some(force) => Progress::Done(super::value(&force.norm())),
+            Some(force) => Progress::done(&force.norm()),
             None => Progress::Continue,
         }
     }

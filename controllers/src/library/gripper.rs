@@ -102,7 +102,7 @@ impl GripperControl {
                 let held = self.held.update(presses && state.width > EMPTY);
                 let empty = self.empty.update(presses && state.width <= EMPTY);
                 if held {
-                    Progress::Done(super::value(&state.width))
+                    Progress::done(&state.width)
                 } else if empty {
                     Progress::Aborted("the gripper closed on nothing".to_owned())
                 } else {

@@ -1,6 +1,6 @@
 //! ModelBasedCtrl: opens the door about the hinge that it finds.
 
-use super::{SENSED, distance};
+use super::{SENSED, StuckLaser, distance};
 use crate::control::angle::wrapped;
 use crate::control::caster::Pose;
 use crate::control::clearance::clearance;
@@ -79,6 +79,7 @@ pub(super) struct ModelBasedCtrl {
     opening: Option<Opening>,
     watch: Watch,
     wall: Wall,
+    stuck: StuckLaser,
     /// The pose of the base at the last sweep, in the odometry frame.
     swept_from: Option<Pose>,
     anchor: Anchor,
@@ -209,7 +210,7 @@ impl ModelBasedCtrl {
         }
         match (self.watch.update(evidence), evidence.leaf) {
             (Verdict::Doubt(doubt), _) => refuse(doubt),
-            (Verdict::Open, Some(leaf)) => Progress::Done(super::value(&[leaf.angle, evidence.radius])),
+            (Verdict::Open, Some(leaf)) => Progress::done(&[leaf.angle, evidence.radius]),
             _ if self.spent > TIMEOUT => Progress::Aborted("the door is not open after 55 s".to_owned()),
             _ => Progress::Continue,
         }
@@ -292,6 +293,7 @@ impl Controller for ModelBasedCtrl {
             opening: None,
             watch: Watch::new(goal, expected),
             wall: Wall::default(),
+            stuck: StuckLaser::default(),
             swept_from: None,
             anchor: Anchor::default(),
             poses: History::default(),
@@ -308,7 +310,7 @@ impl Controller for ModelBasedCtrl {
     fn init(&mut self, _: &[u8]) -> Result<(), String> {
         (self.opening, self.angle, self.leaf, self.room) = (None, 0.0, None, None);
         (self.watch, self.wall) = (Watch::new(self.goal, self.expected), Wall::default());
-        (self.swept_from, self.anchor) = (None, Anchor::default());
+        (self.stuck, self.swept_from, self.anchor) = (StuckLaser::default(), None, Anchor::default());
         (self.poses, self.joints) = (History::default(), History::default());
         (self.blind, self.spent) = (Duration::ZERO, Duration::ZERO);
         Ok(())
@@ -316,6 +318,9 @@ impl Controller for ModelBasedCtrl {
 
     fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
         self.spent += tick.elapsed;
+        if let Some(why) = inputs.laser.fresh().and_then(|sweep| self.stuck.problem(&sweep.ranges)) {
+            return Progress::Aborted(why);
+        }
         let Some(known) = self.known(tick, inputs) else {
             // Without eyes it does not pull; the others see a fresh zero.
             outputs.velocity.send(Velocity::REST);

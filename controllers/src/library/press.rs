@@ -1,6 +1,6 @@
 //! PressHandle: presses the lever that the hand holds.
 
-use super::SENSED;
+use super::{SENSED, StuckForce};
 use crate::control::press::{Press, State};
 use crate::control::puma560;
 use crate::message::{ArmState, FtState, GripperState, Velocity};
@@ -46,6 +46,7 @@ pub(super) struct PressHandle {
     /// Between the fingers while they hold the lever, at least (m).
     width_min: f64,
     press: Option<Press>,
+    stuck: StuckForce,
     depth: f64,
     started: Time,
 }
@@ -67,11 +68,17 @@ impl Controller for PressHandle {
     }
 
     fn new(arguments: &Arguments) -> Result<Self, String> {
-        Ok(Self { width_min: arguments.number("width_min"), press: None, depth: 0.0, started: Time::ZERO })
+        Ok(Self {
+            width_min: arguments.number("width_min"),
+            press: None,
+            stuck: StuckForce::default(),
+            depth: 0.0,
+            started: Time::ZERO,
+        })
     }
 
     fn init(&mut self, _: &[u8]) -> Result<(), String> {
-        (self.press, self.depth) = (None, 0.0);
+        (self.press, self.stuck, self.depth) = (None, StuckForce::default(), 0.0);
         Ok(())
     }
 
@@ -81,6 +88,9 @@ impl Controller for PressHandle {
 
     fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
         let (arm, force) = (inputs.arm.fresh_within(tick.now, SENSED), inputs.force.fresh_within(tick.now, SENSED));
+        if let Some(why) = inputs.force.fresh().and_then(|state| self.stuck.problem(state)) {
+            return Progress::Aborted(why);
+        }
         let (mut twist, mut state) = (Vector6::zeros(), State::Pressing);
         if let (Some(arm), Some(wrench)) = (arm, force) {
             let base_from_tool = puma560::forward(&arm.angles.into()).base_from_tool;
@@ -98,7 +108,7 @@ impl Controller for PressHandle {
         outputs.velocity.send(Velocity::of_hand(twist.into()));
         match state {
             _ if lost => Progress::Aborted("lost the handle: there is nothing between the fingers".to_owned()),
-            State::Down => Progress::Done(super::value(&self.depth)),
+            State::Down => Progress::done(&self.depth),
             State::Stuck => Progress::Aborted(format!("the lever does not go down: {:.0} mm", 1e3 * self.depth)),
             State::Pressing if tick.now.since(self.started) > TIMEOUT => {
                 Progress::Aborted(format!("the lever is not down after 12 s: {:.0} mm", 1e3 * self.depth))

@@ -1,6 +1,6 @@
 //! DriveThrough: brings the robot to the other side of a door that it has opened.
 
-use super::{SENSED, distance, ramp_dt};
+use super::{SENSED, StuckLaser, distance, ramp_dt};
 use crate::control::caster::Pose;
 use crate::control::history::History;
 use crate::control::leaf::Wall;
@@ -52,6 +52,7 @@ pub(super) struct Outputs {
 pub(super) struct DriveThrough {
     margin: f64,
     wall: Wall,
+    stuck: StuckLaser,
     drive: Option<Drive>,
     door: Option<Doorway>,
     poses: History<3>,
@@ -125,6 +126,7 @@ impl Controller for DriveThrough {
         Ok(Self {
             margin: arguments.number("margin"),
             wall: Wall::default(),
+            stuck: StuckLaser::default(),
             drive: None,
             door: None,
             poses: History::default(),
@@ -135,7 +137,7 @@ impl Controller for DriveThrough {
     }
 
     fn init(&mut self, _: &[u8]) -> Result<(), String> {
-        (self.wall, self.drive, self.door) = (Wall::default(), None, None);
+        (self.wall, self.stuck, self.drive, self.door) = (Wall::default(), StuckLaser::default(), None, None);
         (self.poses, self.joints) = (History::default(), History::default());
         (self.blind, self.spent) = (Duration::ZERO, Duration::ZERO);
         Ok(())
@@ -144,6 +146,10 @@ impl Controller for DriveThrough {
     fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
         let rest = Velocity::REST;
         self.spent += tick.elapsed;
+        if let Some(why) = inputs.laser.fresh().and_then(|sweep| self.stuck.problem(&sweep.ranges)) {
+            outputs.velocity.send(rest);
+            return Progress::Aborted(why);
+        }
         let pose = inputs.pose.fresh_within(tick.now, SENSED).zip(inputs.pose.measured());
         let arm = inputs.arm.fresh_within(tick.now, SENSED).zip(inputs.arm.measured());
         let gripper = inputs.gripper.fresh_within(tick.now, SENSED);
@@ -193,7 +199,7 @@ impl Controller for DriveThrough {
             Step::Through => {
                 outputs.velocity.send(rest);
                 let room = self.drive.as_ref().and_then(Drive::clearance);
-                Progress::Done(super::value(&room.unwrap_or(f64::NAN)))
+                Progress::done(&room)
             }
             Step::Failed(failure) => {
                 outputs.velocity.send(rest);
