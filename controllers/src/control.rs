@@ -25,3 +25,4 @@ pub mod swing;
 pub mod swivel;
 pub mod through;
 pub mod touch;
+pub mod unload;

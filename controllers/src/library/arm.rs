@@ -4,7 +4,8 @@ use super::grant::{Grant, LockCalls, PRIORITY, Right};
 use super::{FRESH, SENSED, Watch, ramp_dt, seconds};
 use crate::control::puma560::{self, Joints};
 use crate::control::ramp::towards;
-use crate::message::{ArmCommand, ArmState, JointState, JointVelocity, Velocity};
+use crate::control::unload::Unloading;
+use crate::message::{ArmCommand, ArmState, FtState, JointState, JointVelocity, Velocity};
 use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Parameter, Progress, Stopping, Tick};
 use comms::logic::time::Time;
 use nalgebra::Vector6;
@@ -15,6 +16,8 @@ const ACCELERATION_MAX: f64 = 8.0;
 const SETTLING: Duration = Duration::from_millis(100);
 /// A joint this close to its limit moves away from it only (rad).
 const LIMIT_MARGIN: f64 = 0.03;
+/// The longest stop, in which the hand lets go of its force.
+const STOP_WITHIN: Duration = Duration::from_millis(3500);
 /// After a gap this long the drives have stopped by themselves.
 const GAP: f64 = 0.08;
 
@@ -27,6 +30,9 @@ pub(super) struct CtrlInputs {
     /// The arm's encoders.
     #[device("arm/state")]
     state: In<ArmState>,
+    /// The wrist sensor: an arm that stops lets go of the force on its hand.
+    #[device("ft/state")]
+    force: In<FtState>,
 }
 
 /// The outputs of [`Puma560Ctrl`].
@@ -49,6 +55,7 @@ struct Servo {
     owner: &'static str,
     command: Joints,
     watch: Watch,
+    unloading: Unloading,
     resting: Duration,
     grant: Grant,
 }
@@ -59,11 +66,12 @@ const PARAMETERS: &[Parameter] = &[PRIORITY];
 impl Servo {
     fn new(owner: &'static str, arguments: &Arguments) -> Result<Self, String> {
         let (command, watch, grant) = (Joints::zeros(), Watch::default(), Grant::new("arm", arguments)?);
-        Ok(Self { owner, command, watch, resting: Duration::ZERO, grant })
+        Ok(Self { owner, command, watch, unloading: Unloading::default(), resting: Duration::ZERO, grant })
     }
 
     fn begin(&mut self) -> Result<(), String> {
         (self.command, self.watch, self.resting) = (Joints::zeros(), Watch::default(), Duration::ZERO);
+        self.unloading = Unloading::default();
         self.grant.begin()
     }
 
@@ -96,29 +104,38 @@ impl Servo {
         if self.watch.is_silent(tick.now, state.is_some()) {
             return Err("no word from the arm for 1 s".to_owned());
         }
-        let (low, high) = (puma560::lowest(), puma560::highest());
         let measured = state.map(|state| (Joints::from(state.angles), Joints::from(state.rates)));
+        // A comparison with an angle that is not a number would call every joint within its range.
+        let measured = measured.filter(|(q, rates)| q.iter().chain(rates).all(|number| number.is_finite()));
         if let Some((_, rates)) = measured.filter(|_| tick.dt() > GAP) {
             self.command = rates;
         }
-        let step = ACCELERATION_MAX * ramp_dt(tick);
-        self.command = Joints::from_fn(|i, _| {
-            let wanted = match measured {
-                Some((q, _)) if q[i] > high[i] - LIMIT_MARGIN => wanted[i].min(0.0),
-                Some((q, _)) if q[i] < low[i] + LIMIT_MARGIN => wanted[i].max(0.0),
-                Some(_) => wanted[i],
-                None => 0.0,
-            };
-            towards(self.command[i], wanted, step)
-        });
+        let wanted = measured.map_or_else(Joints::zeros, |(q, _)| within(&q, wanted));
+        self.move_towards(&wanted, tick);
         Ok(self.command.into())
     }
 
-    /// Moves the command to rest, then lets go of the arm.
-    fn stop(&mut self, tick: Tick, command: &mut Out<ArmCommand>, lock: &mut LockCalls) -> Stopping {
+    fn move_towards(&mut self, wanted: &Joints, tick: Tick) {
         let step = ACCELERATION_MAX * ramp_dt(tick);
-        self.command = self.command.map(|rate| towards(rate, 0.0, step));
-        let still = self.command.amax() <= 0.0;
+        self.command = self.command.zip_map(wanted, |rate, wanted| towards(rate, wanted, step));
+    }
+
+    /// Takes the load off the hand and moves the command to rest, then lets go of the arm.
+    fn stop(
+        &mut self,
+        tick: Tick,
+        (state, force): (&In<ArmState>, &In<FtState>),
+        (command, lock): (&mut Out<ArmCommand>, &mut LockCalls),
+    ) -> Stopping {
+        let felt = state.fresh_within(tick.now, FRESH).zip(force.fresh_within(tick.now, FRESH));
+        let wanted = felt.and_then(|(state, wrench)| {
+            let ([x, y, z], [a, b, c]) = (wrench.force, wrench.torque);
+            let twist = self.unloading.update(&Vector6::new(x, y, z, a, b, c), ramp_dt(tick))?;
+            let q = Joints::from(state.angles);
+            Some(within(&q, &puma560::rates_for(&q, &twist)))
+        });
+        self.move_towards(&wanted.unwrap_or_else(Joints::zeros), tick);
+        let still = wanted.is_none() && self.command.amax() <= 0.0;
         self.resting = if still { self.resting + tick.elapsed } else { Duration::ZERO };
         let rests = self.resting >= SETTLING;
         if let Right::Command(fence) = self.grant.keep(tick.now, lock) {
@@ -127,6 +144,20 @@ impl Servo {
         }
         if self.grant.is_over(tick.now, rests, lock) { Stopping::Finished } else { Stopping::Again }
     }
+}
+
+/// Returns the rates (rad/s) of those `wanted` that do not lead beyond the ranges of joints at `q` (rad).
+fn within(q: &Joints, wanted: &Joints) -> Joints {
+    let (low, high) = (puma560::lowest(), puma560::highest());
+    Joints::from_fn(|i, _| {
+        if q[i] > high[i] - LIMIT_MARGIN {
+            wanted[i].min(0.0)
+        } else if q[i] < low[i] + LIMIT_MARGIN {
+            wanted[i].max(0.0)
+        } else {
+            wanted[i]
+        }
+    })
 }
 
 /// Moves the arm's joints as told, within their limits, and tells where they are.
@@ -141,11 +172,12 @@ impl Controller for Puma560Ctrl {
     const TYPE: &'static str = "Puma560Ctrl";
 
     fn about() -> About {
-        About::service("Moves the joints of the Puma 560 as told, under its lock where that is connected, and tells where they are.")
+        About::service("Moves the joints of the Puma 560 as told, under its lock where that is connected, and tells where they are; when it stops, it \
+            takes the load off the hand.")
             .with(PARAMETERS)
             .every(Duration::from_millis(10))
             .triggered_by("In")
-            .stop_within(Duration::from_secs(1))
+            .stop_within(STOP_WITHIN)
     }
 
     fn new(arguments: &Arguments) -> Result<Self, String> {
@@ -169,8 +201,8 @@ impl Controller for Puma560Ctrl {
         self.servo.work(tick, (state, &wanted), (&mut outputs.command, &mut outputs.lock))
     }
 
-    fn stop(&mut self, tick: Tick, _: &CtrlInputs, outputs: &mut CtrlOutputs) -> Stopping {
-        self.servo.stop(tick, &mut outputs.command, &mut outputs.lock)
+    fn stop(&mut self, tick: Tick, inputs: &CtrlInputs, outputs: &mut CtrlOutputs) -> Stopping {
+        self.servo.stop(tick, (&inputs.state, &inputs.force), (&mut outputs.command, &mut outputs.lock))
     }
 }
 
@@ -241,6 +273,9 @@ pub(super) struct ArmInputs {
     /// The arm's encoders.
     #[device("arm/state")]
     state: In<ArmState>,
+    /// The wrist sensor: an arm that stops lets go of the force on its hand.
+    #[device("ft/state")]
+    force: In<FtState>,
 }
 
 /// The outputs of [`Puma560`].
@@ -280,7 +315,7 @@ impl Controller for Puma560 {
         .with(PARAMETERS)
         .every(Duration::from_millis(10))
         .triggered_by("In1")
-        .stop_within(Duration::from_secs(1))
+        .stop_within(STOP_WITHIN)
     }
 
     fn new(arguments: &Arguments) -> Result<Self, String> {
@@ -297,7 +332,7 @@ impl Controller for Puma560 {
         self.servo.work(tick, (state, &wanted), (&mut outputs.command, &mut outputs.lock))
     }
 
-    fn stop(&mut self, tick: Tick, _: &ArmInputs, outputs: &mut ArmOutputs) -> Stopping {
-        self.servo.stop(tick, &mut outputs.command, &mut outputs.lock)
+    fn stop(&mut self, tick: Tick, inputs: &ArmInputs, outputs: &mut ArmOutputs) -> Stopping {
+        self.servo.stop(tick, (&inputs.state, &inputs.force), (&mut outputs.command, &mut outputs.lock))
     }
 }

@@ -37,7 +37,7 @@ fn the_door_opens() {
     assert!(beside_mm <= 10.0, "{beside_mm} mm");
 }
 
-/// A locked door aborts with its reason and exit code 1, and the arm is at rest.
+/// A locked door aborts with its reason and exit code 1, and the arm is at rest and unloaded.
 #[test]
 fn a_locked_door_aborts() {
     let cluster = Cluster::new();
@@ -53,6 +53,10 @@ fn a_locked_door_aborts() {
         println!("{name}: {speed:.4}");
         assert!(speed.abs() < 0.02, "{name} is {speed} at the end");
     }
+    let axes = ["force x", "force y", "force z"].map(|axis| last(&trace.signal(WORLD, axis)));
+    let force = axes.iter().map(|force| force.powi(2)).sum::<f64>().sqrt();
+    println!("force at the end: {force:.1} N");
+    assert!(force < 8.0, "the hand presses on with {force} N");
     let angle_deg = last(&trace.signal(WORLD, "door angle"));
     assert!(angle_deg.abs() < 0.5, "the door is at {angle_deg} deg");
 }

@@ -3,6 +3,7 @@
 mod absent;
 mod addresses;
 mod aligned;
+mod at_rest;
 mod boot;
 mod changes;
 mod cli;

@@ -1,0 +1,122 @@
+//! However the door mission fails, the arm ends at rest and lets go of its force; a sensor that hangs moves nothing for long. On virtual
+//! time, judged by the plant.
+
+use comms::logic::time::Time;
+use controllers::sdk::harness::Disturbance;
+use dca_tests::simulation::{Finish, Simulation, plan};
+use std::time::Duration;
+
+const DOOR: &str = include_str!("../../../specs/door_opening.dca");
+const WORLD: &str = "main/world";
+/// The place in the spec for the arguments of its world.
+const PLACE: &str = "DoorWorld(\"c3\"";
+const LIMIT: Duration = Duration::from_secs(120);
+/// A sensor that was set to zero is off by a few newtons, and feels what is left through them (N).
+const LEFT_MAX: f64 = 8.0;
+/// In no run (N).
+const FORCE_MAX: f64 = 100.0;
+
+/// How a mission has ended, as the plant knows it.
+#[derive(Debug)]
+struct End {
+    why: String,
+    /// The force on the hand (N).
+    force: f64,
+    worst: f64,
+    /// Of the joints (rad/s) and the base (m/s, rad/s).
+    fastest: f64,
+    angle: f64,
+}
+
+/// Flies the spec in this world; `meddle` sees it every 4 ms.
+fn fly(spec: &str, world: &str, meddle: &mut dyn FnMut(&mut Simulation)) -> End {
+    let text = spec.replace(PLACE, &format!("{PLACE}, {world}"));
+    let plan = plan("at_rest.dca", &text).unwrap_or_else(|why| panic!("{why}"));
+    let mut simulation = Simulation::new(plan, Disturbance::NONE).unwrap_or_else(|why| panic!("{why}"));
+    let why = match simulation.run(Time::ZERO + LIMIT, meddle) {
+        Finish::Aborted(why) => why,
+        Finish::Done => "done".to_owned(),
+        Finish::Unfinished => panic!("{world}: it never ends"),
+    };
+    let of = |name: &str| simulation.signal(WORLD, name);
+    let force = ["force x", "force y", "force z"].map(|axis| of(axis).powi(2)).iter().sum::<f64>().sqrt();
+    let joints = (1..=6).map(|joint| of(&format!("joint {joint} speed")).abs());
+    let fastest = joints.chain([of("base speed"), of("base yaw rate").abs()]).fold(0.0, f64::max);
+    End { why, force, worst: of("peak force"), fastest, angle: of("door angle") }
+}
+
+fn expect_at_rest(what: &str, end: &End, reason: &str) {
+    println!("{what}: {:.1} N left, {:.1} N at most, {}", end.force, end.worst, end.why);
+    assert!(end.why.contains(reason), "{what}: {end:?}");
+    assert!(end.force <= LEFT_MAX && end.worst <= FORCE_MAX && end.fastest < 0.01, "{what}: {end:?}");
+}
+
+#[test]
+fn after_each_failure_the_arm_is_at_rest_and_unloaded() {
+    let untouched = &mut |_: &mut Simulation| {};
+    for (what, world, reason) in [
+        ("a locked door", "seed = 1, lock = \"locked\"", "locked"),
+        ("a locked door, held stiffly", "seed = 2, lock = \"locked\", stiffness = 24000 N/m", "locked"),
+        ("a hand that loses the handle", "seed = 3, lose_at = 20 deg", "lost the handle"),
+    ] {
+        expect_at_rest(what, &fly(DOOR, world, untouched), reason);
+    }
+    // Whoever dies while the hand presses or pulls.
+    for (leaf, phase, after_ms) in
+        [("/presshandle", "/presshandle", 900), ("/dooropen/model", "/dooropen/", 900), ("/add", "/dooropen/", 3000)]
+    {
+        let mut began = None;
+        let kill = &mut |simulation: &mut Simulation| {
+            if simulation.is_any_active(phase) {
+                let since = *began.get_or_insert(simulation.now());
+                if simulation.now().since(since) >= Duration::from_millis(after_ms) && after_ms > 0 {
+                    simulation.crash(leaf);
+                }
+            }
+        };
+        expect_at_rest(&format!("{leaf} dies"), &fly(DOOR, "seed = 4", kill), "SIGKILL");
+    }
+}
+
+/// The fingers of an open door hold it: what a closer pulls with stays, and so does the door.
+#[test]
+fn a_door_that_is_open_is_not_let_go_of() {
+    let end = fly(DOOR, "seed = 5, closer = 20 Nm", &mut |_| {});
+    assert!(end.why == "done" && end.angle > 68.0 && end.fastest < 0.01, "{end:?}");
+}
+
+/// Samples with an old stamp, and old values with a new one. The first were pressed on the handle with 146 N.
+#[test]
+fn a_force_sensor_that_hangs_is_noticed_before_it_matters() {
+    for how in ["repeats", "restamps"] {
+        for at in [10, 13, 14, 15, 16, 17] {
+            let world =
+                format!("seed = 3, fails = \"force\", fails_how = \"{how}\", fails_at = {at} s, fails_for = 60 s");
+            let end = fly(DOOR, &world, &mut |_| {});
+            println!("{how} at {at} s: {:.1} N at most, {}", end.worst, end.why);
+            assert!(end.worst <= 60.0 && end.fastest < 0.01, "{world}: {end:?}");
+            let told = if how == "repeats" { "`ft/state` has got its last sample" } else { "the force sensor hangs" };
+            let is_old = end.why.contains("inputs are too old");
+            assert!(end.why.contains(told) || is_old, "{world}: {end:?}");
+        }
+    }
+}
+
+#[test]
+fn a_laser_that_hangs_is_noticed() {
+    for at in [4, 19, 22] {
+        let world =
+            format!("seed = 3, fails = \"laser\", fails_how = \"restamps\", fails_at = {at} s, fails_for = 60 s");
+        let end = fly(DOOR, &world, &mut |_| {});
+        assert!(end.why.contains("the laser hangs") && end.worst <= FORCE_MAX, "{world}: {end:?}");
+    }
+}
+
+/// Of an approach that ended by its length the gripper closed on whatever was there.
+#[test]
+fn an_approach_that_touches_nothing_has_failed() {
+    let short = DOOR.replace("until = \"touch\"", "until = \"touch\", length = 120 mm");
+    assert!(short != DOOR, "the spec says until when it approaches");
+    let end = fly(&short, "seed = 6", &mut |_| {});
+    assert!(end.why.contains("nothing was touched on the whole way of 120 mm"), "{end:?}");
+}
