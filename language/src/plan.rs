@@ -208,7 +208,7 @@ pub enum LeafKind {
 /// A constant argument of a leaf.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Argument {
-    /// Its name, when it was given by name.
+    /// Its name; none if nothing says which parameters its module has.
     pub name: Option<String>,
     /// Its value.
     pub value: Constant,

@@ -182,17 +182,23 @@ impl Parameter {
         }
     }
 
-    fn value(&self, text: &str) -> Result<Value, ArgumentError> {
-        let wrong = || ArgumentError::Wrong { name: self.name, value: text.to_owned(), expected: self.expected() };
+    /// Reads a value that is spelt as in a spec: a text with or without quotes.
+    fn spelt(&self, text: &str) -> Result<Value, ArgumentError> {
         let bare = text.strip_prefix('"').and_then(|text| text.strip_suffix('"')).unwrap_or(text);
+        self.value(bare)
+    }
+
+    /// Reads a value; a text may have any characters.
+    fn value(&self, bare: &str) -> Result<Value, ArgumentError> {
+        let wrong = || ArgumentError::Wrong { name: self.name, value: bare.to_owned(), expected: self.expected() };
         match self.kind {
             Kind::Text([]) => Ok(Value::Text(bare.to_owned())),
             Kind::Text(words) if words.contains(&bare) => Ok(Value::Text(bare.to_owned())),
-            Kind::Number(min, max) | Kind::Quantity(_, min, max) => match bare.parse() {
-                Ok(number) if (min..=max).contains(&number) => Ok(Value::Number(number)),
+            Kind::Number(min, max) | Kind::Quantity(_, min, max) => match bare.trim().parse() {
+                Ok(number) if f64::is_finite(number) && (min..=max).contains(&number) => Ok(Value::Number(number)),
                 Ok(_) | Err(_) => Err(wrong()),
             },
-            Kind::Truth if bare == "true" || bare == "false" => Ok(Value::Truth(bare == "true")),
+            Kind::Truth if ["true", "false"].contains(&bare.trim()) => Ok(Value::Truth(bare.trim() == "true")),
             Kind::Secret => Ok(Value::Secret(Secret::File(bare.to_owned()))),
             Kind::Text(_) | Kind::Truth => Err(wrong()),
         }
@@ -237,7 +243,8 @@ impl Kind {
 impl Arguments {
     /// Returns the checked arguments of one instance.
     ///
-    /// Each of `given` is a value (`open`, `"open"`, `0.5`, `true`) for the next parameter, or `name=value`.
+    /// Each of `given` is `name=value`, and a text is everything behind the first `=`. A node starts programs in this form. By hand a
+    /// value alone is for the next parameter: `open`, `"open"`, `0.5`, `true`.
     ///
     /// # Errors
     /// Names the first argument that is wrong, and what would be right.
@@ -246,17 +253,17 @@ impl Arguments {
         let mut values = BTreeMap::new();
         let mut next = parameters.iter();
         for text in given.iter().map(AsRef::as_ref) {
-            let (parameter, text) = match split(text) {
+            let (parameter, value) = match split(text) {
                 Some((name, value)) => match parameters.iter().find(|parameter| parameter.name == name) {
-                    Some(parameter) => (parameter, value),
+                    Some(parameter) => (parameter, parameter.value(value)),
                     None => return Err(ArgumentError::Unknown { name: name.to_owned(), known: names() }),
                 },
                 None => match next.next() {
-                    Some(parameter) => (parameter, text),
+                    Some(parameter) => (parameter, parameter.spelt(text)),
                     None => return Err(ArgumentError::TooMany { value: text.to_owned(), known: names() }),
                 },
             };
-            if values.insert(parameter.name, parameter.value(text)?).is_some() {
+            if values.insert(parameter.name, value?).is_some() {
                 return Err(ArgumentError::Twice { name: parameter.name });
             }
         }
@@ -308,7 +315,7 @@ impl Arguments {
                 continue;
             }
             let unknown = || ArgumentError::Unknown { name: name.to_owned(), known: names() };
-            match parameter.ok_or_else(unknown).and_then(|one| Ok((one.name, one.value(text)?))) {
+            match parameter.ok_or_else(unknown).and_then(|one| Ok((one.name, one.spelt(text)?))) {
                 Ok((name, value)) => drop(self.values.insert(name, value)),
                 Err(why) => wrong.push(why),
             }
@@ -356,7 +363,7 @@ fn split(text: &str) -> Option<(&str, &str)> {
     let (name, value) = text.split_once('=')?;
     let name = name.trim();
     let is_part = |part: &str| part.chars().all(|c| c.is_alphanumeric() || c == '_') && !part.is_empty();
-    name.split('.').all(is_part).then_some((name, value.trim()))
+    name.split('.').all(is_part).then_some((name, value))
 }
 
 #[cfg(test)]
@@ -435,6 +442,10 @@ mod tests {
         let arguments = Arguments::parse(&parameters, &["20", "way.0=1", "way.1=2"]).unwrap();
         let numbers = ["threshold", "grip.speed"].map(|name| arguments.number(name).to_string());
         assert_eq!(numbers, ["20", "-0.1"]);
+        for not_finite in ["grip.speed=inf", "way.0=-inf", "way.0=NaN", "grip.speed=1e999"] {
+            let refused = Arguments::parse(&parameters, &["20", "way.1=2", not_finite]).unwrap_err();
+            assert!(matches!(refused, ArgumentError::Wrong { .. }), "{not_finite}: {refused}");
+        }
         let refused = Arguments::parse(&parameters, &["20 m"]).unwrap_err().to_string();
         assert_eq!(refused, "parameter `threshold` is `20 m`, which is not a number from 1 to 200, the Force in N");
     }
@@ -464,12 +475,44 @@ mod tests {
     }
 
     #[test]
+    fn a_text_behind_its_name_is_taken_as_it_is() {
+        const TEXT: &[Parameter] = &[Parameter::new("name", Kind::Text(&[])), Parameter::new("count", Kind::Truth)];
+        for text in [
+            "name=bob",
+            "count=true",
+            "aGVsbG8=",
+            "=",
+            "",
+            " ",
+            "  both ends  ",
+            "\"quoted\"",
+            "\"",
+            "a b",
+            "--help",
+            "-x",
+            "$HOME",
+            "two\nlines",
+            "é\u{202e}\u{0}",
+            "true",
+            "1e3",
+            "secret(\"k\")",
+            "name",
+            "x.y=1",
+            "#",
+        ] {
+            let arguments = Arguments::parse(TEXT, &[&format!("name={text}"), "count=true"]).unwrap();
+            assert_eq!((arguments.text("name"), arguments.truth("count")), (text, true));
+        }
+    }
+
+    #[test]
     fn values_and_errors() {
         check(&["loud=true"], "unlocked 1 true");
         check(&["\"locked\"", "7", "false"], "locked 7 false");
         check(&["seed = 9", "locked", "loud=true"], "locked 9 true");
         check(&[], "parameter `loud` needs `true` or `false`");
         check(&["ajar"], "parameter `lock` is `ajar`, which is not one of `unlocked`, `locked`");
+        check(&["locked", "inf"], "parameter `seed` is `inf`, which is not a number from 0 to 1000000");
         check(&["locked", "-3"], "parameter `seed` is `-3`, which is not a number from 0 to 1000000");
         check(&["lock=locked", "locked"], "parameter `lock` is given twice");
         check(&["sead=1"], "no parameter `sead`; there are `lock`, `seed`, `loud`");

@@ -198,6 +198,7 @@ pub(super) fn quantity(node: &Node, diagnostics: &mut Diagnostics) -> Option<(f6
         diagnostics.push(Diagnostic::new(Code::E0009, number.span(), "the number is too large"));
         return None;
     };
+    warn_of_lost_digits(&number.text().replace('_', ""), value, number.span(), diagnostics);
     if node.token(Minus).is_some() {
         value = -value;
     }
@@ -209,6 +210,16 @@ pub(super) fn quantity(node: &Node, diagnostics: &mut Diagnostics) -> Option<(f6
         return None;
     };
     Some((value * factor, Some(dimension)))
+}
+
+/// Warns of a whole number with more digits than a number keeps.
+fn warn_of_lost_digits(text: &str, value: f64, span: Span, diagnostics: &mut Diagnostics) {
+    let is_whole = text.bytes().all(|byte| byte.is_ascii_digit());
+    let (digits, kept) = (text.trim_start_matches('0'), format!("{value:.0}"));
+    if is_whole && !digits.is_empty() && digits != kept {
+        let diagnostic = Diagnostic::new(Code::W0012, span, format!("a number keeps fewer digits: this is {kept}"));
+        diagnostics.push(diagnostic.help(format!("a text keeps all of them: `\"{text}\"`")));
+    }
 }
 
 fn report_unknown_unit(first: &Name, per: Option<&Name>, diagnostics: &mut Diagnostics) {

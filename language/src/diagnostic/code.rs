@@ -86,6 +86,8 @@ codes! {
         "A used file or folder cannot be read. Its path is relative to the file that uses it. A used folder contains at least one `.dca` file."
     E0011 Error "no such program"
         "An `exec` names a program and its arguments, separated by blanks. A word that has blanks stands between `'` or `\"`. There is no shell. A variable in `env` has a name of letters, digits and `_`, once in its module; those that begin with `DCA_` are the node's. `inherit` takes such names, or how they begin: `ROS_*`."
+    W0012 Warning "digits lost"
+        "A number keeps 53 bits, 15 to 16 digits. This one has more, so the program gets another number. Give it as a text, and the program gets it digit by digit."
     E0101 Error "no root"
         "A spec starts with `process main()`. Without it, the one process that no other instantiates is the root; here there is none, or more than one."
     W0101 Warning "no `main`"

@@ -156,8 +156,8 @@ mod tests {
             let expected = expected.map(|words| words.iter().map(|word| (*word).to_owned()).collect::<Vec<_>>());
             assert_eq!(command, expected.map_err(str::to_owned));
         };
-        check("exec \"say -v\";", Ok(&["say", "-v", "good morning", "speed=2"]));
-        check("exec \"'/opt/my robot/say' ''\";", Ok(&["/opt/my robot/say", "", "good morning", "speed=2"]));
+        check("exec \"say -v\";", Ok(&["say", "-v", "text=good morning", "speed=2"]));
+        check("exec \"'/opt/my robot/say' ''\";", Ok(&["/opt/my robot/say", "", "text=good morning", "speed=2"]));
         check("", Err("no program here offers the controller type `Say`; did you mean `Sayer`?"));
     }
 

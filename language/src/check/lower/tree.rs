@@ -234,11 +234,11 @@ impl Builder<'_> {
         MemberKind::Leaf(leaf)
     }
 
-    /// The arguments of a leaf after its host: those that are given, in their order, then the defaults of others. Where one
-    /// is a record all have names, since its fields take no places.
+    /// The arguments of a leaf after its host: those that are given, in their order, then the defaults of others. Each has its name,
+    /// however it is given; only where nothing says which parameters there are it has none.
     fn arguments(&mut self, params: Option<&[Param]>, args: &[&Arg], values: &[Data]) -> Vec<Argument> {
         let mut places = params.unwrap_or_default().iter();
-        let mut given: Vec<(Option<&str>, bool, Data)> = Vec::new();
+        let mut given: Vec<(Option<&str>, Data)> = Vec::new();
         for arg in args {
             let Some(value) = data(&arg.value, values) else { continue };
             let name = arg.name.as_ref().map(|name| name.text.as_str());
@@ -254,19 +254,17 @@ impl Builder<'_> {
                 Some(param) => filled(self.spec, param, Some(value)),
                 None => Some(value),
             };
-            given.extend(value.map(|value| (name, arg.name.is_some(), value)));
+            given.extend(value.map(|value| (name, value)));
         }
         for param in params.unwrap_or_default() {
             let name = Some(param.name.text.as_str());
-            if given.iter().all(|(other, ..)| *other != name) {
-                given.extend(filled(self.spec, param, None).map(|value| (name, true, value)));
+            if given.iter().all(|(other, _)| *other != name) {
+                given.extend(filled(self.spec, param, None).map(|value| (name, value)));
             }
         }
-        let has_record = given.iter().any(|(_, _, value)| matches!(value, Data::Record(_)));
         let mut arguments = Vec::with_capacity(given.len());
-        for (name, is_named, value) in given {
-            let name = name.filter(|_| is_named || has_record).map(str::to_owned);
-            flatten(name, value, &mut arguments);
+        for (name, value) in given {
+            flatten(name.map(str::to_owned), value, &mut arguments);
         }
         arguments
     }
