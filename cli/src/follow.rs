@@ -1,10 +1,11 @@
 //! Follows a mission from the request to its end: progress, record, report, summary.
 
+mod hearing;
 mod record_folder;
 
 use crate::client::{Answers, Client, unasked, words};
 use crate::display::{Display, UPDATE_EVERY};
-use crate::io::observer::{Observer, ObserverEvent, Sample};
+use crate::io::observer::{ObserverEvent, Sample};
 use crate::io::recorder::Recorder;
 use crate::io::user;
 use crate::logic::mission::{Files, Mission, Outcome};
@@ -14,9 +15,9 @@ use crate::outputs::{Outputs, is_failed_on_purpose};
 use anyhow::{Context, anyhow};
 use comms::io::clock;
 use comms::io::entropy;
-use comms::logic::control::Dial;
 use comms::logic::human::span;
 use comms::logic::time::Time;
+use hearing::Hearing;
 use language::Source;
 use language::plan::Plan;
 use node::console::{self, Failure};
@@ -75,16 +76,11 @@ struct Watch {
     display: Display,
     output: Output,
     recorder: Option<Recorder>,
-    observers: Vec<Observer>,
-    /// The wires that are recorded.
-    ports: Vec<Port>,
-    port_events: mpsc::Sender<ObserverEvent>,
+    is_broken_off: bool,
+    hearing: Hearing,
     arriving_ports: mpsc::Receiver<ObserverEvent>,
     /// The output of programs; without a record only the lines that explain an end.
     outputs: Outputs,
-    observer_events: mpsc::Sender<ObserverEvent>,
-    /// What this command shows to programs on other hosts of a team.
-    team: Option<PathBuf>,
     go_at: Option<Time>,
     name: String,
     home: String,
@@ -142,13 +138,10 @@ impl Watch {
             display: Display::default(),
             output: Output::standard(),
             recorder,
-            observers: Vec::new(),
-            ports,
-            port_events,
+            is_broken_off: false,
+            hearing: Hearing::new(&plan.name, team, ports, (observer_events, port_events)),
             arriving_ports,
             outputs: Outputs::default(),
-            observer_events,
-            team,
             go_at: None,
             name: plan.name.clone(),
             home,
@@ -197,6 +190,7 @@ impl Watch {
                 (path, text) = self.outputs.next() => self.wrote(path, text),
                 Some(answer) = next(&mut stopping) => self.stop_answered(answer),
                 _ = refresh.tick() => {
+                    self.watch_record();
                     self.mission.tick(self.go_at.map_or_else(Default::default, |go| clock::now() - go));
                     self.display.update(&self.mission, &mut self.output);
                 }
@@ -287,10 +281,7 @@ impl Watch {
         }
         if let Report::Go { signals, .. } = &report {
             self.go_at = Some(clock::now());
-            if !signals.is_empty() {
-                let (team, sink) = (self.team.clone(), self.observer_events.clone());
-                self.observers.push(Observer::open(&self.name, signals, team, sink));
-            }
+            self.hearing.signals(signals);
         }
         if let (Report::Process { at, .. }, Some(go)) = (&report, self.go_at) {
             // Who comes later is told of GO later: what has happened since says when it was.
@@ -298,7 +289,7 @@ impl Watch {
             self.go_at = Some(go.min(Time::ZERO + begun));
         }
         if let Report::Programs { at } = &report {
-            self.hear_ports(at);
+            self.hearing.programs(self.deployment.as_ref(), at);
             return Ok(());
         }
         self.hear_outputs(client, &report);
@@ -353,18 +344,9 @@ impl Watch {
         }
     }
 
-    /// Hears the wires that are to be recorded.
-    fn hear_ports(&mut self, at: &[(String, Dial)]) {
-        let Some(deployment) = self.deployment.as_ref().filter(|_| !self.ports.is_empty()) else { return };
-        let dial = |port: &Port| at.iter().find(|(path, _)| *path == port.producer).map(|(_, dial)| dial.clone());
-        let ports: Vec<(Port, Dial)> = self.ports.iter().filter_map(|port| Some((port.clone(), dial(port)?))).collect();
-        self.observers.push(Observer::open_ports(deployment, &ports, self.team.clone(), self.port_events.clone()));
-    }
-
     fn port(&mut self, from: String, to: String, arrived: Time, bytes: Vec<u8>) {
         let at = self.go_at.map_or(Duration::ZERO, |go| arrived - go);
-        let port = self.ports.iter().find(|port| port.from == from && port.to == to);
-        let message = port.and_then(|port| port.message.clone());
+        let message = self.hearing.port(&from, &to).and_then(|port| port.message.clone());
         self.record(Entry::Port { from, to, at, bytes, message });
     }
 
@@ -378,6 +360,14 @@ impl Watch {
         self.record(Entry::Output { path, at, text });
     }
 
+    /// Says once that the record breaks off, when it does: the mission goes on.
+    fn watch_record(&mut self) {
+        if !self.is_broken_off && self.recorder.as_ref().is_some_and(Recorder::has_broken_off) {
+            self.is_broken_off = true;
+            self.output.note("warning: the record breaks off here: it cannot be written any more. The mission goes on");
+        }
+    }
+
     fn record(&mut self, entry: Entry) {
         if let Some(recorder) = &mut self.recorder {
             recorder.push(entry);
@@ -385,21 +375,19 @@ impl Watch {
     }
 
     async fn finish(mut self, watched: Result<(), Failure>) -> Result<(), Failure> {
-        for observer in std::mem::take(&mut self.observers) {
-            observer.close().await;
-        }
+        self.hearing.close().await;
         // Who leaves in the middle does not wait.
         let outputs = std::mem::take(&mut self.outputs);
         let pause_max = if watched.is_ok() { OUTPUT_PAUSE_MAX } else { Duration::ZERO };
         outputs.rest(pause_max, |path, text| self.wrote(path, text)).await;
-        let files = match self.recorder.take() {
+        let (files, kept) = match self.recorder.take() {
             // Nobody has taken it on: there is nothing to be kept.
             Some(recorder) if watched.is_err() && self.deployment.is_none() => {
                 recorder.discard();
-                Files::default()
+                (Files::default(), Ok(()))
             }
             Some(recorder) => end_record(recorder, &mut self.output),
-            None => Files::default(),
+            None => (Files::default(), Ok(())),
         };
         self.output.clear();
         if let Err(why) = watched {
@@ -411,7 +399,9 @@ impl Watch {
         }
         self.display.finish(&self.mission, &files, &mut self.output)?;
         match self.mission.verdict().map(|verdict| &verdict.outcome) {
-            Some(Outcome::Done) => Ok(()),
+            Some(Outcome::Done) => {
+                kept.map_err(|why| why.context("the mission is done, but not all of it is kept").into())
+            }
             Some(Outcome::Refused(reasons)) if is_unreached(reasons) => Err(Failure::ReportedUnreachable),
             _ => Err(Failure::Reported),
         }

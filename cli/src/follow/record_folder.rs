@@ -27,22 +27,28 @@ pub(super) fn start_record(spec: &Spec, runs: &Path) -> Result<Recorder, Failure
     Ok(Recorder::create(&dir, &header).with_context(|| format!("beginning a record in `{}`", dir.display()))?)
 }
 
-/// Ends a record, and makes its page.
-pub(super) fn end_record(recorder: Recorder, output: &mut Output) -> Files {
+/// Ends a record, and makes its page. Returns what is missing of it, which is an error whatever the mission has come to.
+pub(super) fn end_record(recorder: Recorder, output: &mut Output) -> (Files, Result<(), anyhow::Error>) {
     let mut files = Files::default();
     let (record, finished) = (recorder.path().to_owned(), recorder.finish());
-    match finished {
-        Ok((_, dropped)) => files.dropped = dropped,
-        // What was recorded before is good, and the mission has its own outcome.
-        Err(error) => output.note(&format!("warning: the record is not complete: {error:#}")),
-    }
+    let mut kept = match finished {
+        Ok((_, dropped)) => {
+            files.dropped = dropped;
+            Ok(())
+        }
+        // What was recorded before is good.
+        Err(error) => Err(anyhow!("the record is not complete: {error:#}")),
+    };
     let page = record.with_file_name(report::FILE);
     match report::write(&record, &page) {
         Ok(_) => files.report = Some(page.display().to_string()),
-        Err(error) => output.note(&format!("warning: no report was made: {error:#}")),
+        Err(error) => kept = kept.and(Err(anyhow!("no report was made: {error:#}"))),
+    }
+    if let Err(why) = &kept {
+        output.note(&format!("warning: {why:#}"));
     }
     files.record = Some(record.display().to_string());
-    files
+    (files, kept)
 }
 
 /// Makes the first of `runs/NAME-1`, `runs/NAME-2`, … that is not there yet.

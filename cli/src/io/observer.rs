@@ -8,15 +8,19 @@ use comms::logic::signals::{Peak, Peaks, Signals};
 use comms::logic::time::Time;
 use comms::logic::{codec, key};
 use node::logic::protocol::Deployment;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 use team::visitor::VisitorIdentity;
-use tokio::sync::mpsc::Sender;
+use tokio::sync::mpsc::{self, Receiver, Sender};
 use tokio::task::JoinSet;
 
 /// How long a program has to be reached before people are told that it is not seen yet.
 const DIAL_WITHIN: Duration = Duration::from_secs(2);
+
+/// How many programs may be moved while others are dialled; of more nothing is seen.
+const MORE_MAX: usize = 256;
 
 /// The longest value of a port that is recorded, in bytes.
 const VALUE_MAX: usize = 1 << 20;
@@ -81,6 +85,8 @@ impl EventKind {
 #[derive(Debug)]
 pub struct Observer {
     opening: JoinSet<Option<Opened>>,
+    /// Programs that are looked at from now on.
+    more: Sender<Vec<Source>>,
 }
 
 #[derive(Debug)]
@@ -90,43 +96,48 @@ struct Opened {
 }
 
 impl Observer {
-    /// Begins to dial every program of `sources` (instance path, where to dial), all at once. What comes of them goes to
-    /// `sink`; samples are left out when it is full. In a team `team` is the file with what the node of this machine gives its
-    /// programs.
-    pub fn open(robot: &str, sources: &[(String, Dial)], team: Option<PathBuf>, sink: Sender<ObserverEvent>) -> Self {
+    /// Begins an observer that looks at nothing yet. What comes goes to `sink`; samples are left out when it is full. In a team `team` is
+    /// the file with what the node of this machine gives its programs.
+    pub fn open(team: Option<PathBuf>, sink: Sender<ObserverEvent>) -> Self {
+        let (more, sources) = mpsc::channel(MORE_MAX);
+        let mut opening = JoinSet::new();
+        opening.spawn(look(sources, team, sink));
+        Self { opening, more }
+    }
+
+    /// Dials every program of `sources` (instance path, where to dial), all at once, and hears its signals. A program that was looked at
+    /// before has been started again elsewhere.
+    pub fn signals(&self, robot: &str, sources: &[(String, Dial)]) {
         let source = |(path, dial): &(String, Dial)| Source {
             key: key::signals(robot, path),
             dial: dial.clone(),
             what: EventKind::Signals(path.clone()),
         };
-        Self::look(sources.iter().map(source).collect(), team, sink)
+        self.also(sources.iter().map(source).collect());
     }
 
-    /// Begins to dial the producers of some wires; else as [`Observer::open`] does. Values that are too long are left out.
-    pub fn open_ports(
-        deployment: &Deployment,
-        ports: &[(Port, Dial)],
-        team: Option<PathBuf>,
-        sink: Sender<ObserverEvent>,
-    ) -> Self {
+    /// Dials the producers of some wires; else as [`Observer::signals`] does. Values that are too long are left out.
+    pub fn ports(&self, deployment: &Deployment, ports: &[(Port, Dial)], is_team: bool) {
         let source = |(port, dial): &(Port, Dial)| {
             let what = EventKind::Port(port.from.clone(), port.to.clone());
             let wire = port.key(deployment);
-            let key = if team.is_some() { key::wire_seen(&wire) } else { wire };
+            let key = if is_team { key::wire_seen(&wire) } else { wire };
             Source { key, dial: dial.clone(), what }
         };
-        Self::look(ports.iter().map(source).collect(), team, sink)
+        self.also(ports.iter().map(source).collect());
     }
 
-    fn look(sources: Vec<Source>, team: Option<PathBuf>, sink: Sender<ObserverEvent>) -> Self {
-        let mut opening = JoinSet::new();
-        opening.spawn(look(sources, team, sink));
-        Self { opening }
+    fn also(&self, sources: Vec<Source>) {
+        if !sources.is_empty() && self.more.try_send(sources).is_err() {
+            tracing::debug!("too many programs were started again at once");
+        }
     }
 
     /// Closes the session; what is being dialled is waited for, which takes 2 s at the most.
-    pub async fn close(mut self) {
-        let Some(Ok(Some(Opened { session, subscriptions }))) = self.opening.join_next().await else { return };
+    pub async fn close(self) {
+        let Self { mut opening, more } = self;
+        drop(more);
+        let Some(Ok(Some(Opened { session, subscriptions }))) = opening.join_next().await else { return };
         let closing = tokio::task::spawn_blocking(move || {
             drop(subscriptions);
             Arc::into_inner(session).into_iter().for_each(DataSession::close);
@@ -149,8 +160,9 @@ pub(crate) fn open(team: Option<&Path>) -> anyhow::Result<(DataSession, CallWay)
     Ok((DataSession::open_observer(Some((identity, folder)))?, way))
 }
 
-async fn look(sources: Vec<Source>, team: Option<PathBuf>, sink: Sender<ObserverEvent>) -> Option<Opened> {
+async fn look(mut more: Receiver<Vec<Source>>, team: Option<PathBuf>, sink: Sender<ObserverEvent>) -> Option<Opened> {
     let unseen = async |what: String| drop(sink.send(ObserverEvent::Unseen(what)).await);
+    let mut sources = more.recv().await?;
     // Zenoh's own calls block.
     let opened = tokio::task::spawn_blocking(move || open(team.as_deref())).await;
     let session = match opened.map_err(anyhow::Error::from).flatten() {
@@ -160,32 +172,53 @@ async fn look(sources: Vec<Source>, team: Option<PathBuf>, sink: Sender<Observer
             return None;
         }
     };
-    let mut dialling = JoinSet::new();
-    for source in sources {
-        let (session, sink) = (Arc::clone(&session), sink.clone());
-        dialling.spawn_blocking(move || reach(&session, source, sink));
-    }
-    let mut subscriptions = Vec::new();
-    while let Some(joined) = dialling.join_next().await {
-        let (heard, why) = joined.unwrap_or_else(|panic| (None, Some(format!("signals cannot be seen: {panic}"))));
-        subscriptions.extend(heard);
-        if let Some(why) = why {
-            unseen(why).await;
+    let (mut subscriptions, mut heard) = (Vec::new(), BTreeSet::new());
+    loop {
+        let mut dialling = JoinSet::new();
+        for source in sources {
+            let (session, sink) = (Arc::clone(&session), sink.clone());
+            // What is heard already is heard from the new program, too: it has the same key.
+            let is_heard = heard.contains(&source.key);
+            dialling.spawn_blocking(move || (source.key.clone(), reach(&session, source, sink, is_heard)));
+        }
+        while let Some(joined) = dialling.join_next().await {
+            let (subscription, why) = match joined {
+                Ok((key, (subscription, why))) => {
+                    if subscription.is_some() {
+                        heard.insert(key);
+                    }
+                    (subscription, why)
+                }
+                Err(panic) => (None, Some(format!("signals cannot be seen: {panic}"))),
+            };
+            subscriptions.extend(subscription);
+            if let Some(why) = why {
+                unseen(why).await;
+            }
+        }
+        match more.recv().await {
+            Some(next) => sources = next,
+            None => return Some(Opened { session, subscriptions }),
         }
     }
-    Some(Opened { session, subscriptions })
 }
 
-/// Hears a source, if need be from when it is reached on; says why not, or not yet.
-fn reach(session: &DataSession, source: Source, sink: Sender<ObserverEvent>) -> (Option<Subscription>, Option<String>) {
+/// Hears a source, if need be from when it is reached on; says why not, or not yet. One that is heard is only reached.
+fn reach(
+    session: &DataSession,
+    source: Source,
+    sink: Sender<ObserverEvent>,
+    is_heard: bool,
+) -> (Option<Subscription>, Option<String>) {
     let Source { key, dial, what } = source;
     let (name, dialled) = (what.name(), session.dial(&dial, DIAL_WITHIN));
     // One that is far away takes longer.
     let is_kept = dialled.is_err() && !dial.locators.is_empty();
     let linked = if is_kept { session.keep(&dial) } else { dialled.clone() };
-    match (linked.and_then(|()| hear(session, &key, what, sink)), dialled) {
-        (Ok(subscriptions), Ok(())) => (Some(subscriptions), None),
-        (Ok(subscriptions), Err(error)) => (Some(subscriptions), Some(format!("{name} cannot be seen yet: {error}"))),
+    let hears = linked.and_then(|()| (!is_heard).then(|| hear(session, &key, what, sink)).transpose());
+    match (hears, dialled) {
+        (Ok(subscription), Ok(())) => (subscription, None),
+        (Ok(subscription), Err(error)) => (subscription, Some(format!("{name} cannot be seen yet: {error}"))),
         (Err(error), _) => (None, Some(format!("{name} cannot be seen: {error}"))),
     }
 }
@@ -270,7 +303,8 @@ mod tests {
         let locators = vec![format!("unixsock-stream/{}", folder.join("late").display())];
         let sources = [("main/hit".to_owned(), Dial { session: program.location().session, locators })];
         let (sink, mut seen) = tokio::sync::mpsc::channel(16);
-        let observer = Observer::open("door", &sources, None, sink);
+        let observer = Observer::open(None, sink);
+        observer.signals("door", &sources);
         let Some(ObserverEvent::Unseen(why)) = seen.recv().await else { panic!("it is not there yet") };
         assert!(why.starts_with("signals of `main/hit` cannot be seen yet: cannot reach session "), "{why}");
         std::os::unix::fs::symlink(folder.join("s"), folder.join("late")).unwrap();
@@ -302,7 +336,8 @@ mod tests {
             ("main/hit".to_owned(), Dial { session: there.session, locators: there.local }),
         ];
         let (sink, mut seen) = tokio::sync::mpsc::channel(16);
-        let observer = Observer::open("door", &sources, None, sink);
+        let observer = Observer::open(None, sink);
+        observer.signals("door", &sources);
         let Some(ObserverEvent::Unseen(why)) = seen.recv().await else { panic!("everything is seen") };
         assert!(why.starts_with("signals of `main/gone` cannot be seen: cannot reach session 1: it listens"), "{why}");
         let signals = Signals { stamp: clock::now(), values: Vec::new() };
@@ -321,6 +356,39 @@ mod tests {
             program.close();
         });
         closing.await.unwrap();
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    /// A program that was started again has another session, and the same key.
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_program_that_was_started_again_is_seen_once_more() {
+        let folder = std::env::temp_dir().join(format!("dca-observer-again-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let (sink, mut seen) = mpsc::channel(64);
+        let observer = Observer::open(None, sink);
+        for (value, life) in [(1.0, "first"), (2.0, "second")] {
+            let (program, publisher) = program(folder.join(life)).await;
+            let there = program.location();
+            let dial = Dial { session: there.session, locators: there.local };
+            observer.signals("door", &[("main/hit".to_owned(), dial)]);
+            let signal = Signal { name: "force".into(), unit: "N".into(), value, headline: false };
+            let bytes = codec::encode(&Signals { stamp: clock::now(), values: vec![signal] }).unwrap();
+            let publishing = tokio::task::spawn_blocking(move || {
+                assert!(publisher.wait_heard(Duration::from_secs(20)), "nobody listens");
+                publisher.put(bytes).unwrap();
+                (program, publisher)
+            });
+            let (program, publisher) = publishing.await.unwrap();
+            let Some(ObserverEvent::Sample(sample)) = seen.recv().await else { panic!("no sample of the {life} came") };
+            assert_eq!(sample.signals.values.first().map(|signal| signal.value), Some(value));
+            let closing = tokio::task::spawn_blocking(move || {
+                drop(publisher);
+                program.close();
+            });
+            closing.await.unwrap();
+        }
+        assert!(seen.try_recv().is_err(), "each is seen once");
+        observer.close().await;
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }

@@ -143,6 +143,11 @@ impl Recorder {
         self.queue.push(entry, since_1970 + (clock::now() - since), limit);
     }
 
+    /// Returns whether the record has broken off: nothing more is written, and [`Recorder::finish`] says why.
+    pub fn has_broken_off(&self) -> bool {
+        self.thread.as_ref().is_some_and(JoinHandle::is_finished)
+    }
+
     /// Writes what is still in the queue and ends the record. Returns its path, and how many entries were dropped.
     ///
     /// # Errors

@@ -1,7 +1,8 @@
 //! The record of a run, as a viewer reads it: with the official reader, by its own schemas.
 
-use dca_tests::cluster::{Cluster, Ended, executable};
+use dca_tests::cluster::{Cluster, Ended, Stream, Trace, executable, wait_until};
 use dca_tests::hit_detector;
+use rustix::process::Signal;
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::process::Command;
@@ -66,4 +67,50 @@ fn a_recorded_port_can_be_plotted() {
     assert!(told.status.code() == Some(1) && why.contains("page.html") && why.contains("too large"), "{why}");
     let left = std::fs::read_dir(cluster.folder().join("runs")).expect("runs are there").count();
     assert_eq!(left, 1, "nothing is left of it");
+}
+
+/// A controller that is killed and started again; what it shows is in the record before and after.
+#[test]
+fn a_program_that_was_started_again_is_recorded_on() {
+    let spec = "process main(){ host{c1} instantiated_processes{ give instof CompliantCtrl(c1) restart transient; }
+                internal_event_actions{ give # wait(5 s) } }";
+    let cluster = Cluster::new();
+    let file = cluster.file("again.dca", spec);
+    let mission = cluster.here().dca(&["run", &file]);
+    let shown = |folder: &std::path::Path| Trace::so_far(folder).signal("main/give", "largest gain");
+    let folder = cluster.folder().join("runs/again-1");
+    let soon = Duration::from_secs(60);
+    mission.wait_for(Stream::Err, "give", soon);
+    wait_until(soon, || folder.join("run.mcap").exists() && !shown(&folder).is_empty()).expect("it shows its signals");
+    cluster.expect_leaf("main/give").signal(Signal::KILL);
+    let killed = Trace::so_far(&folder).signal("main/give", "largest gain").last().map(|sample| sample.at);
+    let ended = mission.ended(Duration::from_secs(120));
+    assert_eq!(ended.code, Some(0), "{ended}");
+    let last = shown(&folder).last().map(|sample| sample.at);
+    let (killed, last) = (killed.expect("it was seen"), last.expect("it was seen"));
+    // A second at the most until it is started again and dialled, on a machine that does other things.
+    assert!(last > killed + Duration::from_millis(1500), "seen until {last:?}, killed after {killed:?}: {ended}");
+}
+
+/// A disk that takes no more ends neither the mission nor what was recorded before; the exit code says so.
+#[test]
+fn a_record_that_breaks_off_is_an_error() {
+    let cluster = Cluster::new();
+    let node = cluster.here().node("c3", &[]);
+    let file = cluster.file("force.dca", SPEC);
+    // A limit of the shell, of 64 kB, stands for the disk.
+    let script = "trap '' XFSZ; ulimit -f 128; exec \"$0\" deploy --run-dir \"$1\" --record all \"$2\"";
+    let told = Command::new("sh")
+        .args(["-c", script])
+        .arg(executable("dca"))
+        .args([cluster.here().run_dir().as_os_str(), file.as_ref()])
+        .current_dir(cluster.folder())
+        .output()
+        .expect("there is a shell");
+    let why = String::from_utf8_lossy(&told.stderr);
+    assert!(told.status.code() == Some(1) && why.contains("the record breaks off here"), "{why}");
+    assert!(why.contains("the mission is done, but not all of it is kept"), "{why}");
+    let folder = cluster.folder().join("runs/force-1");
+    assert!(!Trace::so_far(&folder).signal("main/world", "contact force").is_empty(), "what came before is there");
+    drop(node);
 }

@@ -63,7 +63,7 @@ impl Agent {
         if let ToParticipant::Moved { facts } = &message
             && let Some(coordinator) = self.coordinators.get_mut(deployment)
         {
-            coordinator.moved(facts, from);
+            coordinator.moved(facts, from, out);
         }
         if matches!(message, ToParticipant::Prepare { .. } | ToParticipant::Rejoin { .. }) {
             let reason = format!("host `{}`: `{deployment}` is already there", self.identity.host);

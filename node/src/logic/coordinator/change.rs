@@ -18,7 +18,6 @@ use crate::logic::protocol::{
     Answer, ChangeOrder, ChangeReply, ChangeRequest, ChangeStage, ChangeUnderway, LeafFacts, Report, Revision, Signed,
     ToParticipant, unreached,
 };
-use crate::logic::wiring::observe;
 use comms::logic::time::Time;
 use language::plan::{Leaf, Plan, PlanChange, difference_with};
 use serde::{Deserialize, Serialize};
@@ -311,14 +310,7 @@ impl Coordinator {
     /// Tells the people who watch where programs are that were added.
     fn tell_where_new_ones_are(&mut self, change: &Changing, out: &mut Out<'_>) {
         let (before, live) = (change.before.live_leaves(), self.plan.live_leaves());
-        let at = live.difference(&before).filter_map(|leaf| {
-            let path = self.plan.leaves.get(*leaf as usize)?.path.clone();
-            Some((path, observe(&self.registrations, *leaf)?))
-        });
-        let at: Vec<_> = at.collect();
-        if !at.is_empty() {
-            self.report(Report::Programs { at }, out);
-        }
+        self.tell_where(live.difference(&before).copied(), out);
     }
 
     /// Goes back to the plan of before, or gives up when that has failed, too.

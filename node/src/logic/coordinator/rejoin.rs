@@ -14,6 +14,7 @@ use super::start::prepare_within;
 use super::{CONNECT_WITHIN, Coordinator, PREPARE_WITHIN, Phase};
 use crate::logic::effect::{Out, earliest};
 use crate::logic::protocol::{LeafFacts, Report, ToParticipant};
+use crate::logic::wiring::observe;
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -97,12 +98,28 @@ impl Coordinator {
         self.rejoins.hosts.insert(host.to_owned(), next);
     }
 
-    /// Takes note of where a program is that was started again: who rejoins has to know.
-    pub fn moved(&mut self, facts: &LeafFacts, from: &str) {
+    /// Takes note of where a program is that was started again: a host that rejoins has to know, and so do the people who watch.
+    pub fn moved(&mut self, facts: &LeafFacts, from: &str, out: &mut Out<'_>) {
         let leaf = self.plan.leaves.get(facts.leaf as usize);
         let host = leaf.and_then(|leaf| self.plan.hosts.get(leaf.host as usize));
-        if host.is_some_and(|host| host == from) {
-            self.registrations.facts.insert(facts.leaf, facts.clone());
+        if host.is_none_or(|host| host != from) {
+            return;
+        }
+        let before = self.registrations.facts.insert(facts.leaf, facts.clone());
+        if before.as_ref() != Some(facts) {
+            self.tell_where([facts.leaf], out);
+        }
+    }
+
+    /// Tells the people who watch where these programs are now.
+    pub(super) fn tell_where(&mut self, leaves: impl IntoIterator<Item = u32>, out: &mut Out<'_>) {
+        let at = leaves.into_iter().filter_map(|leaf| {
+            let path = self.plan.leaves.get(leaf as usize)?.path.clone();
+            Some((path, observe(&self.registrations, leaf)?))
+        });
+        let at: Vec<_> = at.collect();
+        if self.phase == Phase::Running && !at.is_empty() {
+            self.report(Report::Programs { at }, out);
         }
     }
 
@@ -150,6 +167,10 @@ impl Coordinator {
         self.back.remove(from);
         self.unable.remove(from);
         self.report(Report::Connected { host: from.to_owned() }, out);
+        let host = |leaf: &u32| self.plan.hosts.get(self.plan.leaves.get(*leaf as usize)?.host as usize);
+        let of_host = |leaf: &u32| host(leaf).is_some_and(|host| host == from);
+        let leaves: Vec<u32> = self.registrations.facts.keys().copied().filter(of_host).collect();
+        self.tell_where(leaves, out);
         out.send(from, self.deployment.to_participant(ToParticipant::Go));
         for host in self.hosts.iter().filter(|host| !self.lost.contains(*host)) {
             let reopen = ToParticipant::Reopen { host: from.to_owned() };

@@ -1,0 +1,84 @@
+//! The programs of a mission that are listened to: their signals, and the wires that are recorded. A program that was started again is
+//! listened to where it is then.
+
+use crate::io::observer::{Observer, ObserverEvent};
+use crate::logic::record::Port;
+use comms::logic::control::Dial;
+use node::logic::protocol::Deployment;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use tokio::sync::mpsc::Sender;
+
+/// What is heard of a mission.
+pub(super) struct Hearing {
+    /// The name of the deployment.
+    name: String,
+    /// What this command shows to programs on other hosts of a team.
+    team: Option<PathBuf>,
+    /// The wires that are recorded.
+    ports: Vec<Port>,
+    /// Where signals and values go.
+    sinks: (Sender<ObserverEvent>, Sender<ObserverEvent>),
+    /// Look at signals, and at wires; each from when there is something to look at on.
+    observers: [Option<Observer>; 2],
+    /// By path, the session of each program as it was told last, and whether all were told.
+    sessions: BTreeMap<String, String>,
+    is_located: bool,
+}
+
+impl Hearing {
+    pub(super) fn new(
+        name: &str,
+        team: Option<PathBuf>,
+        ports: Vec<Port>,
+        sinks: (Sender<ObserverEvent>, Sender<ObserverEvent>),
+    ) -> Self {
+        let (observers, sessions) = ([None, None], BTreeMap::new());
+        Self { name: name.to_owned(), team, ports, sinks, observers, sessions, is_located: false }
+    }
+
+    /// Returns the wire that is recorded between these ports.
+    pub(super) fn port(&self, from: &str, to: &str) -> Option<&Port> {
+        self.ports.iter().find(|port| port.from == from && port.to == to)
+    }
+
+    /// Hears the signals of programs.
+    pub(super) fn signals(&mut self, signals: &[(String, Dial)]) {
+        self.sessions.extend(signals.iter().map(|(path, dial)| (path.clone(), dial.session.clone())));
+        if !signals.is_empty() {
+            let open = || Observer::open(self.team.clone(), self.sinks.0.clone());
+            self.observers[0].get_or_insert_with(open).signals(&self.name, signals);
+        }
+    }
+
+    /// Hears programs where they are now. The first time these are all programs, of which those with signals were told before.
+    pub(super) fn programs(&mut self, deployment: Option<&Deployment>, at: &[(String, Dial)]) {
+        let is_first = !std::mem::replace(&mut self.is_located, true);
+        let moved = |(path, dial): &&(String, Dial)| match self.sessions.get(path) {
+            Some(session) => *session != dial.session,
+            None => !is_first,
+        };
+        let moved: Vec<(String, Dial)> = at.iter().filter(moved).cloned().collect();
+        self.sessions.extend(at.iter().map(|(path, dial)| (path.clone(), dial.session.clone())));
+        self.signals(&moved);
+        if let Some(deployment) = deployment {
+            self.wires(deployment, at);
+        }
+    }
+
+    fn wires(&mut self, deployment: &Deployment, at: &[(String, Dial)]) {
+        let dial = |port: &Port| at.iter().find(|(path, _)| *path == port.producer).map(|(_, dial)| dial.clone());
+        let ports: Vec<(Port, Dial)> = self.ports.iter().filter_map(|port| Some((port.clone(), dial(port)?))).collect();
+        if !ports.is_empty() {
+            let open = || Observer::open(self.team.clone(), self.sinks.1.clone());
+            self.observers[1].get_or_insert_with(open).ports(deployment, &ports, self.team.is_some());
+        }
+    }
+
+    /// Hears nothing more.
+    pub(super) async fn close(&mut self) {
+        for observer in std::mem::take(&mut self.observers).into_iter().flatten() {
+            observer.close().await;
+        }
+    }
+}
