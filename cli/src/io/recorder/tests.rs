@@ -84,6 +84,35 @@ fn a_record_cut_anywhere_is_read_as_far_as_it_goes() {
     assert_eq!(longest, entries().len());
 }
 
+/// The official reader refuses a file whose summary, footer or magic is not whole.
+#[test]
+fn a_record_without_its_end_says_so() {
+    let folder = Folder::new("end");
+    let (path, _) = record(&folder).finish().unwrap();
+    let bytes = fs::read(&path).unwrap();
+    let footer = bytes.len() - mcap::MAGIC.len() - 29;
+    let start = u64::from_le_bytes(bytes[footer + 9..footer + 17].try_into().unwrap());
+    let data_end = usize::try_from(start).unwrap();
+    assert!(data_end > 0 && Run::from_bytes(&bytes).unwrap().damage.is_none());
+    let expect_told = |bytes: &[u8], what: &str| {
+        let run = Run::from_bytes(bytes).unwrap();
+        let told = run.damage.is_some_and(|damage| damage.contains("all entries are there, but the end of the file"));
+        assert!(told && run.entries == entries(), "{what}");
+    };
+    for length in data_end..bytes.len() {
+        expect_told(&bytes[..length], &format!("cut at byte {length} of {}", bytes.len()));
+    }
+    for at in data_end..bytes.len() {
+        let mut damaged = bytes.clone();
+        damaged[at] ^= 0x20;
+        expect_told(&damaged, &format!("byte {at} of {} is another", bytes.len()));
+    }
+    // A recorder that was killed had ended the file without a summary.
+    let killed = killed(&folder);
+    assert!(Run::from_bytes(&killed).unwrap().damage.is_none());
+    assert!(Run::from_bytes(&killed[..killed.len() - 1]).unwrap().damage.is_some());
+}
+
 #[test]
 fn what_is_older_than_a_second_survives_a_kill() {
     let folder = Folder::new("killed");

@@ -2,7 +2,8 @@
 //!
 //! All that is recorded is in chunks and attachments, which have checksums; the bytes between them have one of all bytes up
 //! to the end. Behind a part whose length is damaged the next whole chunk is looked for.
-//! Source: the MCAP format specification, <https://mcap.dev/spec>: Records, Chunk, Attachment, Data End.
+//! Source: the MCAP format specification, <https://mcap.dev/spec>: Records, Chunk, Attachment, Data End,
+//! Footer.
 
 use mcap::records::op;
 use std::ops::Range;
@@ -11,6 +12,10 @@ use std::ops::Range;
 const HEAD: usize = 1 + 8;
 /// A chunk's own fields: times, size, checksum, an empty name of a compression, size again.
 const CHUNK_HEAD: usize = 8 + 8 + 8 + 4 + 4 + 8;
+
+/// Where the summary begins, where its offsets begin, and its checksum.
+const FOOTER_HEAD: [u8; HEAD] = [op::FOOTER, 8 + 8 + 4, 0, 0, 0, 0, 0, 0, 0];
+const FOOTER_SIZE: usize = HEAD + 8 + 8 + 4;
 
 /// A record of the format.
 #[derive(Clone, Debug)]
@@ -30,6 +35,8 @@ pub(super) enum Next<'a> {
     Damaged(Range<usize>),
     /// The data ends, as it was written.
     End,
+    /// The data ends, but the file behind this byte, which other readers need, is cut or damaged.
+    EndLost(usize),
     /// The bytes end without an end.
     Cut(usize),
 }
@@ -60,7 +67,8 @@ impl<'a> Parts<'a> {
         match part.opcode {
             op::DATA_END => match number(part.body, 0) {
                 Some(saved) if self.is_damaged || saved == 0 || saved == crc32fast::hash(&self.bytes[..from]) => {
-                    Next::End
+                    let end = part.place.end;
+                    if is_whole_end(self.bytes, end) { Next::End } else { Next::EndLost(end) }
                 }
                 // Each part that has a checksum is whole: it is a byte between them.
                 _ => self.damaged(0..from),
@@ -118,6 +126,31 @@ fn is_whole_chunk(body: &[u8]) -> bool {
 fn is_whole_attachment(body: &[u8]) -> bool {
     let data = body.len().checked_sub(4).map(|end| &body[..end]);
     data.is_some_and(|data| number(body, data.len()) == Some(crc32fast::hash(data)))
+}
+
+/// Looks whether all is there that readers look for behind the end of the data: an optional summary, the footer, and the magic.
+fn is_whole_end(bytes: &[u8], data_end: usize) -> bool {
+    let Some(footer) = bytes.len().checked_sub(mcap::MAGIC.len() + FOOTER_SIZE).filter(|at| *at >= data_end) else {
+        return false;
+    };
+    let mut at = data_end;
+    while at < footer {
+        match part_at(bytes, at) {
+            Some(part) => at = part.place.end,
+            None => return false,
+        }
+    }
+    let body = footer + HEAD;
+    let start = bytes.get(body..body + 8).and_then(|bytes| Some(u64::from_le_bytes(bytes.try_into().ok()?)));
+    let start = start.and_then(|start| usize::try_from(start).ok());
+    let (has_summary, saved) = (footer > data_end, number(bytes, body + 16));
+    // The checksum is that of the summary and of the footer before it.
+    let found = crc32fast::hash(&bytes[data_end..body + 16]);
+    at == footer
+        && bytes.get(footer..body) == Some(&FOOTER_HEAD)
+        && start == Some(if has_summary { data_end } else { 0 })
+        && saved.is_some_and(|saved| if has_summary { saved == found } else { saved == 0 || saved == found })
+        && bytes.ends_with(mcap::MAGIC)
 }
 
 fn number(bytes: &[u8], at: usize) -> Option<u32> {

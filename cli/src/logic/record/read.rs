@@ -117,6 +117,9 @@ impl RecordReader<'_> {
                     });
                 }
                 Next::Cut(at) => break self.tell(format!("it ends at byte {at}, before its end was written")),
+                Next::EndLost(at) => break self.tell(format!(
+                    "all entries are there, but the end of the file behind byte {at} is cut or damaged, and other readers may refuse it"
+                )),
                 Next::End => break,
             }
         }
