@@ -1,8 +1,8 @@
 //! Whether every number of a message is finite, whatever its type.
 //!
 //! A serializer that looks at floats and does nothing else, so no message has to say where its numbers are. It writes nothing and
-//! allocates nothing. Measured in the tests' profile: 12 ns for a velocity of 15 numbers, 1 ms for 1 MiB of bytes in a `Vec<u8>`, a
-//! tenth of what it takes to decode them, and 20 ns for a `Bytes` of any length.
+//! allocates nothing. Measured at the optimisation of the tests: 4 ns for a velocity of 15 numbers, 0.5 µs for a sweep of 361, and 2 ns for
+//! 1 MiB of bytes, also in a `Vec<u8>`: the compiler leaves out a loop that looks at no float. Its decoding takes 4 ms.
 
 use serde::Serialize;
 use serde::ser::{
