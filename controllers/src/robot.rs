@@ -14,4 +14,5 @@ pub mod drive;
 pub mod force_torque;
 pub mod laser;
 pub mod plant;
+pub mod room;
 pub mod setup;

@@ -6,8 +6,10 @@
 
 mod far;
 pub mod page;
+mod rooms;
 mod rows;
 pub mod table;
+mod troubles;
 
 use crate::simulation::{Finish, Simulation, plan};
 use comms::logic::time::Time;

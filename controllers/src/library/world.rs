@@ -298,7 +298,7 @@ impl State {
         }
         if due[1] {
             let casters = plant.casters();
-            self.odometry.update(casters);
+            self.odometry.update(&casters);
             let (steering, rolling) = (std::array::from_fn(|i| casters[i]), std::array::from_fn(|i| casters[i + 4]));
             samples.base.put(now, (1, BaseState { stamp, steering, rolling }), &mut bus);
         }
@@ -309,7 +309,7 @@ impl State {
             samples.force.put(now, (2, state), &mut bus);
         }
         if due[3] {
-            let (width, force) = plant.grip();
+            let (width, force) = plant.grip_said();
             samples.gripper.put(now, (3, GripperState { stamp, width, force }), &mut bus);
         }
         if due[4] {

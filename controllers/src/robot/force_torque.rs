@@ -18,6 +18,10 @@ pub struct Errors {
     pub offset: f64,
     /// A force along the approach that is not there (N) and that setting to zero does not take out: drift.
     pub bias: f64,
+    /// A force across the approach that single readings say (N), and the share of the readings that do.
+    pub spike: f64,
+    /// See above.
+    pub spikes: f64,
 }
 
 /// The sensor's state; wrenches are force (N), then torque (Nm), tool axes.
@@ -71,9 +75,17 @@ impl ForceTorque {
 
     /// Returns a reading.
     pub fn read(&self, random: &mut Random) -> [f64; 6] {
+        let spike =
+            if self.errors.spikes > 0.0 && random.unit() < self.errors.spikes { self.errors.spike } else { 0.0 };
         std::array::from_fn(|i| {
             let noise = random.normal(if i < 3 { self.errors.force_noise } else { self.errors.torque_noise });
-            let bias = if i == 2 { self.errors.bias } else { 0.0 };
+            let bias = if i == 2 {
+                self.errors.bias
+            } else if i == 0 {
+                spike
+            } else {
+                0.0
+            };
             self.filtered[i] + self.offset[i] - self.zero[i] + bias + noise
         })
     }

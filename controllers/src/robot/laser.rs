@@ -1,6 +1,7 @@
 //! A scanning range finder at the front of the base.
 
-use super::door::Door;
+use super::body::Wall;
+use super::room::{Stretch, Surface};
 use crate::sdk::Random;
 use nalgebra::{Vector2, Vector3};
 
@@ -16,56 +17,64 @@ pub fn bearing(ray: u32) -> f64 {
     (0.5 * f64::from(ray) - 90.0).to_radians()
 }
 
+/// A ray sees the room in so many mirrors, one after the other.
+const MIRRORS: u32 = 2;
+
 /// The errors of its ranges.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Errors {
     /// Of one ray (m, standard deviation).
     pub noise: f64,
     /// Of all (m).
     pub bias: f64,
+    /// The share of the rays that say anything.
+    pub strays: f64,
+    /// The rays without echo, from one direction about straight ahead to another (rad).
+    pub blind: (f64, f64),
 }
 
-/// Returns one sweep (m) from a base at `base` (x, y (m), yaw (rad)).
-pub fn sweep(base: &Vector3<f64>, door: &Door, errors: &Errors, random: &mut Random) -> Vec<f64> {
+/// Returns one sweep (m) from a base at `base` (x, y (m), yaw (rad)) of a room.
+pub fn sweep(base: &Vector3<f64>, room: &[Stretch], errors: &Errors, random: &mut Random) -> Vec<f64> {
     let (s, c) = base.z.sin_cos();
     let from = base.xy() + Vector2::new(c, s) * AHEAD;
-    let walls = walls(door);
     (0..RAYS)
         .map(|ray| {
             let (s, c) = (base.z + bearing(ray)).sin_cos();
-            let hits = walls.iter().filter_map(|(a, b)| hit(&from, &Vector2::new(c, s), a, b));
-            let range = hits.fold(RANGE_MAX, f64::min);
-            if range < RANGE_MAX {
+            let range = echo(&from, &Vector2::new(c, s), room);
+            let range = if range < RANGE_MAX {
                 (range + errors.bias + random.normal(errors.noise)).clamp(0.0, RANGE_MAX)
             } else {
                 range
+            };
+            if errors.strays > 0.0 && random.unit() < errors.strays {
+                return random.between(0.0, RANGE_MAX);
             }
+            if (errors.blind.0..errors.blind.1).contains(&bearing(ray)) { RANGE_MAX } else { range }
         })
         .collect()
 }
 
-/// The index of the leaf in [`walls`].
-pub const LEAF: usize = 6;
-
-/// The room from above: two stretches of wall, jambs of 5 cm, side walls, and the leaf.
-pub fn walls(door: &Door) -> [(Vector2<f64>, Vector2<f64>); 7] {
-    let (hinge, mirror) = (door.hinge(), door.mirror());
-    let (edge, beside) = (door.description().leaf_beyond + 0.01, door.description().radius + 0.01);
-    // As for a hinge on the left.
-    let p = |x: f64, y: f64| Vector2::new(x, mirror * y);
-    [
-        (p(0.0, -2.5), p(0.0, -edge)),
-        (p(0.0, beside), p(0.0, 2.5)),
-        (p(0.0, -edge), p(-0.05, -edge)),
-        (p(0.0, beside), p(-0.05, beside)),
-        (p(0.0, -2.5), p(-4.0, -2.5)),
-        (p(0.0, 2.5), p(-4.0, 2.5)),
-        (hinge, door.edge()),
-    ]
+/// The range (m) at which a ray finds its echo.
+fn echo(from: &Vector2<f64>, along: &Vector2<f64>, room: &[Stretch]) -> f64 {
+    let (mut from, mut along, mut gone) = (*from, *along, 0.0);
+    for _ in 0..=MIRRORS {
+        let seen = room.iter().filter(|stretch| stretch.surface != Surface::Glass);
+        let hits = seen.filter_map(|stretch| Some((hit(&from, &along, &stretch.ends)?, stretch)));
+        let Some((range, stretch)) = hits.min_by(|a, b| a.0.total_cmp(&b.0)) else { return RANGE_MAX };
+        gone += range;
+        if stretch.surface == Surface::Plain {
+            return gone.min(RANGE_MAX);
+        }
+        let wall = (stretch.ends.1 - stretch.ends.0).normalize();
+        from += along * range;
+        along = wall * (2.0 * wall.dot(&along)) - along;
+        from += along * 1e-6;
+    }
+    RANGE_MAX
 }
 
 /// The range (m) at which a ray meets a stretch of wall.
-fn hit(from: &Vector2<f64>, along: &Vector2<f64>, a: &Vector2<f64>, b: &Vector2<f64>) -> Option<f64> {
+fn hit(from: &Vector2<f64>, along: &Vector2<f64>, (a, b): &Wall) -> Option<f64> {
     let (wall, to) = (b - a, a - from);
     let cross = along.perp(&wall);
     if cross.abs() < 1e-12 {
@@ -77,18 +86,47 @@ fn hit(from: &Vector2<f64>, along: &Vector2<f64>, a: &Vector2<f64>, b: &Vector2<
 
 #[cfg(test)]
 mod tests {
-    use super::super::door::{Description, Side};
+    use super::super::door::{Description, Door, Side};
+    use super::super::room::{self, Place, stretches};
     use super::*;
+
+    fn look(room: &room::Description, side: Side, errors: &Errors) -> Vec<f64> {
+        let door = Door::new(Description { side, ..Description::default() });
+        sweep(&Vector3::new(-1.75, 0.22, 0.0), &stretches(room, &door, 0.0), errors, &mut Random::new(1))
+    }
+
+    const QUIET: Errors = Errors { noise: 0.0, bias: 0.0, strays: 0.0, blind: (0.0, 0.0) };
 
     #[test]
     fn straight_ahead_is_the_door() {
         for side in [Side::Left, Side::Right] {
-            let door = Door::new(Description { side, ..Description::default() });
-            let errors = Errors { noise: 0.005, bias: 0.0 };
-            let ranges = sweep(&Vector3::new(-1.75, 0.22, 0.0), &door, &errors, &mut Random::new(1));
+            let ranges = look(&room::Description::default(), side, &Errors { noise: 0.005, ..QUIET });
             // One ray of 5 mm noise; five deviations. The room is the same from both sides.
             assert!((ranges[180] - 1.45).abs() < 0.025);
             assert!((ranges[0] - 2.72).abs() < 0.025 && (ranges[360] - 2.28).abs() < 0.025);
         }
+    }
+
+    #[test]
+    fn glass_has_no_echo_and_a_mirror_shows_the_room_again() {
+        let glass = room::Description { glass: Place::Latch, ..room::Description::default() };
+        let ranges = look(&glass, Side::Left, &QUIET);
+        assert!(ranges[0] >= RANGE_MAX && ranges[180] < 2.0 && ranges[360] < 3.0, "the wall on the right is glass");
+        // From 2.72 m to the mirror, back to the base and on to the wall on the left.
+        let mirror = room::Description { mirror: Place::Latch, ..room::Description::default() };
+        let ranges = look(&mirror, Side::Left, &QUIET);
+        assert!((ranges[0] - (2.72 + 5.0)).abs() < 1e-5, "{}", ranges[0]);
+    }
+
+    #[test]
+    fn some_rays_are_blind_and_some_say_anything() {
+        let blind = Errors { blind: (-2.0, 0.0), ..QUIET };
+        let ranges = look(&room::Description::default(), Side::Left, &blind);
+        assert!(ranges[..180].iter().all(|range| *range >= RANGE_MAX) && ranges[180] < 2.0);
+        let (strays, plain) =
+            (Errors { strays: 0.1, ..QUIET }, look(&room::Description::default(), Side::Left, &QUIET));
+        let ranges = look(&room::Description::default(), Side::Left, &strays);
+        let wrong = ranges.iter().zip(plain).filter(|(range, plain)| (*range - plain).abs() > 0.01).count();
+        assert!((20..55).contains(&wrong), "{wrong}");
     }
 }

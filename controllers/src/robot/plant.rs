@@ -1,13 +1,14 @@
 //! Robot, hand and door together, one millisecond at a time.
 
-use super::body::{Body, Load, Yielding};
+use super::body::{Body, Load, Wall, Yielding};
 use super::camera::Camera;
 use super::contact::{Grasp, Hand, Push};
 use super::door::{Door, Handle};
 use super::drive::{Drive, Limits};
 use super::force_torque::ForceTorque;
 use super::laser;
-use super::setup::{Machine, Setup};
+use super::room::{self, walls};
+use super::setup::{Machine, Setup, Turned};
 use crate::control::caster::{self, Casters, Pose};
 use crate::control::puma560::{self, Joints};
 use crate::control::ramp::towards;
@@ -53,6 +54,10 @@ pub struct Plant {
     began: Time,
     slipping_since: Option<Time>,
     shutting_since: Option<Time>,
+    turning_since: Option<Time>,
+    /// The rate at which something outside turns the base (rad/s).
+    outside: f64,
+    jumped: bool,
     lost: bool,
     base: Pose,
     joints: Joints,
@@ -100,6 +105,9 @@ impl Plant {
             began: now,
             slipping_since: None,
             shutting_since: None,
+            turning_since: None,
+            outside: 0.0,
+            jumped: false,
             lost: false,
             base,
             joints,
@@ -129,7 +137,8 @@ impl Plant {
 
     /// Returns one sweep of the laser (m).
     pub fn sweep(&mut self) -> Vec<f64> {
-        laser::sweep(&self.base, &self.door, &self.setup.sensors.laser(), &mut self.random)
+        let room = room::stretches(&self.setup.room, &self.door, self.time());
+        laser::sweep(&self.base, &room, &self.setup.sensors.laser(), &mut self.random)
     }
 
     /// Returns what the camera finds in one image: column, row (px) and depth (m) of each mark.
@@ -142,9 +151,27 @@ impl Plant {
         self.grasp.holds()
     }
 
-    /// Returns the encoders of the casters (rad).
-    pub fn casters(&self) -> &Casters {
-        &self.casters
+    /// The time since the start (s).
+    fn time(&self) -> f64 {
+        self.now.since(self.began).as_secs_f64()
+    }
+
+    /// The room, from above.
+    fn walls(&self) -> Vec<Wall> {
+        walls(&self.setup.room, &self.door, self.time())
+    }
+
+    /// Returns what the encoders of the casters say (rad).
+    pub fn casters(&self) -> Casters {
+        let mut casters = self.casters;
+        casters[0] += if self.jumped { self.setup.faults.jump.by } else { 0.0 };
+        casters
+    }
+
+    /// Returns the width between the fingers that the gripper says (m), and the force with which they press (N).
+    pub fn grip_said(&self) -> (f64, f64) {
+        let says = self.setup.sensors.grip_says;
+        (if says < 0.0 { self.grip } else { says }, self.grip_force)
     }
 
     /// Returns the width between the fingers (m) and the force with which they press (N).
@@ -164,7 +191,7 @@ impl Plant {
 
     /// Returns how far the base is from leaf, jambs and walls (m).
     pub fn base_room(&self) -> f64 {
-        Body::new(&self.base, &self.joints).base_room(&laser::walls(&self.door))
+        Body::new(&self.base, &self.joints).base_room(&self.walls())
     }
 
     /// Returns the rates of the joints (rad/s), as the encoders see them.
@@ -199,7 +226,9 @@ impl Plant {
         let forward = puma560::forward(&self.joints);
         let yaw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.base.z);
         let world_from_base = Isometry3::from_parts(Vector3::new(self.base.x, self.base.y, 0.0).into(), yaw);
-        let twist = redundancy::jacobian_in_base(&forward) * self.rates();
+        let mut rates = self.rates();
+        rates[2] += self.outside;
+        let twist = redundancy::jacobian_in_base(&forward) * rates;
         Hand {
             world_from_tool: world_from_base * forward.base_from_tool,
             velocity: yaw * Vector3::new(twist[0], twist[1], twist[2]),
@@ -213,6 +242,8 @@ impl Plant {
         self.now = self.now + STEP;
         let (hand, handle) = (self.hand(), self.door.handle());
         self.lost |= self.door.angle >= self.setup.faults.lose_at;
+        self.jumped |= self.door.angle >= self.setup.faults.jump.at;
+        self.outside = self.turned_outside();
         if self.lost {
             self.grasp.release();
         }
@@ -249,6 +280,16 @@ impl Plant {
         self.slipping_since.is_some_and(|since| self.now.since(since).as_secs_f64() < faults.base_slip_for)
     }
 
+    /// Returns the rate at which something outside turns the base (rad/s).
+    fn turned_outside(&mut self) -> f64 {
+        let Turned { at, rate, span } = self.setup.faults.turned;
+        if self.turning_since.is_none() && self.door.angle >= at {
+            self.turning_since = Some(self.now);
+        }
+        let turns = self.turning_since.is_some_and(|since| self.now.since(since).as_secs_f64() < span);
+        if turns { rate } else { 0.0 }
+    }
+
     /// Returns the share of his torque with which a visitor leans on the leaf.
     fn shut_share(&mut self) -> f64 {
         let faults = &self.setup.faults;
@@ -265,8 +306,8 @@ impl Plant {
         let at = hand.world_from_tool.translation.vector;
         let mut loads = vec![Load { at, force: self.push.force + visitor, torque: self.push.torque, joints: 6 }];
         self.collision = 0.0;
-        for hit in body.hits(&laser::walls(&self.door)) {
-            if hit.wall == laser::LEAF {
+        for hit in body.hits(&self.walls()) {
+            if hit.wall == room::LEAF {
                 self.door.push_leaf(&hit.at, &-hit.load.force.xy(), DT);
             }
             self.collision = self.collision.max(hit.load.force.norm());
@@ -283,6 +324,7 @@ impl Plant {
         if !self.slips() {
             self.base = caster::advance(&self.base, &(body * DT));
         }
+        self.base.z += self.outside * DT;
         // Beyond their traction the wheels slide, and their encoders do not see it.
         let rolled = body - self.yielding.excess.fixed_rows::<3>(0);
         let steering = std::array::from_fn(|i| self.casters[i]);
@@ -351,8 +393,8 @@ mod tests {
                 plant.base_drive.command(Some(&[-0.2, 0.1, 0.0]), plant.now);
                 plant.step(&Vector3::zeros());
                 if i % 8 == 0 {
-                    odometry.update(plant.casters());
-                    calibrated.update(plant.casters());
+                    odometry.update(&plant.casters());
+                    calibrated.update(&plant.casters());
                 }
             }
             let truth = (plant.base().xy() - start.xy()).norm();

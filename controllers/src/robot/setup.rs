@@ -1,7 +1,7 @@
 //! The setup of a simulated world: everything that differs from world to world. SI units throughout.
 
 use super::camera::Camera;
-use super::{contact, door, force_torque, laser};
+use super::{contact, door, force_torque, laser, room};
 use crate::control::puma560::Joints;
 use crate::sdk::Random;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
@@ -13,6 +13,8 @@ pub struct Setup {
     pub seed: u64,
     /// The door.
     pub door: door::Description,
+    /// The room.
+    pub room: room::Description,
     /// Hand and lever.
     pub contact: contact::Description,
     /// Drives and wheels.
@@ -97,20 +99,30 @@ pub struct Sensors {
     pub camera_turn: f64,
     /// Each encoder of the arm is off by up to this (rad).
     pub joint_offset: f64,
+    /// The width between the fingers that the gripper always says (m); the true one if that is negative.
+    pub grip_says: f64,
 }
 
 impl Default for Sensors {
     fn default() -> Self {
         Self {
             noise: 1.0,
-            force: force_torque::Errors { force_noise: 0.4, torque_noise: 0.02, offset: 3.0, bias: 0.0 },
-            laser: laser::Errors { noise: 0.005, bias: 0.0 },
+            force: force_torque::Errors {
+                force_noise: 0.4,
+                torque_noise: 0.02,
+                offset: 3.0,
+                bias: 0.0,
+                spike: 60.0,
+                spikes: 0.0,
+            },
+            laser: laser::Errors { noise: 0.005, ..laser::Errors::default() },
             pixel_noise: 0.5,
             depth_noise: 0.03,
             focal_error: 0.0,
             camera_shift: 0.0,
             camera_turn: 0.0,
             joint_offset: 0.0,
+            grip_says: -1.0,
         }
     }
 }
@@ -187,6 +199,30 @@ pub struct Faults {
     pub shut_torque: f64,
     /// For so long (s).
     pub shut_for: f64,
+    /// Something outside turns the base.
+    pub turned: Turned,
+    /// The steering encoder of one caster jumps.
+    pub jump: Jump,
+}
+
+/// A turn of the base by something outside, of which its wheels know nothing: a bump, a mat that slides.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Turned {
+    /// The angle of the door at which it begins (rad).
+    pub at: f64,
+    /// (rad/s), counter-clockwise.
+    pub rate: f64,
+    /// For so long (s).
+    pub span: f64,
+}
+
+/// An encoder that jumps once and stays so.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Jump {
+    /// The angle of the door at which it jumps (rad).
+    pub at: f64,
+    /// By so much (rad).
+    pub by: f64,
 }
 
 /// The triggers of wheel slip; the first one counts.
@@ -211,6 +247,8 @@ impl Default for Faults {
             shut_at: never,
             shut_torque: 30.0,
             shut_for: 2.0,
+            turned: Turned { at: never, rate: 0.1, span: 2.0 },
+            jump: Jump { at: never, by: 0.5 },
         }
     }
 }

@@ -1,6 +1,6 @@
 //! The rows of the survey: dimensions with their ranges, and triggers.
 
-use super::{Disruption, Meddling, Mission, Phase, Task, far};
+use super::{Disruption, Meddling, Mission, Phase, Task, far, rooms, troubles};
 use controllers::sdk::harness::Disturbance;
 use controllers::sdk::{Quantity, Random};
 use std::fmt::Write as _;
@@ -13,6 +13,8 @@ pub enum Group {
     Single,
     /// Doors that the robot has to push.
     Push,
+    /// Doors in rooms of many kinds.
+    Room,
     /// The drive through a door that has no closer.
     Through,
     /// All dimensions at once, half as wide as alone.
@@ -31,6 +33,7 @@ impl Group {
         match self {
             Self::Single => "one dimension",
             Self::Push => "to push",
+            Self::Room => "rooms",
             Self::Through => "through the door",
             Self::Moderate => "moderate",
             Self::Wide => "wide",
@@ -57,7 +60,7 @@ impl Row {
     /// Returns what tells it from all others: its name, or its group's where there is one row in it.
     pub fn label(&self) -> &str {
         match self.group {
-            Group::Single | Group::Push | Group::Through | Group::Trigger => &self.name,
+            Group::Single | Group::Push | Group::Room | Group::Through | Group::Trigger => &self.name,
             Group::Moderate | Group::Wide | Group::Far => self.group.name(),
         }
     }
@@ -183,13 +186,13 @@ fn side(number: u32) -> &'static str {
 }
 
 /// Draws the worlds of rows: each row has its own stream, so that leaving out rows changes no other.
-struct Draw {
+pub(super) struct Draw {
     worlds: u32,
     seed: u64,
 }
 
 impl Draw {
-    fn row(
+    pub(super) fn row(
         &self,
         group: Group,
         name: &str,
@@ -203,7 +206,7 @@ impl Draw {
     }
 
     /// The seed of a world: seeds of different surveys differ, too.
-    fn world(&self, number: u32) -> u64 {
+    pub(super) fn world(&self, number: u32) -> u64 {
         (self.seed % 100_000) * 10_000 + u64::from(number) + 1
     }
 
@@ -410,6 +413,7 @@ pub fn rows(worlds: u32, seed: u64, phases: &[Phase]) -> Vec<Row> {
     }));
     rows.extend([draw.measured("measured to 0.5 %", 0.005), draw.measured("measured to 2 %", 0.02)]);
     rows.extend(draw.pushes());
+    rows.extend(rooms::rows(&draw));
     rows.push(draw.through());
     rows.push(draw.together(Group::Moderate, 0.5));
     rows.push(draw.together(Group::Wide, 1.0));
@@ -425,6 +429,7 @@ pub fn rows(worlds: u32, seed: u64, phases: &[Phase]) -> Vec<Row> {
     rows.push(draw.hops("5-30 ms a hop", 5, 30));
     rows.push(draw.hops("5-50 ms a hop", 5, 50));
     rows.extend([draw.shut(), draw.spins(), draw.aimed_spins(), draw.fails()]);
+    rows.extend(troubles::rows(&draw));
     let open = Task::Open;
     for (disruption, task) in [(Disruption::Restart, open), (Disruption::Kill, open), (Disruption::Kill, Task::Recover)]
     {

@@ -2,6 +2,7 @@
 
 use super::delay::Delays;
 use crate::robot::door::{Lock, Side, Swing};
+use crate::robot::room::Place;
 use crate::robot::setup::{Setup, Slip};
 use crate::sdk::{Arguments, Kind, Parameter, Quantity};
 use std::time::Duration;
@@ -132,8 +133,30 @@ parameters! {
     "grip_force": force(5.0, 200.0), "40", "N", "the fingers press with this at most";
     "grip_speed": from(0.02, 0.5), "0.12", "m/s", "how fast they open and close";
     "shut_at": angle(-1.0, 2.5), "-1", "rad", "a visitor begins to shut the door when it is so far open; -1: never";
-    "shut_torque": torque(0.0, 100.0), "30", "Nm", "with this torque about the hinge, risen within 0.2 s";
+    "shut_torque": torque(-100.0, 100.0), "30", "Nm", "with this torque about the hinge, risen within 0.2 s; a negative one opens it";
     "shut_for": time(0.0, 60.0), "2", "s", "for how long";
+    "wall_latch": length(-1.0, 4.0), "-1", "m", "from the latch's jamb to a side wall; -1: 2.5 m from the handle";
+    "wall_hinge": length(-1.0, 4.0), "-1", "m", "from the hinge's jamb to a side wall; -1: 2.5 m from the handle";
+    "wall_depth": length(0.05, 4.0), "4", "m", "how far both side walls come out towards the robot";
+    "next_wall": length(-1.0, 8.0), "-1", "m", "from the door to the wall of the next room; -1: out of sight";
+    "second_leaf": angle(-1.0, 2.5), "-1", "rad", "a second leaf beside the latch is so far open; -1: there is none";
+    "glass": Kind::Text(&["none", "latch", "hinge", "both", "leaf"]), "none", "", "walls on these sides, or the leaf, have no echo";
+    "mirror": Kind::Text(&["none", "latch", "hinge", "both", "leaf"]), "none", "", "the same are mirrors";
+    "body_before": length(-1.0, 3.0), "-1", "m", "something round stands so far before the wall; -1: nothing does";
+    "body_aside": length(-2.5, 2.5), "-0.6", "m", "and so far to the left of the handle";
+    "body_size": length(0.05, 1.0), "0.3", "m", "its diameter";
+    "body_walks": length(0.0, 2.0), "0", "m", "it goes to the left and to the right by so much";
+    "strays": from(0.0, 0.5), "0", "", "share of the laser's rays that say anything";
+    "blind_from": angle(-1.6, 1.6), "0", "rad", "from this direction, straight ahead is 0, rays have no echo";
+    "blind_to": angle(-1.6, 1.6), "0", "rad", "up to this one";
+    "spike": force(0.0, 500.0), "60", "N", "a force across the approach that single readings say";
+    "spikes": from(0.0, 0.5), "0", "", "share of the readings that do";
+    "grip_says": length(-1.0, 0.1), "-1", "m", "the width that the gripper always says; -1: the true one";
+    "turn_at": angle(-1.0, 2.5), "-1", "rad", "something outside begins to turn the base when the door is so far open; -1: never";
+    "turn_rate": from(-0.5, 0.5), "0.1", "rad/s", "so fast, counter-clockwise";
+    "turn_for": time(0.0, 60.0), "2", "s", "for how long";
+    "jump_at": angle(-1.0, 2.5), "-1", "rad", "the steering encoder of one caster jumps when the door is so far open; -1: never";
+    "jump_by": angle(-3.2, 3.2), "0.5", "rad", "by how much";
     "fails": Kind::Text(&["none", "arm", "base", "force", "gripper", "laser", "camera"]), "none", "", "the sensor that fails for a while";
     "fails_how": Kind::Text(&["silent", "repeats", "restamps"]), "silent", "", "it says nothing, repeats its last sample, or stamps old values as new";
     "fails_at": time(-1.0, 1e6), "-1", "s", "when it begins to; -1: never";
@@ -156,8 +179,20 @@ pub(super) fn setup(arguments: &Arguments) -> Setup {
     setup.faults.lose_at = at("lose_at");
     setup.faults.base_slip =
         Slip { time: at("base_slip_at"), lever: at("base_slip_lever"), door: at("base_slip_door") };
-    setup.faults.shut_at = at("shut_at");
+    (setup.faults.shut_at, setup.faults.turned.at, setup.faults.jump.at) =
+        (at("shut_at"), at("turn_at"), at("jump_at"));
+    (setup.room.glass, setup.room.mirror) = (place(arguments.text("glass")), place(arguments.text("mirror")));
     setup
+}
+
+fn place(text: &str) -> Place {
+    match text {
+        "latch" => Place::Latch,
+        "hinge" => Place::Hinge,
+        "both" => Place::Both,
+        "leaf" => Place::Leaf,
+        _ => Place::None,
+    }
 }
 
 /// Returns how long everything takes on its way.
@@ -168,8 +203,8 @@ pub(super) fn delays(arguments: &Arguments) -> Delays {
 }
 
 /// The numbers of a world by the names of their parameters.
-fn numbers(setup: &mut Setup) -> [(&'static str, &mut f64); 65] {
-    let Setup { door, contact, machine, sensors, start, faults, .. } = setup;
+fn numbers(setup: &mut Setup) -> [(&'static str, &mut f64); 83] {
+    let Setup { door, room, contact, machine, sensors, start, faults, .. } = setup;
     let [turn_x, turn_y, turn_z] = &mut contact.turn_stiffness;
     [
         ("radius", &mut door.radius),
@@ -237,6 +272,24 @@ fn numbers(setup: &mut Setup) -> [(&'static str, &mut f64); 65] {
         ("grip_speed", &mut machine.grip_speed),
         ("shut_torque", &mut faults.shut_torque),
         ("shut_for", &mut faults.shut_for),
+        ("wall_latch", &mut room.beside_latch),
+        ("wall_hinge", &mut room.beside_hinge),
+        ("wall_depth", &mut room.depth),
+        ("next_wall", &mut room.next_wall),
+        ("second_leaf", &mut room.second_leaf),
+        ("body_before", &mut room.body.before),
+        ("body_aside", &mut room.body.aside),
+        ("body_size", &mut room.body.size),
+        ("body_walks", &mut room.body.walks),
+        ("strays", &mut sensors.laser.strays),
+        ("blind_from", &mut sensors.laser.blind.0),
+        ("blind_to", &mut sensors.laser.blind.1),
+        ("spike", &mut sensors.force.spike),
+        ("spikes", &mut sensors.force.spikes),
+        ("grip_says", &mut sensors.grip_says),
+        ("turn_rate", &mut faults.turned.rate),
+        ("turn_for", &mut faults.turned.span),
+        ("jump_by", &mut faults.jump.by),
     ]
 }
 
