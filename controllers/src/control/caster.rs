@@ -33,6 +33,15 @@ pub fn rates_from_body(steering: &[f64; 4], wheel_radius: f64) -> SMatrix<f64, 8
     matrix
 }
 
+/// A caster that has turned by more than this since the last sample (rad) has not done so along a straight line.
+const BENT: f64 = 0.15;
+/// A step of a bent way (rad), and the most that are taken.
+const BENT_STEP: f64 = 0.05;
+const STEPS_MAX: f64 = 64.0;
+const ITERATIONS: u32 = 8;
+/// The step of a numeric derivative (m, rad).
+const NUDGE: f64 = 1e-5;
+
 /// A planar pose: x, y (m), yaw (rad).
 pub type Pose = Vector3<f64>;
 
@@ -49,7 +58,8 @@ pub struct Odometry {
 pub struct Moved {
     /// Motion in base axes since the last step: x, y (m), yaw (rad).
     pub by: Vector3<f64>,
-    /// Norm of what no rigid motion explains, per caster (rad): wheels slip when it is large.
+    /// The largest part of an angle that no motion of a rigid base explains (rad): wheels slip when it is large, or an encoder
+    /// is wrong.
     pub residual: f64,
 }
 
@@ -75,14 +85,67 @@ impl Odometry {
     pub fn update(&mut self, angles: &Casters) -> Moved {
         let last = self.last.replace(*angles).unwrap_or(*angles);
         let change = angles - last;
+        let steering: [f64; 4] = std::array::from_fn(|i| last[i]);
         // The middle of the step makes the linearisation second order.
-        let steering = std::array::from_fn(|i| last[i] + 0.5 * change[i]);
-        let matrix = rates_from_body(&steering, self.wheel_radius);
-        let normal = matrix.transpose() * matrix;
-        let by = normal.cholesky().map_or_else(Vector3::zeros, |factor| factor.solve(&(matrix.transpose() * change)));
+        let middle = std::array::from_fn(|i| last[i] + 0.5 * change[i]);
+        let matrix = rates_from_body(&middle, self.wheel_radius);
+        let mut by = least_squares(&matrix, &change);
+        let mut left = change - matrix * by;
+        let turned = change.fixed_rows::<4>(0).amax();
+        if turned > BENT {
+            (by, left) = self.bent(&steering, &change, &by);
+        }
         self.pose = advance(&self.pose, &by);
-        Moved { by, residual: (change - matrix * by).norm() / 4.0 }
+        Moved { by, residual: left.amax() }
     }
+
+    /// Finds the motion, at a constant ratio of its parts, that changes the angles so: casters swing round within centimetres, so after a
+    /// gap of 60 ms a straight line does not tell how the base has moved. Also returns the rest of the change.
+    fn bent(&self, steering: &[f64; 4], change: &Casters, first: &Vector3<f64>) -> (Vector3<f64>, Casters) {
+        let left = |by: &Vector3<f64>| change - rolled(steering, by, self.wheel_radius);
+        let (mut by, mut best) = (*first, left(first));
+        for _ in 0..ITERATIONS {
+            let slopes: Vec<Casters> = (0..3)
+                .map(|axis| {
+                    let mut nudged = by;
+                    nudged[axis] += NUDGE;
+                    (best - left(&nudged)) / NUDGE
+                })
+                .collect();
+            let step = least_squares(&SMatrix::<f64, 8, 3>::from_columns(&slopes), &best);
+            let tries = [1.0, 0.5, 0.25, 0.1].map(|share| by + step * share);
+            let better = tries.iter().map(|by| (by, left(by))).find(|(_, left)| left.norm() < best.norm());
+            let Some((next, next_left)) = better else { break };
+            let gained = best.norm() - next_left.norm();
+            (by, best) = (*next, next_left);
+            if gained < 1e-6 {
+                break;
+            }
+        }
+        (by, best)
+    }
+}
+
+/// Returns the motion (x, y (m), yaw (rad)) that explains a change of the angles best.
+fn least_squares(matrix: &SMatrix<f64, 8, 3>, change: &Casters) -> Vector3<f64> {
+    let normal = matrix.transpose() * matrix;
+    normal.cholesky().map_or_else(Vector3::zeros, |factor| factor.solve(&(matrix.transpose() * change)))
+}
+
+/// Returns by how much the angles change (rad) while the base moves by so much (x, y (m), yaw (rad)), all at a constant ratio.
+fn rolled(steering: &[f64; 4], by: &Vector3<f64>, wheel_radius: f64) -> Casters {
+    let reach = (by.xy().norm() + by.z.abs() * (ARM + OFFSET)) / OFFSET;
+    let steps = (reach / BENT_STEP).ceil().clamp(1.0, STEPS_MAX);
+    let (part, mut change) = (by / steps, Casters::zeros());
+    let mut step = 0.0;
+    while step < steps {
+        let at: [f64; 4] = std::array::from_fn(|i| steering[i] + change[i]);
+        let half = rates_from_body(&at, wheel_radius) * part * 0.5;
+        let middle = std::array::from_fn(|i| at[i] + half[i]);
+        change += rates_from_body(&middle, wheel_radius) * part;
+        step += 1.0;
+    }
+    change
 }
 
 /// Returns `pose` after a constant twist whose integral is `by` (base axes): the exponential of SE(2).
@@ -110,6 +173,40 @@ mod tests {
         let step = Vector3::new(0.01, 0.002, std::f64::consts::TAU / 100.0);
         let pose = (0..100).fold(Pose::zeros(), |pose, _| advance(&pose, &step));
         assert!(pose.xy().norm() < 1e-12);
+    }
+
+    /// Four of five samples are lost, or a machine is held up for 60 ms: the casters swing round between two samples.
+    #[test]
+    fn wheels_tell_the_way_across_gaps() {
+        for (gap, most) in [(8, 1e-3), (24, 2e-3), (64, 4e-3)] {
+            let (mut truth, mut casters) = (Pose::zeros(), Casters::from_fn(|i, _| 1.5 * i as f64));
+            let (mut odometry, mut residual) = (Odometry::default(), 0.0f64);
+            odometry.update(&casters);
+            for i in 0..4096 {
+                let t = f64::from(i) * 1e-3;
+                // From rest to and fro, which turns each caster round.
+                let body = Vector3::new(0.12 * (1.6 * t).sin(), 0.05 * t.sin(), 0.1 * (0.7 * t).sin());
+                casters += rates_from_body(&std::array::from_fn(|i| casters[i]), WHEEL_RADIUS) * body * 1e-3;
+                truth = advance(&truth, &(body * 1e-3));
+                if i % gap == gap - 1 {
+                    residual = residual.max(odometry.update(&casters).residual);
+                }
+            }
+            let off = odometry.pose() - truth;
+            assert!(off.norm() < most && residual < 0.05, "{gap} ms: {off} {residual}");
+        }
+    }
+
+    #[test]
+    fn an_encoder_that_jumps_is_no_motion() {
+        let mut odometry = Odometry::default();
+        let mut casters = Casters::zeros();
+        odometry.update(&casters);
+        for jump in [0.3, -0.5, 1.6] {
+            casters[0] += jump;
+            let moved = odometry.update(&casters);
+            assert!(moved.residual > 0.12, "{jump}: {moved:?}");
+        }
     }
 
     #[test]
