@@ -3,7 +3,8 @@
 //! A fixed number of samples above a threshold sees touches that are noise: with 3.6 N of noise on each axis, three samples
 //! in a row are beyond 5 N many times a second. So the noise is measured, from how samples differ from the ones before, and
 //! means over longer and longer windows are each held against the threshold and against what noise makes of such a mean. A
-//! stiff touch rises so quickly that the shortest window sees it; a soft one waits for a longer.
+//! stiff touch rises so quickly that the shortest window sees it; a soft one waits for a longer. A touch stays: a mean that
+//! vanishes without its largest samples is a spike of the sensor.
 //!
 //! Source: sliding windows of a generalised likelihood ratio, Basseville and Nikiforov, "Detection of Abrupt Changes", 1993,
 //! section 2.4; the windows are ours.
@@ -13,8 +14,13 @@ use std::collections::VecDeque;
 
 /// Lengths of the windows, in samples.
 const WINDOWS: [usize; 4] = [3, 6, 12, 24];
+/// Without so many of its largest samples a window has to be above this share of the threshold.
+const SPIKES: [usize; 4] = [2, 3, 4, 6];
+const STAYS: f64 = 0.25;
 /// As many deviations as a mean of three axes exceeds once in some 10⁶ windows.
 const SURE: f64 = 5.5;
+/// A step counts as noise up to so many times the variance.
+const SPIKE: f64 = 16.0;
 /// The noise is that of about so many samples, and nothing is said before so many have come.
 const MEMORY: f64 = 125.0;
 const FIRST: u32 = 12;
@@ -26,6 +32,7 @@ pub struct Touch {
     forgets: Option<f64>,
     usual: Vector3<f64>,
     last: Option<Vector3<f64>>,
+    before: Option<Vector3<f64>>,
     /// Of one axis (N²).
     variance: f64,
     count: u32,
@@ -39,6 +46,7 @@ impl Touch {
             forgets,
             usual: Vector3::zeros(),
             last: None,
+            before: None,
             variance: 0.0,
             count: 0,
             recent: VecDeque::with_capacity(WINDOWS[WINDOWS.len() - 1]),
@@ -54,14 +62,16 @@ impl Touch {
         self.count = self.count.saturating_add(1);
         let share = |memory: f64| (1.0 / f64::from(self.count)).max(memory);
         if let Some(forgets) = self.forgets {
-            self.usual += (force - self.usual) * share(1.0 - (-dt / forgets).exp());
+            self.usual += (self.middle(force) - self.usual) * share(1.0 - (-dt / forgets).exp());
         }
         if let Some(last) = self.last {
             // Two samples, three axes.
             let step = (force - last).norm_squared() / 6.0;
+            // A spike does not count as noise.
+            let step = if self.count > FIRST { step.min(SPIKE * self.variance) } else { step };
             self.variance += (step - self.variance) * (1.0 / f64::from(self.count - 1)).max(1.0 / MEMORY);
         }
-        self.last = Some(*force);
+        (self.before, self.last) = (self.last, Some(*force));
         if self.recent.len() == WINDOWS[WINDOWS.len() - 1] {
             self.recent.pop_front();
         }
@@ -69,11 +79,31 @@ impl Touch {
         if self.count < FIRST {
             return None;
         }
-        WINDOWS.iter().find_map(|&window| {
+        WINDOWS.iter().zip(SPIKES).find_map(|(&window, spikes)| {
             let mean = self.recent.iter().rev().take(window).sum::<Vector3<f64>>() / window as f64;
             let noise = (self.variance / window as f64).sqrt();
-            (mean.norm() > threshold.max(SURE * noise)).then_some(mean)
+            let is_more = mean.norm() > threshold.max(SURE * noise);
+            (is_more && self.stays(window, spikes, &mean) > STAYS * threshold).then_some(mean)
         })
+    }
+
+    /// The middle one of a sample and the two before it, along each axis: a spike is not what is usual.
+    fn middle(&self, force: &Vector3<f64>) -> Vector3<f64> {
+        let (Some(last), Some(before)) = (self.last, self.before) else { return *force };
+        Vector3::from_fn(|i, _| {
+            let mut three = [force[i], last[i], before[i]];
+            three.sort_by(f64::total_cmp);
+            three[1]
+        })
+    }
+
+    /// The mean force along `mean` in the newest `window` samples without the largest `spikes` of them (N).
+    fn stays(&self, window: usize, spikes: usize, mean: &Vector3<f64>) -> f64 {
+        let along = mean.normalize();
+        let mut forces: Vec<f64> = self.recent.iter().rev().take(window).map(|force| force.dot(&along)).collect();
+        forces.sort_by(f64::total_cmp);
+        forces.truncate(window.saturating_sub(spikes).max(1));
+        forces.iter().sum::<f64>() / forces.len() as f64
     }
 }
 
@@ -106,6 +136,25 @@ mod tests {
             for seed in 0..50 {
                 let time = noticed(noise, 300.0, seed);
                 assert!(time.is_ok_and(|time| time < 0.1), "{time:?} with {noise} N, seed {seed}");
+            }
+        }
+    }
+
+    /// The fingers closed on nothing before the hand was there.
+    #[test]
+    fn spikes_of_the_sensor_are_no_touch() {
+        for (spike, share) in [(60.0, 0.01), (200.0, 0.005), (20.0, 0.01)] {
+            for seed in 0..20 {
+                let (mut touch, mut random) = (Touch::new(Some(1.5)), Random::new(seed));
+                let mut noticed = None;
+                for i in 0..2000 {
+                    let pushed = if i < 1800 { 0.0 } else { 2.0 * f64::from(i - 1800) };
+                    let spike = if random.unit() < share && i > 25 { spike } else { 0.0 };
+                    let noise = Vector3::from_fn(|_, _| random.normal(0.4));
+                    let force = Vector3::new(spike, 0.0, -pushed) + noise;
+                    noticed = noticed.or(touch.update(&force, 5.0, DT).map(|_| i));
+                }
+                assert!(noticed.is_some_and(|i| (1800..1812).contains(&i)), "{spike} N, {share}, {seed}: {noticed:?}");
             }
         }
     }
