@@ -5,18 +5,34 @@
 //!
 //! Source: ours; radii after drawings of the Puma 560.
 
+use super::caster::Pose;
+use super::line;
 use super::puma560::{self, Joints};
-use nalgebra::Vector2;
+use crate::sdk::Random;
+use nalgebra::{Rotation2, Vector2};
 
+/// The least room around the robot (m).
+pub const ROOM_MIN: f64 = 0.03;
 /// Of the base (m).
 pub const BASE_RADIUS: f64 = 0.31;
 /// Of upper arm, forearm and wrist (m).
 const RADII: [f64; 3] = [0.09, 0.07, 0.05];
 /// The number of points that may be nearer: a ray or two may be wrong.
 const STRAYS: usize = 2;
+/// An obstacle is met by several rays side by side: of so many before and after, so many are so near (m). Single rays may be wrong.
+const BESIDE: usize = 3;
+const TOGETHER: usize = 2;
+const NEIGHBOUR: f64 = 0.10;
 
-/// Returns the distance from the robot with its joints at `q` (rad) to the `points` (m, base axes) that are nearest; none if
-/// there are too few of them.
+/// Returns whether the rays beside a point have met the same thing.
+fn is_met(points: &[Vector2<f64>], index: usize) -> bool {
+    let around = points.iter().enumerate().skip(index.saturating_sub(BESIDE)).take(2 * BESIDE + 1);
+    let near = around.filter(|(other, point)| *other != index && (*point - points[index]).norm() < NEIGHBOUR);
+    near.count() >= TOGETHER
+}
+
+/// Returns the distance from the robot with its joints at `q` (rad) to the `points` (m, base axes, in the order of their rays) that are
+/// nearest; none if there are too few of them.
 pub fn clearance(points: &[Vector2<f64>], q: &Joints) -> Option<f64> {
     let [shoulder, elbow, wrist, fingers] = puma560::outline(q).map(|point| point.xy());
     let parts = [(shoulder, elbow, RADII[0]), (elbow, wrist, RADII[1]), (wrist, fingers, RADII[2])];
@@ -24,9 +40,73 @@ pub fn clearance(points: &[Vector2<f64>], q: &Joints) -> Option<f64> {
         let from_arm = parts.iter().map(|(from, to, radius)| beside(point, from, to) - radius);
         from_arm.fold(point.norm() - BASE_RADIUS, f64::min)
     };
-    let mut rooms: Vec<f64> = points.iter().map(room).collect();
+    let met = points.iter().enumerate().filter(|(index, _)| is_met(points, *index));
+    let mut rooms: Vec<f64> = met.map(|(_, point)| room(point)).collect();
     rooms.sort_by(f64::total_cmp);
     rooms.get(STRAYS).copied()
+}
+
+/// Points this near the shut door (m) are its leaf and its wall, which every later sweep shows.
+const DOOR: f64 = 0.10;
+
+/// Points this near a line are a wall (m), and so many walls are looked for.
+const TOLERANCE: f64 = 0.02;
+const WALLS: u32 = 4;
+/// From the middle of the base to its laser, straight ahead (m); a point is beside it whose distance to the side is so many times that ahead.
+const LASER: f64 = 0.30;
+const BESIDE_LASER: f64 = 4.0;
+/// A wall goes back along the robot if so much of its direction does.
+const GOES_BACK: f64 = 0.5;
+/// A wall that goes on out of sight does so in so many steps of that length (m).
+const GOES_ON: u32 = 60;
+const STEP: f64 = 0.03;
+
+/// The room as a sweep has shown it before the door moved. A base that backs away does not see walls behind it and beside it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Memory {
+    /// (m, odometry axes).
+    points: Option<Vec<Vector2<f64>>>,
+}
+
+impl Memory {
+    /// Takes a sweep (m, base axes) from a base at `at` before a shut door, whose leaf faces along `normal` at a `distance` (m); only the
+    /// first one counts.
+    pub fn remember(&mut self, points: &[Vector2<f64>], (normal, distance): (&Vector2<f64>, f64), at: &Pose) {
+        if self.points.is_some() {
+            return;
+        }
+        let is_room = |(index, point): &(usize, &Vector2<f64>)| {
+            (normal.dot(point) - distance).abs() > DOOR && is_met(points, *index)
+        };
+        let mut room: Vec<_> = points.iter().enumerate().filter(is_room).map(|(_, point)| *point).collect();
+        room.extend(going_on(&room));
+        let turn = Rotation2::new(at.z);
+        self.points = Some(room.into_iter().map(|point| turn * point + at.xy()).collect());
+    }
+
+    /// Returns what it has seen as a base at `at` would see it (m, base axes).
+    pub fn around(&self, at: &Pose) -> Vec<Vector2<f64>> {
+        let turn = Rotation2::new(-at.z);
+        self.points.iter().flatten().map(|point| turn * (point - at.xy())).collect()
+    }
+}
+
+/// Returns points (m) of the walls that leave the field of view beside the laser: they are taken to go on.
+fn going_on(points: &[Vector2<f64>]) -> Vec<Vector2<f64>> {
+    let (mut left, mut random, mut added) = (points.to_vec(), Random::new(1), Vec::new());
+    for _ in 0..WALLS {
+        let Some(wall) = line::fit(&left, TOLERANCE, &mut random) else { break };
+        let is_on = |point: &&Vector2<f64>| (wall.normal.dot(point) - wall.distance).abs() < TOLERANCE;
+        let last = left.iter().filter(is_on).copied().min_by(|a, b| a.x.total_cmp(&b.x));
+        let along = Vector2::new(-wall.normal.y, wall.normal.x);
+        let back = along * -along.x.signum();
+        let is_beside = |last: &Vector2<f64>| last.y.abs() > BESIDE_LASER * (last.x - LASER).max(0.0);
+        if let Some(last) = last.filter(|last| along.x.abs() > GOES_BACK && is_beside(last)) {
+            added.extend((1..=GOES_ON).map(|step| last + back * (STEP * f64::from(step))));
+        }
+        left.retain(|point| (wall.normal.dot(point) - wall.distance).abs() > 2.0 * TOLERANCE);
+    }
+    added
 }
 
 /// From a point to a stretch (m).
@@ -55,5 +135,28 @@ mod tests {
         wall.extend([Vector2::zeros(), Vector2::new(0.1, 0.0)]);
         assert!((clearance(&wall, &q).unwrap() - room).abs() < 6e-3);
         assert_eq!(clearance(&wall[..2], &q), None);
+        // One ray of ten says anything.
+        let (mut random, mut wall) = (crate::sdk::Random::new(3), wall);
+        for point in &mut wall {
+            *point *= if random.unit() < 0.1 { random.unit() } else { 1.0 };
+        }
+        assert!((clearance(&wall, &q).unwrap() - room).abs() < 6e-3);
+    }
+
+    #[test]
+    fn a_wall_that_is_out_of_sight_is_remembered() {
+        let q = puma560::door_posture();
+        let mut points: Vec<_> = (-50..50).map(|i| Vector2::new(1.5, 0.01 * f64::from(i))).collect();
+        points.extend((0..100).map(|i| Vector2::new(0.31 + 0.01 * f64::from(i), 0.8)));
+        let mut memory = Memory::default();
+        memory.remember(&points, (&Vector2::x(), 1.5), &Pose::new(1.0, 2.0, 0.0));
+        memory.remember(&[], (&Vector2::x(), 1.5), &Pose::zeros());
+        // The base has turned its back on it; of the door itself nothing is left.
+        let around = memory.around(&Pose::new(1.6, 2.4, -1.0));
+        let room = clearance(&around, &q).unwrap();
+        assert!(around.len() == 160 && (room - (0.4 - BASE_RADIUS)).abs() < 1e-3, "{room}");
+        // It goes on beside and behind where it was seen.
+        let room = clearance(&memory.around(&Pose::new(0.5, 2.4, 0.0)), &q).unwrap();
+        assert!((room - (0.4 - BASE_RADIUS)).abs() < 2e-3, "{room}");
     }
 }

@@ -20,6 +20,7 @@ use super::lever::Lever;
 use super::line::horizontal;
 use super::oscillation::OscillationGuard;
 use super::ramp::towards;
+use super::steps::Steps;
 use super::swing::{Attempt, HARD, Opens, PULL_MAX, Swing, TOTAL_MAX};
 use super::swivel::{Stance, Swivel, Turn};
 use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector2, Vector3, Vector6};
@@ -50,9 +51,8 @@ const PULL_QUICK: f64 = 6.0;
 const BELIEVED: f64 = 0.02;
 /// A try that has moved the door by so much more than the other way (m) is the better one.
 const BETTER: f64 = 0.005;
-/// A door that may be shut for good is not torn at: so fast (m/s) until the handle has gone so far (m).
+/// A door that may be shut for good is not torn at: so fast (m/s) until the handle has gone so far (m). Then it speeds up (m/s²).
 const FIRST: (f64, f64) = (0.02, 0.025);
-/// (m/s²).
 const ACCELERATION: f64 = 0.12;
 /// Noise is no danger (Hz).
 const FORCE_CUTOFF: f64 = 12.0;
@@ -88,7 +88,6 @@ pub struct Posture {
 }
 
 impl Posture {
-    /// As seen from above.
     fn stance(&self) -> Stance {
         let Isometry3 { translation, rotation } = self.odometry_from_tool;
         Stance { hand: translation.vector.xy(), ahead: horizontal(&(rotation * Vector3::z())), base: self.base }
@@ -108,8 +107,9 @@ pub struct Opening {
     left_to_try: Vec<(Swing, Attempt)>,
     /// The furthest way of the handle when it was pulled, and when it was pushed (m).
     went: (f64, f64),
+    steps: Steps,
     /// The way of the hand in the direction of this try (m), and the pull when it began (N).
-    way: f64,
+    tried: f64,
     pull_from: Option<f64>,
     quick: LowPass<1>,
     /// The largest compliance of the grasp (m/N).
@@ -179,7 +179,8 @@ impl Opening {
             is_first: true,
             left_to_try: opens.attempts()[1..].to_vec(),
             went: (0.0, 0.0),
-            way: 0.0,
+            steps: Steps::default(),
+            tried: 0.0,
             pull_from: None,
             quick: LowPass::new(PULL_QUICK),
             soft: SOFT.0,
@@ -212,6 +213,16 @@ impl Opening {
             Swing::Pull => -self.left,
             Swing::Push => self.left,
         }
+    }
+
+    /// Returns +1 if the hinge is to the left of a hand that faces the leaf, -1 if it is to the right.
+    pub fn left(&self) -> f64 {
+        self.left
+    }
+
+    /// Returns from where the handle was at first to where it is (m), by arm and wheels.
+    pub fn way(&self) -> f64 {
+        (self.last.hand - self.start.hand).norm()
     }
 
     /// Returns whether it pushes.
@@ -317,11 +328,11 @@ impl Opening {
         let side = if self.pushes() { -1.0 } else { 1.0 };
         let [quick] = self.quick.update(&[side * pull], dt);
         if self.has_come() {
-            return speed.clamp(0.0, along.max(0.0)) * dt;
+            return self.steps.take(speed * dt, along.max(0.0) * dt);
         }
-        self.way += speed.clamp(-SPEED, along.max(0.0) + BELIEVED) * dt;
+        self.tried += speed.clamp(-SPEED, along.max(0.0) + BELIEVED) * dt;
         let strained = side * quick - *self.pull_from.get_or_insert(side * quick);
-        (self.way - strained.max(0.0) * self.soft - self.travelled).max(0.0)
+        (self.tried - strained.max(0.0) * self.soft - self.travelled).max(0.0)
     }
 
     /// The turn of a hand that pushes about the lever, once it may.
@@ -416,7 +427,7 @@ impl Opening {
         let [pull] = self.quick.update(&[0.0], 0.0);
         let strained = side * pull - self.pull_from.unwrap_or_default();
         if strained > SOFT_FROM {
-            self.soft = self.soft.min((SOFTER * self.way / strained).max(SOFT.1));
+            self.soft = self.soft.min((SOFTER * self.tried / strained).max(SOFT.1));
         }
         let (pulled, pushed) = &mut self.went;
         let went = if self.trying.0 == Swing::Pull { &mut *pulled } else { &mut *pushed };
@@ -429,7 +440,7 @@ impl Opening {
         let next = self.left_to_try.iter().position(|(swing, _)| better.is_none_or(|better| *swing == better));
         self.trying = self.left_to_try.remove(next.unwrap_or(0));
         self.is_first = false;
-        (self.way, self.pull_from) = (0.0, None);
+        (self.tried, self.pull_from) = (0.0, None);
         self.hinge = Hinge::new(self.hinge.radius());
         (self.time, self.stalled, self.travelled, self.angle) = (0.0, 0.0, 0.0, 0.0);
         self.pull_max = self.trying.1.pull.min(PULL_MAX.0);

@@ -1,16 +1,21 @@
-//! The angle of a door by what the laser sees: the leaf against the wall, in one sweep.
+//! The angle of a door in the sweeps of a laser: the leaf against a straight line that does not move, in one sweep.
 //!
 //! Both are straight lines in the same sweep, so neither wheels that slip nor a hand that has lost the handle can make a
-//! shut door look open. The wall is found once and then followed from sweep to sweep; the leaf is the line right before the
-//! hand that holds its handle. A door is shut when the line of its leaf goes on to both sides, further than any leaf does;
-//! else the wall is the line that begins at an end of the leaf. So whoever begins in the middle knows how far it is open.
+//! shut door look open. The leaf is the line right before the hand that holds its handle. The other line is found before the door
+//! moves, and is then followed from sweep to sweep:
+//! - The line of a leaf that goes on to both sides, or further than any leaf does, is the wall, and the door is shut.
+//! - A wall with an opening in it, in which the leaf would fit, tells how far the leaf is open: this is how a law that begins in the
+//!   middle knows.
+//! - Any other line, as a side wall, tells only by how much the leaf turns from now on. A wall on one side of the leaf alone proves
+//!   nothing: in a corner the side wall begins at the edge of a shut leaf as the wall begins at the hinge of an open one.
 //!
 //! Source: lines by random samples and total least squares, as in [`super::line`]; the deviation of a line's direction is
 //! that of a straight-line fit, Bevington, "Data Reduction and Error Analysis", 1969, section 6.4.
 
-use super::line::{self, Line, Spread, horizontal};
+use super::angle::wrapped;
+use super::line::{self, Line, Spread, crossing, horizontal};
 use crate::sdk::Random;
-use nalgebra::{Isometry3, Matrix2, Rotation2, Vector2, Vector3};
+use nalgebra::{Isometry3, Rotation2, Vector2, Vector3};
 
 /// The largest distance of a wall's points from where it was a sweep ago (m): the base turns by a degree or two meanwhile.
 const WALL_GATE: f64 = 0.06;
@@ -32,11 +37,22 @@ const BESIDE: f64 = 0.6;
 const ASKEW: f64 = 0.40;
 /// Beyond the leaf's edge it is wall: from the hand, to each side (m).
 const WALL_BESIDE: (f64, f64) = (0.4, 1.5);
-/// So many points to each side are no chance.
+/// So many points to each side, over so much (m), are not there by chance.
 const WALL_POINTS: usize = 5;
+const WALL_LENGTH: f64 = 0.2;
+/// No leaf is wider than this (m).
+const LEAF_MAX: f64 = 1.6;
 /// A wall begins so near the end of its leaf (m), and turns from it by so much at least (rad).
 const HINGE_GATE: f64 = 0.15;
 const AJAR_MIN: f64 = 0.08;
+/// From the hinge to the handle (m), from and to; and how well the opening and the leaf are measured (m).
+const RADIUS: (f64, f64) = (0.3, 1.5);
+const EDGE: f64 = 0.15;
+/// So many points in an opening are stray, and so many are a wall.
+const STRAYS: usize = 3;
+const BEYOND_POINTS: usize = 10;
+/// A line that a leaf is measured against is at least so long (m).
+const REFERENCE_MIN: f64 = 0.4;
 /// Walls further away than this from the hand (m) are not the door's.
 const WALL_FAR: f64 = 2.5;
 /// Points on a leaf are no further apart than this (m).
@@ -52,28 +68,43 @@ const MEAN_OF: u32 = 40;
 /// A leaf that is seen.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Leaf {
-    /// From the wall to the leaf (rad), positive counter-clockwise seen from above.
+    /// From the shut leaf to the leaf (rad), positive counter-clockwise seen from above.
     pub angle: f64,
-    /// From the direction that faces the wall to the hand's (rad), by the arm alone, likewise.
+    /// From the direction that faces the shut leaf to the hand's (rad), by the arm alone, likewise.
     pub hand: f64,
     /// Standard deviation of `angle` (rad).
     pub deviation: f64,
+    /// From the hand to the leaf (m).
+    pub away: f64,
+    /// The direction that the leaf faces away from the hand, a unit vector (base axes).
+    pub normal: Vector2<f64>,
 }
 
-/// The wall that a door is in, followed from sweep to sweep.
+/// A line that does not move, and the shut leaf as that line tells.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Reference {
+    line: Line,
+    /// From its normal to that of the shut leaf (rad), and how well that is known (rad).
+    shut: f64,
+    deviation: f64,
+    /// The shut leaf (base axes), where the wheels say, if the line is not the door's wall for sure.
+    door: Option<Line>,
+}
+
+/// The line that a door is measured against, followed from sweep to sweep.
 #[derive(Clone, Debug)]
 pub struct Wall {
-    line: Option<Line>,
+    reference: Option<Reference>,
     /// The turns of the base since the wall was seen last (rad); none while it is in sight.
     turned: Option<f64>,
-    /// From the handle to where leaf and wall meet (m), a mean over so many sweeps.
+    /// From the handle to where leaf and shut leaf meet (m), a mean over so many sweeps.
     radius: (f64, u32),
     random: Random,
 }
 
 impl Default for Wall {
     fn default() -> Self {
-        Self { line: None, turned: None, radius: (0.0, 0), random: Random::new(1) }
+        Self { reference: None, turned: None, radius: (0.0, 0), random: Random::new(1) }
     }
 }
 
@@ -86,18 +117,18 @@ impl Wall {
         moved: &Vector3<f64>,
         base_from_tool: &Isometry3<f64>,
     ) -> Option<Leaf> {
-        let wall = match self.line {
+        let before = match &self.reference {
             None => self.find(points, base_from_tool)?,
-            Some(line) => seen_from(&line, moved),
+            Some(reference) => reference.seen_from(moved),
         };
-        let near = near(points, &wall, WALL_GATE);
+        let near = near(points, &before.line, WALL_GATE);
         let found = line::through(&near).and_then(|first| line::through(&self::near(&near, &first.0, TOLERANCE)));
-        let away = wall.distance - wall.normal.x * LASER;
+        let away = before.line.distance - before.line.normal.x * LASER;
         let is_wall = |(line, spread): &(Line, Spread)| {
-            let askew = turn(&wall.normal, &line.normal).abs();
+            let askew = turn(&before.line.normal, &line.normal).abs();
             away > WALL_NEAR && spread.count >= 20 && spread.length >= LENGTH_MIN && askew < WALL_TURN
         };
-        let (wall, deviation) = match found.filter(is_wall) {
+        let (line, deviation) = match found.filter(is_wall) {
             Some((line, spread)) => {
                 self.turned = None;
                 (line, spread.direction)
@@ -105,31 +136,38 @@ impl Wall {
             // Out of sight for a sweep, it is where the wheels say, as far as they can be believed.
             None => {
                 let turned = self.turned.insert(self.turned.unwrap_or(0.0) + moved.z.abs());
-                (wall, WHEELS.0 + WHEELS.1 * *turned)
+                (before.line, WHEELS.0 + WHEELS.1 * *turned)
             }
         };
-        self.line = Some(wall);
+        let normal = Rotation2::new(before.shut) * line.normal;
+        let reference = Reference { line, door: before.door.map(|door| Line { normal, ..door }), ..before };
+        self.reference = Some(reference);
         let (leaf, spread) = self.leaf(points, base_from_tool)?;
-        if self.turned.is_none() && turn(&wall.normal, &leaf.normal).abs() > MEETS {
-            self.meet(&wall, &leaf, &base_from_tool.translation.vector.xy());
+        let angle = wrapped(turn(&line.normal, &leaf.normal) - reference.shut);
+        let at = base_from_tool.translation.vector.xy();
+        if self.turned.is_none() && angle.abs() > MEETS {
+            self.meet(&reference.door.unwrap_or(line), &leaf, &at);
         }
-        let hand = turn(&wall.normal, &horizontal(&(base_from_tool.rotation * Vector3::z())));
-        let deviation = deviation.hypot(spread.direction);
-        Some(Leaf { angle: turn(&wall.normal, &leaf.normal), hand, deviation })
+        let facing = horizontal(&(base_from_tool.rotation * Vector3::z()));
+        Some(Leaf {
+            angle,
+            hand: wrapped(turn(&line.normal, &facing) - reference.shut),
+            deviation: deviation.hypot(spread.direction).hypot(reference.deviation),
+            away: leaf.distance - leaf.normal.dot(&at),
+            normal: leaf.normal,
+        })
     }
 
     /// Returns wall and leaf as lines (base axes) in the sweep that [`Wall::update`] has just had, if both are known; the leaf's
     /// normal looks the way the hand does.
     pub fn lines(&mut self, points: &[Vector2<f64>], base_from_tool: &Isometry3<f64>) -> Option<(Line, Line)> {
         let (leaf, _) = self.leaf(points, base_from_tool)?;
-        Some((self.line?, leaf))
+        Some((self.reference?.line, leaf))
     }
 
-    /// Takes where the lines of wall and leaf meet for the hinge.
-    fn meet(&mut self, wall: &Line, leaf: &Line, hand: &Vector2<f64>) {
-        let normals = Matrix2::from_rows(&[wall.normal.transpose(), leaf.normal.transpose()]);
-        let Some(inverse) = normals.try_inverse() else { return };
-        let hinge = inverse * Vector2::new(wall.distance, leaf.distance);
+    /// Takes where the lines of the shut leaf and of the leaf meet for the hinge.
+    fn meet(&mut self, shut: &Line, leaf: &Line, hand: &Vector2<f64>) {
+        let Some(hinge) = crossing(shut, leaf) else { return };
         let radius = leaf.normal.perp(&(hinge - hand)).abs();
         let (mean, count) = &mut self.radius;
         *count = count.saturating_add(1).min(MEAN_OF);
@@ -147,45 +185,56 @@ impl Wall {
         self.turned
     }
 
-    /// Returns whether it knows where the wall is.
+    /// Returns whether it knows what to measure the leaf against.
     pub fn is_found(&self) -> bool {
-        self.line.is_some()
+        self.reference.is_some()
     }
 
-    /// The wall of the door whose leaf is before the hand, shut or not.
-    fn find(&mut self, points: &[Vector2<f64>], base_from_tool: &Isometry3<f64>) -> Option<Line> {
-        let (leaf, _) = self.leaf(points, base_from_tool)?;
+    /// The line that the leaf before the hand can be measured against.
+    fn find(&mut self, points: &[Vector2<f64>], base_from_tool: &Isometry3<f64>) -> Option<Reference> {
+        let (leaf, spread) = self.leaf(points, base_from_tool)?;
         let hand = base_from_tool.translation.vector.xy();
-        let along = Vector2::new(-leaf.normal.y, leaf.normal.x);
-        let mut on_leaf: Vec<f64> = near(points, &leaf, TOLERANCE).iter().map(|p| along.dot(&(p - hand))).collect();
-        on_leaf.sort_by(f64::total_cmp);
-        let beside = |side: f64| {
-            on_leaf.iter().filter(|at| (WALL_BESIDE.0..WALL_BESIDE.1).contains(&(side * **at))).count() >= WALL_POINTS
-        };
-        if beside(1.0) && beside(-1.0) {
-            return line::fit(&ahead(points), TOLERANCE, &mut self.random);
-        }
-        // From before the hand outwards, as far as there are no gaps.
-        let end = |side: f64| {
-            let mut out: Vec<f64> = on_leaf.iter().map(|at| side * at).filter(|at| *at > 0.0).collect();
-            out.sort_by(f64::total_cmp);
-            out.iter().fold(0.0, |end, at| if at - end < GAP { *at } else { end })
-        };
         let foot = hand + leaf.normal * (leaf.distance - leaf.normal.dot(&hand));
-        let ends = [foot + along * end(1.0), foot - along * end(-1.0)];
+        let along = Vector2::new(-leaf.normal.y, leaf.normal.x);
+        let on_leaf = near(points, &leaf, TOLERANCE);
+        let sides = [1.0, -1.0].map(|side| Side::new(&on_leaf, &foot, along * side));
+        let (wall, _) = line::through(&on_leaf)?;
+        let coplanar = line::through(&near(points, &wall, TOLERANCE)).map(|(line, _)| Reference {
+            line,
+            shut: 0.0,
+            deviation: 0.0,
+            door: None,
+        });
+        if sides.iter().all(|side| side.is_wall) {
+            return coplanar;
+        }
         let is_other = |point: &&Vector2<f64>| {
             (leaf.normal.dot(point) - leaf.distance).abs() > 2.0 * TOLERANCE && (**point - hand).norm() < WALL_FAR
         };
         let mut others: Vec<_> = points.iter().filter(is_other).copied().collect();
+        let mut best: Option<Reference> = None;
         for _ in 0..3 {
-            let wall = line::fit(&others, TOLERANCE, &mut self.random)?;
-            let begins = ends.iter().any(|end| (wall.normal.dot(end) - wall.distance).abs() < HINGE_GATE);
-            if begins && turn(&leaf.normal, &wall.normal).abs() > AJAR_MIN {
-                return Some(wall);
+            let Some(line) = line::fit(&others, TOLERANCE, &mut self.random) else { break };
+            let on_line = near(&others, &line, TOLERANCE);
+            let shut = turn(&line.normal, &leaf.normal);
+            let begins = sides.iter().any(|side| (line.normal.dot(&side.place()) - line.distance).abs() < HINGE_GATE);
+            if begins && shut.abs() > AJAR_MIN && has_opening(&line, &leaf, &on_line, &sides) {
+                return Some(Reference { line, shut: 0.0, deviation: 0.0, door: None });
             }
-            others.retain(|point| (wall.normal.dot(point) - wall.distance).abs() > 2.0 * TOLERANCE);
+            if let Some((_, seen)) = line::through(&on_line).filter(|(_, seen)| seen.length > REFERENCE_MIN) {
+                let deviation = seen.direction.hypot(spread.direction);
+                // A line that begins at an end of the leaf may be the door's wall, if not for sure.
+                if best.is_none() || begins && shut.abs() > AJAR_MIN {
+                    best = Some(Reference { line, shut, deviation, door: Some(leaf) });
+                }
+                if begins && shut.abs() > AJAR_MIN {
+                    break;
+                }
+            }
+            others.retain(|point| (line.normal.dot(point) - line.distance).abs() > 2.0 * TOLERANCE);
         }
-        None
+        // A wall on one side alone may be hidden by the leaf that opens, so anything else is better.
+        best.or(coplanar.filter(|_| sides[0].end + sides[1].end > LEAF_MAX))
     }
 
     fn leaf(&mut self, points: &[Vector2<f64>], base_from_tool: &Isometry3<f64>) -> Option<(Line, Spread)> {
@@ -208,15 +257,63 @@ impl Wall {
     }
 }
 
+/// The points on the leaf's line, from before the hand to one side.
+struct Side {
+    foot: Vector2<f64>,
+    along: Vector2<f64>,
+    /// How far it goes on without gaps (m).
+    end: f64,
+    /// Whether there is something beyond any leaf's edge.
+    is_wall: bool,
+}
+
+impl Side {
+    fn new(on_leaf: &[Vector2<f64>], foot: &Vector2<f64>, along: Vector2<f64>) -> Self {
+        let mut out: Vec<f64> = on_leaf.iter().map(|point| along.dot(&(point - foot))).filter(|at| *at > 0.0).collect();
+        out.sort_by(f64::total_cmp);
+        let end = out.iter().fold(0.0, |end, at| if at - end < GAP { *at } else { end });
+        out.retain(|at| (WALL_BESIDE.0..WALL_BESIDE.1).contains(at));
+        let length = out.last().zip(out.first()).map_or(0.0, |(last, first)| last - first);
+        Self { foot: *foot, along, end, is_wall: out.len() >= WALL_POINTS && length > WALL_LENGTH }
+    }
+
+    /// Where it ends (m).
+    fn place(&self) -> Vector2<f64> {
+        self.foot + self.along * self.end
+    }
+}
+
+/// Returns whether a wall has an opening that the leaf before the hand would shut: nothing in it, and wall on its other side.
+fn has_opening(wall: &Line, leaf: &Line, on_wall: &[Vector2<f64>], sides: &[Side; 2]) -> bool {
+    let Some(hinge) = crossing(wall, leaf) else { return false };
+    let [near, far] = sides;
+    let to_hinge = near.along.dot(&(hinge - near.foot));
+    // From the hinge over the hand to the edge, open and shut.
+    let (to_edge, edge) = if to_hinge > 0.0 { (-near.along, far.end) } else { (near.along, near.end) };
+    let (radius, width) = (to_hinge.abs(), to_hinge.abs() + edge);
+    let shut = Rotation2::new(turn(&leaf.normal, &wall.normal)) * to_edge;
+    let at = |point: &Vector2<f64>| shut.dot(&(point - hinge));
+    let within = on_wall.iter().filter(|point| (EDGE..width - EDGE).contains(&at(point))).count();
+    let beyond: Vec<f64> = on_wall.iter().map(at).filter(|at| (width - EDGE..width + LEAF_MAX).contains(at)).collect();
+    let (from, to) = beyond.iter().fold((f64::MAX, f64::MIN), |(from, to), at| (from.min(*at), to.max(*at)));
+    (RADIUS.0..RADIUS.1).contains(&radius)
+        && width < LEAF_MAX
+        && within <= STRAYS
+        && beyond.len() >= BEYOND_POINTS
+        && to - from > WALL_LENGTH
+}
+
+impl Reference {
+    /// Returns what it looks like after the base has moved.
+    fn seen_from(&self, moved: &Vector3<f64>) -> Self {
+        Self { line: seen_from(&self.line, moved), door: self.door.map(|door| seen_from(&door, moved)), ..*self }
+    }
+}
+
 /// A line of the last sweep as it is seen after the base has moved.
 fn seen_from(line: &Line, moved: &Vector3<f64>) -> Line {
     let distance = line.distance - line.normal.dot(&moved.xy());
     Line { normal: Rotation2::new(-moved.z) * line.normal, distance, inliers: line.inliers }
-}
-
-/// The points that can be the door and the wall right ahead.
-fn ahead(points: &[Vector2<f64>]) -> Vec<Vector2<f64>> {
-    points.iter().filter(|point| point.x > 0.0 && point.y.abs() < point.x).copied().collect()
 }
 
 fn near(points: &[Vector2<f64>], line: &Line, gate: f64) -> Vec<Vector2<f64>> {

@@ -71,6 +71,16 @@ pub fn through(points: &[Vector2<f64>]) -> Option<(Line, Spread)> {
     Some((Line { inliers: count, ..line(normal, &mean) }, spread))
 }
 
+/// Returns the point where two lines meet (m), if they do so at an angle.
+pub fn crossing(a: &Line, b: &Line) -> Option<Vector2<f64>> {
+    let cross = a.normal.perp(&b.normal);
+    let meet = Vector2::new(
+        a.distance * b.normal.y - b.distance * a.normal.y,
+        b.distance * a.normal.x - a.distance * b.normal.x,
+    );
+    (cross.abs() > 0.1).then(|| meet / cross)
+}
+
 fn line(normal: Vector2<f64>, point: &Vector2<f64>) -> Line {
     let distance = normal.dot(point);
     Line { normal: normal * distance.signum(), distance: distance.abs(), inliers: 0 }

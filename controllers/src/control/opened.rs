@@ -5,6 +5,11 @@
 //! at the goal in three sweeps in a row, each less two standard deviations, while the fingers hold something and the hand
 //! has turned with the leaf. The estimate only says when it is time to doubt.
 //!
+//! The angle that the laser sees has two witnesses, and each of the three may be wrong alone. The way of the handle since it was taken, by arm
+//! and wheels, is as long as a leaf needs that has turned so far; and so is the way that the hand was led by forces. A door that
+//! has not moved has neither, whatever the laser takes for its leaf or for its wall. A leaf that is no longer as far away from the hand as
+//! at first has left it, whatever the fingers say.
+//!
 //! A leaf is measured against its wall. Out of sight, the wall is where the wheels say, and those may slip in two ways. What they can
 //! have added to the angle is bounded, and counts against it: [`Watch::slip`].
 //!
@@ -33,6 +38,15 @@ pub const AHEAD_MAX: f64 = 0.35;
 const SLIPS: f64 = 0.25;
 /// The share that counts for a hinge that has never been seen.
 const UNSEEN: f64 = 0.35;
+/// The share of a leaf's turn that the way of the handle and the way that was felt have to bear out.
+const WITNESSED: f64 = 0.6;
+/// A base that may have been turned by more than this without its wheels (rad) has been.
+const MOVED_MAX: f64 = 0.25;
+/// A leaf that is nearer to the hand or further away than at first, by so much (m), has left it; "at first" is a mean of so many sweeps.
+const LEAVES: f64 = 0.06;
+const FIRST: u32 = 5;
+/// Below this angle (rad) the line of the leaf is partly that of the wall.
+const APART: f64 = 0.26;
 const IN_A_ROW: u32 = 3;
 
 /// The expected geometry of a door's handle and hinge.
@@ -59,6 +73,10 @@ pub struct Evidence {
     pub seen_radius: Option<f64>,
     /// The turns of the base since the wall was seen, to either side (rad), as the wheels say; none while it is in sight.
     pub turned: Option<f64>,
+    /// How far the base may have turned since then without its wheels (rad), by where it sees the hinge.
+    pub moved: f64,
+    /// From where the handle was at first to where it is (m), by arm and wheels.
+    pub way: f64,
 }
 
 /// The verdict on the evidence.
@@ -87,6 +105,12 @@ pub enum Doubt {
     Hinge,
     /// The angle rests on wheels that may have turned on the spot.
     Wheels,
+    /// The base was turned without its wheels.
+    Moved,
+    /// The leaf seems to have turned further than the handle has gone.
+    Way,
+    /// The leaf has left the hand.
+    Left,
 }
 
 impl Expected {
@@ -102,16 +126,33 @@ pub struct Watch {
     goal: f64,
     expected: Expected,
     reached: Debounce,
+    left: Debounce,
     seen: Option<f64>,
+    /// The angle at which the leaf was seen first (rad).
+    first: Option<f64>,
+    /// From the hand to the leaf at first (m), a mean over so many sweeps.
+    away: (f64, u32),
     /// The turns of the base since the wall was seen (rad), as the wheels say, and without them.
     turned: f64,
     slid: f64,
+    moved: f64,
 }
 
 impl Watch {
     /// Returns a watch for a door that shall open to `goal` (rad).
     pub fn new(goal: f64, expected: Expected) -> Self {
-        Self { goal, expected, reached: Debounce::new(IN_A_ROW), seen: None, turned: 0.0, slid: 0.0 }
+        Self {
+            goal,
+            expected,
+            reached: Debounce::new(IN_A_ROW),
+            left: Debounce::new(IN_A_ROW),
+            seen: None,
+            first: None,
+            away: (0.0, 0),
+            turned: 0.0,
+            slid: 0.0,
+            moved: 0.0,
+        }
     }
 
     /// Returns the angle at which the leaf was seen last (rad).
@@ -121,7 +162,7 @@ impl Watch {
 
     /// Returns the largest angle that wheels that slip can have added to the leaf's (rad).
     pub fn slip(&self) -> f64 {
-        self.turned + self.slid.abs()
+        self.turned + self.slid.abs().max(self.moved)
     }
 
     /// Takes what is known. A number that is none is in doubt.
@@ -129,18 +170,26 @@ impl Watch {
         if !self.expected.holds(evidence.width) {
             return Verdict::Doubt(Doubt::Handle);
         }
+        if evidence.leaf.is_some_and(|leaf| self.has_left(&leaf)) {
+            return Verdict::Doubt(Doubt::Left);
+        }
         if !self.is_borne(evidence) {
             return Verdict::Doubt(Doubt::Wheels);
+        }
+        if self.moved > MOVED_MAX {
+            return Verdict::Doubt(Doubt::Moved);
         }
         let least = evidence.leaf.map(|leaf| leaf.angle - 2.0 * leaf.deviation - self.slip());
         let reached = least.is_some_and(|least| least >= self.goal - MARGIN);
         if let Some(leaf) = evidence.leaf {
             self.seen = Some(leaf.angle);
+            self.first.get_or_insert(leaf.angle);
             if self.reached.update(reached) {
                 let turned = (leaf.hand - leaf.angle).abs() <= TURN_MAX;
                 let sane = (self.expected.radius.0..=self.expected.radius.1).contains(&evidence.radius);
                 return match (turned, sane) {
-                    (true, true) => Verdict::Open,
+                    (true, true) if self.is_witnessed(evidence, leaf.angle) => Verdict::Open,
+                    (true, true) => Verdict::Doubt(Doubt::Way),
                     (false, _) => Verdict::Doubt(Doubt::Turn),
                     (true, false) => Verdict::Doubt(Doubt::Hinge),
                 };
@@ -162,30 +211,63 @@ impl Watch {
     /// Counts what the wheels may have added; returns whether the hinge is where it was seen.
     fn is_borne(&mut self, evidence: &Evidence) -> bool {
         let Some(turned) = evidence.turned else {
-            (self.turned, self.slid) = (0.0, 0.0);
+            (self.turned, self.slid, self.moved) = (0.0, 0.0, 0.0);
             return true;
         };
-        self.turned = turned;
+        (self.turned, self.moved) = (turned, evidence.moved);
         let share = evidence.seen_radius.map(|seen| seen / evidence.radius - 1.0);
         if let (Some(leaf), Some(seen)) = (evidence.leaf, self.seen) {
             self.slid += (leaf.angle - seen) * share.unwrap_or(UNSEEN);
         }
         share.is_none_or(|share| share.abs() <= SLIPS)
     }
+
+    /// Returns whether handle and hand have gone as far as a leaf has to that stands at `angle` (rad).
+    fn is_witnessed(&self, evidence: &Evidence, angle: f64) -> bool {
+        let turned = angle - self.first.unwrap_or(0.0);
+        let radius = evidence.seen_radius.unwrap_or(evidence.radius);
+        let chord = 2.0 * radius * (0.5 * turned.min(std::f64::consts::PI)).sin();
+        evidence.way >= WITNESSED * chord && evidence.believed >= WITNESSED * turned
+    }
+
+    /// Takes how far the leaf is away from the hand; returns whether it has left it.
+    fn has_left(&mut self, leaf: &Leaf) -> bool {
+        let (mean, count) = &mut self.away;
+        if *count < FIRST {
+            *count += 1;
+            *mean += (leaf.away - *mean) / f64::from(*count);
+            return false;
+        }
+        self.left.update(leaf.angle > APART && (leaf.away - *mean).abs() > LEAVES)
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Vector2;
 
     const EXPECTED: Expected = Expected { width: (0.01, 0.04), radius: (0.3, 1.5) };
-    const LEAF: Leaf = Leaf { angle: 1.23, hand: 1.15, deviation: 0.002 };
-    const GOOD: Evidence =
-        Evidence { width: 0.02, believed: 1.3, leaf: Some(LEAF), radius: 0.82, seen_radius: None, turned: None };
+    const LEAF: Leaf = Leaf { angle: 1.23, hand: 1.15, deviation: 0.002, away: 0.06, normal: Vector2::new(1.0, 0.0) };
+    const GOOD: Evidence = Evidence {
+        width: 0.02,
+        believed: 1.3,
+        leaf: Some(LEAF),
+        radius: 0.82,
+        seen_radius: None,
+        turned: None,
+        moved: 0.0,
+        way: 0.95,
+    };
+
+    /// Watches a leaf that was shut at first.
+    fn watch() -> Watch {
+        Watch { first: Some(0.0), away: (0.06, FIRST), ..Watch::new(1.22, EXPECTED) }
+    }
 
     /// The last of three verdicts on the same evidence.
     fn verdict(evidence: &Evidence) -> Verdict {
-        let mut watch = Watch::new(1.22, EXPECTED);
+        let mut watch = watch();
         watch.update(evidence);
         watch.update(evidence);
         watch.update(evidence)
@@ -193,7 +275,7 @@ mod tests {
 
     #[test]
     fn three_sweeps_show_it_open() {
-        let mut watch = Watch::new(1.22, EXPECTED);
+        let mut watch = watch();
         let mut verdicts = Vec::new();
         for leaf in [Some(LEAF), Some(LEAF), None, Some(LEAF)] {
             verdicts.push(watch.update(&Evidence { leaf, ..GOOD }));
@@ -232,7 +314,7 @@ mod tests {
     /// closer 20 Nm: 8.6 degrees of 70 were not there.
     #[test]
     fn what_the_hinge_is_felt_nearer_than_it_was_seen_is_slip() {
-        let mut watch = Watch::new(1.22, EXPECTED);
+        let mut watch = watch();
         let mut verdicts = Vec::new();
         for step in 0..100 {
             let (angle, seen_radius) = (0.01 * f64::from(step), Some(0.82));
@@ -250,6 +332,46 @@ mod tests {
         assert_eq!(radius(0.9), Verdict::Open);
     }
 
+    /// A side wall by the latch of a shut door was taken for its wall: leaf and hand stood at 90 degrees from the first sweep on.
+    #[test]
+    fn a_leaf_at_the_goal_is_no_open_door_unless_the_handle_has_gone_there() {
+        for (way, believed) in [(0.0, 0.0), (0.03, 1.3), (0.95, 0.1), (f64::NAN, 1.3), (0.95, f64::NAN)] {
+            let found = verdict(&Evidence { way, believed, ..GOOD });
+            assert_eq!(found, Verdict::Doubt(Doubt::Way), "{way} m, {believed} rad");
+        }
+        // A law that begins in the middle needs the rest of the way only.
+        let mut watch = Watch { first: Some(0.8), ..watch() };
+        let rest = Evidence { way: 0.35, believed: 0.45, ..GOOD };
+        assert_eq!([rest; 3].map(|rest| watch.update(&rest))[2], Verdict::Open);
+    }
+
+    #[test]
+    fn a_leaf_that_leaves_the_hand_is_lost_whatever_the_fingers_say() {
+        for (away, told) in
+            [(0.10, Verdict::Open), (0.14, Verdict::Doubt(Doubt::Left)), (-0.02, Verdict::Doubt(Doubt::Left))]
+        {
+            assert_eq!(verdict(&Evidence { leaf: Some(Leaf { away, ..LEAF }), ..GOOD }), told, "{away}");
+        }
+    }
+
+    /// 0.15 rad/s for 1.2 s near the end: done at 58 degrees.
+    #[test]
+    fn a_base_that_was_turned_from_outside_opens_the_door_further_or_gives_up() {
+        let with = |moved, angle| {
+            verdict(&Evidence {
+                turned: Some(0.0),
+                moved,
+                leaf: Some(Leaf { angle, ..LEAF }),
+                seen_radius: Some(0.82),
+                ..GOOD
+            })
+        };
+        assert_eq!(with(0.0, 1.23), Verdict::Open);
+        assert_eq!(with(0.18, 1.23), Verdict::GoOn);
+        assert_eq!(with(0.18, 1.38), Verdict::Open);
+        assert_eq!(with(0.3, 1.5), Verdict::Doubt(Doubt::Moved));
+    }
+
     #[test]
     fn the_estimate_alone_opens_nothing() {
         for believed in [1.6, 3.0, f64::NAN] {
@@ -257,7 +379,7 @@ mod tests {
             assert_eq!(verdict(&none), Verdict::Doubt(Doubt::Unseen), "{believed}");
             // A leaf at the goal but for its uncertainty, and one that is far from it.
             for (angle, deviation) in [(1.23, 0.03), (0.1, 0.002), (f64::NAN, 0.002)] {
-                let leaf = Some(Leaf { angle, hand: angle, deviation });
+                let leaf = Some(Leaf { angle, hand: angle, deviation, ..LEAF });
                 let found = verdict(&Evidence { leaf, believed, ..GOOD });
                 assert_eq!(found, Verdict::Doubt(Doubt::Behind), "{angle} {believed}");
             }

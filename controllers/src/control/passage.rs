@@ -12,7 +12,7 @@
 //! widest empty corridor through a set of points", 1988, here by trying directions.
 
 use super::clearance::{BASE_RADIUS, beside};
-use super::line::Line;
+use super::line::{Line, crossing};
 use nalgebra::{Isometry2, Point2, Rotation2, Vector2};
 
 /// Points on a leaf are no further apart than this (m).
@@ -206,16 +206,6 @@ pub fn corridor(points: &[Vector2<f64>], guess: &Way, length: f64) -> Option<Cor
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a small positive number")]
 fn lossless(steps: f64) -> u32 {
     steps.round() as u32
-}
-
-/// The point where two lines meet.
-fn crossing(a: &Line, b: &Line) -> Option<Vector2<f64>> {
-    let cross = a.normal.perp(&b.normal);
-    let meet = Vector2::new(
-        a.distance * b.normal.y - b.distance * a.normal.y,
-        b.distance * a.normal.x - a.distance * b.normal.x,
-    );
-    (cross.abs() > 0.1).then(|| meet / cross)
 }
 
 fn crosses((a, b): (&Vector2<f64>, &Vector2<f64>), (c, d): (&Vector2<f64>, &Vector2<f64>)) -> bool {

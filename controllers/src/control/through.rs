@@ -7,15 +7,13 @@
 
 use super::angle::wrapped;
 use super::caster::Pose;
-use super::clearance::{BASE_RADIUS, clearance};
+use super::clearance::{BASE_RADIUS, ROOM_MIN, clearance};
 use super::passage::{Corridor, Doorway, Way, corridor};
 use super::puma560::Joints;
 use super::ramp::towards_together;
 use super::redundancy::{BASE_ACCELERATION_MAX, Rates};
 use nalgebra::{Isometry2, Isometry3, Point2, Rotation2, Vector2, Vector3};
 
-/// The least room around the robot (m), as while it opens the door.
-pub const ROOM_MIN: f64 = 0.03;
 /// The distance by which the hand backs away from the handle (m).
 const BACK: f64 = 0.25;
 /// The arm above the base's disc (deg): upper arm up, forearm above it, 1.9 m high. Joint 6 stays as it is.

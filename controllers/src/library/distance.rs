@@ -2,6 +2,7 @@
 
 use super::servoing::{CALIBRATION, calibration};
 use super::{SENSED, StuckLaser, Watch};
+use crate::control::clearance::{ROOM_MIN, clearance};
 use crate::control::filter::Debounce;
 use crate::control::servoing::{self, Calibration, Mark, Way};
 use crate::control::{line, puma560};
@@ -192,6 +193,10 @@ impl Controller for DistanceThreshold {
         let (Some(scan), Some(state)) = (fresh, inputs.state.fresh_within(tick.now, SENSED)) else {
             return Progress::Continue;
         };
+        let around = points(&scan.ranges, std::f64::consts::PI);
+        if clearance(&around, &state.angles.into()).is_some_and(|room| room < ROOM_MIN) {
+            return Progress::Aborted("no room: something is less than 30 mm from the robot".to_owned());
+        }
         let Some(distance) = self.distance(&scan.ranges, &state.angles) else { return Progress::Continue };
         if self.recent.len() == SETTLE {
             self.recent.remove(0);

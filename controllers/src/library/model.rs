@@ -3,10 +3,11 @@
 use super::{SENSED, StuckLaser, distance};
 use crate::control::angle::wrapped;
 use crate::control::caster::Pose;
-use crate::control::clearance::clearance;
+use crate::control::clearance::{Memory, ROOM_MIN, clearance};
 use crate::control::compliant::loop_delay;
 use crate::control::door::{Failure, Opening, Posture, Pull};
 use crate::control::history::History;
+use crate::control::landmark::Landmark;
 use crate::control::leaf::{Leaf, Wall};
 use crate::control::line::horizontal;
 use crate::control::opened::{Doubt, Evidence, Expected, Verdict, Watch};
@@ -25,11 +26,12 @@ const TIMEOUT: Duration = Duration::from_secs(55);
 const BRAKE: f64 = 0.2;
 const PACE_MIN: f64 = 0.25;
 const PUSH_PACE_MIN: f64 = 0.6;
-/// The least room around the robot, but for what it holds, and the room above it at which the robot slows down (m). A sweep is
-/// 50 ms old and a base takes 200 ms to stop. The last is the longest search for the wall.
-const ROOM_MIN: f64 = 0.03;
+/// The room above the least one at which the robot slows down (m): a sweep is 50 ms old and a base takes 200 ms to stop. And the longest
+/// search for the wall.
 const ROOM_SLOW: f64 = 0.04;
 const LOOK: Duration = Duration::from_secs(2);
+/// A remembered wall is taken to be so much nearer (m): wheels are wrong by a few per cent.
+const REMEMBERED: f64 = 0.03;
 /// From so much askew on (rad) the leaf behind the fingers, so deep and to each side (m), is what they hold.
 const HELD: f64 = 0.3;
 const HELD_DEPTH: f64 = 0.16;
@@ -80,6 +82,8 @@ pub(super) struct ModelBasedCtrl {
     watch: Watch,
     wall: Wall,
     stuck: StuckLaser,
+    landmark: Landmark,
+    memory: Memory,
     /// The pose of the base at the last sweep, in the odometry frame.
     swept_from: Option<Pose>,
     anchor: Anchor,
@@ -172,11 +176,25 @@ impl ModelBasedCtrl {
         // A wrist that turns about the handle comes near the leaf that it holds; how near, the law limits.
         let others: Vec<_> =
             points.iter().filter(|point| askew.abs() < HELD || !is_held(point, &facing)).copied().collect();
-        self.room = clearance(&others, &self.joints.at(inputs.laser.measured()?)?.into());
+        let joints = self.joints.at(inputs.laser.measured()?)?.into();
+        let remembered = clearance(&self.memory.around(&at), &joints).map(|room| room - REMEMBERED);
+        self.room = clearance(&others, &joints).into_iter().chain(remembered).reduce(f64::min);
         let leaf = self.wall.update(&points, &Vector3::new(by.x, by.y, turned), &facing)?;
+        let distance = leaf.away + leaf.normal.dot(&base_from_tool.translation.vector.xy());
+        self.memory.remember(&points, (&leaf.normal, distance), &at);
+        self.mark(&leaf, (&base_from_tool, &at));
         let leaf = Leaf { angle: sense * leaf.angle, hand: sense * leaf.hand, ..leaf };
         self.leaf = Some(leaf);
         self.leaf
+    }
+
+    /// Takes where the hinge is by a leaf that the hand holds, for a base at `at`.
+    fn mark(&mut self, leaf: &Leaf, (base_from_tool, at): (&Isometry3<f64>, &Pose)) {
+        let (Some(radius), Some(opening)) = (self.wall.radius(), &self.opening) else { return };
+        let left = Vector2::new(-leaf.normal.y, leaf.normal.x);
+        let from_base = base_from_tool.translation.vector.xy() + left * (opening.left() * radius);
+        let hinge = at.xy() + Rotation2::new(at.z) * from_base;
+        self.landmark.update(&hinge, &at.xy(), self.wall.turned().is_none());
     }
 
     fn result(&mut self, pull: &Pull, evidence: &Evidence) -> Progress {
@@ -184,13 +202,13 @@ impl ModelBasedCtrl {
             Some(Failure::Locked) => {
                 let why = match self.opens {
                     Opens::Either => {
-                        "locked: the lever is down, and the door moves neither when it is pulled nor when it is pushed"
+                        "locked, or shut by more than 70 N: the lever is down, and the door moves neither when it is pulled nor when it is pushed"
                     }
                     Opens::Pull => {
-                        "locked, or to be pushed: the lever is down, and the door does not come when it is pulled"
+                        "locked, or to be pushed, or shut by more than 70 N: the lever is down, and the door does not come when it is pulled"
                     }
                     Opens::Push => {
-                        "locked, or to be pulled: the lever is down, and the door does not go when it is pushed"
+                        "locked, or to be pulled, or shut by more than 70 N: the lever is down, and the door does not go when it is pushed"
                     }
                 };
                 return Progress::Aborted(why.to_owned());
@@ -240,6 +258,13 @@ fn refuse(doubt: Doubt) -> Progress {
         Doubt::Wheels => {
             "the wheels have slipped, or may have: the wall is out of sight, and the hinge is not as far away as it was seen"
         }
+        Doubt::Moved => {
+            "the base was turned, and not by its wheels: it does not see the hinge where it was, and the wall is out of sight"
+        }
+        Doubt::Way => {
+            "the leaf seems to have turned further than the handle has gone: what the laser sees is not this door's leaf or wall"
+        }
+        Doubt::Left => "lost the handle: the leaf is not as far from the hand as when the opening began",
         Doubt::Hinge => "the hinge estimate is not sane: its radius is no door's",
     };
     Progress::Aborted(reason.to_owned())
@@ -294,6 +319,8 @@ impl Controller for ModelBasedCtrl {
             watch: Watch::new(goal, expected),
             wall: Wall::default(),
             stuck: StuckLaser::default(),
+            landmark: Landmark::default(),
+            memory: Memory::default(),
             swept_from: None,
             anchor: Anchor::default(),
             poses: History::default(),
@@ -311,6 +338,7 @@ impl Controller for ModelBasedCtrl {
         (self.opening, self.angle, self.leaf, self.room) = (None, 0.0, None, None);
         (self.watch, self.wall) = (Watch::new(self.goal, self.expected), Wall::default());
         (self.stuck, self.swept_from, self.anchor) = (StuckLaser::default(), None, Anchor::default());
+        (self.landmark, self.memory) = (Landmark::default(), Memory::default());
         (self.poses, self.joints) = (History::default(), History::default());
         (self.blind, self.spent) = (Duration::ZERO, Duration::ZERO);
         Ok(())
@@ -365,7 +393,9 @@ impl Controller for ModelBasedCtrl {
             turned: pull.guide.turned,
         });
         let (seen_radius, turned) = (self.wall.radius(), self.wall.turned());
-        let evidence = Evidence { width: known.width, believed: pull.angle, leaf, radius, seen_radius, turned };
+        let way = self.opening.as_ref().map_or(0.0, Opening::way);
+        let (believed, moved) = (pull.angle, self.landmark.turned());
+        let evidence = Evidence { width: known.width, believed, leaf, radius, seen_radius, turned, moved, way };
         self.result(&pull, &evidence)
     }
 
@@ -383,8 +413,10 @@ impl Controller for ModelBasedCtrl {
             signal("seen angle", "deg", seen(|leaf| leaf.angle)),
             signal("slip at most", "deg", self.watch.slip().to_degrees()),
             signal("hand turned", "deg", seen(|leaf| leaf.hand)),
+            signal("hand to leaf", "mm", self.leaf.map_or(f64::NAN, |leaf| 1e3 * leaf.away)),
             signal("seen radius", "m", self.wall.radius().unwrap_or(f64::NAN)),
             signal("turned without the wall", "deg", self.wall.turned().map_or(f64::NAN, f64::to_degrees)),
+            signal("turned without the wheels", "deg", self.landmark.turned().to_degrees()),
             signal("room", "m", self.room.unwrap_or(f64::NAN)),
             signal("odometry jumps", "", f64::from(self.anchor.jumps)),
         ]

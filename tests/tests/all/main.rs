@@ -49,6 +49,7 @@ mod quick;
 mod quiet;
 mod record;
 mod refused_programs;
+mod rooms;
 mod seals;
 mod service;
 mod stop;

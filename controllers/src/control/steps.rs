@@ -1,0 +1,50 @@
+//! The way that a hand has gone, by two accounts that come in bursts.
+//!
+//! A measured motion counts only as far as it was commanded, for wheels may spin. A commanded one counts only as far as it was measured.
+//!
+//! Source: ours.
+
+/// A burst of motion is no longer than this (m).
+const BURST: f64 = 0.02;
+
+/// The motion that was measured and the motion that was commanded, so far as the other has not borne it out (m). Samples and
+/// calculations of a busy machine come in bursts: a step that is longer than its calculation is the rest of a step before.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Steps {
+    measured: f64,
+    commanded: f64,
+}
+
+impl Steps {
+    /// Takes both (m); returns the step that both bear out.
+    pub fn take(&mut self, measured: f64, commanded: f64) -> f64 {
+        (self.measured, self.commanded) = (self.measured + measured, self.commanded + commanded);
+        let step = self.measured.min(self.commanded).max(0.0);
+        self.measured = (self.measured - step).clamp(-BURST, BURST);
+        self.commanded = (self.commanded - step).clamp(0.0, BURST);
+        step
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// With samples 1 to 9 steps apart, as on a busy machine, a clamp of each step alone lost 40 % of the way.
+    #[test]
+    fn a_way_in_bursts_is_as_long_as_it_is() {
+        let (mut steps, mut random, mut owed, mut went) = (Steps::default(), crate::sdk::Random::new(1), 0.0, 0.0);
+        for _ in 0..1000 {
+            owed += 1e-3;
+            let step = if random.unit() < 0.2 { std::mem::take(&mut owed) } else { 0.0 };
+            went += steps.take(step, 1e-3);
+        }
+        assert!((went - 1.0).abs() < BURST + 1e-9, "{went}");
+        // Wheels that spin are not believed: the hand was told to go half as far.
+        let mut steps = Steps::default();
+        let went: f64 = (0..1000).map(|_| steps.take(2e-3, 1e-3)).sum();
+        assert!((went - 1.0).abs() < 1e-9, "{went}");
+        let went: f64 = (0..1000).map(|_| Steps::default().take(-1e-3, 1e-3)).sum();
+        assert!(went <= 0.0, "{went}");
+    }
+}
