@@ -2,6 +2,7 @@
 
 use super::grant::{Grant, LockCalls, PRIORITY, Right};
 use super::{FRESH, SENSED, Watch, ramp_dt, seconds};
+use crate::control::follow::Follow;
 use crate::control::puma560::{self, Joints};
 use crate::control::ramp::towards;
 use crate::control::unload::Unloading;
@@ -54,6 +55,7 @@ pub(super) struct CtrlOutputs {
 struct Servo {
     owner: &'static str,
     command: Joints,
+    follow: Follow,
     watch: Watch,
     unloading: Unloading,
     resting: Duration,
@@ -66,12 +68,13 @@ const PARAMETERS: &[Parameter] = &[PRIORITY];
 impl Servo {
     fn new(owner: &'static str, arguments: &Arguments) -> Result<Self, String> {
         let (command, watch, grant) = (Joints::zeros(), Watch::default(), Grant::new("arm", arguments)?);
-        Ok(Self { owner, command, watch, unloading: Unloading::default(), resting: Duration::ZERO, grant })
+        let (follow, unloading, resting) = (Follow::default(), Unloading::default(), Duration::ZERO);
+        Ok(Self { owner, command, follow, watch, unloading, resting, grant })
     }
 
     fn begin(&mut self) -> Result<(), String> {
         (self.command, self.watch, self.resting) = (Joints::zeros(), Watch::default(), Duration::ZERO);
-        self.unloading = Unloading::default();
+        (self.follow, self.unloading) = (Follow::default(), Unloading::default());
         self.grant.begin()
     }
 
@@ -93,8 +96,8 @@ impl Servo {
         };
         match fence {
             Some(fence) => command.send(ArmCommand { owner: self.owner.to_owned(), rates: Some(rates), fence }),
-            // The watchdog has stopped it meanwhile.
-            None => self.command = Joints::zeros(),
+            // The watchdog has stopped it.
+            None => (self.command, self.follow) = (Joints::zeros(), Follow::default()),
         }
         Progress::Continue
     }
@@ -109,6 +112,13 @@ impl Servo {
         let measured = measured.filter(|(q, rates)| q.iter().chain(rates).all(|number| number.is_finite()));
         if let Some((_, rates)) = measured.filter(|_| tick.dt() > GAP) {
             self.command = rates;
+        }
+        if let Some((angles, _)) = measured
+            && let Some(joint) = self.follow.update(&self.command, &angles, tick.dt())
+        {
+            return Err(format!(
+                "joint {joint} does not follow its commands: its encoder sticks, or something holds it"
+            ));
         }
         let wanted = measured.map_or_else(Joints::zeros, |(q, _)| within(&q, wanted));
         self.move_towards(&wanted, tick);
