@@ -1,8 +1,8 @@
 //! Compliance: the hand gives way to what it feels.
 //!
 //! An admittance without inertia, so a force loop of one integrator and a delay: it is stable while
-//! `stiffness · gain · delay < pi/2`, and calm below a half. With the fingers' 6000 N/m and a delay of 35 ms the gain may be
-//! 1/420 m/s/N, but a stiffer hand or a slower network asks for less, and nobody knows either beforehand. So the gain is
+//! `stiffness · gain · delay < pi/2`, and calm below 0.6, the budget. With the fingers' 6000 N/m and a delay of 35 ms the gain may be
+//! 1/350 m/s/N, but a stiffer hand or a slower network asks for less, and neither is known beforehand. So the gain is
 //! 1/2000 for what changes quickly; a force that stays is no oscillation, and is given way to with up to 1/600. A measured
 //! delay caps both: that is the force loop's budget. What is stiffer than that swings, and [`super::oscillation`] takes gain away.
 //!
