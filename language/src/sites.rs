@@ -35,6 +35,8 @@ pub struct LeafFacts {
     pub takes: Option<(Duration, Duration)>,
     /// The inputs that it does not work without.
     pub inputs: Vec<String>,
+    /// The inputs that it also works without.
+    pub optional: Vec<String>,
 }
 
 /// One sentence of a `verify` block about one group.

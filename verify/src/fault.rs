@@ -6,7 +6,10 @@
 mod case;
 mod link;
 mod pairs;
+mod readers;
 mod settle;
+mod span;
+mod watcher;
 
 use crate::explore::{Limits, Nobody, explore};
 use crate::model::{Model, short};

@@ -140,6 +140,19 @@ impl<'a> Model<'a> {
         }
     }
 
+    /// The leaves that a slot of a part runs, also where a piece of its group sits there.
+    pub(crate) fn leaves_in(&self, part: usize, slot: u32) -> Vec<u32> {
+        match self.parts[part].members.get(slot as usize) {
+            Some(Seat::Leaf(leaf)) => vec![*leaf],
+            Some(Seat::Part(inner)) if self.parts[*inner].is_piece => {
+                let group = self.parts[*inner].group;
+                self.held(*inner).into_iter().flat_map(|(_, member)| self.leaves_below(group, member)).collect()
+            }
+            Some(Seat::Part(inner)) => self.leaves_of_group(self.parts[*inner].group),
+            None => Vec::new(),
+        }
+    }
+
     /// The leaves of a group and of those in it.
     pub(crate) fn leaves_of_group(&self, group: u32) -> Vec<u32> {
         let slots = 0..u32::try_from(self.plan.groups[group as usize].members.len()).unwrap_or(0);

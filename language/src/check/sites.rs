@@ -1,7 +1,7 @@
 //! Finds the place in the text for each part of a plan.
 
 use super::lower::places;
-use super::spec::{Direction, Spec, Target};
+use super::spec::{Direction, Port, Spec, Target};
 use crate::plan::{MemberKind, Plan};
 use crate::sites::{GroupSites, LeafFacts, Property, Sites};
 
@@ -23,9 +23,11 @@ pub(super) fn sites(spec: &Spec, root: usize, plan: &Plan, properties: Vec<Prope
                 (MemberKind::Group(inner), Target::Process(target)) => open.push((inner as usize, target)),
                 (MemberKind::Leaf(leaf), Target::Module(module)) => {
                     let module = &spec.modules[module];
-                    let needs = module.ports.iter().filter(|port| port.direction == Direction::In && !port.is_optional);
-                    let inputs = needs.map(|port| port.name.text.clone()).collect();
-                    sites.leaves[leaf as usize] = LeafFacts { takes: module.takes, inputs };
+                    let inputs = module.ports.iter().filter(|port| port.direction == Direction::In);
+                    let (optional, needed): (Vec<_>, Vec<_>) = inputs.partition(|port| port.is_optional);
+                    let names = |ports: Vec<&Port>| ports.iter().map(|port| port.name.text.clone()).collect();
+                    let (inputs, optional) = (names(needed), names(optional));
+                    sites.leaves[leaf as usize] = LeafFacts { takes: module.takes, inputs, optional };
                 }
                 (MemberKind::Leaf(_) | MemberKind::Group(_), _) => {}
             }

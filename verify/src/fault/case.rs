@@ -1,6 +1,8 @@
 //! What one fault, or two, come to: how bad that is, and its row.
 
+use super::readers::Readers;
 use super::settle::{Settled, longest_stop, settle, stops_by_itself_after};
+use super::watcher::is_watcher;
 use super::{Mission, Row, Severity};
 use crate::explore::Graph;
 use crate::limits::is_limit;
@@ -34,6 +36,7 @@ pub(super) struct Case<'c, 'm, 'a> {
     ended: Vec<Vec<bool>>,
     /// For each unit, which of its timers are limits.
     limits: Vec<Vec<bool>>,
+    readers: Readers<'c, 'a>,
     stepper: RefCell<Stepper<'c>>,
 }
 
@@ -84,7 +87,8 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
             graph.can_reach(&idle, &counts)
         });
         let ended = ended.collect();
-        Self { times, system, graph, struck, ends, done, fails, ended, limits, stepper: RefCell::new(system.stepper()) }
+        let (readers, stepper) = (Readers::new(system, graph), RefCell::new(system.stepper()));
+        Self { times, system, graph, struck, ends, done, fails, ended, limits, readers, stepper }
     }
 
     /// Judges the last fault in every state in which it happens.
@@ -183,11 +187,12 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
             return Severity::Stuck;
         }
         if let Some(hung) = self.hung(fault) {
-            return match is_step(self.system, hung) {
+            let goes_on = !is_step(self.system, hung) || is_watcher(self.system, &settled.frame, hung);
+            return match self.leaf(hung) {
                 _ if mission == Mission::Fails => Severity::FailsLater,
-                true => Severity::Handled,
-                false if self.blinds(hung) => Severity::Blind,
-                false => Severity::Degraded,
+                _ if !goes_on => Severity::Handled,
+                Some(leaf) if self.readers.hear(leaf, target) => Severity::Blind,
+                _ => Severity::Degraded,
             };
         }
         if self.restarted(fault).is_some() {
@@ -205,6 +210,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
             _ if starts_anew && !waits => Severity::Handled,
             true => Severity::FailsLater,
             false if is_back || were != are => Severity::Handled,
+            false if self.readers.miss(&self.gone(before, &settled.frame), &settled.frame, target) => Severity::Blind,
             false => Severity::Degraded,
         }
     }
@@ -218,12 +224,19 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         mission == Mission::GoesOn && (0..self.system.units.len()).any(waits)
     }
 
-    /// Whether others get data from a service that hangs: nobody ends it, and nobody tells them.
-    fn blinds(&self, (unit, member): (usize, u32)) -> bool {
-        let part = &self.system.model.parts[self.system.units[unit].part];
-        let sends = |leaf: u32| self.system.model.plan.wires.iter().any(|wire| wire.from.leaf == leaf);
-        let leaf = part.members.get(member as usize).filter(|_| !is_step(self.system, (unit, member)));
-        matches!(leaf, Some(Seat::Leaf(leaf)) if sends(*leaf))
+    /// The program in a seat.
+    fn leaf(&self, (unit, member): (usize, u32)) -> Option<u32> {
+        match self.system.model.parts[self.system.units[unit].part].members.get(member as usize) {
+            Some(Seat::Leaf(leaf)) => Some(*leaf),
+            Some(Seat::Part(_)) | None => None,
+        }
+    }
+
+    /// The programs that were there before a fault, and are not any more.
+    fn gone(&self, before: &Frame, after: &Frame) -> Vec<u32> {
+        let left = self.system.there(after);
+        let gone = self.system.there(before).into_iter().filter(|seat| !left.contains(seat));
+        gone.flat_map(|(unit, member)| self.system.model.leaves_in(self.system.units[unit].part, member)).collect()
     }
 
     /// The program that this fault makes hang, if it does.

@@ -1,31 +1,17 @@
 //! What the loss of a link between two hosts does where a third one passes messages on: control goes on, data does not take the way around.
 
 use super::case::is_step;
+use super::span::{Span, span};
 use super::{Mission, Row, Severity, Table, torn};
 use crate::explore::{Limits, Nobody, explore};
-use crate::model::{Model, short};
-use crate::property::place_of;
 use crate::story::{member_name, running, story};
 use crate::system::{FaultKind, Frame, Phase, System};
 use crate::times::Times;
 use crate::wires::{Line, lines};
-use language::plan::Expression;
 use std::collections::BTreeMap;
 
 /// The phase in which no step runs.
 const BETWEEN: &str = "between two steps";
-
-/// A wire between two hosts, in a system.
-struct Span {
-    /// The hosts, the smaller first.
-    hosts: (u32, u32),
-    /// The unit of the group that has the wire, and the nodes that open it; none if it is always open.
-    unit: usize,
-    nodes: Option<Vec<usize>>,
-    from: (usize, u32),
-    to: (usize, u32),
-    words: String,
-}
 
 /// Adds a row for each link and each set of wires that go dead with it.
 pub(super) fn rows(times: &Times<'_, '_>, limits: &Limits<'_>, table: &mut Table) {
@@ -49,7 +35,7 @@ pub(super) fn rows(times: &Times<'_, '_>, limits: &Limits<'_>, table: &mut Table
     if graph.reached.is_some() {
         return table.unfinished.push("links".to_owned());
     }
-    let spans: Vec<Span> = lines.iter().filter_map(|line| span(model, &system, line)).collect();
+    let spans: Vec<Span> = lines.iter().filter_map(|line| span(&system, line)).collect();
     let mut rows: BTreeMap<(String, String), Row> = BTreeMap::new();
     let mut frame = system.initial();
     for state in 0..graph.store.count() {
@@ -92,58 +78,4 @@ fn phase(system: &System<'_>, frame: &Frame) -> String {
     let steps = system.there(frame).into_iter().filter(|seat| is_step(system, *seat));
     let names: Vec<String> = steps.filter_map(|(unit, member)| member_name(system, unit, member)).collect();
     if names.is_empty() { BETWEEN.to_owned() } else { names.join(", ") }
-}
-
-fn span(model: &Model<'_>, system: &System<'_>, line: &Line) -> Option<Span> {
-    let wire = &model.plan.wires[line.wire as usize];
-    let leaf = |leaf: u32| &model.plan.leaves[leaf as usize];
-    let hosts = (leaf(wire.from.leaf).host, leaf(wire.to.leaf).host);
-    let seat = |leaf: u32| {
-        let mut at = place_of(model, leaf);
-        while let Some((group, slot)) = at {
-            if let Some(seat) = system.find(group, slot) {
-                return Some(seat);
-            }
-            at = model.around[group as usize];
-        }
-        None
-    };
-    let source = &model.plan.groups[line.group as usize];
-    let mut named = Vec::new();
-    let mut unit_of_group = None;
-    for (unit, of) in system.units.iter().enumerate() {
-        let part = &model.parts[of.part];
-        if part.group != line.group {
-            continue;
-        }
-        unit_of_group.get_or_insert(unit);
-        let mut node = 0;
-        crate::model::walk(&part.expression, &mut |expression| {
-            if matches!(expression, Expression::Run { sets, .. } if sets.contains(&line.set)) {
-                named.push(node);
-            }
-            node += 1;
-        });
-    }
-    let nodes = if source.sets_always.contains(&line.set) { None } else { Some(named) };
-    let words = format!(
-        "{}.{} -> {}.{}",
-        short(&leaf(wire.from.leaf).path),
-        wire.from.port,
-        short(&leaf(wire.to.leaf).path),
-        wire.to.port
-    );
-    let hosts = (hosts.0.min(hosts.1), hosts.0.max(hosts.1));
-    Some(Span { hosts, unit: unit_of_group?, nodes, from: seat(wire.from.leaf)?, to: seat(wire.to.leaf)?, words })
-}
-
-impl Span {
-    /// Whether data goes over it.
-    fn carries(&self, system: &System<'_>, frame: &Frame) -> bool {
-        let is_open = match &self.nodes {
-            None => frame.states[self.unit].is_node_active(0),
-            Some(nodes) => nodes.iter().any(|node| frame.states[self.unit].is_node_active(*node)),
-        };
-        is_open && system.is_there(frame, self.from) && system.is_there(frame, self.to)
-    }
 }

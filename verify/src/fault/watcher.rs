@@ -1,0 +1,102 @@
+//! Whether a step watches others, so that they go on unwatched while it hangs.
+
+use super::case::is_step;
+use crate::system::{Frame, System};
+use language::algebra::Activity;
+use language::plan::Expression;
+
+/// Whether others run beside a step that go on without it: in another operand of a `#` or an `any`, or beside an operand that is never
+/// done, as `button ; fail("...")` is. A limit further in is for the step itself; one further out ends what it watches, too.
+pub(super) fn is_watcher(system: &System<'_>, frame: &Frame, seat: (usize, u32)) -> bool {
+    let seats = std::iter::successors(Some(seat), |(unit, _)| system.units[*unit].parent);
+    let mut looks = seats.filter_map(|(unit, member)| {
+        let mut look = Look { system, frame, unit, member, node: 0, is_watcher: None };
+        look.at(&system.model.parts[system.units[unit].part].expression);
+        look.is_watcher
+    });
+    looks.next().unwrap_or(false)
+}
+
+/// A look at the expression of a unit.
+struct Look<'l, 'a> {
+    system: &'l System<'a>,
+    frame: &'l Frame,
+    unit: usize,
+    member: u32,
+    /// The number of the next node.
+    node: usize,
+    /// What the innermost operator says that decides it.
+    is_watcher: Option<bool>,
+}
+
+/// What an expression holds.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sight {
+    /// The step.
+    own: bool,
+    /// Something else that runs.
+    other: bool,
+    /// A timer that runs.
+    timer: bool,
+    /// Whether it can be done.
+    can_be_done: bool,
+}
+
+impl Look<'_, '_> {
+    fn at(&mut self, expression: &Expression) -> Sight {
+        let node = self.node;
+        self.node += 1;
+        let of: Vec<Sight> = expression.operands().into_iter().map(|operand| self.at(operand)).collect();
+        let state = &self.frame.states[self.unit];
+        let is_active = state.is_node_active(node);
+        if let Expression::Run { member, .. } = expression {
+            let runs = is_active && state.activity(*member) == Activity::Active;
+            let (own, can_be_done) = (runs && *member == self.member, is_step(self.system, (self.unit, *member)));
+            return Sight { own, other: runs && !own, timer: false, can_be_done };
+        }
+        if let Some(own) = of.iter().position(|sight| sight.own).filter(|_| self.is_watcher.is_none()) {
+            self.is_watcher = decides(expression, &of, own);
+        }
+        Sight {
+            own: of.iter().any(|sight| sight.own),
+            other: of.iter().any(|sight| sight.other),
+            timer: is_active && matches!(expression, Expression::Wait(_)) || of.iter().any(|sight| sight.timer),
+            can_be_done: can_be_done(expression, &of),
+        }
+    }
+}
+
+/// What an operator says of a step in one of its operands; nothing if that does not depend on it.
+fn decides(expression: &Expression, of: &[Sight], own: usize) -> Option<bool> {
+    let besides = || of.iter().enumerate().filter(|(index, _)| *index != own).map(|(_, sight)| sight);
+    let is_raced = match expression {
+        Expression::AnyOf { count, .. } => of.len() > *count as usize,
+        other => matches!(other, Expression::Disable(_)),
+    };
+    let is_beside = matches!(expression, Expression::Concurrent(_) | Expression::FailFast(_)) && !of[own].can_be_done;
+    if (is_raced || is_beside) && besides().any(|sight| sight.other) {
+        return Some(true);
+    }
+    (is_raced && besides().any(|sight| sight.timer)).then_some(false)
+}
+
+fn can_be_done(expression: &Expression, of: &[Sight]) -> bool {
+    let all = || of.iter().all(|sight| sight.can_be_done);
+    let any = || of.is_empty() || of.iter().any(|sight| sight.can_be_done);
+    match expression {
+        Expression::Never | Expression::Fail(_) | Expression::Recurrent(..) | Expression::Asynchronous { .. } => false,
+        Expression::Sequence(..) | Expression::Conditional(..) | Expression::Finally(..) => all(),
+        Expression::Run { .. }
+        | Expression::Skip
+        | Expression::Wait(_)
+        | Expression::Concurrent(_)
+        | Expression::FailFast(_)
+        | Expression::AnyOf { .. }
+        | Expression::Disable(_)
+        | Expression::Otherwise(..)
+        | Expression::Match(_)
+        | Expression::Shield { .. }
+        | Expression::Using { .. }
+        | Expression::Tagged { .. } => any(),
+    }
+}
