@@ -1,4 +1,4 @@
-//! `dca fix`: applies every fix of a spec that can be applied without asking.
+//! `dca fix`: applies every fix of a spec that leaves no other reading.
 
 use crate::{Controllers, check};
 use node::console::{self, Failure};

@@ -3,6 +3,7 @@
 mod code;
 mod render;
 
+use crate::similar::Near;
 use crate::source::{Origin, Span};
 
 pub use code::Code;
@@ -35,7 +36,7 @@ pub struct Edit {
     pub text: String,
 }
 
-/// A change that can be applied without asking: it is right in all likelihood.
+/// A change of a text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Fix {
     /// The change in words: "replace with `puma`".
@@ -59,14 +60,23 @@ pub struct Diagnostic {
     pub secondary: Vec<Label>,
     /// Advice for the author, one sentence each.
     pub help: Vec<String>,
-    /// The change that removes the diagnostic, if it is certain enough.
+    /// The change that removes the diagnostic, if it leaves no other reading: it is applied without asking.
     pub fix: Option<Fix>,
+    /// Changes that remove it, of which a person may choose one.
+    pub choices: Vec<Fix>,
 }
 
 /// The most remarks that are kept of one spec. A person is shown a hundred; `dca fix` and editors take more.
 pub(crate) const DIAGNOSTICS_MAX: usize = 10_000;
 /// The most secondary places of one diagnostic.
 pub(crate) const REASONS_MAX: usize = 12;
+
+impl Fix {
+    /// Writes `text` in place of `span`.
+    pub(crate) fn replace(span: Span, text: &str) -> Self {
+        Self { title: format!("replace with `{text}`"), edits: vec![Edit { span, text: text.to_owned() }] }
+    }
+}
 
 impl Diagnostic {
     pub(crate) fn new(code: Code, span: Span, message: impl Into<String>) -> Self {
@@ -78,6 +88,7 @@ impl Diagnostic {
             secondary: Vec::new(),
             help: Vec::new(),
             fix: None,
+            choices: Vec::new(),
         }
     }
 
@@ -104,9 +115,24 @@ impl Diagnostic {
         self
     }
 
+    /// Writes `text` in place of `span`, which leaves no other reading.
+    pub(crate) fn replace(mut self, span: Span, text: &str) -> Self {
+        self.fix = Some(Fix::replace(span, text));
+        self
+    }
+
     /// Offers to write `text` in place of `span`.
-    pub(crate) fn replace(self, span: Span, text: &str) -> Self {
-        self.fix(format!("replace with `{text}`"), vec![Edit { span, text: text.to_owned() }])
+    pub(crate) fn choose(mut self, span: Span, text: &str) -> Self {
+        self.choices.push(Fix::replace(span, text));
+        self
+    }
+
+    /// Offers the names that look like the one in `span`; the one that differs only in case or `_` is meant.
+    pub(crate) fn rename(self, span: Span, near: &Near<'_>) -> Self {
+        match near.is_same {
+            true => self.replace(span, near.name),
+            false => std::iter::once(&near.name).chain(&near.others).fold(self, |found, name| found.choose(span, name)),
+        }
     }
 }
 

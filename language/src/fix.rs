@@ -1,4 +1,4 @@
-//! Applies all fixes of a spec, round by round: `dca fix`.
+//! Applies every fix of a spec that leaves no other reading, round by round: `dca fix`.
 
 use crate::source::Source;
 use crate::{Options, apply_fixes, compile};
@@ -11,13 +11,13 @@ const ROUNDS_MAX: usize = 16;
 /// ```
 /// use language::{Options, Source, fix};
 ///
-/// // The `;` first; then the name can be seen to be wrong.
+/// // The `;` first; then the name can be seen to be wrong. A name that only looks like `lamp` is left to its author.
 /// let spec = Source::new("a.dca", "process main() {
-///     instantiated_processes { camera instof Camera(c1) }
-///     internal_event_actions { camara }
+///     instantiated_processes { camera instof Camera(c1) lamp instof Lamp(c1); }
+///     internal_event_actions { CAMERA, lomp }
 /// }");
 /// assert!(fix(&spec, &[], &Options::named("a")).contains("camera instof Camera(c1);"));
-/// assert!(fix(&spec, &[], &Options::named("a")).contains("{ camera }"));
+/// assert!(fix(&spec, &[], &Options::named("a")).contains("{ camera, lomp }"));
 /// ```
 pub fn fix(spec: &Source, interfaces: &[Source], options: &Options) -> String {
     let mut fixed = spec.clone();

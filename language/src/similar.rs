@@ -1,5 +1,7 @@
 //! Measures how similar two names look.
 
+use std::collections::BTreeSet;
+
 /// The cost of one edit; look-alikes cost less.
 const EDIT: usize = 10;
 const LOOK_ALIKE: usize = 1;
@@ -7,10 +9,29 @@ const CASE: usize = 2;
 /// Longer names are compared by this many characters.
 const LENGTH_MAX: usize = 64;
 
+/// As many names are offered beside the nearest one.
+const OTHERS_MAX: usize = 2;
+
+/// The candidates that look like a name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Near<'a> {
+    /// The nearest one.
+    pub(crate) name: &'a str,
+    /// The next ones.
+    pub(crate) others: Vec<&'a str>,
+    /// Whether only case and `_` of the nearest one differ, and no other candidate is like that.
+    pub(crate) is_same: bool,
+}
+
 /// Returns the candidate that looks most like `name`, if it is near enough: at most a third of the letters differ.
 pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    near(name, candidates).map(|near| near.name)
+}
+
+/// Returns the candidates that look most like `name`, if any is near enough.
+pub(crate) fn near<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<Near<'a>> {
     let name_length = length(name);
-    let near = candidates.into_iter().filter_map(|candidate| {
+    let similar = candidates.into_iter().filter_map(|candidate| {
         let length = length(candidate);
         let (shorter, longer) = (length.min(name_length), length.max(name_length));
         if (longer - shorter) * 3 > longer {
@@ -19,7 +40,20 @@ pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) ->
         let distance = distance(name, candidate);
         (distance * 3 <= longer * EDIT).then_some((distance, candidate))
     });
-    near.min_by_key(|&(distance, _)| distance).map(|(_, candidate)| candidate)
+    let mut found: Vec<(usize, &str)> = similar.collect();
+    found.sort_by_key(|&(distance, _)| distance);
+    let mut known = BTreeSet::new();
+    let names: Vec<&str> = found.into_iter().map(|(_, name)| name).filter(|name| known.insert(*name)).collect();
+    let is_like = |candidate: &str| fold(candidate) == fold(name);
+    let like = names.iter().filter(|candidate| is_like(candidate)).count();
+    let is_same = like == 1 && names.first().is_some_and(|first| is_like(first));
+    let mut names = names.into_iter();
+    Some(Near { name: names.next()?, others: names.take(OTHERS_MAX).collect(), is_same })
+}
+
+/// A name without its case and its `_`.
+pub(crate) fn fold(name: &str) -> String {
+    name.chars().filter(|&c| c != '_').flat_map(char::to_lowercase).collect()
 }
 
 /// Returns how many pairs of letters a comparison looks at, at least one.

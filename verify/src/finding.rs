@@ -80,6 +80,7 @@ pub(crate) fn diagnostic(code: Code, span: Span, message: impl Into<String>) -> 
         secondary: Vec::new(),
         help: Vec::new(),
         fix: None,
+        choices: Vec::new(),
     }
 }
 

@@ -3,10 +3,10 @@
 //! ```json
 //! {"version": 1, "spec": "door.dca", "accepted": true, "diagnostics": [{"code": "W0201", "severity": "warning",
 //!   "message": "...", "place": {...}, "label": "...", "reasons": [{"place": {...}, "text": "..."}], "help": ["..."],
-//!   "fix": {"title": "...", "edits": [{"place": {...}, "text": "..."}]}}], "omitted": 0}
+//!   "fix": {"title": "...", "edits": [{"place": {...}, "text": "..."}]}, "choices": []}], "omitted": 0}
 //! ```
 //!
-//! Of more than 10,000 diagnostics the rest, warnings first, is only counted: `omitted`.
+//! A `fix` leaves no other reading; `choices` look the same, and a person chooses. Of more than 10,000 diagnostics the rest, warnings first, is only counted: `omitted`.
 //!
 //! A place is `{"file", "start", "end"}` with lines and columns from 1 and byte offsets from 0. `version` changes when a
 //! field changes its meaning; fields are added without notice.
@@ -41,6 +41,7 @@ pub(crate) fn diagnostic(found: &Diagnostic, texts: &Texts<'_>) -> Value {
         "reasons": found.secondary.iter().map(reason).collect::<Vec<_>>(),
         "help": found.help,
         "fix": found.fix.as_ref().map(|fix| self::fix(fix, texts)),
+        "choices": found.choices.iter().map(|fix| self::fix(fix, texts)).collect::<Vec<_>>(),
     })
 }
 

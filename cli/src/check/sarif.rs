@@ -1,7 +1,7 @@
 //! Diagnostics for code hosts and editors: SARIF 2.1.0 (OASIS Standard, "Static Analysis Results Interchange Format").
 
 use super::Checked;
-use language::{Code, Diagnostic, Edit, Severity, Span, Texts};
+use language::{Code, Diagnostic, Edit, Fix, Severity, Span, Texts};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
@@ -52,12 +52,18 @@ fn result(found: &Diagnostic, texts: &Texts<'_>) -> Value {
         "locations": [location(found.primary.span, texts)],
         "relatedLocations": related.collect::<Vec<_>>(),
     });
-    if let Some(fix) = &found.fix {
-        let replacements: Vec<Value> = fix.edits.iter().map(|edit| replacement(edit, texts)).collect();
-        let change = json!({"artifactLocation": {"uri": texts.spec().name}, "replacements": replacements});
-        result["fixes"] = json!([{"description": {"text": fix.title}, "artifactChanges": [change]}]);
+    // A reader of the log is asked before it applies one.
+    let fixes: Vec<Value> = found.fix.iter().chain(&found.choices).map(|fix| self::fix(fix, texts)).collect();
+    if !fixes.is_empty() {
+        result["fixes"] = json!(fixes);
     }
     result
+}
+
+fn fix(fix: &Fix, texts: &Texts<'_>) -> Value {
+    let replacements: Vec<Value> = fix.edits.iter().map(|edit| replacement(edit, texts)).collect();
+    let change = json!({"artifactLocation": {"uri": texts.spec().name}, "replacements": replacements});
+    json!({"description": {"text": fix.title}, "artifactChanges": [change]})
 }
 
 /// The sentence with its label and help, since a reader of the log sees no carets.

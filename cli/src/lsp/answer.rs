@@ -169,7 +169,7 @@ impl Server {
             let wanted = params.context.only.as_ref();
             wanted.is_none_or(|wanted| wanted.iter().any(|one| kind.to_string().starts_with(&one.to_string())))
         };
-        let mut found: Vec<CodeAction> = here.filter_map(|found| self.quick_fix(found, &analysis)).collect();
+        let mut found: Vec<CodeAction> = here.flat_map(|found| self.quick_fixes(found, &analysis)).collect();
         if analysis.plan().is_some() {
             let repairs = self.proofs.repairs(&params.text_document.uri.0, &analysis);
             let is_here =
@@ -185,19 +185,20 @@ impl Server {
         Ok(Some(found.into_iter().map(CodeActionResponse::CodeAction).collect()))
     }
 
-    fn quick_fix(&self, found: &Diagnostic, analysis: &Analysis) -> Option<CodeAction> {
-        let fix = found.fix.as_ref()?;
-        let edits = file_edits(fix, analysis);
-        let document = self.workspace.open_from(&analysis.spec().name)?;
+    /// The fix of a diagnostic and its choices.
+    fn quick_fixes(&self, found: &Diagnostic, analysis: &Analysis) -> Vec<CodeAction> {
+        let Some(document) = self.workspace.open_from(&analysis.spec().name) else { return Vec::new() };
         let shown = convert::diagnostic(found, (analysis.spec(), &document.lines), Vec::new(), &self.client);
-        Some(CodeAction {
+        let action = |fix: &Fix, is_preferred: Option<bool>| CodeAction {
             title: fix.title.clone(),
             kind: Some(CodeActionKind::QuickFix),
-            diagnostics: Some(vec![shown]),
-            is_preferred: Some(true),
-            edit: Some(convert::workspace_edit(edits, &self.workspace, &self.client)),
+            diagnostics: Some(vec![shown.clone()]),
+            is_preferred,
+            edit: Some(convert::workspace_edit(file_edits(fix, analysis), &self.workspace, &self.client)),
             ..CodeAction::default()
-        })
+        };
+        let certain = found.fix.iter().map(|fix| action(fix, Some(true)));
+        certain.chain(found.choices.iter().map(|fix| action(fix, None))).collect()
     }
 
     /// An edit after which a mistake was verified to be gone.
@@ -218,7 +219,7 @@ impl Server {
         let (start, end) = (super::position::number(start), super::position::number(end));
         let edit = FileEdit { file: spec.name.clone(), start, end, text };
         (fixed != spec.text).then(|| CodeAction {
-            title: "apply every fix that is likely right".to_owned(),
+            title: "apply every fix that leaves no other reading".to_owned(),
             kind: Some(CodeActionKind::from("source.fixAll.dca".to_owned())),
             edit: Some(convert::workspace_edit(vec![edit], &self.workspace, &self.client)),
             ..CodeAction::default()

@@ -2,7 +2,7 @@
 
 use crate::diagnostic::{Code, Diagnostic, Severity};
 use crate::plan::LEAVES_MAX;
-use crate::similar;
+use crate::similar::{self, Near};
 use crate::source::Span;
 use std::collections::BTreeSet;
 
@@ -76,14 +76,14 @@ impl Diagnostics {
         self.compared <= EFFORT_MAX
     }
 
-    /// Returns the candidate that looks most like a name, unless too many have been compared.
-    pub(super) fn nearest<'a>(&mut self, name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    /// Returns the candidates that look most like a name, unless too many have been compared.
+    pub(super) fn near<'a>(&mut self, name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<Near<'a>> {
         let compared = &mut self.compared;
         let is_affordable = |candidate: &&str| {
             *compared += similar::effort(name, candidate);
             *compared <= EFFORT_MAX
         };
-        similar::nearest(name, candidates.into_iter().take_while(is_affordable))
+        similar::near(name, candidates.into_iter().take_while(is_affordable))
     }
 
     /// Whether so many instances of an array, or connections of a set, may be written out; reports the first that are too many.

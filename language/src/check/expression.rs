@@ -10,7 +10,7 @@ use super::names::{Names, listed};
 use super::spec::{Binding, Consts, Damage, Expr, ExprKind, Scope, Set};
 use super::value::Reader;
 use crate::diagnostic::{Code, Diagnostic, Edit, REASONS_MAX};
-use crate::similar::{is_look_alike, spell};
+use crate::similar::{Near, is_look_alike, spell};
 use crate::source::Span;
 use crate::syntax::Operator;
 use crate::syntax::SyntaxKind::{self, Colon, Constant, DoubleColon, Question, Recur, Text};
@@ -192,11 +192,18 @@ fn finally(parts: Vec<Expr>) -> ExprKind {
     parts.into_iter().reduce(join).map_or(ExprKind::Broken, |all| all.kind)
 }
 
-/// `a ; b # c`, `a # b , c` and `a ; b finally c`: right by the precedence, but read wrongly by many.
+/// `a ; b # c`, `a # b , c`, `a # b else c` and `a ; b finally c`: right by the precedence, but read wrongly by many.
 fn side_by_side(node: &Node) -> Option<Diagnostic> {
-    let looser = [(SyntaxKind::Disable, SyntaxKind::Sequence), (SyntaxKind::Sequence, SyntaxKind::Finally)];
-    let bare = looser.iter().find(|(outer, _)| *outer == node.kind()).map_or(SyntaxKind::Disable, |(_, inner)| *inner);
-    let is_bare = |child: &Node| child.kind() == bare;
+    let looser = [
+        (SyntaxKind::Disable, SyntaxKind::Sequence),
+        (SyntaxKind::Disable, SyntaxKind::Otherwise),
+        (SyntaxKind::Sequence, SyntaxKind::Finally),
+    ];
+    let is_outer = |(outer, _): &(SyntaxKind, SyntaxKind)| *outer == node.kind();
+    let bare = if looser.iter().any(|pair| is_outer(pair)) { None } else { Some(SyntaxKind::Disable) };
+    let inner = looser.iter().filter(|pair| is_outer(pair)).map(|(_, inner)| *inner);
+    let bare: Vec<SyntaxKind> = inner.chain(bare).collect();
+    let is_bare = |child: &Node| bare.contains(&child.kind());
     let child = node.children().find(is_bare)?;
     let (outer, inner) = (node.kind().describe(), child.kind().describe());
     let span = child.span();
@@ -393,13 +400,14 @@ fn report_unknown_label(name: &Name, label: &Name, owned: &OwnedSets<'_>, group:
     let message = format!("`{}` has no connection set `{}`", name.text, label.text);
     let diagnostic = Diagnostic::new(Code::E0301, label.span, message);
     let sets = group.sets;
-    let near = group.diagnostics().nearest(&label.text, owned.labelled.keys().copied());
-    let diagnostic = match near.and_then(|near| sets[*owned.labelled.get(near)?].label.as_ref()) {
-        Some(near) if is_look_alike(&near.text, &label.text) => diagnostic
+    let near = group.diagnostics().near(&label.text, owned.labelled.keys().copied());
+    let set = |near: &Near<'_>| sets[*owned.labelled.get(near.name)?].label.as_ref();
+    let diagnostic = match near.as_ref().and_then(|near| Some((near, set(near)?))) {
+        Some((near, set)) if is_look_alike(&set.text, &label.text) => diagnostic
             .label(spell(&label.text))
-            .reason(near.span, format!("this one is spelled {}", spell(&near.text)))
-            .replace(label.span, &near.text),
-        Some(near) => diagnostic.reason(near.span, "declared here").replace(label.span, &near.text),
+            .reason(set.span, format!("this one is spelled {}", spell(&set.text)))
+            .rename(label.span, near),
+        Some((near, set)) => diagnostic.reason(set.span, "declared here").rename(label.span, near),
         None => diagnostic.help(format!("its connection sets are {}", listed(owned.labelled.keys().copied()))),
     };
     group.diagnostics().push(diagnostic);

@@ -62,10 +62,10 @@ pub(super) fn without_index(name: &Name, count: usize) -> Diagnostic {
 /// Reports a name that is nearly that of an array; returns whether it is.
 pub(super) fn is_misspelt(name: &Name, names: &mut Names<'_>) -> bool {
     let arrays = names.arrays.keys().map(String::as_str);
-    let Some(near) = names.diagnostics.nearest(&name.text, arrays) else { return false };
+    let Some(near) = names.diagnostics.near(&name.text, arrays) else { return false };
     let message = format!("unknown process `{}`", name.text);
     let diagnostic = Diagnostic::new(Code::E0201, name.span, message).label("not an instance of this group");
-    names.diagnostics.push(diagnostic.help(format!("did you mean `{near}`?")).replace(name.span, near));
+    names.diagnostics.push(diagnostic.help(format!("did you mean `{}`?", near.name)).rename(name.span, &near));
     true
 }
 

@@ -3,6 +3,7 @@
 use super::diagnostics::Diagnostics;
 use super::spec::Instance;
 use crate::diagnostic::{Code, Diagnostic};
+use crate::similar::{Near, fold};
 use crate::source::Span;
 use crate::syntax::ast::Name;
 use std::collections::{BTreeMap, BTreeSet};
@@ -130,7 +131,9 @@ impl<'a> Names<'a> {
             false => (format!("no instance is called exactly `{written}`"), format!("read as `{exact}`")),
         };
         let diagnostic = Diagnostic::new(code, name.span, message).label(label);
-        diagnostic.reason(instance.name.span, "declared here").replace(name.span, exact)
+        let diagnostic = diagnostic.reason(instance.name.span, "declared here");
+        // The only instance that it is read as: the plan stays the same.
+        diagnostic.replace(name.span, exact)
     }
 
     fn report_ambiguous(&mut self, name: &Name, candidates: &[usize]) {
@@ -155,10 +158,14 @@ impl<'a> Names<'a> {
         let message = format!("unknown process `{}`", name.text);
         let diagnostic = Diagnostic::new(Code::E0201, name.span, message).label("not an instance of this group");
         let diagnostic = match suggestion {
-            Some(slot) => {
+            Some((slot, near)) => {
                 let instance = &self.instances[slot].name;
                 let diagnostic = diagnostic.reason(instance.span, "an instance with a similar name");
-                diagnostic.help(format!("did you mean `{}`?", instance.text)).replace(name.span, &instance.text)
+                let diagnostic = diagnostic.help(format!("did you mean `{}`?", instance.text));
+                match near {
+                    Some(near) => diagnostic.rename(name.span, &near),
+                    None => diagnostic.choose(name.span, &instance.text),
+                }
             }
             None if self.instances.is_empty() => diagnostic.help("the group has no instances"),
             None => {
@@ -170,22 +177,18 @@ impl<'a> Names<'a> {
         self.diagnostics.push(diagnostic);
     }
 
-    /// The instance that was probably meant: by its name, else by its type.
-    fn suggestion(&mut self, name: &str) -> Option<usize> {
+    /// The instance that was probably meant, with those whose names look like it: by its name, else by its type.
+    fn suggestion(&mut self, name: &str) -> Option<(usize, Option<Near<'a>>)> {
         let names = self.instances.iter().map(|instance| instance.name.text.as_str());
-        if let Some(slot) = self.diagnostics.nearest(name, names).and_then(|near| self.find(near)) {
-            return Some(slot);
+        if let Some(near) = self.diagnostics.near(name, names) {
+            return self.find(near.name).map(|slot| (slot, Some(near)));
         }
         let only = self.by_type.iter().filter(|(_, slots)| slots.len() == 1);
-        if let Some(near) = self.diagnostics.nearest(name, only.map(|(kind, _)| *kind)) {
-            return self.by_type[near].first().copied();
+        if let Some(near) = self.diagnostics.near(name, only.map(|(kind, _)| *kind)) {
+            return self.by_type[near.name].first().map(|slot| (*slot, None));
         }
-        self.candidates(name).into_iter().find_map(|(_, found)| found.first().copied())
+        self.candidates(name).into_iter().find_map(|(_, found)| found.first().map(|slot| (*slot, None)))
     }
-}
-
-fn fold(name: &str) -> String {
-    name.chars().filter(|&c| c != '_').flat_map(char::to_lowercase).collect()
 }
 
 /// Names in a sentence: as many as a person reads.

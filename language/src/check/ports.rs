@@ -200,8 +200,8 @@ impl<'a> Ports<'a> {
         let message = format!("`{instance}` has no port `{}`", port.text);
         let diagnostic = Diagnostic::new(Code::E0303, port.span, message);
         let diagnostic = diagnostic.label(format!("not a port of {}", owner.text));
-        let near = self.diagnostics.nearest(&port.text, known.iter().map(|name| name.text.as_str()));
-        let diagnostic = match near.and_then(|near| known.iter().find(|name| name.text == near)) {
+        let near = self.diagnostics.near(&port.text, known.iter().map(|name| name.text.as_str()));
+        let diagnostic = match near.and_then(|near| known.iter().find(|name| name.text == near.name)) {
             Some(near) => {
                 let diagnostic = diagnostic.reason(near.span, "a port with a similar name");
                 diagnostic.help(format!("did you mean `{}`?", near.text))

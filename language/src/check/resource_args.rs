@@ -10,6 +10,7 @@ use super::diagnostics::Diagnostics;
 use super::spec::{Arg, Expr, ExprKind, Instance, Param, Process, Spec, Target, ValueKind};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Constant;
+use crate::similar::Near;
 use crate::syntax::ast::Name;
 use crate::unit::RESOURCE;
 use std::collections::{BTreeMap, BTreeSet};
@@ -136,9 +137,10 @@ impl ResourceArgs<'_> {
         match &arg.value.kind {
             ValueKind::Constant(Constant::Text(name)) => {
                 let diagnostic = Diagnostic::new(Code::E0204, span, format!("unknown resource `{name}`"));
-                let near = diagnostics.nearest(name, process.resources.iter().map(|known| known.text.as_str()));
-                Some(match near.and_then(|near| process.resources.iter().find(|known| known.text == near)) {
-                    Some(near) => diagnostic.reason(near.span, "declared here").replace(span, &near.text),
+                let near = diagnostics.near(name, process.resources.iter().map(|known| known.text.as_str()));
+                let declared = |near: &Near<'_>| process.resources.iter().find(|known| known.text == near.name);
+                Some(match near.as_ref().and_then(|near| Some((near, declared(near)?))) {
+                    Some((near, known)) => diagnostic.reason(known.span, "declared here").rename(span, near),
                     None => diagnostic
                         .reason(param.name.span, "a resource is handed to this parameter")
                         .help(format!("declare it in `{}`: `resource {name};`", process.name.text)),

@@ -95,8 +95,8 @@ fn unreadable(words: &Words) -> Box<Diagnostic> {
     let found = Diagnostic::new(Code::E0801, words.place(), message);
     // What is wanted stands between backquotes, as in "`only after` or `at most`".
     let wanted = words.wanted().split('`').skip(1).step_by(2).flat_map(str::split_whitespace);
-    if let Some(near) = words.next_name().and_then(|name| similar::nearest(name, wanted)) {
-        return Box::new(found.replace(words.place(), near));
+    if let Some(near) = words.next_name().and_then(|name| similar::near(name, wanted)) {
+        return Box::new(found.rename(words.place(), &near));
     }
     Box::new(found.help(match words.kind() {
         Kind::Sentence => format!("a sentence is one of: {}", FORMS.map(|form| format!("`{form}`")).join("; ")),

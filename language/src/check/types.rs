@@ -105,7 +105,7 @@ fn check_restart(module: &Module, instance: &Instance) -> Option<Diagnostic> {
     let help = format!(
         "leave `restart` away: when `{name}` dies, what runs it aborts, and `retry(2) (...)` around that begins anew as a whole"
     );
-    Some(found.help(help).replace(span, "temporary"))
+    Some(found.help(help).choose(span, "temporary"))
 }
 
 /// Two programs of one process cannot both end it, own its devices, or answer its calls.
@@ -130,9 +130,7 @@ fn check_overlap(module: &Module, instance: &Instance) -> Option<Diagnostic> {
 pub(super) fn no_overlap(span: Span, name: &str, why: &str) -> Diagnostic {
     let message = format!("two programs of `{name}` cannot overlap: {why}");
     let found = Diagnostic::new(Code::E0115, span, message);
-    found
-        .help("without `replace overlap` it is ended before the next one is started")
-        .replace(span, "break_before_make")
+    found.help("without `replace overlap` it is ended before the next one is started").choose(span, "break_before_make")
 }
 
 /// Nobody waits before the start of a program that is never started again.
@@ -219,9 +217,9 @@ impl<'a> Call<'a> {
                     is_known = false;
                     let message = format!("`{kind}` has no parameter `{}`", name.text);
                     let diagnostic = Diagnostic::new(Code::E0211, name.span, message);
-                    let near = diagnostics.nearest(&name.text, params.iter().map(|param| param.name.text.as_str()));
+                    let near = diagnostics.near(&name.text, params.iter().map(|param| param.name.text.as_str()));
                     diagnostics.push(match near {
-                        Some(near) => diagnostic.replace(name.span, near),
+                        Some(near) => diagnostic.rename(name.span, &near),
                         None => diagnostic,
                     });
                 }

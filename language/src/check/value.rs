@@ -150,9 +150,10 @@ impl Reader<'_> {
         }
         let params = scope.params.iter().map(|param| param.name.text.as_str());
         let consts = scope.consts.keys().map(String::as_str);
-        if let Some(near) = self.diagnostics.nearest(&name.text, params.chain(consts)) {
+        if let Some(near) = self.diagnostics.near(&name.text, params.chain(consts)) {
             let message = format!("`{}` is no parameter: it stands for itself", name.text);
-            let diagnostic = Diagnostic::new(Code::W0106, name.span, message).label(format!("did you mean `{near}`?"));
+            let diagnostic =
+                Diagnostic::new(Code::W0106, name.span, message).label(format!("did you mean `{}`?", near.name));
             self.diagnostics.push(diagnostic.help(format!("write `\"{}\"` if it is meant as text", name.text)));
         }
         value(ValueKind::Constant(Constant::Text(name.text.clone())))
@@ -226,8 +227,8 @@ fn report_unknown_unit(first: &Name, per: Option<&Name>, diagnostics: &mut Diagn
     let is_known = |name: &&Name| unit::unit(&name.text, None).is_some();
     let wrong = per.filter(|per| is_known(&first) && !is_known(per)).unwrap_or(first);
     let diagnostic = Diagnostic::new(Code::E0008, wrong.span, format!("unknown unit `{}`", wrong.text));
-    let diagnostic = match diagnostics.nearest(&wrong.text, unit::symbols()) {
-        Some(near) => diagnostic.label(format!("did you mean `{near}`?")),
+    let diagnostic = match diagnostics.near(&wrong.text, unit::symbols()) {
+        Some(near) => diagnostic.label(format!("did you mean `{}`?", near.name)),
         None => {
             diagnostic.help("units are those of `s`, `m`, `rad`, `Hz`, `N`, `kg`, `A`, `V`, `B` and their multiples")
         }

@@ -81,6 +81,9 @@ fn report<'a>(diagnostic: &'a Diagnostic, texts: &Texts<'a>) -> Group<'a> {
     if let Some(fix) = &diagnostic.fix {
         group = group.element(Level::HELP.with_name("fix").message(fix.title.as_str()));
     }
+    for choice in &diagnostic.choices {
+        group = group.element(Level::HELP.with_name("perhaps").message(choice.title.as_str()));
+    }
     group
 }
 

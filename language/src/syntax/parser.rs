@@ -14,7 +14,7 @@ mod repair;
 mod value;
 
 use super::{SyntaxKind, SyntaxNode, Token, lexer};
-use crate::diagnostic::{Code, DIAGNOSTICS_MAX, Diagnostic, Edit, Label, Severity};
+use crate::diagnostic::{Code, DIAGNOSTICS_MAX, Diagnostic, Edit, Fix, Label, Severity};
 use crate::plan::DEPTH_MAX;
 use crate::source::{Origin, SOURCE_MAX, Source, Span};
 use rowan::{Checkpoint, GreenNodeBuilder, Language};
@@ -142,10 +142,20 @@ impl<'t> Parser<'t> {
         Span { origin: self.origin, start: end, end }
     }
 
+    /// The last token that was read.
+    fn last(&self) -> Option<Token> {
+        self.cursor.checked_sub(1).map(|last| self.tokens[self.solid[last]])
+    }
+
+    /// Whether the last token that was read is of a kind.
+    fn follows(&self, kind: SyntaxKind) -> bool {
+        self.last().is_some_and(|last| last.kind == kind)
+    }
+
     /// Whether the last token that was read is a string without an end.
     fn follows_open_string(&self) -> bool {
-        let last = self.cursor.checked_sub(1).map(|last| self.tokens[self.solid[last]]);
-        last.is_some_and(|last| lexer::is_open(last.kind, &self.text[last.start as usize..last.end as usize]))
+        let is_open = |last: Token| lexer::is_open(last.kind, &self.text[last.start as usize..last.end as usize]);
+        self.last().is_some_and(is_open)
     }
 
     // ---- building ----
@@ -243,26 +253,43 @@ impl<'t> Parser<'t> {
 
     /// Reads a token that has to be there, or reports it with a fix and takes it as read.
     fn expect(&mut self, kind: SyntaxKind) -> bool {
+        // The token behind a missing opening bracket may as well be the wrong one.
+        let is_only = if kind == SyntaxKind::LeftParen {
+            self.at(SyntaxKind::LeftBrace)
+        } else if kind == SyntaxKind::LeftBrace {
+            self.ends_block()
+        } else {
+            kind != SyntaxKind::LeftBracket
+        };
+        self.expect_at(kind, is_only)
+    }
+
+    /// The same; `is_only` says whether there is no other place for a token that is missing.
+    fn expect_at(&mut self, kind: SyntaxKind, is_only: bool) -> bool {
         if self.eat(kind) {
             return true;
         }
         let place = self.after_last();
         // A bracket behind a string without an end is a part of it; one before a new section has no counterpart.
         let is_lost = kind == SyntaxKind::LeftParen && self.ends_block();
-        let is_certain = !is_lost && !self.follows_open_string();
+        let has_place = !is_lost && !self.follows_open_string();
         let found = self.span();
+        // Nothing can stand between the two.
+        let is_pair = kind == SyntaxKind::LeftParen && self.at_any(&[SyntaxKind::LeftBrace, SyntaxKind::Semicolon]);
+        let text = if is_pair { "()".to_owned() } else { kind.describe().trim_matches('`').to_owned() };
         let is_above = self.text.get(place.end as usize..found.start as usize).is_some_and(|gap| gap.contains('\n'));
-        if let Some(diagnostic) = self.expected(kind.describe()).filter(|_| is_certain) {
+        if let Some(diagnostic) = self.expected(kind.describe()).filter(|_| has_place) {
             if kind == SyntaxKind::Semicolon && is_above {
                 // It is missed lines below the place where it belongs.
                 diagnostic.primary.span = place;
                 diagnostic.secondary.push(Label { span: found, text: "found instead".to_owned() });
             }
-            let text = kind.describe().trim_matches('`').to_owned();
-            diagnostic.fix = Some(crate::diagnostic::Fix {
-                title: format!("insert {}", kind.describe()),
-                edits: vec![Edit { span: place, text }],
-            });
+            let fix = Fix { title: format!("insert `{text}`"), edits: vec![Edit { span: place, text }] };
+            if is_only {
+                diagnostic.fix = Some(fix);
+            } else {
+                diagnostic.choices.push(fix);
+            }
         }
         false
     }

@@ -9,7 +9,7 @@ mod words;
 use crate::good_files::good_files;
 use crate::random::Random;
 use language::syntax::{SyntaxKind, lex};
-use language::{Compiled, Diagnostic, Edit, Options, Severity, Source, Span, Style, apply_fixes, compile, render};
+use language::{Compiled, Diagnostic, Edit, Fix, Options, Severity, Source, Span, Style, apply_fix, compile, render};
 use std::collections::BTreeSet;
 use words::{KEYWORDS, WORDS};
 
@@ -53,8 +53,13 @@ fn misspelt(word: &str, random: &mut Random) -> String {
 /// Checks what is said of a text, and that each fix helps; returns how many fixes there were.
 fn check_all(name: &str, text: &str, interfaces: &[Source]) -> usize {
     let before = check(name, text, interfaces);
-    let fixes = before.diagnostics.iter().filter(|found| found.fix.is_some());
+    let fixes = before.diagnostics.iter().flat_map(|found| changes(found).map(move |fix| (found, fix)));
     fixes.map(|found| check_fix(name, text, interfaces, &before, found)).count()
+}
+
+/// The fix of a diagnostic and its choices.
+fn changes(found: &Diagnostic) -> impl Iterator<Item = &Fix> {
+    found.fix.iter().chain(&found.choices)
 }
 
 /// Checks that every place of every remark is in its text.
@@ -78,26 +83,26 @@ fn check(name: &str, text: &str, interfaces: &[Source]) -> Compiled {
 /// As many times a fix may be needed: as many brackets may be missing at one place.
 const REPEATED_MAX: usize = 6;
 
-fn check_fix(name: &str, text: &str, interfaces: &[Source], before: &Compiled, found: &Diagnostic) {
+fn check_fix(name: &str, text: &str, interfaces: &[Source], before: &Compiled, (found, fix): (&Diagnostic, &Fix)) {
     let tell = |text: &str, compiled: &Compiled| {
         render(&compiled.diagnostics, &Source::new("hostile.dca", text), interfaces, Style::Plain)
     };
-    let (mut fixed, mut fix) = (text.to_owned(), found.clone());
+    let (mut fixed, mut at, mut fix) = (text.to_owned(), found.primary.span, fix.clone());
     for round in 0.. {
-        fixed = apply_fixes(&fixed, std::slice::from_ref(&fix));
+        fixed = apply_fix(&fixed, &fix);
         let after = run(&fixed, interfaces);
-        let edits: Vec<Edit> = fix.fix.iter().flat_map(|fix| fix.edits.clone()).collect();
-        let place = moved(fix.primary.span, &edits);
+        let place = moved(at, &fix.edits);
         let is_same = |other: &&Diagnostic| {
             let is_there = i64::from(other.primary.span.start) == place;
             is_there && other.code == found.code && other.message == found.message
         };
         let Some(again) = after.diagnostics.iter().find(is_same) else { break };
-        if round == REPEATED_MAX || again.fix.is_none() {
+        let next = changes(again).find(|other| other.title == fix.title).filter(|_| round < REPEATED_MAX);
+        let Some(next) = next else {
             let (told, after) = (tell(text, before), tell(&fixed, &after));
             panic!("{name}: the fix does not remove {:?}\n{text}\n{told}\nfixed:\n{fixed}\n{after}", found.message);
-        }
-        fix = again.clone();
+        };
+        (at, fix) = (again.primary.span, next.clone());
     }
     let after = run(&fixed, interfaces);
     // Where the syntax is mended, what was hidden comes to light; nothing else brings an error.

@@ -9,6 +9,7 @@ mod shown;
 mod algebra;
 mod corpus;
 mod editors;
+mod fixes;
 mod format;
 mod graph;
 mod growth;

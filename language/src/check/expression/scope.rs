@@ -4,6 +4,7 @@ use super::{Group, expression, parts};
 use crate::check::names::twice;
 use crate::check::spec::{Arm, ExprKind};
 use crate::diagnostic::{Code, Diagnostic};
+use crate::similar::Near;
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Constant};
 use crate::syntax::ast::{Name, Node};
@@ -39,9 +40,10 @@ pub(super) fn using(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
 fn report_unknown(name: &Name, group: &mut Group<'_>) {
     let diagnostic = Diagnostic::new(Code::E0204, name.span, format!("unknown resource `{}`", name.text));
     let resources = group.resources;
-    let near = group.diagnostics().nearest(&name.text, resources.iter().map(|known| known.text.as_str()));
-    let diagnostic = match near.and_then(|near| resources.iter().find(|known| known.text == near)) {
-        Some(near) => diagnostic.reason(near.span, "declared here").replace(name.span, &near.text),
+    let near = group.diagnostics().near(&name.text, resources.iter().map(|known| known.text.as_str()));
+    let declared = |near: &Near<'_>| resources.iter().find(|known| known.text == near.name);
+    let diagnostic = match near.as_ref().and_then(|near| Some((near, declared(near)?))) {
+        Some((near, known)) => diagnostic.reason(known.span, "declared here").rename(name.span, near),
         None => diagnostic.help(format!(
             "declare it in the group: `resource {0};`, or have it handed to the group: a parameter `{0}: Resource`",
             name.text

@@ -203,9 +203,9 @@ impl Walk<'_> {
         for tag in arms.iter().filter_map(|arm| arm.tag.as_ref()).filter(|tag| !start.tags.contains_key(&tag.text)) {
             let message = format!("no outcome is called `{}`", tag.text);
             let diagnostic = Diagnostic::new(Code::E0421, tag.span, message).label("never taken");
-            let near = self.diagnostics.nearest(&tag.text, start.tags.keys().map(String::as_str));
+            let near = self.diagnostics.near(&tag.text, start.tags.keys().map(String::as_str));
             self.diagnostics.push(match near {
-                Some(near) => diagnostic.reason(start.tags[near], "declared here").replace(tag.span, near),
+                Some(near) => diagnostic.reason(start.tags[near.name], "declared here").rename(tag.span, &near),
                 None => diagnostic.help(format!("the outcomes are {}", listed(start.tags.keys().map(String::as_str)))),
             });
         }
@@ -233,7 +233,7 @@ fn in_parentheses(found: &mut Diagnostic, chain: Span, matching: Span) {
         "`:` and `;;` are read from the right: `m : (match { ... } ;; c)` starts the `match` again after `c`, with nothing to match".to_owned(),
     ];
     let edits = vec![insert(chain, "("), insert(matching.at_end(), ")")];
-    found.fix = Some(Fix { title: "put parentheses around what is repeated".to_owned(), edits });
+    found.choices = vec![Fix { title: "put parentheses around what is repeated".to_owned(), edits }];
 }
 
 fn unhandled(expr: &Expr, arms: &[Arm], open: &[&String], start: &Ends) -> Diagnostic {
@@ -252,5 +252,7 @@ fn unhandled(expr: &Expr, arms: &[Arm], open: &[&String], start: &Ends) -> Diagn
     let Some(last) = arms.last() else { return diagnostic };
     let missing = open.iter().map(|tag| format!(", {tag} => fail(\"{tag}\")")).collect::<String>();
     let text = if open.is_empty() { ", else => fail(\"no outcome\")".to_owned() } else { missing };
-    diagnostic.fix("add arms that fail", vec![Edit { span: last.body.span.at_end(), text }])
+    let edits = vec![Edit { span: last.body.span.at_end(), text }];
+    diagnostic.choices.push(Fix { title: "add arms that fail".to_owned(), edits });
+    diagnostic
 }

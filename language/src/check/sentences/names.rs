@@ -121,8 +121,8 @@ impl Names<'_> {
         known.sort_unstable();
         known.dedup();
         let found = found.help(format!("its outcomes are {}", known.join(", ")));
-        Err(Box::new(match similar::nearest(&name, known.iter().copied()) {
-            Some(near) => found.replace(span, near),
+        Err(Box::new(match similar::near(&name, known.iter().copied()) {
+            Some(near) => found.rename(span, &near),
             None => found,
         }))
     }
@@ -181,16 +181,16 @@ impl Names<'_> {
             let last = all.pop().unwrap_or_default();
             let help = format!("{} or {last}", all.join(", "));
             let found = Diagnostic::new(Code::E0802, *span, message).help(help);
-            return Box::new(match similar::nearest(name, last_words(words)) {
-                Some(near) => found.replace(*span, near),
+            return Box::new(match similar::near(name, last_words(words)) {
+                Some(near) => found.rename(*span, &near),
                 None => found,
             });
         };
         let group = &self.plan.groups[group as usize];
         let diagnostic = Diagnostic::new(Code::E0802, *span, format!("`{}` has no process `{name}`", group.process));
         let members = group.members.iter().map(|member| member.name.as_str());
-        Box::new(match similar::nearest(name, members.chain(last_words(words))) {
-            Some(near) => diagnostic.replace(*span, near),
+        Box::new(match similar::near(name, members.chain(last_words(words))) {
+            Some(near) => diagnostic.rename(*span, &near),
             None => diagnostic,
         })
     }
@@ -210,9 +210,12 @@ impl Names<'_> {
 /// Offers one of the words that may stand at a place whose name is unknown, if it looks like one, and like no process.
 pub(super) fn or_word(unknown: Box<Diagnostic>, words: &Words, wanted: &[&'static str]) -> Box<Diagnostic> {
     let (name, place) = (words.next_name().unwrap_or_default(), words.place());
-    let is_it = unknown.code == Code::E0802 && unknown.primary.span == place && unknown.fix.is_none();
-    match similar::nearest(name, wanted.iter().copied()).filter(|near| is_it && *near != name) {
-        Some(near) => Box::new(unknown.replace(place, near)),
+    let is_it = unknown.code == Code::E0802
+        && unknown.primary.span == place
+        && unknown.fix.is_none()
+        && unknown.choices.is_empty();
+    match similar::near(name, wanted.iter().copied()).filter(|near| is_it && near.name != name) {
+        Some(near) => Box::new(unknown.rename(place, &near)),
         None => unknown,
     }
 }

@@ -7,6 +7,7 @@ use crate::check::range;
 use crate::check::spec::{Arg, Kind, Param, Shape, Spec, Value, ValueKind};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Constant;
+use crate::similar::Near;
 use crate::source::Span;
 use crate::syntax::ast::Name;
 use crate::unit;
@@ -218,10 +219,11 @@ impl TypeChecker<'_> {
 
     fn report_unknown_field(&mut self, kind: &Kind, fields: &[Param], name: &Name) {
         let diagnostic = Diagnostic::new(Code::E0214, name.span, format!("{kind} has no field `{}`", name.text));
-        let near = self.diagnostics.nearest(&name.text, fields.iter().map(|field| field.name.text.as_str()));
-        let diagnostic = match near.and_then(|near| fields.iter().find(|field| field.name.text == near)) {
-            Some(near) => {
-                diagnostic.reason(near.name.span, "a field with a similar name").replace(name.span, &near.name.text)
+        let near = self.diagnostics.near(&name.text, fields.iter().map(|field| field.name.text.as_str()));
+        let field = |near: &Near<'_>| fields.iter().find(|field| field.name.text == near.name);
+        let diagnostic = match near.as_ref().and_then(|near| Some((near, field(near)?))) {
+            Some((near, field)) => {
+                diagnostic.reason(field.name.span, "a field with a similar name").rename(name.span, near)
             }
             None => {
                 let known = listed(fields.iter().take(SHOWN_MAX).map(|field| field.name.text.as_str()));

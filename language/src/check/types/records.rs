@@ -164,13 +164,14 @@ fn report_misspelt(spec: &Spec, diagnostics: &mut Diagnostics) {
         if unit::is_type(name) || spec.type_names.contains_key(name) {
             continue;
         }
-        if let Some(near) = diagnostics.nearest(name, known.iter().copied()) {
+        if let Some(near) = diagnostics.near(name, known.iter().copied()) {
             let message = format!("`{name}` is no type that is known");
-            let diagnostic = Diagnostic::new(Code::W0206, kind.span, message).label(format!("did you mean `{near}`?"));
+            let diagnostic =
+                Diagnostic::new(Code::W0206, kind.span, message).label(format!("did you mean `{}`?", near.name));
             let start = kind.span.start;
             let length = u32::try_from(name.len()).unwrap_or(u32::MAX);
             let span = Span { end: start.saturating_add(length).min(kind.span.end), ..kind.span };
-            diagnostics.push(diagnostic.replace(span, near));
+            diagnostics.push(diagnostic.rename(span, &near));
         }
     }
 }

@@ -93,7 +93,11 @@ impl<'a> Types<'a> {
                 let diagnostic = Diagnostic::new(Code::W0204, kind.span, message);
                 let diagnostic =
                     diagnostic.label(format!("read as `{}`", name.text)).reason(name.span, "declared here");
-                diagnostics.push(diagnostic.replace(kind.span, &name.text));
+                // `Armc2)` is not a long form of `Arm`: a bracket is missing.
+                diagnostics.push(match kind.text.len() > name.text.len() {
+                    true => diagnostic.choose(kind.span, &name.text),
+                    false => diagnostic.replace(kind.span, &name.text),
+                });
                 return *target;
             }
         }
@@ -111,8 +115,8 @@ fn no_interface(spec: &Spec, names: &[(usize, &Name)], diagnostics: &mut Diagnos
     }
     let enclosing = &spec.processes[*enclosing].name.text;
     let known = spec.process_names.keys().filter(|name| *name != enclosing).chain(spec.module_names.keys());
-    if let Some(near) = diagnostics.nearest(&first.text, known.map(String::as_str)) {
-        diagnostic = diagnostic.help(format!("did you mean `{near}`?"));
+    if let Some(near) = diagnostics.near(&first.text, known.map(String::as_str)) {
+        diagnostic = diagnostic.help(format!("did you mean `{}`?", near.name));
     } else {
         diagnostic = diagnostic
             .help("name the program that offers it with `--controllers PROGRAM`, or declare it as a `module`");

@@ -5,7 +5,7 @@
 mod prefix;
 
 use super::Parser;
-use crate::diagnostic::{Code, Edit, Fix};
+use crate::diagnostic::{Code, Fix};
 use crate::similar;
 use crate::syntax::SyntaxKind::{
     self, Ampersand, Bar, Colon, Comma, Disable, DoubleColon, End, FailFast, Greater, Hash, Ident, LeftBrace,
@@ -201,8 +201,7 @@ impl Parser<'_> {
         let (span, word) = (self.span(), similar::nearest(self.word(0), words.iter().copied())?);
         let word = words.iter().copied().find(|known| *known == word)?;
         if let Some(diagnostic) = self.expected(&format!("`{word}`")) {
-            let edits = vec![Edit { span, text: word.to_owned() }];
-            diagnostic.fix = Some(Fix { title: format!("replace with `{word}`"), edits });
+            diagnostic.choices.push(Fix::replace(span, word));
         }
         Some(word)
     }
@@ -266,12 +265,15 @@ impl Parser<'_> {
     fn parenthesised(&mut self) {
         self.start(SyntaxKind::Paren);
         self.bump();
+        let first = self.cursor;
         self.expression();
         while self.starts_operand() && !self.ends_block() {
             self.expected("an operator or `)`");
             self.expression();
         }
-        self.expect(RightParen);
+        // With an operator between, `(a ; b` may be `(a) ; b`.
+        let is_only = self.cursor == first + 1;
+        self.expect_at(RightParen, is_only);
         self.finish();
     }
 
@@ -353,6 +355,7 @@ impl Parser<'_> {
     fn labels(&mut self) {
         self.start(SyntaxKind::Labels);
         self.expect(LeftBracket);
+        let first = self.cursor;
         if self.eat(Number) {
             self.expect(RightBracket);
             return self.finish();
@@ -374,7 +377,9 @@ impl Parser<'_> {
             }
             self.bump();
         }
-        self.expect(RightBracket);
+        // `a[l, b` may be `a[l], b`.
+        let is_only = self.cursor <= first + 1;
+        self.expect_at(RightBracket, is_only);
         self.finish();
     }
 }

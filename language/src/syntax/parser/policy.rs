@@ -1,7 +1,7 @@
 //! Parses the policies of an instance, in braces behind it, and the supervision of a group.
 
 use super::Parser;
-use crate::diagnostic::{Edit, Fix};
+use crate::diagnostic::Fix;
 use crate::similar;
 use crate::syntax::SyntaxKind::{self, Ident, Minus, Number, Text};
 
@@ -45,8 +45,7 @@ impl Parser<'_> {
             let (span, meant) = (self.span(), similar::nearest(self.word(0), openers.iter().copied()));
             let diagnostic = self.expected(expected);
             if let (Some(diagnostic), Some(word)) = (diagnostic, meant) {
-                let edits = vec![Edit { span, text: word.to_owned() }];
-                diagnostic.fix = Some(Fix { title: format!("replace with `{word}`"), edits });
+                diagnostic.choices.push(Fix::replace(span, word));
             }
             return self.skip_statement();
         }

@@ -2,7 +2,7 @@
 
 use super::Parser;
 use super::repair::{ITEMS, SECTIONS};
-use crate::diagnostic::{Code, Edit, Fix};
+use crate::diagnostic::{Code, Fix};
 use crate::similar;
 use crate::syntax::SyntaxKind::{
     self, Arrow, BackArrow, Comma, Dot, End, Equals, Ident, LeftBrace, LeftBracket, LeftParen, Number, RightBrace,
@@ -105,8 +105,7 @@ impl Parser<'_> {
         let span = self.span();
         let suggestion = similar::nearest(self.word(0), ITEMS);
         if let (Some(diagnostic), Some(word)) = (self.expected("`process` or `module`"), suggestion) {
-            let edits = vec![Edit { span, text: word.to_owned() }];
-            diagnostic.fix = Some(Fix { title: format!("replace with `{word}`"), edits });
+            diagnostic.choices.push(Fix::replace(span, word));
         }
         match suggestion {
             Some("module") => self.module(),
@@ -173,8 +172,7 @@ impl Parser<'_> {
         let meant = if self.at(Ident) && opens { similar::nearest(self.word(0), SECTIONS) } else { None };
         let diagnostic = self.expected("a section");
         if let (Some(diagnostic), Some(word)) = (diagnostic, meant) {
-            let edits = vec![Edit { span, text: word.to_owned() }];
-            diagnostic.fix = Some(Fix { title: format!("replace with `{word}`"), edits });
+            diagnostic.choices.push(Fix::replace(span, word));
         }
         match meant {
             Some("host") => self.host(),
@@ -325,10 +323,17 @@ impl Parser<'_> {
         }
         let span = self.span();
         let is_misspelt = self.at(Ident) && self.kind(1) == Ident;
+        // `a insof Arm(c1)` has no other reading; `a b Arm(c1)` may be two names, or a name in two words.
+        let is_nearly = self.word(0).starts_with("inst") || similar::nearest(self.word(0), ["instof"]).is_some();
+        let is_only = is_nearly && self.kind(2) == LeftParen;
         let diagnostic = self.expected("`instof`");
         if let (Some(diagnostic), true) = (diagnostic, is_misspelt) {
-            let edits = vec![Edit { span, text: "instof".to_owned() }];
-            diagnostic.fix = Some(Fix { title: "replace with `instof`".to_owned(), edits });
+            let fix = Fix::replace(span, "instof");
+            if is_only {
+                diagnostic.fix = Some(fix);
+            } else {
+                diagnostic.choices.push(fix);
+            }
         }
         if is_misspelt {
             self.skip_as_error();

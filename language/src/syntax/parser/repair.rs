@@ -112,7 +112,9 @@ impl Parser<'_> {
             } else if self.eat(Comma) || self.at(close) {
                 continue;
             } else if self.starts_item(close) {
-                self.expect(Comma);
+                // `level 2` may be `level = 2`.
+                let is_only = !self.follows(Ident) || [SyntaxKind::Colon, Equals].contains(&self.kind(1));
+                self.expect_at(Comma, is_only);
                 continue;
             } else if self.rest_of_item(close).is_some() {
                 self.expected(close.describe());
