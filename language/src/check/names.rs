@@ -167,6 +167,8 @@ impl<'a> Names<'a> {
                     None => diagnostic.choose(name.span, &instance.text),
                 }
             }
+            None if name.text == "fail" => diagnostic.help("write `fail(\"why\")`"),
+            None if name.text == "wait" => diagnostic.help("write `wait(5 s)`"),
             None if self.instances.is_empty() => diagnostic.help("the group has no instances"),
             None => {
                 let names = listed(self.instances.iter().take(8).map(|other| other.name.text.as_str()));

@@ -152,6 +152,13 @@ impl<'t> Parser<'t> {
         self.last().is_some_and(|last| last.kind == kind)
     }
 
+    /// Whether a character that means nothing stands before the next token.
+    fn follows_unknown(&self) -> bool {
+        let end = self.solid.get(self.cursor).copied().unwrap_or(self.tokens.len());
+        let start = self.cursor.checked_sub(1).map_or(0, |last| self.solid[last]);
+        self.tokens[start..end].iter().any(|token| token.kind == SyntaxKind::Unknown)
+    }
+
     /// Whether the last token that was read is a string without an end.
     fn follows_open_string(&self) -> bool {
         let is_open = |last: Token| lexer::is_open(last.kind, &self.text[last.start as usize..last.end as usize]);
@@ -224,6 +231,10 @@ impl<'t> Parser<'t> {
         if code.severity() == Severity::Error {
             self.damage.push(self.span());
             let last = self.reported_at.replace(self.cursor);
+            // A character before it that means nothing is the cause.
+            if self.follows_unknown() {
+                return None;
+            }
             if last.is_some_and(|last| self.cursor < last + SHADOW) {
                 return None;
             }
@@ -323,7 +334,10 @@ impl<'t> Parser<'t> {
             let text = &self.text[token.start as usize..token.end as usize];
             let span = Span { origin: self.origin, start: token.start, end: token.end };
             let report = match token.kind == SyntaxKind::Unknown {
-                true => Diagnostic::new(Code::E0003, span, format!("`{}` means nothing here", visible(text))),
+                true => {
+                    let found = Diagnostic::new(Code::E0003, span, format!("`{}` means nothing here", visible(text)));
+                    habit::instead_of(text).into_iter().fold(found, Diagnostic::help)
+                }
                 false if lexer::is_open(token.kind, text) => {
                     Diagnostic::new(Code::E0002, span, format!("{} does not end", token.kind.describe()))
                 }

@@ -5,8 +5,9 @@
 mod prefix;
 
 use super::Parser;
-use crate::diagnostic::{Code, Fix};
+use crate::diagnostic::{Code, Edit, Fix};
 use crate::similar;
+use crate::source::Span;
 use crate::syntax::SyntaxKind::{
     self, Ampersand, Bar, Colon, Comma, Disable, DoubleColon, End, FailFast, Greater, Hash, Ident, LeftBrace,
     LeftBracket, LeftParen, Less, Number, Question, Recur, RightBrace, RightBracket, RightParen, Semicolon, Text,
@@ -25,7 +26,8 @@ impl Parser<'_> {
         self.open(LeftBrace);
         while !self.ends_block() {
             let before = self.cursor;
-            if self.starts_operand() || self.at_any(&[Hash, Comma, Semicolon, Colon, Recur, Ampersand]) {
+            let counts = self.at(Number) && self.kind(1) == Ident && self.word(1) == "times";
+            if counts || self.starts_operand() || self.at_any(&[Hash, Comma, Semicolon, Colon, Recur, Ampersand]) {
                 self.expression();
             }
             if !self.ends_block() {
@@ -34,7 +36,7 @@ impl Parser<'_> {
                 if is_surplus {
                     self.report(Code::E0001, message);
                 } else {
-                    self.expected("an operator or `}`");
+                    self.expected_operator("an operator or `}`");
                 }
                 if self.cursor == before || !self.starts_operand() {
                     self.skip_as_error();
@@ -221,7 +223,9 @@ impl Parser<'_> {
             while is_suffix(self) {
                 let (is_limit, is_tag) = (self.at_word("within"), self.at_word("as"));
                 self.bump();
-                if is_limit {
+                if is_limit && self.at(LeftParen) {
+                    self.limit_in_parentheses();
+                } else if is_limit {
                     self.constant();
                 } else if is_tag {
                     self.expect_name("the name of an outcome");
@@ -229,6 +233,32 @@ impl Parser<'_> {
             }
             self.finish();
         }
+        self.habit_between();
+    }
+
+    /// `within (5 s)`
+    fn limit_in_parentheses(&mut self) {
+        let first = self.span();
+        let length = 2 + usize::from(self.kind(2) == Ident);
+        let last = self.token(length).filter(|last| last.kind == RightParen);
+        let found = self.report(Code::E0001, "a limit stands without parentheses: `a within 5 s`");
+        if let (Some(found), Some(last)) = (found, last) {
+            let none = |span: Span| Edit { span, text: String::new() };
+            let edits = vec![none(first), none(Span { start: last.start, end: last.end, ..first })];
+            found.fix = Some(Fix { title: "leave them away".to_owned(), edits });
+        }
+        self.skip_one();
+        self.constant();
+        if self.at(RightParen) {
+            self.skip_one();
+        }
+    }
+
+    /// Skips one token into an error node.
+    fn skip_one(&mut self) {
+        self.start(SyntaxKind::Error);
+        self.bump();
+        self.finish();
     }
 
     /// `word` is the one that it begins with, if it does.
@@ -268,7 +298,7 @@ impl Parser<'_> {
         let first = self.cursor;
         self.expression();
         while self.starts_operand() && !self.ends_block() {
-            self.expected("an operator or `)`");
+            self.expected_operator("an operator or `)`");
             self.expression();
         }
         // With an operator between, `(a ; b` may be `(a) ; b`.
@@ -296,8 +326,13 @@ impl Parser<'_> {
         self.start(SyntaxKind::AnyOf);
         self.bump();
         self.count();
+        let place = self.after_last();
         if !self.eat_word("of") {
-            self.expected("`of`");
+            let is_only = self.at(LeftParen);
+            if let Some(diagnostic) = self.expected("`of`").filter(|_| is_only) {
+                let edits = vec![Edit { span: place, text: " of".to_owned() }];
+                diagnostic.fix = Some(Fix { title: "insert `of`".to_owned(), edits });
+            }
         }
         if self.at(LeftParen) {
             self.parenthesised();

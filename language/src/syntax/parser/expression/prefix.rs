@@ -1,6 +1,7 @@
 //! Parses the operators that stand before their operand, `retry`, `shield` and `using`, and the arms of `match`.
 
 use super::super::Parser;
+use crate::diagnostic::{Edit, Fix};
 use crate::syntax::SyntaxKind::{self, Comma, FatArrow, Ident, LeftParen, Number, RightBrace, RightParen};
 
 impl Parser<'_> {
@@ -17,7 +18,11 @@ impl Parser<'_> {
         }
         if self.eat(Comma) {
             if !self.eat_word("pause") {
-                self.expected("`pause`");
+                let (span, is_only) = (self.span().at_start(), self.at(Number));
+                if let Some(diagnostic) = self.expected("`pause`").filter(|_| is_only) {
+                    let edits = vec![Edit { span, text: "pause ".to_owned() }];
+                    diagnostic.fix = Some(Fix { title: "insert `pause`".to_owned(), edits });
+                }
             }
             self.constant();
         }
