@@ -8,11 +8,12 @@ mod stops;
 
 use crate::explore::{Found, Graph, Limits, Nobody, Reached, explore, is_over};
 use crate::finding::{Finding, diagnostic, help};
+use crate::limits::late;
 use crate::model::{Ends, Model, Seat, run_nodes};
 use crate::story::{place, story_to_the_end};
 use crate::system::{Changed, Frame, Label, Mode, Phase, System, escalates};
-use language::Code;
 use language::plan::Expression;
+use language::{Code, Span};
 use outside::Suspect;
 use std::collections::BTreeSet;
 use stops::shields;
@@ -25,6 +26,8 @@ pub(crate) struct Catalogue {
     pub(crate) states: u64,
     /// How many transitions.
     pub(crate) transitions: u64,
+    /// The most memory that the exploration of one part took, in bytes.
+    pub(crate) memory: usize,
     /// The groups that were not looked at whole, and why.
     pub(crate) unfinished: Vec<(u32, Reached)>,
 }
@@ -49,6 +52,7 @@ pub(crate) fn explore_parts(model: &mut Model<'_>, limits: &Limits<'_>) -> Catal
     }
     let suspects = std::mem::take(&mut asked.suspects);
     outside::judge(model, suspects, limits, (&mut catalogue, &mut asked));
+    too_late(model, (&mut catalogue, &mut asked));
     summary(model, &asked, &mut catalogue);
     catalogue
 }
@@ -84,6 +88,7 @@ fn explore_part(
         let Found { graph, .. } = explore(&system, limits, true, &Nobody);
         catalogue.states += u64::from(graph.store.count());
         catalogue.transitions += graph.transitions;
+        catalogue.memory = catalogue.memory.max(graph.memory());
         is_whole &= graph.reached.is_none();
         if graph.reached == Some(Reached::Time) {
             // Nothing is looked at any more, so nobody asks how this one ends.
@@ -191,6 +196,17 @@ fn unreached(system: &System<'_>, graph: &Graph, part: usize, (catalogue, asked)
             catalogue.findings.push(Finding::fails(found, story));
         }
     }
+}
+
+/// The processes that a limit leaves no time for; what no order of events starts is told already.
+fn too_late(model: &Model<'_>, (catalogue, asked): (&mut Catalogue, &mut Asked)) {
+    let told: BTreeSet<Span> =
+        catalogue.findings.iter().filter_map(|found| Some(found.diagnostic.as_ref()?.primary.span)).collect();
+    let is_new = |found: &Finding| found.diagnostic.as_ref().is_some_and(|it| !told.contains(&it.primary.span));
+    let found: Vec<Finding> = late::check(&crate::times(model)).into_iter().filter(is_new).collect();
+    let is_never = |found: &Finding| found.diagnostic.as_ref().is_some_and(|it| it.code == Code::E0812);
+    asked.unreached |= found.iter().any(is_never);
+    catalogue.findings.extend(found);
 }
 
 /// Where a run comes nearest to a node that it never reaches: the first state in which the innermost operator around it is active
@@ -356,7 +372,7 @@ fn waits_for_ever(system: &System<'_>, graph: &Graph, (part, node): (usize, usiz
 }
 
 /// The place of what holds everything up: the first thing that waits, or the outermost that is active.
-fn blocking(system: &System<'_>, graph: &Graph, (part, node): (usize, usize), state: u32) -> language::Span {
+fn blocking(system: &System<'_>, graph: &Graph, (part, node): (usize, usize), state: u32) -> Span {
     let frame = at_the_end(system, graph, state);
     let waiting = usings(system, part).into_iter().find(|&node| frame.states[0].is_node_waiting(node));
     let shields = shields(system, part).into_iter().find(|&node| frame.states[0].is_node_active(node));

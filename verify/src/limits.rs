@@ -1,5 +1,7 @@
 //! Limits that always pass: `P within 5 s` where P takes longer than that at the least.
 
+pub(crate) mod late;
+
 use crate::explore::{Limits, Nobody, explore};
 use crate::finding::{Finding, diagnostic, help};
 use crate::model::{Model, count, walk};

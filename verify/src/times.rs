@@ -17,7 +17,7 @@ pub(crate) struct Span {
     /// The most time until it is done, if it ever is; none if nothing bounds it.
     done_most: Option<Duration>,
     /// The least time until it has ended in whatever way; none if it never ends by itself.
-    end_least: Option<Duration>,
+    pub(crate) end_least: Option<Duration>,
     /// The most time until it has ended; none if nothing bounds it.
     pub(crate) end: Option<Duration>,
     /// The most time that a stop of it takes; none if nothing bounds it.

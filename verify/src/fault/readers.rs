@@ -1,4 +1,4 @@
-//! Who loses data with a program, now or in a later step.
+//! Finds the programs that lose their data with another program, now or in a later step.
 
 use super::span::{Span, span};
 use crate::explore::Graph;
@@ -9,7 +9,7 @@ use language::algebra::Activity;
 use std::cell::{OnceCell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The wires of a system, with what was found out about their readers.
+/// The wires of a system, and the states in which their readers lose something.
 pub(super) struct Readers<'c, 'a> {
     system: &'c System<'a>,
     graph: &'c Graph,

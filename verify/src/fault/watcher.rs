@@ -6,7 +6,8 @@ use language::algebra::Activity;
 use language::plan::Expression;
 
 /// Whether others run beside a step that go on without it: in another operand of a `#` or an `any`, or beside an operand that is never
-/// done, as `button ; fail("...")` is. A limit further in is for the step itself; one further out ends what it watches, too.
+/// done, as `button ; fail("...")` is. A limit further in is for the step itself. A limit further out
+/// also ends the watched step.
 pub(super) fn is_watcher(system: &System<'_>, frame: &Frame, seat: (usize, u32)) -> bool {
     let seats = std::iter::successors(Some(seat), |(unit, _)| system.units[*unit].parent);
     let mut looks = seats.filter_map(|(unit, member)| {
@@ -25,11 +26,11 @@ struct Look<'l, 'a> {
     member: u32,
     /// The number of the next node.
     node: usize,
-    /// What the innermost operator says that decides it.
+    /// The answer of the innermost operator that decides it.
     is_watcher: Option<bool>,
 }
 
-/// What an expression holds.
+/// The contents of an expression.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sight {
     /// The step.
@@ -66,7 +67,7 @@ impl Look<'_, '_> {
     }
 }
 
-/// What an operator says of a step in one of its operands; nothing if that does not depend on it.
+/// Returns whether an operator makes a watcher of the step in one of its operands; nothing if the operator does not decide that.
 fn decides(expression: &Expression, of: &[Sight], own: usize) -> Option<bool> {
     let besides = || of.iter().enumerate().filter(|(index, _)| *index != own).map(|(_, sight)| sight);
     let is_raced = match expression {
