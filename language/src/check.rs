@@ -9,6 +9,7 @@ mod declare;
 mod diagnostics;
 mod expression;
 mod flow;
+mod hosts;
 mod index;
 mod interface;
 pub(crate) mod lower;
@@ -66,6 +67,7 @@ fn compile_all(
     let stated = sentences::read(&trees, &model, &mut diagnostics);
     types::check(&mut model, &mut diagnostics);
     resource_args::take(&mut model, &mut diagnostics);
+    hosts::check(&model, &mut diagnostics);
     let root = types::root(&model, &mut diagnostics);
     if types::is_finite(&model, root, &mut diagnostics) {
         ports::check(&mut model, &mut diagnostics);

@@ -6,6 +6,7 @@ mod instant;
 mod outcome;
 mod resource;
 mod service;
+mod value;
 
 use super::diagnostics::Diagnostics;
 use super::spec::{Expr, ExprKind, Process, Spec, Target};
@@ -24,6 +25,7 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
         diagnostics.extend(clashes.into_iter().map(|(slot, places)| runs_twice(process, slot, places)));
         service::Order::new(spec, process, members, diagnostics).walk(actions);
         dead::check(members, actions, diagnostics);
+        value::check(spec, process, actions, diagnostics);
         resource::check(process, actions, diagnostics);
         resource::kept(process, &service::members(spec, process), actions, diagnostics);
     }

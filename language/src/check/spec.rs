@@ -255,6 +255,8 @@ pub(crate) struct Module {
     pub(crate) name: Name,
     /// The text of its doc comments.
     pub(crate) doc: String,
+    /// Where it says that it wants a host.
+    pub(crate) host: Option<Span>,
     /// The parameters after the host; nothing when the interface does not say.
     pub(crate) params: Option<Vec<Param>>,
     pub(crate) ports: Vec<Port>,

@@ -19,9 +19,11 @@ const STOP_WITHIN: Duration = Duration::from_secs(2);
 pub(super) fn module(node: &Node, places: &[Span], reader: &mut Reader<'_>) -> Option<Module> {
     let is_damaged = !places.is_empty();
     let params = node.child(Params).filter(|_| !is_damaged).map(|node| super::params(&node, "parameter", reader));
+    let host = params.as_ref().and_then(|params| params.iter().find(|param| is_host(param)));
     let mut module = Module {
         name: node.title()?,
         doc: node.doc(),
+        host: host.filter(|host| host.default.is_none()).map(|host| host.name.span),
         params: params.map(|params| params.into_iter().filter(|param| !is_host(param)).collect()),
         ports: Vec::new(),
         is_service: false,

@@ -1,0 +1,133 @@
+//! Values that get lost on the way: `look : match { found => skip, missing => ask } : grasp` starts `grasp` without what `look` has found.
+
+use crate::check::diagnostics::Diagnostics;
+use crate::check::spec::{Expr, ExprKind, Process, Spec, Target};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::source::Span;
+use std::collections::BTreeSet;
+
+/// Reports each step that drops a value which the step after it would start with.
+pub(super) fn check(spec: &Spec, process: &Process, expr: &Expr, diagnostics: &mut Diagnostics) {
+    let walk = Walk { spec, process };
+    walk.visit(expr, diagnostics);
+}
+
+struct Walk<'a> {
+    spec: &'a Spec,
+    process: &'a Process,
+}
+
+impl<'a> Walk<'a> {
+    fn visit(&self, expr: &Expr, diagnostics: &mut Diagnostics) {
+        let mut chain = Vec::new();
+        flatten(expr, &mut chain);
+        for steps in chain.windows(3) {
+            let (before, step, next) = (steps[0], steps[1], steps[2]);
+            let place = dropped(step, &valued(self.spec, self.process, before)).filter(|_| starts(next));
+            diagnostics.extend(place.map(|place| self.report(before, place, next)));
+        }
+        if chain.len() == 1 {
+            return expr.parts().into_iter().for_each(|part| self.visit(part, diagnostics));
+        }
+        chain.into_iter().for_each(|step| self.visit(step, diagnostics));
+    }
+
+    fn report(&self, before: &Expr, place: Span, next: &Expr) -> Diagnostic {
+        let name = |expr: &Expr| match &expr.kind {
+            ExprKind::Run(slot, _) => format!("`{}`", self.process.instances[*slot].name.text),
+            _ => "the next step".to_owned(),
+        };
+        let message = format!("the value from before is dropped here: {} starts without it", name(next));
+        let found = Diagnostic::new(Code::W0424, place, message).label("leaves no value");
+        let found = found.reason(before.span, "leaves a value").reason(next.span, "gets no value");
+        found.help(
+            "let the step that wants the value follow at once, as in `look : match { found => grasp, missing => ask }`",
+        )
+    }
+}
+
+/// The steps of `a : b ;; c ::[n] d`, each of which starts with the value of the previous one.
+fn flatten<'e>(expr: &'e Expr, chain: &mut Vec<&'e Expr>) {
+    match &expr.kind {
+        ExprKind::Conditional(parts) => parts.iter().for_each(|part| flatten(part, chain)),
+        ExprKind::Recurrent(first, second) => [first, second].into_iter().for_each(|part| flatten(part, chain)),
+        ExprKind::Asynchronous(source, pool) => {
+            flatten(source, chain);
+            // The places differ by their instances alone.
+            pool.iter().take(1).for_each(|part| flatten(part, chain));
+        }
+        _ => chain.push(expr),
+    }
+}
+
+/// The outcomes with which an expression leaves a value; groups nest finitely here.
+fn valued(spec: &Spec, process: &Process, expr: &Expr) -> BTreeSet<String> {
+    let rest = |part: &Expr| valued(spec, process, part);
+    let all = |parts: Vec<&Expr>| parts.into_iter().flat_map(rest).collect();
+    match &expr.kind {
+        ExprKind::Run(slot, _) => match process.instances[*slot].target {
+            Target::Module(module) => {
+                let outcomes = spec.modules[module].outcomes.iter().filter(|outcome| outcome.kind.is_some());
+                outcomes.map(|outcome| outcome.name.text.clone()).collect()
+            }
+            Target::Process(inner) => {
+                let inner = &spec.processes[inner];
+                inner.actions.as_ref().map(|actions| valued(spec, inner, actions)).unwrap_or_default()
+            }
+            Target::Unknown => BTreeSet::new(),
+        },
+        ExprKind::Sequence(parts) | ExprKind::Conditional(parts) => parts.last().map(rest).unwrap_or_default(),
+        ExprKind::Finally(first, _) => rest(first),
+        ExprKind::Tagged(tag, part) if !rest(part).is_empty() => BTreeSet::from([tag.text.clone()]),
+        ExprKind::Disable(_)
+        | ExprKind::Otherwise(_)
+        | ExprKind::AnyOf(1, _)
+        | ExprKind::Match(_)
+        | ExprKind::Retry(..)
+        | ExprKind::Within(..)
+        | ExprKind::Shield(..)
+        | ExprKind::Using(..) => all(expr.parts()),
+        _ => BTreeSet::new(),
+    }
+}
+
+/// The part of a step that is started with one of these outcomes and leaves nothing of its value.
+fn dropped(step: &Expr, valued: &BTreeSet<String>) -> Option<Span> {
+    if valued.is_empty() {
+        return None;
+    }
+    match &step.kind {
+        ExprKind::Skip | ExprKind::Wait(_) => Some(step.span),
+        ExprKind::Match(arms) => arms.iter().find_map(|arm| {
+            let named = || arms.iter().filter_map(|arm| arm.tag.as_ref()).map(|tag| &tag.text);
+            let own: BTreeSet<String> = match &arm.tag {
+                Some(tag) => valued.iter().filter(|outcome| **outcome == tag.text).cloned().collect(),
+                None => valued.iter().filter(|outcome| named().all(|tag| tag != *outcome)).cloned().collect(),
+            };
+            dropped(&arm.body, &own)
+        }),
+        ExprKind::Within(_, part)
+        | ExprKind::Shield(_, part)
+        | ExprKind::Using(_, part)
+        | ExprKind::Tagged(_, part) => dropped(part, valued),
+        _ => None,
+    }
+}
+
+/// Whether an expression starts a process with the value that it is started with itself.
+fn starts(expr: &Expr) -> bool {
+    match &expr.kind {
+        ExprKind::Run(..) => true,
+        ExprKind::Sequence(parts) | ExprKind::Otherwise(parts) => parts.first().is_some_and(starts),
+        ExprKind::Concurrent(_)
+        | ExprKind::FailFast(_)
+        | ExprKind::AnyOf(..)
+        | ExprKind::Disable(_)
+        | ExprKind::Retry(..)
+        | ExprKind::Within(..)
+        | ExprKind::Shield(..)
+        | ExprKind::Using(..)
+        | ExprKind::Tagged(..) => expr.parts().into_iter().any(starts),
+        _ => false,
+    }
+}
