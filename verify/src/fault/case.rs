@@ -192,7 +192,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
                 _ if mission == Mission::Fails => Severity::FailsLater,
                 _ if !goes_on => Severity::Handled,
                 Some(leaf) if self.readers.hear(leaf, target) => Severity::Blind,
-                _ => Severity::Degraded,
+                Some(_) | None => Severity::Degraded,
             };
         }
         if self.restarted(fault).is_some() {

@@ -70,10 +70,8 @@ impl Look<'_, '_> {
 /// Returns whether an operator makes a watcher of the step in one of its operands; nothing if the operator does not decide that.
 fn decides(expression: &Expression, of: &[Sight], own: usize) -> Option<bool> {
     let besides = || of.iter().enumerate().filter(|(index, _)| *index != own).map(|(_, sight)| sight);
-    let is_raced = match expression {
-        Expression::AnyOf { count, .. } => of.len() > *count as usize,
-        other => matches!(other, Expression::Disable(_)),
-    };
+    let is_enough = matches!(expression, Expression::AnyOf { count, .. } if of.len() > *count as usize);
+    let is_raced = is_enough || matches!(expression, Expression::Disable(_));
     let is_beside = matches!(expression, Expression::Concurrent(_) | Expression::FailFast(_)) && !of[own].can_be_done;
     if (is_raced || is_beside) && besides().any(|sight| sight.other) {
         return Some(true);

@@ -235,7 +235,17 @@ impl Walk<'_, '_, '_> {
             Expression::Otherwise(one, other) => Some(self.failed(one)?.saturating_add(self.failed(other)?)),
             Expression::Disable(of) => sooner(of.iter().map(|operand| self.failed(operand)).collect()),
             Expression::Tagged { of, .. } => self.failed(of),
-            other => self.times.of(self.group, self.source, other).end_least,
+            Expression::Run { .. }
+            | Expression::Fail(_)
+            | Expression::Concurrent(_)
+            | Expression::FailFast(_)
+            | Expression::AnyOf { .. }
+            | Expression::Recurrent(..)
+            | Expression::Match(_)
+            | Expression::Shield { .. }
+            | Expression::Using { .. }
+            | Expression::Asynchronous { .. }
+            | Expression::Finally(..) => self.times.of(self.group, self.source, expression).end_least,
         }
     }
 }

@@ -33,9 +33,11 @@ impl<'a> Walk<'a> {
     }
 
     fn report(&self, before: &Expr, place: Span, next: &Expr) -> Diagnostic {
-        let name = |expr: &Expr| match &expr.kind {
-            ExprKind::Run(slot, _) => format!("`{}`", self.process.instances[*slot].name.text),
-            _ => "the next step".to_owned(),
+        let name = |expr: &Expr| {
+            if let ExprKind::Run(slot, _) = &expr.kind {
+                return format!("`{}`", self.process.instances[*slot].name.text);
+            }
+            "the next step".to_owned()
         };
         let message = format!("the value from before is dropped here: {} starts without it", name(next));
         let found = Diagnostic::new(Code::W0424, place, message).label("leaves no value");
@@ -48,15 +50,16 @@ impl<'a> Walk<'a> {
 
 /// The steps of `a : b ;; c ::[n] d`, each of which starts with the value of the previous one.
 fn flatten<'e>(expr: &'e Expr, chain: &mut Vec<&'e Expr>) {
-    match &expr.kind {
-        ExprKind::Conditional(parts) => parts.iter().for_each(|part| flatten(part, chain)),
-        ExprKind::Recurrent(first, second) => [first, second].into_iter().for_each(|part| flatten(part, chain)),
-        ExprKind::Asynchronous(source, pool) => {
-            flatten(source, chain);
-            // The places differ by their instances alone.
-            pool.iter().take(1).for_each(|part| flatten(part, chain));
-        }
-        _ => chain.push(expr),
+    if let ExprKind::Conditional(parts) = &expr.kind {
+        parts.iter().for_each(|part| flatten(part, chain));
+    } else if let ExprKind::Recurrent(first, second) = &expr.kind {
+        [first, second].into_iter().for_each(|part| flatten(part, chain));
+    } else if let ExprKind::Asynchronous(source, pool) = &expr.kind {
+        flatten(source, chain);
+        // The places differ by their instances alone.
+        pool.iter().take(1).for_each(|part| flatten(part, chain));
+    } else {
+        chain.push(expr);
     }
 }
 
@@ -87,7 +90,17 @@ fn valued(spec: &Spec, process: &Process, expr: &Expr) -> BTreeSet<String> {
         | ExprKind::Within(..)
         | ExprKind::Shield(..)
         | ExprKind::Using(..) => all(expr.parts()),
-        _ => BTreeSet::new(),
+        ExprKind::Tagged(..)
+        | ExprKind::AnyOf(..)
+        | ExprKind::Skip
+        | ExprKind::Never
+        | ExprKind::Fail(_)
+        | ExprKind::Wait(_)
+        | ExprKind::Concurrent(_)
+        | ExprKind::FailFast(_)
+        | ExprKind::Recurrent(..)
+        | ExprKind::Asynchronous(..)
+        | ExprKind::Broken => BTreeSet::new(),
     }
 }
 
@@ -110,7 +123,21 @@ fn dropped(step: &Expr, valued: &BTreeSet<String>) -> Option<Span> {
         | ExprKind::Shield(_, part)
         | ExprKind::Using(_, part)
         | ExprKind::Tagged(_, part) => dropped(part, valued),
-        _ => None,
+        ExprKind::Run(..)
+        | ExprKind::Never
+        | ExprKind::Fail(_)
+        | ExprKind::Concurrent(_)
+        | ExprKind::FailFast(_)
+        | ExprKind::AnyOf(..)
+        | ExprKind::Disable(_)
+        | ExprKind::Sequence(_)
+        | ExprKind::Conditional(_)
+        | ExprKind::Otherwise(_)
+        | ExprKind::Recurrent(..)
+        | ExprKind::Retry(..)
+        | ExprKind::Asynchronous(..)
+        | ExprKind::Finally(..)
+        | ExprKind::Broken => None,
     }
 }
 
@@ -128,6 +155,15 @@ fn starts(expr: &Expr) -> bool {
         | ExprKind::Shield(..)
         | ExprKind::Using(..)
         | ExprKind::Tagged(..) => expr.parts().into_iter().any(starts),
-        _ => false,
+        ExprKind::Skip
+        | ExprKind::Never
+        | ExprKind::Fail(_)
+        | ExprKind::Wait(_)
+        | ExprKind::Conditional(_)
+        | ExprKind::Recurrent(..)
+        | ExprKind::Match(_)
+        | ExprKind::Asynchronous(..)
+        | ExprKind::Finally(..)
+        | ExprKind::Broken => false,
     }
 }
