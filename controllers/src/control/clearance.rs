@@ -136,7 +136,7 @@ mod tests {
         assert!((clearance(&wall, &q).unwrap() - room).abs() < 6e-3);
         assert_eq!(clearance(&wall[..2], &q), None);
         // One ray of ten says anything.
-        let (mut random, mut wall) = (crate::sdk::Random::new(3), wall);
+        let (mut random, mut wall) = (Random::new(3), wall);
         for point in &mut wall {
             *point *= if random.unit() < 0.1 { random.unit() } else { 1.0 };
         }

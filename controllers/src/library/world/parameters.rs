@@ -203,6 +203,7 @@ pub(super) fn delays(arguments: &Arguments) -> Delays {
 }
 
 /// The numbers of a world by the names of their parameters.
+#[expect(clippy::too_many_lines, reason = "it is a table")]
 fn numbers(setup: &mut Setup) -> [(&'static str, &mut f64); 83] {
     let Setup { door, room, contact, machine, sensors, start, faults, .. } = setup;
     let [turn_x, turn_y, turn_z] = &mut contact.turn_stiffness;
