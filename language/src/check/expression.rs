@@ -200,7 +200,7 @@ fn side_by_side(node: &Node) -> Option<Diagnostic> {
         (SyntaxKind::Sequence, SyntaxKind::Finally),
     ];
     let is_outer = |(outer, _): &(SyntaxKind, SyntaxKind)| *outer == node.kind();
-    let bare = if looser.iter().any(|pair| is_outer(pair)) { None } else { Some(SyntaxKind::Disable) };
+    let bare = if looser.iter().any(&is_outer) { None } else { Some(SyntaxKind::Disable) };
     let inner = looser.iter().filter(|pair| is_outer(pair)).map(|(_, inner)| *inner);
     let bare: Vec<SyntaxKind> = inner.chain(bare).collect();
     let is_bare = |child: &Node| bare.contains(&child.kind());
