@@ -228,8 +228,8 @@ mod tests {
     use super::*;
     use crate::sdk::messaging::{Full, Queue, QueueClient, QueueMessage, Receipt, Rejected};
     use crate::sdk::{
-        About, Answered, Arguments, Bytes, CallOrder, Calls, Controller, DeliveryError, Every, In, Inputs, Kind,
-        Message, Module, Out, Outputs, Parameter, Progress, Registry, Stopping, Tick, Time,
+        About, Answered, AnyCalls, Arguments, Bytes, CallOrder, Calls, Controller, DeliveryError, Every, In, Inputs,
+        Kind, Message, Module, Out, Outputs, Parameter, Progress, Registry, Stopping, Tick, Time,
     };
     use comms::io::clock::now;
     use serde::Deserialize;
@@ -241,7 +241,7 @@ mod tests {
         name: String,
         place: Option<[f64; 3]>,
         rows: Vec<(u32, Vec<f32>)>,
-        by_name: BTreeMap<u8, Kind>,
+        by_name: BTreeMap<u8, Shape>,
         unit: Unit,
     }
 
@@ -252,7 +252,7 @@ mod tests {
     struct Newtype(f64);
 
     #[derive(Serialize)]
-    enum Kind {
+    enum Shape {
         None,
         Named { height: f64 },
         Pair(f64, f64),
@@ -263,7 +263,7 @@ mod tests {
         let of = |place: usize| if place == at { number } else { 1e308 };
         #[expect(clippy::cast_possible_truncation, reason = "what is not finite stays so")]
         let small = if at == 1 { number as f32 } else { 1.0 };
-        let kinds = [Kind::None, Kind::Named { height: of(2) }, Kind::Pair(0.0, of(3)), Kind::One(Newtype(of(4)))];
+        let kinds = [Shape::None, Shape::Named { height: of(2) }, Shape::Pair(0.0, of(3)), Shape::One(Newtype(of(4)))];
         Deep {
             name: "NaN".to_owned(),
             place: Some([0.0, -0.0, of(0)]),
@@ -333,7 +333,8 @@ mod tests {
         const TYPE: &'static str = "Scale";
 
         fn about() -> About {
-            About::service("Scales a number.").with(&[Parameter::new("factor", Kind::Number(-1e300, 1e300))])
+            const FACTOR: &[Parameter] = &[Parameter::new("factor", Kind::Number(-1e300, 1e300))];
+            About::service("Scales a number.").with(FACTOR)
         }
 
         fn new(arguments: &Arguments) -> Result<Self, String> {
