@@ -180,6 +180,9 @@ impl Simulation {
     }
 
     /// Has `meddler` see, and change, the encoded samples that leaves get from now on; it is told the path of the leaf.
+    ///
+    /// # Panics
+    /// A sample comes from a module that is not a leaf, which does not happen.
     pub fn meddle(&mut self, mut meddler: impl FnMut(&str, &Sample, &mut Vec<u8>) + 'static) {
         let modules = self.leaves.iter().map(|leaf| leaf.module);
         let paths: BTreeMap<ModuleId, String> =

@@ -302,7 +302,7 @@ mod tests {
         let (program, publisher) = program(folder.join("s")).await;
         let locators = vec![format!("unixsock-stream/{}", folder.join("late").display())];
         let sources = [("main/hit".to_owned(), Dial { session: program.location().session, locators })];
-        let (sink, mut seen) = tokio::sync::mpsc::channel(16);
+        let (sink, mut seen) = mpsc::channel(16);
         let observer = Observer::open(None, sink);
         observer.signals("door", &sources);
         let Some(ObserverEvent::Unseen(why)) = seen.recv().await else { panic!("it is not there yet") };
@@ -335,7 +335,7 @@ mod tests {
             ("main/gone".to_owned(), Dial { session: "1".to_owned(), locators: Vec::new() }),
             ("main/hit".to_owned(), Dial { session: there.session, locators: there.local }),
         ];
-        let (sink, mut seen) = tokio::sync::mpsc::channel(16);
+        let (sink, mut seen) = mpsc::channel(16);
         let observer = Observer::open(None, sink);
         observer.signals("door", &sources);
         let Some(ObserverEvent::Unseen(why)) = seen.recv().await else { panic!("everything is seen") };

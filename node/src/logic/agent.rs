@@ -320,13 +320,7 @@ impl Agent {
             }
             Input::Judged { number, verdict } => self.judged(number, verdict, out),
             Input::Resumable { deployment, verdict } => self.resumable(&deployment, verdict, out),
-            Input::CallGone { call } => {
-                self.listeners.retain(|listener| *listener != call);
-                self.inquiries.forget(call);
-                self.forget_stopped(call);
-                self.promises.forget(call);
-                self.coordinators.values_mut().for_each(|coordinator| coordinator.forget(call));
-            }
+            Input::CallGone { call } => self.forget_call(call),
             Input::Shim { process, report, output } => {
                 if let Some(participant) = self.participants.get_mut(&process.deployment) {
                     participant.observe(process.leaf, report, output, out);
@@ -378,6 +372,15 @@ impl Agent {
             }
             Input::Calendar { .. } | Input::Tick => {}
         }
+    }
+
+    /// Forgets a call whose caller is gone.
+    fn forget_call(&mut self, call: u64) {
+        self.listeners.retain(|listener| *listener != call);
+        self.inquiries.forget(call);
+        self.forget_stopped(call);
+        self.promises.forget(call);
+        self.coordinators.values_mut().for_each(|coordinator| coordinator.forget(call));
     }
 
     /// Takes a word from a controller. One that owns what another deployment holds is refused at its hello.

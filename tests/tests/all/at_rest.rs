@@ -46,7 +46,6 @@ fn fly(spec: &str, world: &str, meddle: &mut dyn FnMut(&mut Simulation)) -> End 
 }
 
 fn expect_at_rest(what: &str, end: &End, reason: &str) {
-    println!("{what}: {:.1} N left, {:.1} N at most, {}", end.force, end.worst, end.why);
     assert!(end.why.contains(reason), "{what}: {end:?}");
     assert!(end.force <= LEFT_MAX && end.worst <= FORCE_MAX && end.fastest < 0.01, "{what}: {end:?}");
 }

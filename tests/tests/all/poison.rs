@@ -184,7 +184,6 @@ fn expect_one_of_each_does_no_harm(spec: &str, phases: &[&'static str], angle_mi
         let missed = flight.samples.iter().filter(|(_, (seen, hit))| *seen >= SAMPLES && *hit == 0);
         assert_eq!(missed.collect::<Vec<_>>(), [], "{number}");
         let all = flight.samples.values().filter(|(_, hit)| *hit > 0).count();
-        println!("{number}: {all} inputs and phases, {:.1} N, {:.1} deg", flight.worst, flight.angle);
     }
 }
 

@@ -9,6 +9,9 @@ use language::algebra::Activity;
 use std::cell::{OnceCell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
 
+/// For each state, whether something is so there.
+type InStates = Vec<bool>;
+
 /// The wires of a system, and the states in which their readers lose something.
 pub(super) struct Readers<'c, 'a> {
     system: &'c System<'a>,
@@ -16,9 +19,9 @@ pub(super) struct Readers<'c, 'a> {
     /// The wires to inputs that their programs need.
     lines: OnceCell<Vec<Line>>,
     /// For each program that sends, and each state: whether data of it is read there or later.
-    heard: RefCell<BTreeMap<u32, Vec<bool>>>,
+    heard: RefCell<BTreeMap<u32, InStates>>,
     /// For each input, and each state: whether its program runs there or later without a sender, if it never does without a fault.
-    missed: RefCell<BTreeMap<(u32, String), Option<Vec<bool>>>>,
+    missed: RefCell<BTreeMap<(u32, String), Option<InStates>>>,
 }
 
 impl<'c, 'a> Readers<'c, 'a> {
