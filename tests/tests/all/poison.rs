@@ -183,7 +183,6 @@ fn expect_one_of_each_does_no_harm(spec: &str, phases: &[&'static str], angle_mi
         assert!(flight.angle >= angle_min && flight.worst <= FORCE_MAX, "{number}: {flight:?}");
         let missed = flight.samples.iter().filter(|(_, (seen, hit))| *seen >= SAMPLES && *hit == 0);
         assert_eq!(missed.collect::<Vec<_>>(), [], "{number}");
-        let all = flight.samples.values().filter(|(_, hit)| *hit > 0).count();
     }
 }
 
