@@ -89,16 +89,7 @@ mod tests {
         check(
             "module M(host){exec \"m\";env { A=\"a\";B = \"b\" ; } inherit LC_ALL,ROS_ * ;directory\"/opt\";done;}",
             &expect![[r#"
-                module M(host) {
-                    exec "m";
-                    env{
-                        A = "a";
-                        B = "b";
-                    }
-                    inherit LC_ALL, ROS_*;
-                    directory "/opt";
-                    done;
-                }
+                module M(host) { exec "m"; env{A = "a"; B = "b";} inherit LC_ALL, ROS_*; directory "/opt"; done; }
             "#]],
         );
     }

@@ -449,8 +449,8 @@ mod tests {
         let mut order = encode(&Order::Exit).unwrap();
         order.push(0);
         assert!(refused(&order).starts_with("a message of kind 1 is malformed"));
-        order[2] = 15;
-        assert_eq!(refused(&order), "a message of version 15 of kind 1; this program speaks version 14");
+        order[2] = 16;
+        assert_eq!(refused(&order), "a message of version 16 of kind 1; this program speaks version 15");
         let long = vec![0; Order::SIZE_MAX + 1];
         assert!(matches!(decode::<Order>(&long), Err(CodecError::TooLong { .. })));
         assert!(encode(&Order::Activate { activation: 0, value: long }).is_err());

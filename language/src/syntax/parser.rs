@@ -282,7 +282,7 @@ impl<'t> Parser<'t> {
         }
         let place = self.after_last();
         // A bracket behind a string without an end is a part of it; one before a new section has no counterpart.
-        let is_lost = kind == SyntaxKind::LeftParen && self.ends_block()
+        let is_lost = kind == SyntaxKind::LeftParen && (self.ends_block() || self.at(SyntaxKind::Comma))
             || kind == SyntaxKind::Colon && self.at(SyntaxKind::LeftBrace);
         let has_place = !is_lost && !self.follows_open_string();
         let found = self.span();

@@ -169,7 +169,7 @@ mod tests {
                       module Show(host, key, count, password: Secret) { exec "show -v"; plain; done; }"#;
         let plan = compile(&Source::new("a.dca", text), &[], &Options::named("a")).plan.unwrap();
         let command = Programs::default().command(&plan.leaves[0]).unwrap();
-        assert_eq!(command, ["show", "-v", "", "2", "password="]);
+        assert_eq!(command, ["show", "-v", "key=", "count=2", "password="]);
         let secret = |word, key: &str| SecretArgument { word, key: key.to_owned() };
         let expected = [secret(2, "team/wifi/psk"), secret(4, "team/camera/password")];
         assert_eq!(secrets(&plan.leaves[0], &command), expected);

@@ -9,7 +9,7 @@ use std::time::Duration;
 /// Somebody pushes the hand again and again, with up to 60 N, until it is felt; a plain program waits beside it.
 const SPEC: &str = concat!(
     r#"
-module Beside(host, way: Text) { exec "sh -c"; plain; done; }
+module Beside(host, way: Text) { exec "sh -c 'eval ${0#way=}'"; plain; done; }
 
 "#,
     hit_detector!("150 N"),
@@ -98,7 +98,7 @@ fn a_program_that_fails_is_put_back_and_the_mission_goes_on() {
     for (exec, why) in
         [("/no/such/program", "there is no program"), ("/tmp", "is a folder"), ("/dev/null", "is no regular file")]
     {
-        let missing = SPEC.replace("exec \"sh -c\"", &format!("exec \"{exec} -c\""));
+        let missing = SPEC.replace("exec \"sh -c", &format!("exec \"{exec} -c"));
         let refused = here.ask(&["deploy", &cluster.file("push.dca", &missing)]);
         assert!(refused.code == Some(1) && refused.err.contains(why), "{refused}");
         assert_eq!(others(&here, &pids_before), Vec::<String>::new());

@@ -113,7 +113,7 @@ fn the_door_opens_on_a_network_although_every_node_is_killed() {
 fn every_program_is_found_again_and_every_end_is_told() {
     let cluster = Cluster::new();
     let here = cluster.here();
-    let script = cluster.file("script.sh", "trap \"exit $1\" USR1; sleep 1000 & wait\n");
+    let script = cluster.file("script.sh", "trap \"exit ${1#code=}\" USR1; sleep 1000 & wait\n");
     let instances: String =
         (0..PROGRAMS).map(|number| format!("p{number} instof P(\"c1\", \"{}\");\n", number % 7 + 1)).collect();
     let members: Vec<String> = (0..PROGRAMS).map(|number| format!("(p{number} else skip)")).collect();

@@ -181,7 +181,11 @@ fn expect_one_of_each_does_no_harm(spec: &str, phases: &[&'static str], angle_mi
         let flight = fly((spec, phases), &Which::OneOfEach, number);
         assert_eq!(flight.finish, Finish::Done, "{number}");
         assert!(flight.angle >= angle_min && flight.worst <= FORCE_MAX, "{number}: {flight:?}");
-        let missed = flight.samples.iter().filter(|(_, (seen, hit))| *seen >= SAMPLES && *hit == 0);
+        // What zeroes the force sensor has no number.
+        let missed = flight
+            .samples
+            .iter()
+            .filter(|((input, _), (seen, hit))| *seen >= SAMPLES && *hit == 0 && !input.ends_with(" ft/cmd"));
         assert_eq!(missed.collect::<Vec<_>>(), [], "{number}");
     }
 }
@@ -219,7 +223,7 @@ fn a_sensor_that_says_nothing_finite_is_named() {
         ("visualserv camera/state", "/visualserv", f64::NAN),
         ("hit/force ft/state", "/approach", f64::INFINITY),
         ("presshandle ft/state", "/presshandle", f64::NAN),
-        ("puma arm/state", "/dooropen/", f64::NEG_INFINITY),
+        ("puma arm/state", "/visualserv", f64::NEG_INFINITY),
     ] {
         let device = input.rsplit_once(' ').expect("it has a port").1;
         let why = expect_true_end(input, phase, number);

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 /// Two programs that a file ends.
 const TWO: &str = "
-module Wait(host, file) { exec \"sh -c 'until test -e $0; do sleep 0.05; done'\"; plain; done; }
+module Wait(host, file) { exec \"sh -c 'until test -e ${0#file=}; do sleep 0.05; done'\"; plain; done; }
 process main() {
     host { \"c1\" }
     instantiated_processes { first instof Wait(\"c1\", \"FOLDER/first\"); second instof Wait(\"c1\", \"FOLDER/second\"); }

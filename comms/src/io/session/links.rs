@@ -71,7 +71,7 @@ struct Proposed {
 }
 
 /// A session that has said on the network where it is.
-pub(super) struct Heard {
+pub(super) struct PlaceFound {
     pub(super) session: String,
     /// Its name; empty if it does not say one.
     pub(super) name: String,
@@ -116,7 +116,7 @@ impl Links {
     /// Takes note of a session that says that it is there; says whether to dial it. Anybody can say anything on a network, so
     /// few that have never been linked are dialled at a time: a new one takes the place of the oldest of its machine, or of
     /// all. Who is there says so again.
-    pub(super) fn find(&mut self, Heard { session, name, by, locator }: Heard, within: Duration) -> bool {
+    pub(super) fn find(&mut self, PlaceFound { session, name, by, locator }: PlaceFound, within: Duration) -> bool {
         if !self.kept.contains_key(&session) {
             let (kept, standing) = (&self.kept, &self.standing);
             self.found.retain(|(other, _)| kept.contains_key(other) && !standing.contains(other));
@@ -188,7 +188,7 @@ mod tests {
         let hear = |links: &mut Links, session: &str, machine: u8| {
             let by = IpAddr::from([10, 0, 0, machine]);
             let locator = format!("tcp/{by}:7").parse().unwrap();
-            links.find(Heard { session: session.into(), name: "c1".into(), by, locator }, Duration::from_secs(60))
+            links.find(PlaceFound { session: session.into(), name: "c1".into(), by, locator }, Duration::from_secs(60))
         };
         // One that is linked, and one that this program was told of, stay whatever is said.
         assert!(hear(&mut links, "linked", 1));
@@ -215,7 +215,7 @@ mod tests {
 
     /// Says that a session is somewhere, as a machine.
     fn say(links: &mut Links, session: &str, by: [u8; 4], place: &str) {
-        let heard = Heard { session: session.into(), name: String::new(), by: by.into(), locator: locator(place) };
+        let heard = PlaceFound { session: session.into(), name: String::new(), by: by.into(), locator: locator(place) };
         links.find(heard, Duration::from_secs(60));
     }
 

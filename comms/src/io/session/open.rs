@@ -4,7 +4,7 @@
 mod keeper;
 
 use super::config::Settings;
-use super::links::{Heard, Links, Place, lock};
+use super::links::{Links, Place, PlaceFound, lock};
 use super::nearby::{self, Announced, NearbyNode};
 use super::tunnel::{TunnelOptions, Tunnels};
 use super::{OpenError, patience};
@@ -338,7 +338,7 @@ fn hears(own: String, dialler: Dialler, to_keeper: Arc<Sender<Change>>) -> impl 
         if session == own || !is_ours || session.parse::<ZenohId>().is_err() {
             return;
         }
-        let heard = Heard { session: session.clone(), name, by: at.ip(), locator };
+        let heard = PlaceFound { session: session.clone(), name, by: at.ip(), locator };
         if lock(&dialler.links).find(heard, FOUND_AGAIN_WITHIN) {
             to_keeper.push(Change::Wanted(session));
         }

@@ -43,7 +43,7 @@ fn the_same_text_changes_nothing_whatever_its_lines_and_order_of_types() {
 fn programs_and_policies_can_change_while_it_runs() {
     let running = plan(&SPEC.replace("Source(here);", "Source(here, 1);"));
     let replaced = changes(&running, &SPEC.replace("Source(here);", "Source(here, 2);"));
-    assert_eq!(replaced, Ok(vec!["replace    main/pair/a: `argument 1` is 2, was 1".to_owned()]));
+    assert_eq!(replaced, Ok(vec!["replace    main/pair/a: `rate` is 2, was 1".to_owned()]));
     let running = plan(SPEC);
     let permanent = SPEC.replace("Source(here);", "Source(here) { restart permanent; };");
     assert_eq!(changes(&running, &permanent), Ok(vec!["settle     main/pair/a: `restart`".to_owned()]));
@@ -163,7 +163,7 @@ fn a_program_that_overlaps_gets_a_leaf_and_wires_of_its_own() {
     let next = difference(&running, &plan(&overlaps("2"))).unwrap();
     next.plan.validate().unwrap();
     let lines: Vec<String> = next.changes.iter().map(ToString::to_string).collect();
-    assert_eq!(lines, ["replace    main/pair/a: `argument 1` is 2, was 1; the two overlap"]);
+    assert_eq!(lines, ["replace    main/pair/a: `rate` is 2, was 1; the two overlap"]);
     let (old, new) = (running.live_leaves(), next.plan.live_leaves());
     assert_eq!((old.difference(&new).count(), new.difference(&old).copied().collect::<Vec<_>>()), (1, vec![3]));
     assert_eq!((next.plan.live_wires(), next.plan.wires[1].from.leaf), (BTreeSet::from([1]), 3));
@@ -188,5 +188,5 @@ fn a_program_that_overlaps_gets_a_leaf_and_wires_of_its_own() {
     let settled = changes(&plan(SPEC), &SPEC.replace("Source(here);", "Source(here) { replace overlap; }"));
     assert_eq!(settled, Ok(vec!["settle     main/pair/a: `replace`".to_owned()]));
     let ended = changes(&running, &SPEC.replace("Source(here);", "Source(here, 2);"));
-    assert_eq!(ended, Ok(vec!["replace    main/pair/a: `argument 1` is 2, was 1, `replace`".to_owned()]));
+    assert_eq!(ended, Ok(vec!["replace    main/pair/a: `rate` is 2, was 1, `replace`".to_owned()]));
 }

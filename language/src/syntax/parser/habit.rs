@@ -283,7 +283,6 @@ mod tests {
             "a >> b",
             "!b",
             "a + b",
-            "a * 3",
             "try { a } catch { b }",
             "try a catch b",
             "try { a } catch (x) { b } ; c",

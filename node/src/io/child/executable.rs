@@ -106,8 +106,11 @@ fn check_script(script: &Script, (search, interpreters): (&OsStr, usize)) -> Res
         return Err(of("has too many interpreters of its own".to_owned()));
     }
     check_format(path, (search, interpreters - 1)).map_err(of)?;
-    let is_name = !argument.is_empty() && !argument.contains(['-', '=', ' ', '\t', '/']);
-    if path.file_name() == Some(OsStr::new(ENV)) && is_name && on_path(argument, search).is_empty() {
+    let is_name = !argument.is_empty() && !argument.starts_with('-') && !argument.contains(['=', ' ', '\t', '/']);
+    if path.file_name() == Some(OsStr::new(ENV))
+        && is_name
+        && !on_path(argument, search).iter().any(|file| file.is_file())
+    {
         return Err(of(format!("finds no program `{argument}` in `PATH`")));
     }
     Ok(())

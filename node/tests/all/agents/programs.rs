@@ -117,7 +117,7 @@ impl World {
             Order::Flip { ticket, flip } => self.flip(host, process, ticket, flip),
             Order::Expect { ticket, expect, then } => self.expect(host, process, ticket, (expect, then)),
             Order::Activate { activation, .. } => {
-                let hangs = self.commands[process].get(2).is_some_and(|way| way == "hangs");
+                let hangs = self.commands[process].get(2).is_some_and(|way| way == "way=hangs");
                 if !hangs {
                     self.notice(1, host, process, Notice::Running { activation });
                 }
@@ -187,8 +187,8 @@ impl World {
         self.begun.entry(process.clone()).or_insert(self.now);
         self.source_begins(host, process, &module);
         match self.commands[process].get(2).map(String::as_str) {
-            Some("dies") => return self.die(host, process, ShimReport::Exited { code: 3 }),
-            Some("aborts") => {
+            Some("way=dies") => return self.die(host, process, ShimReport::Exited { code: 3 }),
+            Some("way=aborts") => {
                 let reason = "it is not well".to_owned();
                 return self.notice(20, host, process, Notice::Aborted { activation, reason });
             }
