@@ -257,6 +257,7 @@ mod tests {
               "accepted": true,
               "diagnostics": [
                 {
+                  "choices": [],
                   "code": "W0201",
                   "fix": {
                     "edits": [

@@ -31,7 +31,8 @@ pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) ->
 /// Returns the candidates that look most like `name`, if any is near enough.
 pub(crate) fn near<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<Near<'a>> {
     let name_length = length(name);
-    let similar = candidates.into_iter().filter_map(|candidate| {
+    // A word that stands in the wrong place is not a misspelling of itself.
+    let similar = candidates.into_iter().filter(|candidate| *candidate != name).filter_map(|candidate| {
         let length = length(candidate);
         let (shorter, longer) = (length.min(name_length), length.max(name_length));
         if (longer - shorter) * 3 > longer {

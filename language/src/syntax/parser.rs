@@ -281,9 +281,9 @@ impl<'t> Parser<'t> {
             return true;
         }
         let place = self.after_last();
-        // A bracket behind a string without an end is a part of it; one before a new section has no counterpart.
+        // A bracket behind a string without an end is a part of it; one before a new section or a comma has no counterpart.
         let is_lost = kind == SyntaxKind::LeftParen && (self.ends_block() || self.at(SyntaxKind::Comma))
-            || kind == SyntaxKind::Colon && self.at(SyntaxKind::LeftBrace);
+            || kind == SyntaxKind::Colon && self.at_any(&[SyntaxKind::LeftBrace, SyntaxKind::DoubleColon]);
         let has_place = !is_lost && !self.follows_open_string();
         let found = self.span();
         // Nothing can stand between the two.

@@ -96,7 +96,7 @@ fn a_program_that_fails_is_put_back_and_the_mission_goes_on() {
     // What cannot be started is found before anything makes place for it.
     let pids_before = here.pids();
     for (exec, why) in
-        [("/no/such/program", "there is no program"), ("/tmp", "is a folder"), ("/dev/null", "is no regular file")]
+        [("/no/such/program", "there is no program"), ("/tmp", "is a folder"), ("/dev/null", "is not a regular file")]
     {
         let missing = SPEC.replace("exec \"sh -c", &format!("exec \"{exec} -c"));
         let refused = here.ask(&["deploy", &cluster.file("push.dca", &missing)]);

@@ -340,7 +340,7 @@ impl World {
             }
             Effect::KeepTombstones(all) => drop(self.tombstones.insert(host.into(), all)),
             Effect::FindPrograms { deployment, number, programs } => {
-                let is_missing = |order: &SpawnOrder| order.command.iter().any(|word| word == "missing");
+                let is_missing = |order: &SpawnOrder| order.command.iter().any(|word| word == "way=missing");
                 let problem = |SpawnOrder { path, .. }| format!("`{path}` cannot be started: there is no such program");
                 let problems = programs.into_iter().filter(is_missing).map(problem).collect();
                 self.at(1, host, Coming::Input(Input::Found { deployment, number, problems }));
