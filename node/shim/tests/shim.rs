@@ -443,7 +443,7 @@ fn real_time_is_given_or_refused_as_the_policy_says() {
 #[test]
 fn output_goes_on_when_its_file_is_taken_away() {
     // Each line is written before the next order: the test does something with the file in between.
-    let script = "while read -r line < orders; do printf '%s\\n' \"$line\"; done";
+    let script = "while :; do read -r line < orders && printf '%s\\n' \"$line\"; done";
     for (what, expected) in
         [("removed", "second\n"), ("moved", "second\n"), ("emptied", "second\n"), ("left", "first\nsecond\n")]
     {
