@@ -225,7 +225,9 @@ impl Controller for Pilot {
                 }
             }
         }
-        if outputs.motion.pending() == 0 {
+        let fence = self.user.held(tick.now);
+        // The way counts from where the wheels were granted: somebody else drives before that.
+        if fence.is_some() && outputs.motion.pending() == 0 {
             outputs.motion.call((), WITHIN);
         }
         if let Some(why) = self.user.lost() {
@@ -235,7 +237,7 @@ impl Controller for Pilot {
             }
             self.user.want(0);
         }
-        if let Some(fence) = self.user.held(tick.now)
+        if let Some(fence) = fence
             && self.due <= tick.now
         {
             self.due = tick.now + EVERY;
