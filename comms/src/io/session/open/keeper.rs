@@ -9,6 +9,7 @@ use crate::io::clock::now;
 use crate::io::queue::Receiver;
 use std::net::SocketAddr;
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::task::JoinSet;
@@ -141,24 +142,38 @@ pub(super) async fn connect(dialler: &Dialler, id: ZenohId) {
     }
 }
 
-/// Tries once to make a link, first at the known places. Takes note of the reason if there is none.
+/// Tries to make a link: at the known places, and a moment later at those that were said on the network. The known places are asked
+/// again and again while the others take their time, since a node may refuse until it has noticed a cut. Takes note of the reason if
+/// there is no link.
 async fn attempt(dialler: &Dialler, id: ZenohId, place: &Place) {
+    let session = id.to_string();
+    let stands = || lock(&dialler.links).standing.contains(&session);
     let note = |why: String| {
-        let (mut links, session) = (lock(&dialler.links), id.to_string());
-        if !links.standing.contains(&session) {
-            links.troubles.insert(session, why);
+        if !stands() {
+            lock(&dialler.links).troubles.insert(session.clone(), why);
         }
     };
+    let others_failed = AtomicBool::new(false);
     let known = async {
-        let made = if place.known.is_empty() { Err(None) } else { make(dialler, id, &place.known).await.map_err(Some) };
-        made.map_err(|why| why.map(note))
+        while !place.known.is_empty() && !stands() {
+            match make(dialler, id, &place.known).await {
+                Ok(()) => return Ok(()),
+                Err(why) => note(why),
+            }
+            if others_failed.load(Ordering::Relaxed) {
+                return Err(());
+            }
+            tokio::time::sleep(RETRY_MAX.mul_f64(jitter())).await;
+        }
+        if place.known.is_empty() { Err(()) } else { Ok(()) }
     };
     let proposed = async {
         if !place.known.is_empty() {
             tokio::time::sleep(HEAD_START).await;
         }
-        let made = if place.due(now()).is_empty() { Err(None) } else { propose(dialler, id).await.map_err(Some) };
-        made.map_err(|why| why.map(note))
+        let made = if place.due(now()).is_empty() { Err(()) } else { propose(dialler, id).await.map_err(note) };
+        others_failed.store(made.is_err(), Ordering::Relaxed);
+        made
     };
     tokio::pin!(known, proposed);
     // The first that makes a link ends the other; two that fail end as well.
