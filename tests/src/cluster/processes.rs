@@ -63,7 +63,8 @@ impl Busy {
     /// There is no shell.
     pub fn start(count: usize, niceness: u8) -> Self {
         let niceness = niceness.to_string();
-        let one = |_| Command::new("nice").args(["-n", &niceness, "sh", "-c", "while :; do :; done"]).spawn();
+        let one =
+            |_| Command::new("nice").args(["-n", &niceness, "sh", "-c", "while kill -0 $PPID; do :; done"]).spawn();
         Self((0..count).map(one).map(|child| child.expect("a shell is everywhere")).collect())
     }
 }
