@@ -9,7 +9,7 @@ use crate::logic::externals;
 use crate::{Controllers, output};
 use anyhow::{Context, anyhow};
 use language::plan::Plan;
-use language::{Compiled, Content, Diagnostic, Options, Severity, Source, Style, Texts, compile, gather, render};
+use language::{Code, Compiled, Content, Diagnostic, Options, Severity, Source, Style, Texts, compile, gather, render};
 use node::console::{self, Failure};
 use node::io::programs;
 use node::logic::table::counted;
@@ -131,6 +131,15 @@ pub(crate) fn load(file: &Path, controllers: &Controllers, deny_lenient_names: b
         let at_least = if omitted > 0 { "at least " } else { "" };
         let (errors, warnings) = (counted(errors, "error"), counted(warnings, "warning"));
         console::note(&format!("{}: {at_least}{errors}, {warnings}", spec.name));
+    }
+    if diagnostics.iter().any(|diagnostic| diagnostic.code == Code::W0205)
+        && programs::chosen(&controllers.programs).is_empty()
+    {
+        let own = programs::beside("dca-controller");
+        console::note(&format!(
+            "note: `{}`, which offers the controllers of DCA, is not there; put it there, or name your own with `--controllers`",
+            own.display()
+        ));
     }
     let plan = plan.ok_or(Failure::Reported)?;
     Ok(as_spec(file, (spec, interfaces), plan))

@@ -54,6 +54,7 @@ struct Nodes {
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     let spec = check::load(&arguments.file, &arguments.controllers, false)?;
     arguments.proof.require(&spec)?;
+    programs::check_shim()?;
     block_on(async {
         let mut nodes = Nodes::start(&spec.plan.hosts, &arguments).await?;
         let result = nodes.carry(spec, &arguments.following).await;

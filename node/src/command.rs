@@ -113,6 +113,7 @@ fn check_limits() -> anyhow::Result<()> {
 
 fn run(arguments: Arguments, log: Log) -> Result<(), Failure> {
     check_limits()?;
+    programs::check_shim()?;
     let service =
         ServiceManager::of_environment().context("reaching the service manager that `NOTIFY_SOCKET` names")?;
     let state = state_dir::take(arguments.state.as_deref(), arguments.name.as_str())?;

@@ -1,6 +1,8 @@
 //! Asks executables what they are, such as which controller types they offer.
 
+use anyhow::Context;
 use comms::logic::human::span;
+use rustix::fs::{Access, access};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
@@ -58,6 +60,16 @@ pub enum ProgramsError {
 pub fn beside(name: &str) -> PathBuf {
     let here = std::env::current_exe().ok().and_then(|exe| exe.parent().map(Path::to_path_buf));
     here.unwrap_or_default().join(name)
+}
+
+/// Checks that `dca-shim`, without which no program starts, stands beside this executable.
+///
+/// # Errors
+/// Names the path at which it is missing or cannot be executed.
+pub fn check_shim() -> anyhow::Result<()> {
+    let shim = beside("dca-shim");
+    let why = || format!("no program starts without `{}`: put `dca-shim` of the same build there", shim.display());
+    access(&shim, Access::EXEC_OK).with_context(why)
 }
 
 /// Returns the executables to ask: those given, or `dca-controller` beside this one if it is there.

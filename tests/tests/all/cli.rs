@@ -2,7 +2,9 @@
 
 use dca_tests::cluster::{Cluster, Ended, SOON, Stream, executable, spec, wait_until};
 use rustix::process::Signal;
+use std::fs;
 use std::io::{ErrorKind, Write};
+use std::path::Path;
 use std::process::{Command, Stdio};
 
 fn check(file: &str) -> Ended {
@@ -83,7 +85,7 @@ fn proofs_have_their_exit_codes() {
     }
     let picture = cluster.folder().join("story.svg");
     let drawn = cluster.here().ask(&["verify", "--svg", &picture.to_string_lossy(), &bad]);
-    let picture = std::fs::read_to_string(&picture).expect("a picture was drawn");
+    let picture = fs::read_to_string(&picture).expect("a picture was drawn");
     assert!(drawn.code == Some(1) && picture.ends_with("</svg>\n"), "{drawn}");
     let itself = cluster.here().ask(&["verify", "--svg", &bad, &bad]);
     assert!(itself.code == Some(1) && itself.err.contains("is the spec itself"), "{itself}");
@@ -115,6 +117,38 @@ fn every_program_has_a_version_and_a_help() {
             assert!(argument == "--help" || said.starts_with(program), "{said}");
             assert!(output.stderr.is_empty(), "{output:?}");
         }
+    }
+}
+
+/// Programs that were copied without those that they need say which one is missing.
+#[test]
+fn a_missing_companion_is_named() {
+    let cluster = Cluster::new();
+    let copy = |name: &str| {
+        let to = cluster.folder().join(name);
+        fs::copy(executable(name), &to).expect("there is room for a copy");
+        to
+    };
+    let (dca, node) = (copy("dca"), copy("dca-node"));
+    let spec = cluster.file(
+        "lonely.dca",
+        "process main(){ host{c1} instantiated_processes{ a instof Unknown(c1); } internal_event_actions{ a } }",
+    );
+    let ask = |program: &Path, arguments: &[&str]| {
+        let output =
+            Command::new(program).args(arguments).env("DCA_RUN_DIR", cluster.folder()).output().expect("it runs");
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (code, err) = ask(&dca, &["check", &spec]);
+    let missing = cluster.folder().join("dca-controller").display().to_string();
+    assert!(code == Some(0) && err.contains(&format!("note: `{missing}`")), "{err}");
+    let missing = cluster.folder().join("dca-shim").display().to_string();
+    let place = cluster.folder().join("n").display().to_string();
+    for (program, arguments) in
+        [(&node, &["--name", "c1", "--run-dir", &place][..]), (&dca, &["run", "--no-record", &spec])]
+    {
+        let (code, err) = ask(program, arguments);
+        assert!(code == Some(1) && err.contains(&format!("no program starts without `{missing}`")), "{err}");
     }
 }
 
