@@ -9,7 +9,7 @@ mod world;
 use dbmanager::logic::message::Message;
 use dbmanager::logic::record::Records;
 use dbmanager::logic::replica::{Config, Replica};
-use dbmanager::logic::txn::{Condition, Require};
+use dbmanager::logic::txn::{Condition, Require, Write};
 use dbmanager::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use dbmanager::logic::view::as_of::state_of;
 use dbmanager::logic::view::past::{Filter, Keys};
@@ -149,6 +149,39 @@ fn a_conflict_is_listed_and_settled_everywhere() {
 fn resolve(choice: Choice, seen: &str) -> Question {
     let (key, reason, within, seen) = (key_of("team/x"), String::new(), Duration::from_secs(1), seen.to_owned());
     Question::Resolve(Resolve { key, choice, reason, level: AckLevel::Local, within, seen })
+}
+
+/// Two robots rely on what the other deletes: no key has two values, so the status counts races, and the key is settled as it stands.
+#[test]
+fn a_race_is_counted_and_settled() {
+    let mut world = World::team(&["r1", "r2"]);
+    for key in ["team/a", "team/b"] {
+        world.write(0, key, 1);
+    }
+    world.run(Duration::from_millis(200));
+    world.away(&[0, 1], true);
+    for (robot, relies, deletes) in [(0, "team/b", "team/a"), (1, "team/a", "team/b")] {
+        let requires = vec![Require { key: key_of(relies), condition: Condition::Exists }];
+        let writes = vec![Write { key: key_of(deletes), value: None }];
+        let (reason, level, within) = ("the other is there".to_owned(), AckLevel::Local, Duration::from_secs(1));
+        let swap = Question::Commit(Commit { reason, requires, writes, level, within });
+        assert!(matches!(world.ask(robot, swap), Reply::Committed(_)));
+    }
+    world.away(&[0, 1], false);
+    world.run(Duration::from_millis(200));
+    assert_eq!((world.status(0).conflicts, world.status(0).races), (0, 1));
+    let Reply::Conflicts(_, races) = world.ask(0, Question::Conflicts { prefix: String::new() }) else {
+        panic!("no answer")
+    };
+    let settle = |seen: &str| {
+        let (reason, level, within) = (String::new(), AckLevel::Local, Duration::from_secs(1));
+        let (key, seen) = (races[0].key.clone(), seen.to_owned());
+        Question::Resolve(Resolve { key, choice: Choice::Shown, reason, level, within, seen })
+    };
+    assert!(matches!(world.ask(0, settle("000000000000")), Reply::Refused(_)));
+    assert!(matches!(world.ask(0, settle(&races[0].seen)), Reply::Committed(_)));
+    world.run(Duration::from_millis(200));
+    assert_eq!((world.status(0).races, world.status(1).races), (0, 0));
 }
 
 #[test]

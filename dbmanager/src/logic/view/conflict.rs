@@ -18,9 +18,6 @@ use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The most races that are listed.
-const RACES_MAX: usize = 1024;
-
 /// A key with writes that did not see each other.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Conflict {
@@ -45,12 +42,16 @@ pub struct Sibling {
     pub reason: Option<String>,
 }
 
-/// A transaction that relied on what another had changed.
+/// A key with transactions that relied on what others had changed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Race {
     /// The key.
     pub key: Key,
-    /// The transaction that relied on it.
+    /// How many transactions relied on it so.
+    pub count: u64,
+    /// The name of the writes that stand at the key, to settle it by.
+    pub seen: String,
+    /// The last of these transactions.
     pub relied: Party,
     /// On what; nothing if it was a write that relied on nobody else having been granted a prefix of the key.
     pub condition: Option<Condition>,
@@ -78,6 +79,16 @@ struct Touch {
     stamp: Timestamp,
     condition: Option<Condition>,
     deletes: Option<bool>,
+}
+
+/// The transactions that relied on a key, each with those that had changed it: of each origin the first and the last.
+type Unsettled = BTreeMap<Dot, (Option<Condition>, BTreeMap<ReplicaId, [Dot; 2]>)>;
+
+/// Notes that a transaction relied on what another had changed.
+fn note(unsettled: &mut Unsettled, (relied, condition, changed): (Dot, Option<Condition>, Dot)) {
+    let (_, of) = unsettled.entry(relied).or_insert_with(|| (condition, BTreeMap::new()));
+    let [first, last] = of.entry(changed.origin).or_insert([changed; 2]);
+    (*first, *last) = ((*first).min(changed), (*last).max(changed));
 }
 
 /// A transaction that granted a prefix to a robot, or to everybody.
@@ -150,11 +161,10 @@ impl Past<'_> {
             }
         });
         let mut touches: BTreeMap<Key, BTreeMap<ReplicaId, Vec<Touch>>> = BTreeMap::new();
-        let mut races: Vec<(Key, Dot, Option<Condition>, Dot)> = Vec::new();
+        let mut races: BTreeMap<Key, Unsettled> = BTreeMap::new();
         self.walk(&BTreeMap::new(), |txn, seen| {
             let fences: BTreeMap<&str, Dot> = txn.requires.iter().filter_map(fence).collect();
             for (key, touch) in touched(txn).into_iter().filter(|(key, _)| key.as_str().starts_with(prefix)) {
-                let room = RACES_MAX.saturating_sub(races.len());
                 let mut found = Vec::new();
                 if relied_on.contains(key) {
                     let earlier = touches.entry(key.clone()).or_default();
@@ -163,25 +173,41 @@ impl Past<'_> {
                         .values()
                         .flat_map(|chain| chain.iter().rev().take_while(|other| !has_seen(txn, seen, other.dot)));
                     let races = concurrent.filter_map(|other| race(&touch, other).or_else(|| race(other, &touch)));
-                    found.extend(races.take(room).map(|(relied, on, changed)| (relied, Some(on), changed)));
+                    found.extend(races.map(|(relied, on, changed)| (relied, Some(on), changed)));
                 }
                 if touch.deletes.is_some() {
                     let over = |dot| has_seen(txn, seen, dot);
-                    races.retain(|(at, relied, _, changed)| at != key || !over(*relied) || !over(*changed));
+                    settle(&mut races, key, &over);
                     let fence = prefixes(key).filter_map(|prefix| Some((prefix, *fences.get(prefix)?))).last();
-                    let grant = self.unknown_grant((txn, seen), (key, fence), &grants).filter(|_| found.len() < room);
+                    let grant = self.unknown_grant((txn, seen), (key, fence), &grants);
                     found.extend(grant.map(|grant| (touch.dot, None, grant.dot)));
                 }
-                races.extend(found.into_iter().map(|(relied, on, changed)| (key.clone(), relied, on, changed)));
+                if !found.is_empty() {
+                    let unsettled = races.entry(key.clone()).or_default();
+                    found.into_iter().for_each(|pair| note(unsettled, pair));
+                }
                 if relied_on.contains(key) {
                     touches.entry(key.clone()).or_default().entry(touch.dot.origin).or_default().push(touch);
                 }
             }
         });
-        let race = |(key, relied, condition, changed): (Key, Dot, Option<Condition>, Dot)| {
-            Some(Race { key, relied: self.party(relied)?, condition, changed: self.party(changed)? })
-        };
-        races.into_iter().filter_map(race).collect()
+        races.into_iter().filter_map(|(key, unsettled)| self.race(key, &unsettled)).collect()
+    }
+
+    /// Returns the race at a key, told by the last of those who relied on it.
+    fn race(&self, key: Key, unsettled: &Unsettled) -> Option<Race> {
+        let count = u64::try_from(unsettled.len()).unwrap_or(u64::MAX);
+        let (relied, (condition, changed)) = unsettled.last_key_value()?;
+        let [_, changed] = changed.values().max_by_key(|[_, last]| *last)?;
+        let seen = seen(self.state.versions(&key).iter().map(|version| version.dot));
+        Some(Race {
+            key,
+            count,
+            seen,
+            relied: self.party(*relied)?,
+            condition: *condition,
+            changed: self.party(*changed)?,
+        })
     }
 
     /// Returns the first grant of a prefix of `key` to another robot such that neither that nor a write has seen the other.
@@ -252,6 +278,18 @@ fn touched(txn: &Txn) -> BTreeMap<&Key, Touch> {
         touched.entry(key).or_insert_with(touch).deletes = Some(value.is_none());
     }
     touched
+}
+
+/// Takes out what a write to a key has seen both sides of.
+fn settle(races: &mut BTreeMap<Key, Unsettled>, key: &Key, over: &dyn Fn(Dot) -> bool) {
+    let Some(unsettled) = races.get_mut(key) else { return };
+    for (_, (_, changed)) in unsettled.iter_mut().filter(|(relied, _)| over(**relied)) {
+        changed.retain(|_, [first, last]| !over(*first) || !over(*last));
+    }
+    unsettled.retain(|_, (_, changed)| !changed.is_empty());
+    if unsettled.is_empty() {
+        races.remove(key);
+    }
 }
 
 /// Returns who relied on what, and who had changed it, if that is so.

@@ -99,7 +99,7 @@ pub fn conflicts(conflicts: &[Conflict], races: &[Race], show: Show<'_>) -> Stri
         blocks
             .push(format!("{key}: {count} writes did not see each other (--seen {seen})\n{}", indented(&table(&rows))));
     }
-    for Race { key, relied, condition, changed } in races {
+    for Race { key, count, seen, relied, condition, changed } in races {
         let relied_on =
             |what: &str| (format!("relied on {what}, unaware of a change"), ["relied on it", "had changed it"]);
         let (did, [first, second]) = match condition {
@@ -113,7 +113,11 @@ pub fn conflicts(conflicts: &[Conflict], races: &[Race], show: Show<'_>) -> Stri
             vec![what.to_owned(), by.clone(), when(*at), dot.to_string(), shortened(reason)]
         };
         let rows = [row(first, relied), row(second, changed)];
-        blocks.push(format!("{key}: {} {did}\n{}", relied.by, indented(&table(&rows))));
+        let more = match count {
+            0 | 1 => String::new(),
+            count => format!(", and so did {} more transactions", count - 1),
+        };
+        blocks.push(format!("{key}: {} {did}{more} (--seen {seen})\n{}", relied.by, indented(&table(&rows))));
     }
     blocks.join("\n\n")
 }

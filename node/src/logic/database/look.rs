@@ -15,28 +15,39 @@ use dbmanager::logic::view::transfer;
 use serde::Serialize;
 
 impl Database {
-    fn past(&self) -> Past<'_> {
+    pub(super) fn past(&self) -> Past<'_> {
         Past { log: self.replica.log(), state: self.state() }
     }
 
     /// Returns who has changed what was asked for, as far as it is kept here: who has joined begins with a state, and a long log
     /// is cut.
     pub(super) fn history(&self, filter: &Filter, say: &mut impl FnMut(Reply)) {
-        let gone: u64 = self.replica.log().low().iter().map(|(_, seq)| seq).sum();
-        if gone > 0 {
-            let gone = counted(gone, "older transaction");
+        if let Some(gone) = self.forgotten() {
             say(Reply::Note(format!("{gone} not kept on `{}`, where others may have more", self.robot)));
         }
         parts(self.past().history(filter)).into_iter().for_each(|part| say(Reply::History(part)));
     }
 
+    /// Returns how many transactions are not kept any more, if there are any.
+    fn forgotten(&self) -> Option<String> {
+        let gone: u64 = self.replica.log().low().iter().map(|(_, seq)| seq).sum();
+        (gone > 0).then(|| counted(gone, "older transaction"))
+    }
+
     /// Returns what nobody has settled below a prefix.
     pub(super) fn conflicts(&self, prefix: &str, say: &mut impl FnMut(Reply)) {
         let past = self.past();
-        let mut parts = parts(past.conflicts(prefix));
-        let last = parts.pop().unwrap_or_default();
-        parts.into_iter().for_each(|part| say(Reply::Conflicts(part, Vec::new())));
-        say(Reply::Conflicts(last, past.races(prefix)));
+        if let Some(gone) = self.forgotten() {
+            say(Reply::Note(format!(
+                "{gone} not kept on `{}`: races among them are listed where they are",
+                self.robot
+            )));
+        }
+        let (mut conflicts, mut races) = (parts(past.conflicts(prefix)), parts(past.races(prefix)).into_iter());
+        let last = conflicts.pop().unwrap_or_default();
+        conflicts.into_iter().for_each(|part| say(Reply::Conflicts(part, Vec::new())));
+        say(Reply::Conflicts(last, races.next().unwrap_or_default()));
+        races.for_each(|part| say(Reply::Conflicts(Vec::new(), part)));
     }
 
     /// Returns what was changed from one moment to another.
@@ -136,7 +147,8 @@ impl Database {
     pub(super) fn settle(&self, resolve: &Resolve) -> Result<Commit, Reply> {
         let Resolve { key, choice, reason, level, within, seen } = resolve;
         let (state, versions) = (self.replica.state(), self.replica.state().versions(key));
-        if !state.is_conflict(key) {
+        let is_raced = || self.past().races(key.as_str()).iter().any(|race| race.key == *key);
+        if !state.is_conflict(key) && !is_raced() {
             return Err(self.settled_already(key, choice));
         }
         if *seen != conflict::seen(versions.iter().map(|version| version.dot)) {

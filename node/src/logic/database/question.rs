@@ -300,6 +300,8 @@ pub struct Status {
     pub keys: u64,
     /// How many keys have concurrent writes that nobody has settled.
     pub conflicts: u64,
+    /// The number of keys with unsettled races, as far as the log reaches back.
+    pub races: u64,
     /// How many transactions are kept.
     pub log_len: u64,
     /// How many bytes they take.

@@ -45,6 +45,7 @@ impl Database {
             state: format!("{:032x}", state.digest()),
             keys: count(state.scan("").filter(|(key, _)| state.get(key).is_some()).count()),
             conflicts: count(state.conflicts("").count()),
+            races: count(self.past().races("").len()),
             log_len: count(log.len()),
             log_size: count(log.size()),
             clock: quality(self.wall.quality).to_owned(),

@@ -114,9 +114,13 @@ fn lag(lag: Lag) -> String {
 }
 
 fn facts(status: &Status) -> String {
-    let conflicts = match status.conflicts {
-        0 => "no conflicts".to_owned(),
-        count => format!("{}: `dca db conflicts` lists them", counted(count, "conflict")),
+    let conflicts = match (status.conflicts, status.races) {
+        (0, 0) => "no conflicts".to_owned(),
+        (conflicts, 0) => format!("{}: `dca db conflicts` lists them", counted(conflicts, "conflict")),
+        (0, races) => format!("{}: `dca db conflicts` lists them", counted(races, "race")),
+        (conflicts, races) => {
+            format!("{} and {}: `dca db conflicts` lists them", counted(conflicts, "conflict"), counted(races, "race"))
+        }
     };
     let rows = [
         ("holds", format!("{}, {conflicts}", counted(status.keys, "key"))),
@@ -189,6 +193,7 @@ mod tests {
             state: "0123456789abcdef0123456789abcdef".into(),
             keys: 12,
             conflicts: 1,
+            races: 2,
             log_len: 34,
             log_size: 4301,
             clock: "unset".into(),
@@ -209,7 +214,7 @@ mod tests {
               r2     1.0 s ago   network                -                                      -
               r3     12 min ago  unset, 30 days behind  14 (1 KiB), since 2026-11-21 10:00:00  -      nothing older is forgotten until it is back, or retired
 
-              holds  12 keys, 1 conflict: `dca db conflicts` lists them
+              holds  12 keys, 1 conflict and 2 races: `dca db conflicts` lists them
               log    34 transactions, 4 KiB
               state  0123456789ab (robots with the same have the same)
               store  /var/lib/dca/r1/db

@@ -41,7 +41,7 @@ fn require_absent_both_create() {
           "r1"         r1  2026-11-21 10:00:02  0000000000000001:2  relies
           "r2"  shown  r2  2026-11-21 10:00:02  0000000000000002:1  relies
 
-        team/leader: r2 relied on there being nothing, unaware of a change
+        team/leader: r2 relied on there being nothing, unaware of a change (--seen 39158c935eeb)
           relied on it    r2  2026-11-21 10:00:02  0000000000000002:1  relies
           had changed it  r1  2026-11-21 10:00:02  0000000000000001:2  relies"#]]
     .assert_eq(&table::conflicts(&past.conflicts(""), &past.races(""), &Datum::to_toml));
@@ -86,4 +86,42 @@ fn who_relied_on_what_stayed_so_raced_nobody() {
     team[1].commit(relying("team/a", Condition::Exists, "team/b", "1"));
     heal(&mut team);
     assert_eq!(team[0].past().races(""), vec![]);
+}
+
+/// Two robots that are apart and count on one key: one line with the count, however many pairs there are, and one write settles all.
+#[test]
+fn a_key_has_one_line_whatever_the_number_of_races() {
+    let mut team = Robot::team(2);
+    let first = team[0].put("", "team/n", "0");
+    heal(&mut team);
+    let mut last = [first, first];
+    for number in 1..=60 {
+        for robot in [0, 1] {
+            let value = (number * 2 + robot).to_string();
+            last[robot] = team[robot].commit(relying("team/n", Condition::Is(last[robot]), "team/n", &value));
+        }
+    }
+    heal(&mut team);
+    let races = team[0].past().races("");
+    assert_eq!((races.len(), &races), (1, &team[1].past().races("")), "1,830 pairs");
+    assert!((60..=120).contains(&races[0].count), "{races:?}");
+    let told = table::conflicts(&[], &races, &Datum::to_toml);
+    assert!(told.contains(&format!("more transactions (--seen {})", races[0].seen)), "{told}");
+    team[1].put("both were seen", "team/n", "200");
+    heal(&mut team);
+    assert!(team.iter().all(|robot| robot.past().races("").is_empty()));
+}
+
+/// More keys than once were listed.
+#[test]
+fn no_key_is_left_out() {
+    let mut team = Robot::team(2);
+    for robot in [0, 1] {
+        for number in 0..1100 {
+            let key = format!("team/leader/{number}");
+            team[robot].commit(relying(&key, Condition::Absent, &key, "1"));
+        }
+    }
+    heal(&mut team);
+    assert_eq!(team[0].past().races("").len(), 1100);
 }
