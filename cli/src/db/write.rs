@@ -14,7 +14,7 @@ use node::logic::database::question::{AckLevel, Commit, Question, Reply};
 use node::logic::database::settings::spelt;
 use node::logic::parameters::{self, Verdict};
 use node::logic::protocol::InstanceParameters;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 /// The arguments of every verb that commits.
@@ -206,6 +206,12 @@ impl CommitArgs {
         question: Question,
     ) -> Result<CommitProgress, Failure> {
         if !databases.reaches(owner).await? {
+            let status = databases.ask_one(databases.robot(), Question::Status).await;
+            if let Ok(Reply::Status(status)) = status
+                && let Some(why) = no_robot(owner, status.members.iter().map(|member| member.robot.as_str()))
+            {
+                return Err(anyhow!(why).into());
+            }
             return Err(Failure::Unreachable(anyhow!(
                 "only `{owner}` writes there, and it cannot be reached now; nothing was written"
             )));
@@ -222,6 +228,20 @@ impl CommitArgs {
             Err(failure) => Err(failure),
         }
     }
+}
+
+/// Says that the team has no robot of that name, if its members are known.
+fn no_robot<'a>(robot: &str, members: impl Iterator<Item = &'a str>) -> Option<String> {
+    let members: BTreeSet<&str> = members.collect();
+    if members.is_empty() || members.contains(robot) {
+        return None;
+    }
+    let hint = language::nearest(robot, members.iter().copied()).map(|near| format!("; did you mean `{near}`?"));
+    let all = members.iter().map(|member| format!("`{member}`")).collect::<Vec<_>>().join(", ");
+    Some(format!(
+        "the team has no robot `{robot}`, so nothing was written: its robots are {all}{}",
+        hint.unwrap_or_default()
+    ))
 }
 
 /// Reads a value as in TOML; a parameter may be a quantity, which is a text of its own.
@@ -290,6 +310,17 @@ fn time(text: &str) -> Result<Duration, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_robot_that_is_not_in_the_team_is_named() {
+        let why = no_robot("r99", ["r1", "r9", "r9"].into_iter()).unwrap();
+        assert_eq!(
+            why,
+            "the team has no robot `r99`, so nothing was written: its robots are `r1`, `r9`; did you mean `r9`?"
+        );
+        assert_eq!(no_robot("r1", ["r1", "r2"].into_iter()), None);
+        assert_eq!(no_robot("r1", std::iter::empty()), None, "who is in no team knows no robot");
+    }
 
     #[test]
     fn levels_and_times() {
