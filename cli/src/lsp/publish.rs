@@ -10,6 +10,7 @@ use lsp_types::{
     DiagnosticRelatedInformation, DiagnosticSeverity, PublishDiagnosticsNotification, PublishDiagnosticsParams, Range,
     Uri,
 };
+use node::logic::table::counted;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
@@ -57,6 +58,7 @@ impl Server {
             files.insert(document.uri.clone(), (Some(document.version), remarks));
         }
         let mut closed: BTreeMap<String, Lines> = BTreeMap::new();
+        let mut left_out: BTreeMap<String, usize> = BTreeMap::new();
         for analysis in self.roots() {
             for found in analysis.diagnostics().iter().filter(|found| self.is_known(found)) {
                 let source = analysis.source(found.primary.span);
@@ -65,8 +67,9 @@ impl Server {
                 }
                 let open = self.workspace.open_from(&source.name);
                 let uri = open.map_or_else(|| super::disk::uri(&source.name), |open| open.uri.clone());
-                let (_, remarks) = files.entry(uri).or_default();
+                let (_, remarks) = files.entry(uri.clone()).or_default();
                 if remarks.len() >= REMARKS_MAX {
+                    *left_out.entry(uri).or_default() += 1;
                     continue;
                 }
                 let lines = match open {
@@ -78,6 +81,9 @@ impl Server {
                     remarks.push(remark);
                 }
             }
+        }
+        for (uri, count) in left_out {
+            files.entry(uri).or_default().1.push(more(count));
         }
         files
     }
@@ -132,7 +138,17 @@ fn told(uri: String, (version, diagnostics): PublishedDiagnostics) -> Reply {
 /// Says that a document is not checked.
 fn too_long() -> lsp_types::Diagnostic {
     let limit = DOCUMENT_MAX >> 20;
-    let message = format!("a text of more than {limit} MiB is not checked while it is written; `dca check` reads it");
+    about_all(format!("a text of more than {limit} MiB is not checked while it is written; `dca check` reads it"))
+}
+
+/// Says how much more there is to say of a file.
+fn more(count: usize) -> lsp_types::Diagnostic {
+    let told = counted(count, "more remark");
+    about_all(format!("{told} on this file not shown here, after the first {REMARKS_MAX}; `dca check` prints all"))
+}
+
+/// A remark on a file as a whole.
+fn about_all(message: String) -> lsp_types::Diagnostic {
     lsp_types::Diagnostic {
         range: Range::default(),
         severity: Some(DiagnosticSeverity::Warning),

@@ -125,6 +125,21 @@ fn a_repair_that_was_verified_is_offered() {
 }
 
 #[test]
+fn remarks_that_are_not_shown_are_counted() {
+    let mut editor = Editor::ready(NOBODY, &json!({}));
+    let uri = "untitled:many";
+    let names = (0..600).map(|index| format!("unknown{index}")).collect::<Vec<_>>().join(", ");
+    let text = format!(
+        "process main() {{ host{{c1}} instantiated_processes {{ arm instof Arm(c1); }} internal_event_actions {{ arm, {names} }} }}\n"
+    );
+    editor.open(uri, &text);
+    let told = editor.diagnostics(uri, 1);
+    let last = told[told.len() - 1]["message"].as_str().unwrap();
+    assert!(told.len() == 501 && last.contains("more remarks on this file not shown here"), "{}: {last}", told.len());
+    assert!(editor.end().success());
+}
+
+#[test]
 fn nothing_that_is_said_ends_the_server() {
     let mut editor = Editor::start(NOBODY);
     assert_eq!(editor.ask("textDocument/hover", &at("a", 0, 0))["error"]["code"], -32002);
