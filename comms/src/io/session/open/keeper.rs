@@ -142,20 +142,23 @@ pub(super) async fn connect(dialler: &Dialler, id: ZenohId) {
     }
 }
 
-/// Tries to make a link: at the known places, and a moment later at those that were said on the network. The known places are asked
-/// again and again while the others take their time, since a node may refuse until it has noticed a cut. Takes note of the reason if
-/// there is no link.
+/// Tries to make a link: at the known places, and a moment later at those that were said on the network. While those take their
+/// time the known places are asked again, since a node may refuse until it has noticed a cut. If there is no link, the reason is kept.
 async fn attempt(dialler: &Dialler, id: ZenohId, place: &Place) {
     let session = id.to_string();
     let stands = || lock(&dialler.links).standing.contains(&session);
     let note = |why: String| {
-        if !stands() {
-            lock(&dialler.links).troubles.insert(session.clone(), why);
+        let mut links = lock(&dialler.links);
+        if !links.standing.contains(&session) {
+            links.troubles.insert(session.clone(), why);
         }
     };
     let others_failed = AtomicBool::new(false);
     let known = async {
-        while !place.known.is_empty() && !stands() {
+        if place.known.is_empty() {
+            return Err(());
+        }
+        while !stands() {
             match make(dialler, id, &place.known).await {
                 Ok(()) => return Ok(()),
                 Err(why) => note(why),
@@ -165,7 +168,7 @@ async fn attempt(dialler: &Dialler, id: ZenohId, place: &Place) {
             }
             tokio::time::sleep(RETRY_MAX.mul_f64(jitter())).await;
         }
-        if place.known.is_empty() { Err(()) } else { Ok(()) }
+        Ok(())
     };
     let proposed = async {
         if !place.known.is_empty() {
