@@ -33,6 +33,10 @@ pub(super) struct Links {
     /// The links that stand, as zenoh's events say. Zenoh is also asked before dialling, but for a moment after a loss
     /// it still answers that there is a link.
     pub(super) standing: BTreeSet<String>,
+    /// The sessions that stand although a link of theirs was lost. Zenoh takes a new link for one more of the old session, even where
+    /// the other side has lost that and begun anew; then each sends what the other does not understand. So no session outlives any of
+    /// its links, and none that is made meanwhile counts.
+    halved: BTreeSet<String>,
     /// The links that are dialled again when they are lost.
     pub(super) kept: BTreeMap<String, Place>,
     /// The peers that the keeper dials right now.
@@ -160,15 +164,45 @@ impl Links {
         }
     }
 
-    /// Forgets a link; returns the other ones of the session.
-    pub(super) fn lose(&mut self, session: &str, both: patience::Ends) -> Vec<patience::Ends> {
-        let Some(ends) = self.ends.get_mut(session) else { return Vec::new() };
-        ends.retain(|(other, _)| *other != both);
-        let left: Vec<patience::Ends> = ends.iter().map(|(other, _)| *other).collect();
-        if left.is_empty() {
-            self.ends.remove(session);
+    /// Takes note that a session stands.
+    pub(super) fn stand(&mut self, session: String) {
+        self.troubles.remove(&session);
+        self.halved.remove(&session);
+        self.standing.insert(session);
+    }
+
+    /// Takes note that a session stands no more.
+    pub(super) fn fall(&mut self, session: &str) {
+        self.halved.remove(session);
+        self.standing.remove(session);
+    }
+
+    /// Takes note of a link of a session, with its ends if it is a TCP link; says whether the session has to end, since it has lost
+    /// another one.
+    pub(super) fn gain(&mut self, session: &str, both: Option<patience::Ends>) -> bool {
+        if let Some(both) = both {
+            self.ends.entry(session.to_owned()).or_default().push((both, Duration::ZERO));
         }
-        left
+        self.halved.contains(session)
+    }
+
+    /// Takes note that a link of a session is lost; says whether the session has to end, since it has others.
+    pub(super) fn lose(&mut self, session: &str, both: Option<patience::Ends>) -> bool {
+        if self.standing.contains(session) {
+            self.halved.insert(session.to_owned());
+        }
+        let Some(ends) = self.ends.get_mut(session) else { return false };
+        ends.retain(|(other, _)| Some(*other) != both);
+        if ends.is_empty() {
+            self.ends.remove(session);
+            return false;
+        }
+        true
+    }
+
+    /// Returns the two ends of each TCP link of a session.
+    pub(super) fn ends_of(&self, session: &str) -> Vec<patience::Ends> {
+        self.ends.get(session).into_iter().flatten().map(|(ends, _)| *ends).collect()
     }
 }
 
@@ -207,6 +241,35 @@ mod tests {
         assert!(hear(&mut links, "new", 3) && links.kept.contains_key("new"), "who is there says so again");
         links.dialling.insert("new".into());
         assert!(!hear(&mut links, "new", 3) && !hear(&mut links, "linked", 1));
+    }
+
+    #[test]
+    fn no_session_outlives_a_link_of_its_own_in_whatever_order_links_come_and_go() {
+        let ends = |port| Some(([127, 0, 0, 1], port).into()).zip(Some(([127, 0, 0, 1], 7).into()));
+        let (old, new) = (ends(1), ends(2));
+        let standing = || {
+            let mut links = Links::default();
+            links.stand("r2".into());
+            assert!(!links.gain("r2", old));
+            links
+        };
+        // The new one is heard of before the old one is lost, or after it.
+        let mut links = standing();
+        assert!(!links.gain("r2", new) && links.lose("r2", old));
+        assert_eq!(links.ends_of("r2"), [new.unwrap()]);
+        for both in [new, None] {
+            let mut links = standing();
+            assert!(!links.lose("r2", old) && links.gain("r2", both));
+        }
+        // A session that has ended and begun anew is another one.
+        let mut links = standing();
+        assert!(!links.lose("r2", old));
+        links.fall("r2");
+        links.stand("r2".into());
+        assert!(!links.gain("r2", new));
+        let mut links = standing();
+        links.fall("r2");
+        assert!(!links.lose("r2", old) && !links.gain("r2", new));
     }
 
     fn locator(text: &str) -> Locator {

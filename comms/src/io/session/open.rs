@@ -174,11 +174,7 @@ impl Opened {
 
     /// Ends the links to a session.
     pub(crate) fn cut(&self, session: &str) {
-        if self.dialler.tunnels.as_ref().is_some_and(|tunnels| tunnels.cut(session)) {
-            return;
-        }
-        let ends = lock(&self.dialler.links).ends.get(session).cloned();
-        ends.into_iter().flatten().for_each(|(ends, _)| patience::cut(ends));
+        self.dialler.cut(session);
     }
 
     /// Notes, as long as this session lives, why nodes that it was told of are not linked. Zenoh dials them itself, and says
@@ -290,13 +286,9 @@ fn watch_links(
     let on_transport = move |event: TransportEvent| {
         let session = event.transport().zid().to_string();
         match event.kind() {
-            SampleKind::Put => {
-                let mut links = lock(&links);
-                links.troubles.remove(&session);
-                links.standing.insert(session);
-            }
+            SampleKind::Put => lock(&links).stand(session),
             SampleKind::Delete => {
-                lock(&links).standing.remove(&session);
+                lock(&links).fall(&session);
                 lost.push(Change::Wanted(session));
             }
         }
@@ -307,15 +299,14 @@ fn watch_links(
     let on_link = move |event: LinkEvent| {
         let link = event.link();
         let session = link.zid().to_string();
-        let Some(both) = address(link.src()).zip(address(link.dst())) else { return };
-        if event.kind() == SampleKind::Delete {
-            let left = lock(&ends).lose(&session, both);
-            if !left.is_empty() {
-                made.push(Change::Halved(left));
-            }
+        let both = address(link.src()).zip(address(link.dst()));
+        let is_made = event.kind() == SampleKind::Put;
+        let is_halved = if is_made { lock(&ends).gain(&session, both) } else { lock(&ends).lose(&session, both) };
+        if is_halved {
+            made.push(Change::Halved(session));
             return;
         }
-        lock(&ends).ends.entry(session.clone()).or_default().push((both, Duration::ZERO));
+        let Some(both) = both.filter(|_| is_made) else { return };
         // What comes first may be lost, too, and the system would repeat it later and later.
         made.push(Change::New(both));
         if redial == Redial::Found {

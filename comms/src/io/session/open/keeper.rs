@@ -44,6 +44,17 @@ pub(super) struct Dialler {
     pub(super) tunnels: Option<Arc<Tunnels>>,
 }
 
+impl Dialler {
+    /// Ends the links to a session.
+    pub(super) fn cut(&self, session: &str) {
+        if self.tunnels.as_ref().is_some_and(|tunnels| tunnels.cut(session)) {
+            return;
+        }
+        let ends = lock(&self.links).ends_of(session);
+        ends.into_iter().for_each(patience::cut);
+    }
+}
+
 /// An event that the keeper acts on.
 pub(super) enum Change {
     /// A TCP link was made, to somebody who may be dialled there again.
@@ -52,8 +63,8 @@ pub(super) enum Change {
     New(patience::Ends),
     /// A link was lost, or is to be made.
     Wanted(String),
-    /// A session has lost one of its links, and still has these.
-    Halved(Vec<patience::Ends>),
+    /// A session has lost one of its links, and still has others.
+    Halved(String),
 }
 
 /// Dials kept peers again as their links are lost, until the session closes. `port` is where it listens itself.
@@ -83,10 +94,9 @@ pub(super) async fn keep(dialler: Dialler, port: Option<u16>, mut changes: Recei
                 continue;
             }
             Some(Change::Wanted(session)) => session,
-            // Zenoh takes a new link for one more of the old session, even where the other side has lost that and begun anew; then
-            // each sends what the other does not understand. So no session outlives any of its links.
-            Some(Change::Halved(left)) => {
-                left.into_iter().for_each(patience::cut);
+            Some(Change::Halved(session)) => {
+                tracing::debug!(session, "a link was lost, the others are ended");
+                dialler.cut(&session);
                 continue;
             }
         };
