@@ -8,11 +8,13 @@ use crate::io::{named_file, whole_file};
 use crate::{Controllers, check};
 use anyhow::{Context as _, anyhow};
 use comms::io::clock;
+use comms::logic::human::size;
 use comms::logic::time::Time;
 use language::plan::Plan;
 use language::sites::Sites;
 use language::{Severity, Source, Texts, compile_with_sites, render};
 use node::console::{self, Failure};
+use node::logic::table::counted;
 use serde_json::{Value, json};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -210,12 +212,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(format) = arguments.export {
         return export(&loaded, arguments.limits, format);
     }
+    let start = clock::now();
     let report = arguments.limits.with(|limits| verify::verify(&loaded.plan, &loaded.sites, limits));
+    let took = clock::now().since(start);
     let fails = report.findings.iter().any(|finding| finding.verdict == Verdict::Fails);
     if arguments.json {
         console::say(&json(&loaded, &report));
     } else if !(fails && arguments.fix) {
         console::say(&report.text(&loaded.spec, &loaded.interfaces, check::style()));
+        console::note(&effort(&report, took));
     }
     let story = report.findings.iter().find_map(|finding| Some((finding, finding.story.as_ref()?)));
     match arguments.svg.as_ref().zip(story) {
@@ -244,6 +249,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if report.is_limited { Err(Failure::Limited) } else { Ok(()) }
 }
 
+/// The states, time and memory of a verdict.
+fn effort(report: &Report, took: Duration) -> String {
+    let seconds = took.as_secs_f64();
+    #[expect(clippy::cast_precision_loss, reason = "a rate is rounded")]
+    let rate = report.states as f64 / seconds.max(1e-3);
+    let states = counted(report.states, "state");
+    format!("looked at {states} in {seconds:.2} s, {rate:.0} a second, with {} at most", size(report.memory as u64))
+}
+
 /// Prints the model, or the transition system; one that is not whole is not printed.
 fn export(loaded: &Loaded, limits: LimitArgs, format: Export) -> Result<(), Failure> {
     let Loaded { plan, sites, .. } = loaded;
@@ -267,7 +281,7 @@ fn say(text: &str) -> Result<(), Failure> {
 }
 
 /// The whole report for a program: `{"version", "spec", "findings": [{"verdict", "sentence", "diagnostic", "story", "assumes"}],
-/// "states", "transitions", "assumed"}`. `assumes` is what one proof rests on, `{"text", "story"}`. A verdict is
+/// "states", "transitions", "memory_bytes", "assumed"}`. `assumes` is what one proof rests on, `{"text", "story"}`. A verdict is
 /// `proved`, `fails` or `open`; diagnostics are those of `dca check --format json`; what a limit has left open has neither
 /// diagnostic nor story.
 fn json(loaded: &Loaded, report: &Report) -> String {
@@ -292,6 +306,7 @@ fn json(loaded: &Loaded, report: &Report) -> String {
         "findings": report.findings.iter().map(finding).collect::<Vec<_>>(),
         "states": report.states,
         "transitions": report.transitions,
+        "memory_bytes": report.memory,
         "assumed": report.assumptions,
     });
     format!("{document:#}")

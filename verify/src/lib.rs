@@ -44,6 +44,7 @@ pub use story::{Became, Move, Step, Story, seconds};
 pub use system::FaultKind;
 pub use threads::{Alone, Threads};
 
+use catalogue::Catalogue;
 use language::plan::Plan;
 use language::sites::{Sentence, Sites};
 use std::collections::BTreeMap;
@@ -58,6 +59,8 @@ pub struct Report {
     pub states: u64,
     /// How many transitions were taken.
     pub transitions: u64,
+    /// The most memory that one exploration took, in bytes.
+    pub memory: usize,
     /// Whether a limit was reached, so that something was left out.
     pub is_limited: bool,
     /// What was taken for granted.
@@ -76,8 +79,8 @@ pub fn verify_in_pieces(plan: &Plan, sites: &Sites, limits: &Limits<'_>, whole: 
 }
 
 fn report(mut model: Model<'_>, limits: &Limits<'_>) -> Report {
-    let catalogue = catalogue::explore_parts(&mut model, limits);
-    let mut findings = catalogue.findings;
+    let mut catalogue = catalogue::explore_parts(&mut model, limits);
+    let mut findings = std::mem::take(&mut catalogue.findings);
     let times = times(&model);
     findings.extend(wires::check(&model, limits));
     findings.extend(limits::check(&times, limits));
@@ -92,7 +95,8 @@ fn report(mut model: Model<'_>, limits: &Limits<'_>) -> Report {
         let lost = "no host is lost, where a sentence does not say so: `on loss of host(c1): ...`, and `dca fmea`";
         assumptions.push(lost.to_owned());
     }
-    Report { findings, states: catalogue.states, transitions: catalogue.transitions, is_limited, assumptions }
+    let Catalogue { states, transitions, memory, .. } = catalogue;
+    Report { findings, states, transitions, memory, is_limited, assumptions }
 }
 
 /// Answers the sentences of `verify` blocks alone.
