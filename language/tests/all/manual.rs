@@ -19,6 +19,7 @@
 
 use crate::disk;
 
+use language::ide::Analysis;
 use language::syntax::{SyntaxKind, lex};
 use language::{Code, Compiled, Options, RandomRun, Severity, Simulation, Source, Style};
 use language::{compile, format, gather, graph, render};
@@ -334,4 +335,27 @@ fn examples() -> BTreeMap<Code, String> {
         }
     }
     shortest
+}
+
+#[test]
+fn every_section_of_a_group_is_listed() {
+    let page = read(&docs().join("groups.md"));
+    let rows = page.lines().filter_map(|line| line.strip_prefix("| [`")?.split('`').next());
+    let text = "process main(){ }";
+    let analysis = Analysis::new(Source::new("a.dca", text), Vec::new(), &Options::named("a"));
+    let (_, offers) = analysis.complete(text.len() - 1);
+    let sections: BTreeSet<&str> = offers.iter().map(|offer| offer.label.trim()).collect();
+    assert_eq!(rows.collect::<BTreeSet<_>>(), sections);
+}
+
+/// The README and the list of examples say how many programs open the door.
+#[test]
+fn the_programs_of_the_door_are_counted() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let spec = Source::new("door_opening.dca", read(&root.join("specs/door_opening.dca")));
+    let plan = compile(&spec, &interfaces(), &Options::named("door_opening")).plan.expect("the spec has no errors");
+    let told = format!("{} programs", plan.leaves.len());
+    for page in ["README.md", "docs/src/examples.md"] {
+        assert!(read(&root.join(page)).contains(&told), "{page} does not say {told:?}");
+    }
 }
