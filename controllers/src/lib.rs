@@ -8,6 +8,7 @@
 //! let gripper = registry.create("GripperControl", &["open"]).expect("it is there");
 //! assert!(!gripper.interface().about.service);
 //! assert!(registry.create("GripperControl", &["ajar"]).is_err());
+//! assert!(registry.create("DoorWorld", &[]).is_ok());
 //! ```
 
 // What the derive macros write says `::controllers`, here as elsewhere.

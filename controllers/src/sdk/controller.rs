@@ -126,15 +126,17 @@ impl Progress {
         }
     }
 
-    /// Returns the normal end `tag`, one of [`About::outcomes`], leaving `value` to the next process.
+    /// Returns the normal end `tag`, one of [`About::outcomes`], leaving `value` to the next process; `&()` leaves none.
     ///
-    /// The bytes are one with the length of the tag, the tag, and the value: what postcard makes of `(tag, value)`. A
-    /// `match` takes the tag off again. A tag that is empty or too long is an abort.
-    pub fn outcome(tag: &str, value: &[u8]) -> Self {
-        match u8::try_from(tag.len()) {
-            Ok(length) if (1..=TAG_MAX).contains(&tag.len()) => Self::Done([&[length], tag.as_bytes(), value].concat()),
-            Ok(_) | Err(_) => Self::Aborted(format!("`{tag}` cannot be the tag of an outcome")),
+    /// The bytes are the postcard encoding of `(tag, value)`: the length of the tag in one byte, the tag, and the value as
+    /// [`Progress::done`] encodes it. A `match` takes the tag off again. A tag that is empty or longer than [`TAG_MAX`] is
+    /// an abort, and so is a value that `done` refuses. Whether `About::outcomes` has the tag is checked when the process
+    /// ends.
+    pub fn outcome<T: Serialize + ?Sized>(tag: &str, value: &T) -> Self {
+        if !(1..=TAG_MAX).contains(&tag.len()) {
+            return Self::Aborted(format!("`{tag}` cannot be the tag of an outcome"));
         }
+        Self::done(&(tag, value))
     }
 }
 

@@ -158,6 +158,9 @@ mod tests {
     fn outcomes_are_declared_in_the_text_and_kept_to() {
         assert!(interface().text().contains("  done(found: Pose | missing);\n"), "{}", interface().text());
         assert_eq!(Progress::outcome("found", b"pose"), Progress::Done(b"\x05foundpose".to_vec()));
+        assert_eq!(Progress::outcome("missing", &()), Progress::Done(b"\x07missing".to_vec()));
+        assert_eq!(Progress::outcome("found", &(1_u8, "at")), Progress::done(&("found", (1_u8, "at"))));
+        assert!(matches!(Progress::outcome("found", &f64::NAN), Progress::Aborted(_)));
         for (value, is_one) in
             [(&b"\x05foundpose"[..], true), (b"\x07missing", true), (b"\x04lost", false), (b"", false)]
         {

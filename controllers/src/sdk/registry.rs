@@ -113,7 +113,7 @@ impl Registry {
     ///
     /// # Errors
     /// If there is no such type, or the arguments do not fit it.
-    pub fn create<S: AsRef<str>>(&self, type_name: &str, given: &[S]) -> Result<Box<dyn Module>, CreateError> {
+    pub fn create(&self, type_name: &str, given: &[&str]) -> Result<Box<dyn Module>, CreateError> {
         self.create_at(("", ""), type_name, given)
     }
 

@@ -272,8 +272,8 @@ fn a_trigger_from_outside_does_not_shift_the_period_of_others() {
     let fast =
         InProcessGroup::new("Fast", "Counts faster.").member::<Metronome>("one", nothing).expose(("one", "Out"), "Out");
     registry.add_group(fast).unwrap().add::<Sink>();
-    let fast = harness.add(registry.create::<&str>("Fast", &[]).unwrap());
-    let sink = harness.add(registry.create::<&str>("Sink", &[]).unwrap());
+    let fast = harness.add(registry.create("Fast", &[]).unwrap());
+    let sink = harness.add(registry.create("Sink", &[]).unwrap());
     for (from, to) in [(fast, group), (group, sink)] {
         let wire = harness.connect((from, "Out"), (to, "In")).unwrap();
         harness.open(wire);

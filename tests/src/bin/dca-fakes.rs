@@ -84,7 +84,7 @@ impl Module for Fake {
         let Some(order) = self.order() else { return Progress::Continue };
         let progress = match order.trim().split_once(' ').unwrap_or((order.trim(), "")) {
             ("done", "") => Progress::Done(Vec::new()),
-            ("done", tag) => Progress::outcome(tag, &[]),
+            ("done", tag) => Progress::outcome(tag, &()),
             ("abort", why) => Progress::Aborted(why.to_owned()),
             _ => {
                 self.works = false;

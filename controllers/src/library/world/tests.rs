@@ -23,7 +23,7 @@ struct Bench {
 impl Bench {
     /// Returns one that grants locks already.
     fn new(commands: &str) -> Self {
-        let mut world = registry().create("DoorWorld", &[format!("commands={commands}")]).unwrap();
+        let mut world = registry().create("DoorWorld", &[&format!("commands={commands}")]).unwrap();
         let now = Time::ZERO + Duration::from_secs(7);
         world.init(&[], now).unwrap();
         let mut bench = Self { world, now };
