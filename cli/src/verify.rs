@@ -330,3 +330,22 @@ pub(crate) fn story(story: &Story) -> Value {
     });
     json!({ "steps": steps.collect::<Vec<_>>(), "travels": story.travels, "running": story.running, "stopping": story.stopping, "untold": story.untold, "ended": ended })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use verify::{Alone, Always, Limits};
+
+    #[test]
+    fn a_verdict_says_what_it_took() {
+        let text = "module Step { done; }\nprocess main(){ host{c1} resource arm; instantiated_processes{ a instof Step(c1); b instof Step(c1); } \
+                    internal_event_actions{ using(arm) a, using(arm) b } }";
+        let (compiled, sites) = compile_with_sites(&Source::new("a.dca", text), &[], &language::Options::named("a"));
+        let limits = Limits { states: 1000, memory: 1 << 20, threads: &Alone, goes_on: &Always };
+        let report = verify::verify(&compiled.plan.unwrap(), &sites.unwrap(), &limits);
+        assert!(report.states > 0 && report.memory > 0, "{report:?}");
+        let report = Report { states: 1000, memory: 2 << 20, ..report };
+        let told = effort(&report, Duration::from_millis(500));
+        assert_eq!(told, "looked at 1000 states in 0.50 s, 2000 a second, with 2 MiB at most");
+    }
+}
