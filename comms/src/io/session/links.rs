@@ -200,6 +200,17 @@ impl Links {
         true
     }
 
+    /// Returns the sessions that stand, or have TCP links.
+    pub(super) fn linked(&self) -> BTreeSet<String> {
+        self.standing.iter().chain(self.ends.keys()).cloned().collect()
+    }
+
+    /// Takes note that nothing is left of a session, whatever was heard of its links.
+    pub(super) fn forget(&mut self, session: &str) {
+        self.fall(session);
+        self.ends.remove(session);
+    }
+
     /// Returns the two ends of each TCP link of a session.
     pub(super) fn ends_of(&self, session: &str) -> Vec<patience::Ends> {
         self.ends.get(session).into_iter().flatten().map(|(ends, _)| *ends).collect()

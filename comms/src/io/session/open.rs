@@ -2,6 +2,7 @@
 //! own, which can dial a peer at any time.
 
 mod keeper;
+mod strays;
 
 use super::config::Settings;
 use super::links::{Links, Place, PlaceFound, lock};
@@ -18,6 +19,7 @@ use std::os::fd::BorrowedFd;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
+use strays::end_strays;
 use tokio::sync::watch;
 use zenoh::Wait;
 use zenoh::config::{Locator, ZenohId};
@@ -100,6 +102,7 @@ impl Opened {
         let port = if let Search::Found(_, port) = search { Some(port) } else { None };
         let dialler = Dialler { runtime, links, tunnels };
         let keeper = ZRuntime::Net.spawn(keep(dialler.clone(), port, changes));
+        let strays = ZRuntime::Net.spawn(end_strays(session.clone(), dialler.clone(), Arc::clone(&to_keeper)));
         let (addresses_tx, addresses) = watch::channel(Vec::new());
         // Of a team nobody outside hears a name; that is also how both kinds tell each other apart.
         let shown = |name: &String| if dialler.tunnels.is_some() { String::new() } else { name.clone() };
@@ -110,7 +113,7 @@ impl Opened {
         let heard = hears(id, dialler.clone(), Arc::clone(&to_keeper));
         let looking = (!matches!(search, Search::Off)).then(|| nearby::look(own, addresses_tx, heard));
         let looking = looking.map(|looking| ZRuntime::Net.spawn(looking));
-        let mut tasks: Vec<_> = [keeper].into_iter().chain(looking).collect();
+        let mut tasks: Vec<_> = [keeper, strays].into_iter().chain(looking).collect();
         if let Some(tunnels) = &dialler.tunnels {
             let serving = listeners.into_iter().flatten().map(|listener| Arc::clone(tunnels).serve(listener));
             tasks.extend(serving.map(|serving| ZRuntime::Net.spawn(serving)));

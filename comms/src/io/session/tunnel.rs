@@ -187,6 +187,13 @@ impl Tunnels {
         ends.is_some_and(|ends| patience::set(ends, patience))
     }
 
+    /// Returns the sessions whose tunnels have stood for so long.
+    pub(super) fn older_than(&self, age: Duration) -> Vec<String> {
+        let (table, now) = (self.table(), now());
+        let old = table.all().filter(|(_, standing)| now - standing.since >= age);
+        old.map(|(session, _)| session.clone()).collect()
+    }
+
     /// Ends a tunnel; says whether there is one.
     pub(super) fn cut(&self, session: &str) -> bool {
         self.table().get(session).map(|standing| standing.end.notify_one()).is_some()
