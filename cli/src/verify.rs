@@ -14,7 +14,6 @@ use language::plan::Plan;
 use language::sites::Sites;
 use language::{Severity, Source, Texts, compile_with_sites, render};
 use node::console::{self, Failure};
-use node::logic::table::counted;
 use serde_json::{Value, json};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -249,13 +248,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if report.is_limited { Err(Failure::Limited) } else { Ok(()) }
 }
 
-/// The states, time and memory of a verdict.
+/// The time and memory that a verdict took; its text says the states.
 fn effort(report: &Report, took: Duration) -> String {
     let seconds = took.as_secs_f64();
     #[expect(clippy::cast_precision_loss, reason = "a rate is rounded")]
     let rate = report.states as f64 / seconds.max(1e-3);
-    let states = counted(report.states, "state");
-    format!("looked at {states} in {seconds:.2} s, {rate:.0} a second, with {} at most", size(report.memory as u64))
+    format!("it took {seconds:.2} s: {rate:.0} states a second, {} of memory at most", size(report.memory as u64))
 }
 
 /// Prints the model, or the transition system; one that is not whole is not printed.
@@ -346,6 +344,6 @@ mod tests {
         assert!(report.states > 0 && report.memory > 0, "{report:?}");
         let report = Report { states: 1000, memory: 2 << 20, ..report };
         let told = effort(&report, Duration::from_millis(500));
-        assert_eq!(told, "looked at 1000 states in 0.50 s, 2000 a second, with 2 MiB at most");
+        assert_eq!(told, "it took 0.50 s: 2000 states a second, 2 MiB of memory at most");
     }
 }
