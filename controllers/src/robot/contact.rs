@@ -77,6 +77,8 @@ pub struct Push {
 pub struct Grasp {
     description: Description,
     held: Option<Held>,
+    /// The fingertips are beside the lever, further in than its face. From there they do not meet the face.
+    is_beside: bool,
 }
 
 /// A lever between closed fingers.
@@ -93,7 +95,7 @@ struct Held {
 impl Grasp {
     /// Returns open fingers.
     pub fn new(description: Description) -> Self {
-        Self { description, held: None }
+        Self { description, held: None, is_beside: false }
     }
 
     /// Returns whether the lever is held.
@@ -165,12 +167,14 @@ impl Grasp {
     }
 
     /// Fingertips against the lever.
-    fn touch(&self, hand: &Hand, handle: &Handle) -> Push {
+    fn touch(&mut self, hand: &Hand, handle: &Handle) -> Push {
         let is = &self.description;
         let offset = hand.world_from_tool.translation.vector - handle.world_from_handle.translation.vector;
         let beyond = -offset.dot(&handle.outward);
         let beside = offset + handle.outward * beyond;
-        if beyond <= 0.0 || beside.norm() > is.touch_reach {
+        // A lever that comes back from beside the fingers once met them with 725 N, as if they had been pressed 60 mm into it.
+        self.is_beside = beyond > 0.0 && (self.is_beside || beside.norm() > is.touch_reach);
+        if beyond <= 0.0 || self.is_beside {
             return Push::default();
         }
         let closing = -(hand.velocity - handle.velocity).dot(&handle.outward);
@@ -224,6 +228,21 @@ mod tests {
         assert!(grasp.push(&middle, &handle).force.norm() < 1e-9);
         grasp.centre(&hand(&handle, Vector3::new(0.0, 0.001, 0.0), Vector3::zeros()), &handle, 40.0);
         assert!(grasp.push(&middle, &handle).force.norm() < 1e-9);
+    }
+
+    #[test]
+    fn fingertips_meet_a_lever_from_before_it_alone() {
+        let handle = Door::new(door::Description::default()).handle();
+        let mut grasp = Grasp::new(Description::default());
+        let inwards = handle.world_from_handle.rotation.inverse() * -handle.outward;
+        let along = inwards.cross(&Vector3::y());
+        let mut at = |depth: f64, aside: f64| {
+            grasp.push(&hand(&handle, inwards * depth + along * aside, Vector3::zeros()), &handle).force.norm()
+        };
+        assert!(at(-0.01, 0.0) <= 0.0 && at(0.003, 0.0) > 20.0 && at(0.003, 0.049) > 20.0);
+        // The lever slides off the fingers, goes on, and comes back from beside them.
+        assert!(at(0.003, 0.051) <= 0.0 && at(0.06, 0.051) <= 0.0 && at(0.06, 0.04) <= 0.0);
+        assert!(at(-0.001, 0.04) <= 0.0 && at(0.003, 0.04) > 20.0, "from before it they meet it again");
     }
 
     #[test]
