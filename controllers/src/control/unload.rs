@@ -2,7 +2,8 @@
 //!
 //! An arm that only stops stays wound up against what it holds: after a locked door it pressed on with 64 N. So it gives way
 //! until it feels next to nothing. What it has wound up, a stiff grasp or a lever that is down, pushes it less and less on the
-//! way. What pushes on all the same, a door closer, is held as it is: giving way would not help.
+//! way. A door closer pushes on all the same, and giving way only shuts the door that was just opened. So the hand then goes back
+//! to where its force had last fallen, and holds the door there.
 //!
 //! Source: ours; an admittance as of [`super::compliant`], which says why its gain is what it is.
 
@@ -26,6 +27,14 @@ const FALL: f64 = 2.0;
 /// The longest way (m) and time (s).
 const WAY_MAX: f64 = 0.06;
 const TIME_MAX: f64 = 2.6;
+/// A force that is smaller than before by so much has fallen (N): more than noise.
+const FALLEN: f64 = 1.0;
+/// The gain and the largest speed with which the hand goes back (1/s, m/s), and how near is there (m). It goes back more slowly the more
+/// its force is greater than it was at first, and not at all with so much more (N): friction and the leaf's inertia.
+const BACK_GAIN: f64 = 12.0;
+const BACK_MAX: f64 = 0.05;
+const BACK_AT: f64 = 0.001;
+const BACK_HARDER: f64 = 20.0;
 
 /// A hand that unloads itself.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,13 +45,26 @@ pub struct Unloading {
     time: f64,
     /// The way and the force (N) at the last look whether the force falls.
     looked: Option<(f64, f64)>,
+    /// From where it began to where the hand is (m, tool axes).
+    place: Vector3<f64>,
+    least: Option<Least>,
+    goes_back: bool,
     is_over: bool,
+}
+
+/// The place (m, tool axes) at which a force had last fallen, how large it is there, and how large it was at first (N).
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Least {
+    place: Vector3<f64>,
+    force: f64,
+    first: f64,
 }
 
 impl Default for Unloading {
     fn default() -> Self {
         let (guard, at_ease) = (OscillationGuard::default(), Debounce::new(IN_A_ROW));
-        Self { guard, at_ease, way: 0.0, time: 0.0, looked: None, is_over: false }
+        let (place, least) = (Vector3::zeros(), None);
+        Self { guard, at_ease, way: 0.0, time: 0.0, looked: None, place, least, goes_back: false, is_over: false }
     }
 }
 
@@ -54,21 +76,42 @@ impl Unloading {
         let torque: Vector3<f64> = wrench_in_tool.fixed_rows::<3>(3).into();
         let (size, share) = (force.norm(), self.guard.update(&force, dt));
         let (way, before) = *self.looked.get_or_insert((0.0, size));
+        let least = self.least.get_or_insert(Least { place: self.place, force: size, first: size });
+        if size < least.force - FALLEN {
+            (least.place, least.force) = (self.place, size);
+        }
+        let least = *least;
         self.is_over |= self.time <= 0.0 && size < LOADED;
         self.time += dt;
         if self.way - way >= STRETCH {
-            self.is_over |= before - size < FALL;
+            // What pushes harder and harder is no closer, and is not pushed back.
+            self.is_over |= size - before > FALL;
+            self.goes_back |= before - size < FALL;
             self.looked = Some((self.way, size));
         }
-        self.is_over |= self.at_ease.update(size < AT_EASE) || self.way > WAY_MAX || self.time > TIME_MAX;
-        if self.is_over || !size.is_finite() {
-            self.is_over = true;
-            return None;
-        }
-        let linear = (force * GAIN * share).cap_magnitude(SPEED_MAX);
-        let angular = (torque * TURN * share).cap_magnitude(TURN_MAX);
-        self.way += linear.norm() * dt;
-        Some(Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z))
+        let eased = !self.goes_back && self.at_ease.update(size < AT_EASE);
+        self.is_over |= eased || self.way > WAY_MAX || self.time > TIME_MAX || !size.is_finite();
+        let twist = match self.goes_back {
+            _ if self.is_over => None,
+            true => self.back(&least, size, share),
+            false => {
+                let linear = (force * GAIN * share).cap_magnitude(SPEED_MAX);
+                let angular = (torque * TURN * share).cap_magnitude(TURN_MAX);
+                Some(Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z))
+            }
+        };
+        let linear = twist.map_or_else(Vector3::zeros, |twist| twist.fixed_rows::<3>(0).into());
+        (self.place, self.way) = (self.place + linear * dt, self.way + linear.norm() * dt);
+        self.is_over |= twist.is_none();
+        twist
+    }
+
+    /// Returns the velocity (m/s, rad/s, tool axes) back to where the force was `least`; none once the hand is there.
+    fn back(&self, least: &Least, size: f64, share: f64) -> Option<Vector6<f64>> {
+        let missing = least.place - self.place;
+        let slower = (1.0 - (size - least.first) / BACK_HARDER).clamp(0.0, 1.0) * share;
+        let linear = (missing * BACK_GAIN).cap_magnitude(BACK_MAX) * slower;
+        (missing.norm() >= BACK_AT).then(|| Vector6::new(linear.x, linear.y, linear.z, 0.0, 0.0, 0.0))
     }
 }
 
@@ -106,9 +149,25 @@ mod tests {
     }
 
     #[test]
-    fn what_pushes_on_is_held() {
-        let (left, way, _) = unloaded(6000.0, 0.0, 12.0);
-        assert!(left > 11.0 && way < 1.1 * STRETCH, "{left} N, {way} m");
+    fn what_pushes_on_is_held_where_it_was() {
+        // A door closer alone, then one in a grasp that is wound up by 3 mm and 5 mm: those are let go of.
+        for (load, wound_up) in [(0.0, 0.0), (18.0, 0.003), (30.0, 0.005)] {
+            let (left, way, time) = unloaded(6000.0, load, 12.0);
+            assert!((left - 12.0).abs() < 2.5, "{load} N: {left} N");
+            // The delay adds what the hand goes in it.
+            assert!((way - wound_up).abs() < 0.003 && time < TIME_MAX, "{load} N: {way} m, {time} s");
+        }
+    }
+
+    #[test]
+    fn what_pushes_harder_and_harder_is_not_pushed_back() {
+        let (mut unloading, mut at, mut furthest, mut force) = (Unloading::default(), 0.0, 0.0_f64, 40.0);
+        while let Some(twist) = unloading.update(&(Vector6::z() * force), DT) {
+            at += twist[2] * DT;
+            furthest = furthest.max(at);
+            force += 15.0 * DT;
+        }
+        assert!(at >= furthest && at < 1.2 * STRETCH, "{at} of {furthest} m");
     }
 
     #[test]

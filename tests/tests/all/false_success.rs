@@ -164,7 +164,7 @@ fn wheels_that_slide_open_no_door() {
         let mission = Mission { arguments: world.clone(), ..Mission::nominal() };
         let outcome = mission.fly(DOOR, LIMIT).unwrap_or_else(|why| panic!("{why}"));
         let is_told = outcome.reason().contains("the wheels have slipped");
-        assert!(outcome.worst < 60.0 && (is_told || outcome.angle > 65.0), "{world}: {outcome:?}");
+        assert!(outcome.worst < 60.0 && (is_told || outcome.angle > 66.0), "{world}: {outcome:?}");
     }
 }
 
