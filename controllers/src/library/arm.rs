@@ -2,6 +2,7 @@
 
 use super::grant::{Grant, LockCalls, PRIORITY, Right};
 use super::{FRESH, SENSED, Watch, ramp_dt, seconds};
+use crate::control::filter::Debounce;
 use crate::control::follow::Follow;
 use crate::control::puma560::{self, Joints};
 use crate::control::ramp::towards;
@@ -9,7 +10,7 @@ use crate::control::unload::Unloading;
 use crate::message::{ArmCommand, ArmState, FtState, JointState, JointVelocity, Velocity};
 use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Parameter, Progress, Stopping, Tick};
 use comms::logic::time::Time;
-use nalgebra::Vector6;
+use nalgebra::{Vector3, Vector6};
 use std::time::Duration;
 
 const ACCELERATION_MAX: f64 = 8.0;
@@ -19,6 +20,9 @@ const SETTLING: Duration = Duration::from_millis(100);
 const LIMIT_MARGIN: f64 = 0.03;
 /// The longest stop, in which the hand lets go of its force.
 const STOP_WITHIN: Duration = Duration::from_millis(3500);
+/// A force on the hand that ends everything (N), whatever moves the arm, if so many samples in a row say so: single ones may be wrong.
+const FORCE_MAX: f64 = 80.0;
+const FORCE_IN_A_ROW: u32 = 4;
 /// After a gap this long the drives have stopped by themselves.
 const GAP: f64 = 0.08;
 
@@ -57,6 +61,7 @@ struct Servo {
     command: Joints,
     follow: Follow,
     watch: Watch,
+    overload: Debounce,
     unloading: Unloading,
     resting: Duration,
     grant: Grant,
@@ -69,13 +74,21 @@ impl Servo {
     fn new(owner: &'static str, arguments: &Arguments) -> Result<Self, String> {
         let (command, watch, grant) = (Joints::zeros(), Watch::default(), Grant::new("arm", arguments)?);
         let (follow, unloading, resting) = (Follow::default(), Unloading::default(), Duration::ZERO);
-        Ok(Self { owner, command, follow, watch, unloading, resting, grant })
+        let overload = Debounce::new(FORCE_IN_A_ROW);
+        Ok(Self { owner, command, follow, watch, overload, unloading, resting, grant })
     }
 
     fn begin(&mut self) -> Result<(), String> {
         (self.command, self.watch, self.resting) = (Joints::zeros(), Watch::default(), Duration::ZERO);
         (self.follow, self.unloading) = (Follow::default(), Unloading::default());
+        self.overload = Debounce::new(FORCE_IN_A_ROW);
         self.grant.begin()
+    }
+
+    /// Takes a new sample of the wrist sensor, if there is one; returns why the arm has to stop, and let go, if it must.
+    fn overloaded(&mut self, force: Option<&FtState>) -> Option<String> {
+        let size = Vector3::from(force?.force).norm();
+        self.overload.update(size > FORCE_MAX).then(|| format!("the force on the hand exceeds {FORCE_MAX:.0} N"))
     }
 
     /// Sends what brings the joints to `wanted` (rad/s), if it may.
@@ -205,6 +218,9 @@ impl Controller for Puma560Ctrl {
                 angles: state.angles,
                 rates: state.rates,
             });
+        }
+        if let Some(why) = self.servo.overloaded(inputs.force.fresh()) {
+            return Progress::Aborted(why);
         }
         let wanted = inputs.rates.fresh_within(tick.now, FRESH).map_or_else(Joints::zeros, |v| v.rates.into());
         let state = inputs.state.fresh_within(tick.now, SENSED);
@@ -337,6 +353,9 @@ impl Controller for Puma560 {
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &ArmInputs, outputs: &mut ArmOutputs) -> Progress {
+        if let Some(why) = self.servo.overloaded(inputs.force.fresh()) {
+            return Progress::Aborted(why);
+        }
         let wanted = Self::wanted(tick.now, inputs).unwrap_or_else(Joints::zeros);
         let state = inputs.state.fresh_within(tick.now, SENSED);
         self.servo.work(tick, (state, &wanted), (&mut outputs.command, &mut outputs.lock))

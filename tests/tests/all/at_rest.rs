@@ -85,7 +85,28 @@ fn after_each_failure_the_arm_is_at_rest_and_unloaded() {
 #[test]
 fn a_door_that_is_open_is_not_let_go_of() {
     let end = fly(DOOR, "seed = 5, closer = 20 Nm", &mut |_| {});
-    assert!(end.why == "done" && end.angle > 66.0 && end.force > 15.0 && end.fastest < 0.01, "{end:?}");
+    assert!(end.why == "done" && end.angle > 68.0 && end.force > 15.0 && end.fastest < 0.01, "{end:?}");
+}
+
+/// A visitor who pushed the hand while it was looking for the handle pushed on with all 150 N, and the arm served on.
+#[test]
+fn a_force_on_the_hand_stops_the_arm_whatever_it_does() {
+    for at in [2, 8] {
+        let world = format!("seed = 3, push_at = {at} s, push = 150 N");
+        let end = fly(DOOR, &world, &mut |_| {});
+        assert!(end.why.contains("motionctrl/puma: the force on the hand exceeds 80 N"), "{world}: {end:?}");
+        assert!(end.worst < 120.0 && end.fastest < 0.2, "{world}: {end:?}");
+    }
+}
+
+/// The gripper says that it holds the handle, and it does not: the lever slides off the fingertips at 58 degrees, and the closer brings
+/// the leaf back. It met the fingers from beside with 725 N.
+#[test]
+fn a_leaf_that_comes_back_past_the_fingers_is_no_hammer() {
+    let door = "seed = 200003, side = \"left\", swing = \"push\", closer = 11.854083 Nm";
+    let world = format!("{door}, grip_says = 20 mm, lose_at = 0.238953 rad");
+    let end = fly(DOOR, &world, &mut |_| {});
+    assert!(end.why != "done" && end.worst < 150.0 && end.fastest < 0.01, "{end:?}");
 }
 
 /// Samples with an old stamp, and old values with a new one. The first were pressed on the handle with 146 N.
