@@ -92,7 +92,7 @@ impl Memory {
 }
 
 /// Returns points (m) of the walls that leave the field of view beside the laser: they are taken to go on.
-fn going_on(points: &[Vector2<f64>]) -> Vec<Vector2<f64>> {
+pub fn going_on(points: &[Vector2<f64>]) -> Vec<Vector2<f64>> {
     let (mut left, mut random, mut added) = (points.to_vec(), Random::new(1), Vec::new());
     for _ in 0..WALLS {
         let Some(wall) = line::fit(&left, TOLERANCE, &mut random) else { break };

@@ -99,6 +99,14 @@ fn a_force_on_the_hand_stops_the_arm_whatever_it_does() {
     }
 }
 
+/// The base went aside into a wall that stood beside it, where its laser did not see it, with 122 N.
+#[test]
+fn a_base_that_looks_for_the_handle_meets_no_wall_beside_it() {
+    let door = "seed = 200002, side = \"right\", start_aside = -0.16 m, start_yaw = 0.12 rad, lock = \"locked\"";
+    let end = fly(DOOR, &format!("{door}, wall_latch = 0.243441 m"), &mut |_| {});
+    assert!(end.why.contains("no room") && end.worst < 1.0 && end.fastest < 0.01, "{end:?}");
+}
+
 /// The gripper says that it holds the handle, and it does not: the lever slides off the fingertips at 58 degrees, and the closer brings
 /// the leaf back. It met the fingers from beside with 725 N.
 #[test]
