@@ -2,8 +2,8 @@
 //!
 //! An arm that only stops stays wound up against what it holds: after a locked door it pressed on with 64 N. So it gives way
 //! until it feels next to nothing. What it has wound up, a stiff grasp or a lever that is down, pushes it less and less on the
-//! way. A door closer pushes on all the same, and giving way only shuts the door again. So the hand then goes back
-//! to where its force had last fallen, and holds the door there.
+//! way. A door closer keeps pushing, and giving way to it only shuts the door. So the hand then goes back to where
+//! its force had last fallen, and holds the door there.
 //!
 //! Source: ours; an admittance as of [`super::compliant`], which says why its gain is what it is.
 
