@@ -35,7 +35,7 @@ pub(super) struct Links {
     pub(super) standing: BTreeSet<String>,
     /// The sessions that stand although a link of theirs was lost. Zenoh takes a new link for one more of the old session, even where
     /// the other side has lost that and begun anew; then each sends what the other does not understand. So no session outlives any of
-    /// its links, and none that is made meanwhile counts.
+    /// its links.
     halved: BTreeSet<String>,
     /// The links that are dialled again when they are lost.
     pub(super) kept: BTreeMap<String, Place>,
@@ -177,13 +177,9 @@ impl Links {
         self.standing.remove(session);
     }
 
-    /// Takes note of a link of a session, with its ends if it is a TCP link; says whether the session has to end, since it has lost
-    /// another one.
-    pub(super) fn gain(&mut self, session: &str, both: Option<patience::Ends>) -> bool {
-        if let Some(both) = both {
-            self.ends.entry(session.to_owned()).or_default().push((both, Duration::ZERO));
-        }
-        self.halved.contains(session)
+    /// Takes note of a TCP link of a session.
+    pub(super) fn gain(&mut self, session: &str, both: patience::Ends) {
+        self.ends.entry(session.to_owned()).or_default().push((both, Duration::ZERO));
     }
 
     /// Takes note that a link of a session is lost; says whether the session has to end, since it has others.
@@ -191,18 +187,29 @@ impl Links {
         if self.standing.contains(session) {
             self.halved.insert(session.to_owned());
         }
-        let Some(ends) = self.ends.get_mut(session) else { return false };
-        ends.retain(|(other, _)| Some(*other) != both);
-        if ends.is_empty() {
-            self.ends.remove(session);
-            return false;
-        }
-        true
+        both.into_iter().for_each(|both| self.drop_link(session, both));
+        self.ends.contains_key(session)
     }
 
-    /// Returns the sessions that stand, or have TCP links.
-    pub(super) fn linked(&self) -> BTreeSet<String> {
-        self.standing.iter().chain(self.ends.keys()).cloned().collect()
+    /// Returns the TCP links that are not among those that zenoh knows, with their sessions.
+    pub(super) fn unknown(&self, known: &BTreeSet<patience::Ends>) -> Vec<(String, patience::Ends)> {
+        let all = self.ends.iter().flat_map(|(session, links)| links.iter().map(move |(both, _)| (session, *both)));
+        all.filter(|(_, both)| !known.contains(both)).map(|(session, both)| (session.clone(), both)).collect()
+    }
+
+    /// Returns the sessions that have to end besides those with unknown links: those that stand after the loss of a link, and those that
+    /// stand although zenoh does not know them.
+    pub(super) fn strays(&self, known: &BTreeSet<String>) -> BTreeSet<String> {
+        self.halved.iter().chain(self.standing.difference(known)).cloned().collect()
+    }
+
+    /// Forgets a link of which nothing is left.
+    pub(super) fn drop_link(&mut self, session: &str, both: patience::Ends) {
+        let Some(ends) = self.ends.get_mut(session) else { return };
+        ends.retain(|(other, _)| *other != both);
+        if ends.is_empty() {
+            self.ends.remove(session);
+        }
     }
 
     /// Takes note that nothing is left of a session, whatever was heard of its links.
@@ -255,32 +262,34 @@ mod tests {
     }
 
     #[test]
-    fn no_session_outlives_a_link_of_its_own_in_whatever_order_links_come_and_go() {
-        let ends = |port| Some(([127, 0, 0, 1], port).into()).zip(Some(([127, 0, 0, 1], 7).into()));
-        let (old, new) = (ends(1), ends(2));
+    fn a_session_that_outlives_a_link_or_that_zenoh_does_not_know_is_a_stray() {
+        let ends = |port: u16| ((([127, 0, 0, 1], port).into()), ([127, 0, 0, 1], 7).into());
+        let known: BTreeSet<String> = ["r2".to_owned()].into();
         let standing = || {
             let mut links = Links::default();
             links.stand("r2".into());
-            assert!(!links.gain("r2", old));
+            links.gain("r2", ends(1));
             links
         };
-        // The new one is heard of before the old one is lost, or after it.
         let mut links = standing();
-        assert!(!links.gain("r2", new) && links.lose("r2", old));
-        assert_eq!(links.ends_of("r2"), [new.unwrap()]);
-        for both in [new, None] {
-            let mut links = standing();
-            assert!(!links.lose("r2", old) && links.gain("r2", both));
-        }
-        // A session that has ended and begun anew is another one.
+        assert!(links.strays(&known).is_empty() && links.strays(&BTreeSet::new()) == known);
+        assert_eq!(
+            (links.unknown(&[ends(1)].into()), links.unknown(&BTreeSet::new())),
+            (vec![], vec![("r2".into(), ends(1))])
+        );
+        // Whatever is heard first of a new link.
+        links.gain("r2", ends(2));
+        assert!(links.lose("r2", Some(ends(1))) && links.strays(&known) == known);
         let mut links = standing();
-        assert!(!links.lose("r2", old));
+        assert!(!links.lose("r2", Some(ends(1))));
+        links.gain("r2", ends(2));
+        assert_eq!(links.strays(&known), known);
+        // Ended and begun anew it is another one.
         links.fall("r2");
         links.stand("r2".into());
-        assert!(!links.gain("r2", new));
-        let mut links = standing();
-        links.fall("r2");
-        assert!(!links.lose("r2", old) && !links.gain("r2", new));
+        assert!(links.strays(&known).is_empty());
+        links.forget("r2");
+        assert!(links.strays(&BTreeSet::new()).is_empty() && links.unknown(&BTreeSet::new()).is_empty());
     }
 
     fn locator(text: &str) -> Locator {

@@ -302,14 +302,15 @@ fn watch_links(
     let on_link = move |event: LinkEvent| {
         let link = event.link();
         let session = link.zid().to_string();
-        let both = address(link.src()).zip(address(link.dst()));
-        let is_made = event.kind() == SampleKind::Put;
-        let is_halved = if is_made { lock(&ends).gain(&session, both) } else { lock(&ends).lose(&session, both) };
-        if is_halved {
-            made.push(Change::Halved(session));
+        let both = ends_of(link);
+        if event.kind() == SampleKind::Delete {
+            if lock(&ends).lose(&session, both) {
+                made.push(Change::Halved(session));
+            }
             return;
         }
-        let Some(both) = both.filter(|_| is_made) else { return };
+        let Some(both) = both else { return };
+        lock(&ends).gain(&session, both);
         // What comes first may be lost, too, and the system would repeat it later and later.
         made.push(Change::New(both));
         if redial == Redial::Found {
@@ -317,6 +318,11 @@ fn watch_links(
         }
     };
     info.link_events_listener().history(true).callback(on_link).background().wait()
+}
+
+/// Returns the two ends of a TCP link.
+fn ends_of(link: &zenoh::session::Link) -> Option<patience::Ends> {
+    address(link.src()).zip(address(link.dst()))
 }
 
 /// Returns the address of a TCP locator.

@@ -24,6 +24,11 @@ pub(super) fn set(ends: Ends, patience: Duration) -> bool {
     find(ends).is_some_and(|socket| set_tcp_user_timeout(&socket, millis(patience)).is_ok())
 }
 
+/// Returns whether there is such a link.
+pub(super) fn is_there(ends: Ends) -> bool {
+    find(ends).is_some()
+}
+
 /// Returns how long a link may carry nothing whose round trip takes so long.
 pub(super) fn of(round_trip: Duration) -> Duration {
     BESIDES + 2 * round_trip

@@ -6,8 +6,9 @@
 //! same kind.
 
 use super::super::links::lock;
-use super::Change;
-use super::keeper::Dialler;
+use super::super::patience;
+use super::ends_of;
+use super::keeper::{Change, Dialler};
 use crate::io::queue::Sender;
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -26,19 +27,17 @@ struct Looks {
 }
 
 /// What two looks in a row have found, by session.
-#[derive(Debug, PartialEq, Eq)]
 struct Found {
-    /// There are links, and zenoh knows of no session.
+    /// There are links of which zenoh knows nothing.
     strays: Vec<String>,
     /// Zenoh has a session of which no event is the last.
     unheard: Vec<String>,
 }
 
 impl Looks {
-    /// Compares the sessions that have links with those that zenoh knows, and those with those that stand.
-    fn look(&mut self, linked: &BTreeSet<String>, known: &BTreeSet<String>, standing: &BTreeSet<String>) -> Found {
-        let strays = twice(&mut self.strays, linked - known);
-        Found { strays, unheard: twice(&mut self.unheard, known - standing) }
+    /// Takes what this look has found; returns what the last one had found, too.
+    fn look(&mut self, strays: BTreeSet<String>, unheard: BTreeSet<String>) -> Found {
+        Found { strays: twice(&mut self.strays, strays), unheard: twice(&mut self.unheard, unheard) }
     }
 }
 
@@ -54,14 +53,25 @@ pub(super) async fn end_strays(session: zenoh::Session, dialler: Dialler, to_kee
     let mut looks = Looks::default();
     loop {
         tokio::time::sleep(LOOK_EVERY).await;
-        // Before zenoh is asked: of what begins in between it knows.
-        let mut linked = lock(&dialler.links).linked();
-        linked.extend(dialler.tunnels.iter().flat_map(|tunnels| tunnels.older_than(TUNNEL_MIN)));
-        let known = session.info().transports().await.map(|transport| transport.zid().to_string()).collect();
-        let standing = lock(&dialler.links).standing.clone();
-        let found = looks.look(&linked, &known, &standing);
+        let known: BTreeSet<String> =
+            session.info().transports().await.map(|transport| transport.zid().to_string()).collect();
+        let ends = session.info().links().await.filter_map(|link| ends_of(&link)).collect();
+        let (mut strays, unheard, unknown) = {
+            let links = lock(&dialler.links);
+            (links.strays(&known), &known - &links.standing, links.unknown(&ends))
+        };
+        for (session, both) in unknown {
+            if patience::is_there(both) {
+                strays.insert(session);
+            } else {
+                lock(&dialler.links).drop_link(&session, both);
+            }
+        }
+        let tunnels = dialler.tunnels.iter().flat_map(|tunnels| tunnels.older_than(TUNNEL_MIN));
+        strays.extend(tunnels.filter(|tunnel| !known.contains(tunnel)));
+        let found = looks.look(strays, unheard);
         for stray in found.strays {
-            tracing::debug!(session = stray, "its links belong to no session and are ended");
+            tracing::debug!(session = stray, "zenoh does not know all its links, and they are ended");
             dialler.cut(&stray);
             lock(&dialler.links).forget(&stray);
             to_keeper.push(Change::Wanted(stray));
@@ -80,17 +90,14 @@ mod tests {
     #[test]
     fn what_two_looks_find_is_acted_on() {
         let set = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<BTreeSet<_>>();
-        let (none, r2) = (set(&[]), set(&["r2"]));
-        let found = |strays: &[&str], unheard: &[&str]| Found {
-            strays: strays.iter().map(|name| (*name).to_owned()).collect(),
-            unheard: unheard.iter().map(|name| (*name).to_owned()).collect(),
-        };
         let mut looks = Looks::default();
-        assert_eq!(looks.look(&r2, &none, &r2), found(&[], &[]), "a moment");
-        assert_eq!(looks.look(&r2, &r2, &r2), found(&[], &[]), "it is over");
-        assert_eq!(looks.look(&r2, &none, &r2), found(&[], &[]));
-        assert_eq!(looks.look(&r2, &none, &none), found(&["r2"], &[]), "whatever the events say");
-        assert_eq!(looks.look(&r2, &r2, &none), found(&[], &[]));
-        assert_eq!(looks.look(&r2, &r2, &none), found(&[], &["r2"]));
+        let mut look = |strays: &[&str], unheard: &[&str]| {
+            let found = looks.look(set(strays), set(unheard));
+            (found.strays.join(" "), found.unheard.join(" "))
+        };
+        assert_eq!(look(&["r2"], &["r3"]), Default::default(), "a moment");
+        assert_eq!(look(&[], &[]), Default::default(), "it is over");
+        assert_eq!(look(&["r2"], &["r3"]), Default::default());
+        assert_eq!(look(&["r2", "r4"], &["r3"]), ("r2".to_owned(), "r3".to_owned()));
     }
 }
