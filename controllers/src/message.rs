@@ -174,6 +174,8 @@ messages! {
         steering: [f64; 4],
         /// Rolling angles of the wheels (rad).
         rolling: [f64; 4],
+        /// Whether its bumper is pressed.
+        bumped: bool,
     }
     /// Device `base`: a velocity to hold for at most 100 ms.
     BaseCommand {

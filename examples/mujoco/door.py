@@ -45,6 +45,7 @@ MASSES = [
 START = [math.radians(q) for q in (0, 45, -180, 0, 45, 90)]
 STIFF = [1e4, 1e4, 1e4, 2e3, 2e3, 2e3]  # Nm s/rad
 BASE_STIFF, TRACTION = 2e4, 400.0  # N s/m, N
+BUMPED = 8.0  # N, on the bumper of the base
 LIMITS = [0.6, 0.6, 0.7]  # m/s, m/s, rad/s
 BASE_LAG, ARM_LAG = 0.08, 0.02  # s
 RADIUS, BEYOND, HEIGHT, STANDOFF, LEVER = 0.82, 0.08, 1.05, 0.06, 0.09  # m
@@ -216,7 +217,8 @@ class World:
         self.fingers = [joint("upper"), joint("lower")]
         self.latch = self.model.equality("latch").id
         self.held = {self.model.body(name).id for name in ("hand", "upper", "lower")}
-        self.lever_body = self.model.body("lever").id
+        self.lever_body, self.base_body = self.model.body("lever").id, self.model.body("base").id
+        self.bumped = False
         start = [-1.75 + random.uniform(-0.08, 0.08), 0.22 + random.uniform(-0.06, 0.06), -0.06 + random.uniform(-0.05, 0.05)]
         self.data.qpos[self.q] = start + START
         self.base, self.arm = Drive(LIMITS, BASE_LAG), Drive([1.4, 1.0, 1.8, 3.0, 3.0, 3.0], ARM_LAG)
@@ -294,7 +296,7 @@ class World:
     def touch(self):
         """The wrench on the hand in the tool's frame, and the largest force between body and walls."""
         data, site = self.data, self.data.site("tool")
-        wrench, collision = np.zeros(6), 0.0
+        wrench, collision, bumper = np.zeros(6), 0.0, 0.0
         for index in range(data.ncon):
             contact = data.contact[index]
             bodies = [self.model.geom_bodyid[geom] for geom in contact.geom]
@@ -310,6 +312,8 @@ class World:
                 wrench[3:] += sign * (torque + np.cross(contact.pos - site.xpos, force))
             elif not any(is_hand):
                 collision = max(collision, np.linalg.norm(force))
+                bumper = max(bumper, np.linalg.norm(force) if self.base_body in bodies else 0.0)
+        self.bumped = bool(bumper > BUMPED)
         into = site.xmat.reshape(3, 3).T
         return np.concatenate([into @ wrench[:3], into @ wrench[3:]]), collision
 
@@ -355,7 +359,7 @@ class World:
         if device == "arm":
             state |= {"angles": data.qpos[self.q[3:]].tolist(), "rates": data.qvel[self.v[3:]].tolist()}
         elif device == "base":
-            state |= {"steering": self.casters[:4].tolist(), "rolling": self.casters[4:].tolist()}
+            state |= {"steering": self.casters[:4].tolist(), "rolling": self.casters[4:].tolist(), "bumped": self.bumped}
         elif device == "ft":
             wrench = self.wrist.read().tolist()
             state |= {"force": wrench[:3], "torque": wrench[3:], "zeroed": self.wrist.zeroed}

@@ -1,7 +1,7 @@
 //! The XR4000: the controller that moves it, and its odometry.
 
 use super::grant::{Grant, LockCalls, PRIORITY, Right};
-use super::{FRESH, Watch, ramp_dt, seconds};
+use super::{FRESH, SENSED, Watch, ramp_dt, seconds};
 use crate::control::caster::{Casters, Odometry};
 use crate::control::ramp::towards_together;
 use crate::control::redundancy::BASE_ACCELERATION_MAX;
@@ -10,8 +10,14 @@ use crate::sdk::{
     About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Quantity, Stopping, Tick,
 };
 use comms::logic::signals::Signal;
+use comms::logic::time::Time;
 use std::time::Duration;
 
+/// A base whose bumper is pressed goes back the way it came with this speed (m/s), for at most this time. A base that was slower than
+/// the minimum (m/s) was hit and stays.
+const RETREAT: f64 = 0.06;
+const RETREAT_MAX: Duration = Duration::from_millis(1000);
+const SPEED_MIN: f64 = 0.01;
 /// Five time constants of the drives: then the base stands.
 const SETTLING: Duration = Duration::from_millis(400);
 /// The largest part of an encoder's step that no motion of the base explains (rad): good wheels leave less than half of it, also after a
@@ -24,6 +30,9 @@ pub(super) struct CtrlInputs {
     /// The velocity of the base.
     #[port("In")]
     velocity: In<BaseVelocity>,
+    /// The bumper of the base.
+    #[device("base/state")]
+    state: In<BaseState>,
 }
 
 /// The outputs of [`Xr4000Ctrl`].
@@ -41,6 +50,9 @@ pub(super) struct CtrlOutputs {
 #[derive(Debug)]
 pub(super) struct Xr4000Ctrl {
     command: [f64; 3],
+    /// The velocity away from the obstacle that the bumper has met, and the time for which the base has gone back.
+    away: Option<[f64; 3]>,
+    retreating: Duration,
     resting: Duration,
     grant: Grant,
 }
@@ -50,6 +62,24 @@ impl Xr4000Ctrl {
         let steps = BASE_ACCELERATION_MAX.map(|most| most * ramp_dt(tick));
         self.command = towards_together(&self.command, &wanted, &steps);
         self.command
+    }
+
+    /// Returns whether the bumper is pressed, and brakes then.
+    fn bumped(&mut self, now: Time, state: &In<BaseState>) -> bool {
+        let pressed = state.fresh_within(now, SENSED).is_some_and(|state| state.bumped);
+        if pressed && self.away.is_none() {
+            let [x, y, _] = std::mem::take(&mut self.command);
+            let speed = x.hypot(y);
+            self.away = Some(if speed < SPEED_MIN { [0.0; 3] } else { [-x, -y, 0.0].map(|v| v / speed * RETREAT) });
+        }
+        pressed
+    }
+
+    /// Returns the velocity of a base that stops: away from the obstacle while the bumper is pressed, then none.
+    fn retreat(&mut self, tick: Tick, state: &In<BaseState>) -> [f64; 3] {
+        let goes = self.bumped(tick.now, state) && self.retreating < RETREAT_MAX;
+        self.retreating += if goes { tick.elapsed } else { Duration::ZERO };
+        self.away.filter(|_| goes).unwrap_or_default()
     }
 
     fn send(velocity: Option<[f64; 3]>, fence: Option<u64>, outputs: &mut CtrlOutputs) {
@@ -64,23 +94,30 @@ impl Controller for Xr4000Ctrl {
 
     fn about() -> About {
         const PARAMETERS: &[Parameter] = &[PRIORITY];
-        About::service("Moves the XR4000 base as told, under its lock where that is connected.")
-            .with(PARAMETERS)
-            .every(Duration::from_millis(10))
-            .triggered_by("In")
-            .stop_within(Duration::from_millis(1500))
+        About::service(
+            "Moves the XR4000 base as told, under its lock where that is connected; ends when its bumper is pressed.",
+        )
+        .with(PARAMETERS)
+        .every(Duration::from_millis(10))
+        .triggered_by("In")
+        .stop_within(Duration::from_millis(2500))
     }
 
     fn new(arguments: &Arguments) -> Result<Self, String> {
-        Ok(Self { command: [0.0; 3], resting: Duration::ZERO, grant: Grant::new("base", arguments)? })
+        let (away, retreating, resting) = (None, Duration::ZERO, Duration::ZERO);
+        Ok(Self { command: [0.0; 3], away, retreating, resting, grant: Grant::new("base", arguments)? })
     }
 
     fn init(&mut self, _: &[u8]) -> Result<(), String> {
         (self.command, self.resting) = ([0.0; 3], Duration::ZERO);
+        (self.away, self.retreating) = (None, Duration::ZERO);
         self.grant.begin()
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &CtrlInputs, outputs: &mut CtrlOutputs) -> Progress {
+        if self.bumped(tick.now, &inputs.state) {
+            return Progress::Aborted("the base has met something: its bumper is pressed".to_owned());
+        }
         let fence = match self.grant.ask(tick.now, &mut outputs.lock) {
             Right::Command(fence) => fence,
             Right::Wait => {
@@ -95,8 +132,9 @@ impl Controller for Xr4000Ctrl {
         Progress::Continue
     }
 
-    fn stop(&mut self, tick: Tick, _: &CtrlInputs, outputs: &mut CtrlOutputs) -> Stopping {
-        let velocity = self.step(tick, [0.0; 3]);
+    fn stop(&mut self, tick: Tick, inputs: &CtrlInputs, outputs: &mut CtrlOutputs) -> Stopping {
+        let wanted = self.retreat(tick, &inputs.state);
+        let velocity = self.step(tick, wanted);
         let still = velocity.iter().all(|v| v.abs() <= 0.0);
         self.resting = if still { self.resting + tick.elapsed } else { Duration::ZERO };
         let rests = self.resting >= SETTLING;

@@ -297,10 +297,10 @@ impl State {
             samples.arm.put(now, (0, ArmState { stamp, angles, rates }), &mut bus);
         }
         if due[1] {
-            let casters = plant.casters();
+            let (casters, bumped) = (plant.casters(), plant.bumped());
             self.odometry.update(&casters);
             let (steering, rolling) = (std::array::from_fn(|i| casters[i]), std::array::from_fn(|i| casters[i + 4]));
-            samples.base.put(now, (1, BaseState { stamp, steering, rolling }), &mut bus);
+            samples.base.put(now, (1, BaseState { stamp, steering, rolling, bumped }), &mut bus);
         }
         if due[2] {
             let [x, y, z, a, b, c] = plant.force_torque.read(&mut plant.random);

@@ -31,6 +31,9 @@ const RADII: [f64; 3] = [0.09, 0.07, 0.05];
 const WRIST_LENGTH: f64 = 0.10;
 /// Of the skin against a wall (N/m).
 const STIFFNESS: f64 = 2e4;
+/// Of the bumper around the base (N/m), and its travel (m): beyond that it is as stiff as the skin elsewhere.
+const BUMPER: f64 = 2e3;
+const TRAVEL: f64 = 0.045;
 
 /// A force on a part of the robot, world frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -118,7 +121,7 @@ impl Body {
                 let away = on_part.xy() - at;
                 let distance = away.norm();
                 if distance < radius && distance > 1e-9 {
-                    let force = (away / distance * (STIFFNESS * (radius - distance))).push(0.0);
+                    let force = (away / distance * (pressed(radius - distance, joints))).push(0.0);
                     hits.push(Hit { load: Load { at: on_part, force, torque: Vector3::zeros(), joints }, wall, at });
                 }
             }
@@ -156,6 +159,11 @@ impl Body {
             _ => 0.0,
         })
     }
+}
+
+/// The force (N) of a part behind so many joints that is pressed by so much (m).
+fn pressed(depth: f64, joints: usize) -> f64 {
+    if joints == 0 { BUMPER * depth + STIFFNESS * (depth - TRAVEL).max(0.0) } else { STIFFNESS * depth }
 }
 
 /// The point of a part that is nearest to a wall, as a share of the part's length, and the nearest point on the wall.
@@ -233,14 +241,17 @@ mod tests {
         let wall = (Vector2::new(0.0, -3.0), Vector2::new(0.0, 3.0));
         assert_eq!(body(Pose::new(-2.0, 0.0, 0.0)).hits(&[wall]), []);
         assert!((body(Pose::new(-2.0, 0.0, 0.0)).base_room(&[wall]) - 1.69).abs() < 1e-12);
-        // The disc is 1 cm in the wall: 200 N, straight back; the arm is through it, too, on its far side.
+        // The bumper is pressed by 1 cm: 20 N, straight back; the arm is on the far side of the wall.
         let hits = body(Pose::new(-0.30, 0.0, std::f64::consts::PI)).hits(&[wall]);
         let base = hits.iter().find(|hit| hit.load.joints == 0).expect("the base is in the wall");
-        assert!((base.load.force - Vector3::new(-200.0, 0.0, 0.0)).norm() < 1e-6, "{base:?}");
+        assert!((base.load.force - Vector3::new(-20.0, 0.0, 0.0)).norm() < 1e-6, "{base:?}");
+        // Behind its travel of 45 mm is the base: 5 mm of that are 100 N more.
+        let hits = body(Pose::new(-0.26, 0.0, std::f64::consts::PI)).hits(&[wall]);
+        assert!(hits.iter().any(|hit| (hit.load.force - Vector3::new(-200.0, 0.0, 0.0)).norm() < 1e-6), "{hits:?}");
         // A corner pushes away from itself.
         let corner = (Vector2::new(0.0, 0.0), Vector2::new(1.0, 0.0));
         let hits = body(Pose::new(-0.18, 0.24, std::f64::consts::PI)).hits(&[corner]);
         let base = hits.iter().find(|hit| hit.load.joints == 0).expect("the base is at the corner");
-        assert!((base.load.force - Vector3::new(-0.6, 0.8, 0.0) * 200.0).norm() < 1e-6, "{base:?}");
+        assert!((base.load.force - Vector3::new(-0.6, 0.8, 0.0) * 20.0).norm() < 1e-6, "{base:?}");
     }
 }
