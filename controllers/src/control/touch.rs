@@ -24,6 +24,10 @@ const SPIKE: f64 = 16.0;
 /// The noise is that of about so many samples, and nothing is said before so many have come.
 const MEMORY: f64 = 125.0;
 const FIRST: u32 = 12;
+/// The mean of the steps is so many times their median: of three axes it is 1.27, and so few samples may say less.
+const MEDIAN_OF_STEPS: f64 = 1.8;
+/// A sensor whose first samples are equal is no quieter than this (N²).
+const VARIANCE_MIN: f64 = 1e-4;
 
 /// Watches the samples of a force.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,6 +41,7 @@ pub struct Touch {
     variance: f64,
     count: u32,
     recent: VecDeque<Vector3<f64>>,
+    first: Vec<Vector3<f64>>,
 }
 
 impl Touch {
@@ -50,6 +55,7 @@ impl Touch {
             variance: 0.0,
             count: 0,
             recent: VecDeque::with_capacity(WINDOWS[WINDOWS.len() - 1]),
+            first: Vec::new(),
         }
     }
 
@@ -60,6 +66,13 @@ impl Touch {
             return None;
         }
         self.count = self.count.saturating_add(1);
+        if self.count < FIRST {
+            self.first.push(*force);
+            return None;
+        }
+        if self.count == FIRST {
+            self.begin();
+        }
         let share = |memory: f64| (1.0 / f64::from(self.count)).max(memory);
         if let Some(forgets) = self.forgets {
             self.usual += (self.middle(force) - self.usual) * share(1.0 - (-dt / forgets).exp());
@@ -68,7 +81,7 @@ impl Touch {
             // Two samples, three axes.
             let step = (force - last).norm_squared() / 6.0;
             // A spike does not count as noise.
-            let step = if self.count > FIRST { step.min(SPIKE * self.variance) } else { step };
+            let step = step.min(SPIKE * self.variance);
             self.variance += (step - self.variance) * (1.0 / f64::from(self.count - 1)).max(1.0 / MEMORY);
         }
         (self.before, self.last) = (self.last, Some(*force));
@@ -76,15 +89,24 @@ impl Touch {
             self.recent.pop_front();
         }
         self.recent.push_back(force - self.usual);
-        if self.count < FIRST {
-            return None;
-        }
         WINDOWS.iter().zip(SPIKES).find_map(|(&window, spikes)| {
             let mean = self.recent.iter().rev().take(window).sum::<Vector3<f64>>() / window as f64;
             let noise = (self.variance / window as f64).sqrt();
             let is_more = mean.norm() > threshold.max(SURE * noise);
             (is_more && self.stays(window, spikes, &mean) > STAYS * threshold).then_some(mean)
         })
+    }
+
+    /// Takes what is usual, and the noise, from the first samples: their medians, so that no spike among them counts.
+    fn begin(&mut self) {
+        let first = std::mem::take(&mut self.first);
+        if self.forgets.is_some() {
+            self.usual = median(&first);
+        }
+        let steps = first.windows(2).map(|two| (two[1] - two[0]).norm_squared() / 6.0);
+        self.variance = (MEDIAN_OF_STEPS * middle(steps.collect())).max(VARIANCE_MIN);
+        self.recent.extend(first.iter().map(|force| force - self.usual));
+        (self.before, self.last) = (first.iter().rev().nth(1).copied(), first.last().copied());
     }
 
     /// The middle one of a sample and the two before it, along each axis: a spike is not what is usual.
@@ -102,9 +124,19 @@ impl Touch {
         let along = mean.normalize();
         let mut forces: Vec<f64> = self.recent.iter().rev().take(window).map(|force| force.dot(&along)).collect();
         forces.sort_by(f64::total_cmp);
-        forces.truncate(window.saturating_sub(spikes).max(1));
+        forces.truncate(forces.len().saturating_sub(spikes).max(1));
         forces.iter().sum::<f64>() / forces.len() as f64
     }
+}
+
+/// Returns the median of some forces along each axis (N); not a number if there are none.
+pub fn median(forces: &[Vector3<f64>]) -> Vector3<f64> {
+    Vector3::from_fn(|i, _| middle(forces.iter().map(|force| force[i]).collect()))
+}
+
+fn middle(mut numbers: Vec<f64>) -> f64 {
+    numbers.sort_by(f64::total_cmp);
+    numbers.get(numbers.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
 #[cfg(test)]
@@ -149,12 +181,29 @@ mod tests {
                 let mut noticed = None;
                 for i in 0..2000 {
                     let pushed = if i < 1800 { 0.0 } else { 2.0 * f64::from(i - 1800) };
-                    let spike = if random.unit() < share && i > 25 { spike } else { 0.0 };
+                    let spike = if random.unit() < share { spike } else { 0.0 };
                     let noise = Vector3::from_fn(|_, _| random.normal(0.4));
                     let force = Vector3::new(spike, 0.0, -pushed) + noise;
                     noticed = noticed.or(touch.update(&force, 5.0, DT).map(|_| i));
                 }
                 assert!(noticed.is_some_and(|i| (1800..1812).contains(&i)), "{spike} N, {share}, {seed}: {noticed:?}");
+            }
+        }
+    }
+
+    /// A spike in the first sample was the usual force for a while, and the noise for longer.
+    #[test]
+    fn a_spike_in_the_first_samples_neither_is_a_touch_nor_hides_one() {
+        for first in [vec![0], vec![1], vec![0, 1], vec![5], vec![11]] {
+            for seed in 0..20 {
+                let (mut touch, mut random) = (Touch::new(Some(1.5)), Random::new(seed));
+                let noticed = (0..200).find(|i| {
+                    let spike = if first.contains(i) { 60.0 } else { 0.0 };
+                    let pushed = 2.0 * f64::from((i - 40).max(0));
+                    let noise = Vector3::from_fn(|_, _| random.normal(0.4));
+                    touch.update(&(Vector3::new(spike, 0.0, -pushed) + noise), 5.0, DT).is_some()
+                });
+                assert!(noticed.is_some_and(|i| (41..50).contains(&i)), "{first:?}, {seed}: {noticed:?}");
             }
         }
     }

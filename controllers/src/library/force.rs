@@ -1,7 +1,7 @@
 //! The wrist sensor and what watches it.
 
 use super::{StuckForce, Watch, seconds};
-use crate::control::touch::Touch;
+use crate::control::touch::{Touch, median};
 use crate::message::{FtCommand, FtState, Wrench};
 use crate::sdk::{
     About, Arguments, Configured, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Quantity, Tick,
@@ -28,18 +28,18 @@ pub(super) struct Outputs {
     command: Out<FtCommand>,
 }
 
-/// The largest mean force on a free hand after the sensor was set to zero (N), over so many samples: nominal drifts are 6 N. With a
+/// The largest median of the force on a free hand after the sensor was set to zero (N), over so many samples: nominal drifts are 6 N. With a
 /// sensor that is off by 23 N the laws pulled with 105 N.
 const DRIFT_MAX: f64 = 12.0;
-const DRIFT_SAMPLES: u32 = 25;
+const DRIFT_SAMPLES: usize = 25;
 
 /// Tells the wrench on the hand; with `"zero"` it sets the sensor to zero first, which is for a free hand, and then refuses one that
 /// is not at zero.
 #[derive(Debug)]
 pub(super) struct ForceTorque {
     zero: bool,
-    /// The number of samples since it was set to zero, and the sum of their forces (N).
-    drift: (u32, Vector3<f64>),
+    /// The first forces since it was set to zero (N).
+    first: Vec<Vector3<f64>>,
     /// Smaller forces are told as none (N).
     threshold: f64,
     /// The sensor's count of zeroings when this began.
@@ -70,8 +70,8 @@ impl Controller for ForceTorque {
 
     fn new(arguments: &Arguments) -> Result<Self, String> {
         let (zero, threshold) = (arguments.text("zero") == "zero", arguments.number("threshold"));
-        let (drift, stuck, watch) = ((0, Vector3::zeros()), StuckForce::default(), Watch::default());
-        Ok(Self { zero, threshold, drift, zeroed_before: None, stuck, watch })
+        let (first, stuck, watch) = (Vec::new(), StuckForce::default(), Watch::default());
+        Ok(Self { zero, threshold, first, zeroed_before: None, stuck, watch })
     }
 
     fn configure(&mut self, arguments: &Arguments) -> Result<Configured, String> {
@@ -81,7 +81,7 @@ impl Controller for ForceTorque {
 
     fn init(&mut self, _: &[u8]) -> Result<(), String> {
         (self.zeroed_before, self.watch) = (None, Watch::default());
-        (self.drift, self.stuck) = ((0, Vector3::zeros()), StuckForce::default());
+        (self.first, self.stuck) = (Vec::new(), StuckForce::default());
         Ok(())
     }
 
@@ -111,15 +111,15 @@ impl Controller for ForceTorque {
 }
 
 impl ForceTorque {
-    /// Takes a force (N) on a hand that is free; returns the mean of the first ones (N) if a sensor at zero does not say so.
+    /// Takes a force (N) on a hand that is free; returns the median of the first ones (N) if a sensor at zero does not say so.
     fn drifted(&mut self, force: &Vector3<f64>) -> Option<f64> {
-        let (count, sum) = &mut self.drift;
-        if !self.zero || *count >= DRIFT_SAMPLES {
+        if !self.zero || self.first.len() >= DRIFT_SAMPLES {
             return None;
         }
-        (*count, *sum) = (*count + 1, *sum + force);
-        let mean = sum.norm() / f64::from(DRIFT_SAMPLES);
-        (*count == DRIFT_SAMPLES && !(0.0..=DRIFT_MAX).contains(&mean)).then_some(mean)
+        self.first.push(*force);
+        // Spikes of the sensor do not move a median.
+        let size = median(&self.first).norm();
+        (self.first.len() == DRIFT_SAMPLES && !(0.0..=DRIFT_MAX).contains(&size)).then_some(size)
     }
 }
 
