@@ -1,4 +1,6 @@
-//! Small filters: low-pass, average, debounce.
+//! Small filters: low-pass, spikes, debounce.
+
+use nalgebra::Vector6;
 
 /// First-order low-pass for uneven steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,6 +22,34 @@ impl<const N: usize> LowPass<N> {
             *state += share * (input - *state);
         }
         self.state
+    }
+}
+
+/// A force that is so far from the previous one (N) is a spike of the sensor, unless the next one confirms it. In 8 ms a hand at 18 mm/s
+/// presses 64 kN/m by 9 N.
+const JUMP: f64 = 15.0;
+
+/// Leaves out single wrong readings of a force sensor: the previous one counts in their place. A true jump is told one sample late.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Despike {
+    last: Option<Vector6<f64>>,
+    doubted: bool,
+}
+
+impl Despike {
+    /// Takes a wrench (N, Nm); returns the one that counts.
+    pub fn update(&mut self, wrench: &Vector6<f64>) -> Vector6<f64> {
+        let jumps = |last: &Vector6<f64>| (wrench - last).fixed_rows::<3>(0).norm() > JUMP;
+        self.doubted = !self.doubted && self.last.as_ref().is_some_and(jumps);
+        if !self.doubted {
+            self.last = Some(*wrench);
+        }
+        self.last.unwrap_or(*wrench)
+    }
+
+    /// Returns the wrench that counted last; none at first.
+    pub fn last(&self) -> Option<Vector6<f64>> {
+        self.last
     }
 }
 
@@ -61,6 +91,15 @@ mod tests {
             let last = (0..steps).map(|_| filter.update(&[1.0], tau / f64::from(steps))[0]).last().unwrap();
             assert!((last - (1.0 - (-1.0f64).exp())).abs() < 1e-12);
         }
+    }
+
+    #[test]
+    fn single_readings_that_are_far_off_do_not_count() {
+        let mut despike = Despike::default();
+        let got: Vec<f64> = [1.0, 100.0, 2.0, -60.0, 3.0, 40.0, 41.0, 42.0]
+            .map(|force| despike.update(&Vector6::new(0.0, 0.0, force, 0.0, 0.0, 0.0)).z)
+            .to_vec();
+        assert_eq!(got, [1.0, 1.0, 2.0, 2.0, 3.0, 3.0, 41.0, 42.0], "a jump that stays is one sample late");
     }
 
     #[test]

@@ -1,12 +1,13 @@
 //! The wrist sensor and what watches it.
 
 use super::{StuckForce, Watch, seconds};
+use crate::control::filter::Despike;
 use crate::control::touch::{Touch, median};
 use crate::message::{FtCommand, FtState, Wrench};
 use crate::sdk::{
     About, Arguments, Configured, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Quantity, Tick,
 };
-use nalgebra::Vector3;
+use nalgebra::{Vector3, Vector6};
 use std::time::Duration;
 
 /// The inputs of the sensors.
@@ -45,6 +46,7 @@ pub(super) struct ForceTorque {
     /// The sensor's count of zeroings when this began.
     zeroed_before: Option<u32>,
     stuck: StuckForce,
+    despike: Despike,
     watch: Watch,
 }
 
@@ -71,7 +73,7 @@ impl Controller for ForceTorque {
     fn new(arguments: &Arguments) -> Result<Self, String> {
         let (zero, threshold) = (arguments.text("zero") == "zero", arguments.number("threshold"));
         let (first, stuck, watch) = (Vec::new(), StuckForce::default(), Watch::default());
-        Ok(Self { zero, threshold, first, zeroed_before: None, stuck, watch })
+        Ok(Self { zero, threshold, first, zeroed_before: None, stuck, despike: Despike::default(), watch })
     }
 
     fn configure(&mut self, arguments: &Arguments) -> Result<Configured, String> {
@@ -81,7 +83,7 @@ impl Controller for ForceTorque {
 
     fn init(&mut self, _: &[u8]) -> Result<(), String> {
         (self.zeroed_before, self.watch) = (None, Watch::default());
-        (self.first, self.stuck) = (Vec::new(), StuckForce::default());
+        (self.first, self.stuck, self.despike) = (Vec::new(), StuckForce::default(), Despike::default());
         Ok(())
     }
 
@@ -102,9 +104,11 @@ impl Controller for ForceTorque {
                 let why = "the force sensor is not at zero after it was set to zero, or somebody pushes the hand";
                 return Progress::Aborted(format!("{why}: {drift:.0} N"));
             }
-            let is_felt = Vector3::from(state.force).norm() >= self.threshold;
-            let force = if is_felt { state.force } else { [0.0; 3] };
-            outputs.wrench.send(Wrench { measured: seconds(state.stamp), force, torque: state.torque });
+            let ([x, y, z], [a, b, c]) = (state.force, state.torque);
+            let [x, y, z, a, b, c] = self.despike.update(&Vector6::new(x, y, z, a, b, c)).into();
+            let is_felt = Vector3::new(x, y, z).norm() >= self.threshold;
+            let force = if is_felt { [x, y, z] } else { [0.0; 3] };
+            outputs.wrench.send(Wrench { measured: seconds(state.stamp), force, torque: [a, b, c] });
         }
         Progress::Continue
     }

@@ -1,6 +1,7 @@
 //! PressHandle: presses the lever that the hand holds.
 
 use super::{SENSED, StuckForce};
+use crate::control::filter::Despike;
 use crate::control::press::{Press, State};
 use crate::control::puma560;
 use crate::message::{ArmState, FtState, GripperState, Velocity};
@@ -47,6 +48,7 @@ pub(super) struct PressHandle {
     width_min: f64,
     press: Option<Press>,
     stuck: StuckForce,
+    despike: Despike,
     depth: f64,
     started: Time,
 }
@@ -72,13 +74,14 @@ impl Controller for PressHandle {
             width_min: arguments.number("width_min"),
             press: None,
             stuck: StuckForce::default(),
+            despike: Despike::default(),
             depth: 0.0,
             started: Time::ZERO,
         })
     }
 
     fn init(&mut self, _: &[u8]) -> Result<(), String> {
-        (self.press, self.stuck, self.depth) = (None, StuckForce::default(), 0.0);
+        (self.press, self.stuck, self.despike, self.depth) = (None, StuckForce::default(), Despike::default(), 0.0);
         Ok(())
     }
 
@@ -98,7 +101,10 @@ impl Controller for PressHandle {
             let delay = LAG + HOPS * age.as_secs_f64();
             let press = self.press.get_or_insert_with(|| Press::new(&base_from_tool));
             let ([x, y, z], [a, b, c]) = (wrench.force, wrench.torque);
-            let down = press.update(&base_from_tool, &Vector6::new(x, y, z, a, b, c), (delay, tick.dt()));
+            let new = Vector6::new(x, y, z, a, b, c);
+            let old = self.despike.last().filter(|_| inputs.force.fresh().is_none());
+            let wrench = old.unwrap_or_else(|| self.despike.update(&new));
+            let down = press.update(&base_from_tool, &wrench, (delay, tick.dt()));
             (twist, state, self.depth) = (down.twist_in_tool, down.state, down.depth);
         }
         let lost = inputs.gripper.fresh().is_some_and(|gripper| gripper.width < self.width_min);
