@@ -139,6 +139,9 @@ impl StuckLaser {
     }
 }
 
+/// A force on the hand that ends everything (N).
+pub(crate) const FORCE_MAX: f64 = 80.0;
+
 /// Returns the step that a ramp may take: a calculation that was held up does not make it a jump.
 fn ramp_dt(tick: Tick) -> f64 {
     tick.dt().min(0.03)

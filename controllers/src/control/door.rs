@@ -32,8 +32,6 @@ const LEAN: f64 = 15.0;
 /// The same for a door that is pushed, once it goes and slows the hand down, up to that force (N/s, N).
 const LEAN_SLOWLY: f64 = 4.0;
 const PUSH_EASY: f64 = 58.0;
-/// A force on the hand that ends everything (N).
-pub const FORCE_MAX: f64 = 80.0;
 const PULL_FADE: f64 = 25.0;
 /// The frequency below which a part of the pull counts as slow (Hz).
 const PULL_SLOW: f64 = 0.3;
@@ -54,8 +52,6 @@ const BETTER: f64 = 0.005;
 /// A door that may be shut for good is not torn at: so fast (m/s) until the handle has gone so far (m). Then it speeds up (m/s²).
 const FIRST: (f64, f64) = (0.02, 0.025);
 const ACCELERATION: f64 = 0.12;
-/// Noise is no danger (Hz).
-const FORCE_CUTOFF: f64 = 12.0;
 const RAMP: f64 = 1.0;
 /// A pull so far below the largest does not move the door (N).
 const STALL_PULL: f64 = 12.0;
@@ -127,7 +123,6 @@ pub struct Opening {
     slow: LowPass<1>,
     beside: LowPass<1>,
     guard: OscillationGuard,
-    force: LowPass<1>,
     last: Stance,
     travelled: f64,
     angle: f64,
@@ -158,8 +153,6 @@ pub enum Failure {
     Locked,
     /// The door has moved, and does not move any further.
     Blocked,
-    /// The force is dangerous.
-    Force,
 }
 
 impl Opening {
@@ -194,7 +187,6 @@ impl Opening {
             slow: LowPass::new(PULL_SLOW),
             beside: LowPass::new(PULL_SLOW),
             guard: OscillationGuard::default(),
-            force: LowPass::new(FORCE_CUTOFF),
             last: start,
             travelled: 0.0,
             angle: 0.0,
@@ -277,7 +269,6 @@ impl Opening {
         let tangent_in_tool = tool_from_odometry * tangent;
         let up_in_tool = tool_from_odometry * Vector3::z();
         let pull = -force.dot(&tangent_in_tool);
-        let [size] = self.force.update(&[force.norm()], dt);
         let [slow_pull] = self.slow.update(&[pull], dt);
         // The lever's spring counts, too.
         let beside = (force - tangent_in_tool * force.dot(&tangent_in_tool)).norm();
@@ -316,7 +307,7 @@ impl Opening {
             guide,
             base: turn.base,
             angle: self.angle,
-            failure: self.failure(size),
+            failure: self.failure(),
             effort: [slow_pull, most, pace],
         }
     }
@@ -403,10 +394,7 @@ impl Opening {
         }
     }
 
-    fn failure(&mut self, size: f64) -> Option<Failure> {
-        if size > FORCE_MAX {
-            return Some(Failure::Force);
-        }
+    fn failure(&mut self) -> Option<Failure> {
         if self.stalled <= STALL_TIME {
             return None;
         }

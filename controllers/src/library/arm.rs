@@ -1,7 +1,7 @@
 //! The Puma 560: the controller that moves it, the one that only listens, and a whole arm for compliant motion.
 
 use super::grant::{Grant, LockCalls, PRIORITY, Right};
-use super::{FRESH, SENSED, Watch, ramp_dt, seconds};
+use super::{FORCE_MAX, FRESH, SENSED, Watch, ramp_dt, seconds};
 use crate::control::filter::Debounce;
 use crate::control::follow::Follow;
 use crate::control::puma560::{self, Joints};
@@ -20,8 +20,7 @@ const SETTLING: Duration = Duration::from_millis(100);
 const LIMIT_MARGIN: f64 = 0.03;
 /// The longest stop, in which the hand lets go of its force.
 const STOP_WITHIN: Duration = Duration::from_millis(3500);
-/// A force on the hand that ends everything (N), whatever moves the arm, if so many samples in a row say so: single ones may be wrong.
-const FORCE_MAX: f64 = 80.0;
+/// A force on the hand ends everything, whatever moves the arm, if so many samples in a row say so: single ones may be wrong.
 const FORCE_IN_A_ROW: u32 = 4;
 /// After a gap this long the drives have stopped by themselves.
 const GAP: f64 = 0.08;

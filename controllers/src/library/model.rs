@@ -217,7 +217,6 @@ impl ModelBasedCtrl {
                 let why = "blocked: it pulls or pushes and the door does not move any further";
                 return Progress::Aborted(why.to_owned());
             }
-            Some(Failure::Force) => return Progress::Aborted("the force on the hand exceeds 80 N".to_owned()),
             None => {}
         }
         if self.room.is_some_and(|room| room < ROOM_MIN) {

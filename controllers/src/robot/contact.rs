@@ -273,7 +273,7 @@ mod tests {
         let mut grasp = Grasp::new(Description::default());
         grasp.take(&hand(&handle, Vector3::zeros(), Vector3::zeros()), &handle);
         // 6000 N/m: 12.5 mm are 75 N, 13.5 mm are 81 N. The laws give up at 80 N only.
-        assert!(Description::default().slip_force < crate::control::door::FORCE_MAX);
+        assert!(Description::default().slip_force < crate::library::FORCE_MAX);
         for (stretch, held) in [(-0.0125, true), (-0.0135, false)] {
             let push = grasp.push(&hand(&handle, Vector3::new(0.0, 0.0, stretch), Vector3::zeros()), &handle);
             assert!((push.force.norm() - 6000.0 * -stretch).abs() < 1e-9);

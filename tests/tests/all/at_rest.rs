@@ -125,6 +125,19 @@ fn a_base_that_meets_what_it_does_not_see_goes_back() {
     }
 }
 
+/// Single readings of the force sensor say 153 N to 198 N. The doors ended with `the force on the hand exceeds 80 N`.
+#[test]
+fn spikes_of_the_force_sensor_end_no_opening() {
+    for (door, spike, share) in [
+        ("seed = 42420007, side = \"left\"", 153.369863, 0.024996),
+        ("seed = 42420008, side = \"right\"", 179.624306, 0.006453),
+        ("seed = 42420010, side = \"right\"", 197.805838, 0.009818),
+    ] {
+        let end = fly(DOOR, &format!("{door}, spike = {spike} N, spikes = {share}"), &mut |_| {});
+        assert!(end.why == "done" && end.angle > 60.0 && end.worst < 60.0, "{door}: {end:?}");
+    }
+}
+
 /// The gripper says that it holds the handle, and it does not: the lever slides off the fingertips at 58 degrees, and the closer brings
 /// the leaf back. It met the fingers from beside with 725 N.
 #[test]
