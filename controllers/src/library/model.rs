@@ -202,13 +202,13 @@ impl ModelBasedCtrl {
             Some(Failure::Locked) => {
                 let why = match self.opens {
                     Opens::Either => {
-                        "locked, or shut by more than 70 N: the lever is down, and the door moves neither when it is pulled nor when it is pushed"
+                        "locked, or shut by more than 70 N: the lever is down as far as it was pressed, and the door moves neither when it is pulled nor when it is pushed"
                     }
                     Opens::Pull => {
-                        "locked, or to be pushed, or shut by more than 70 N: the lever is down, and the door does not come when it is pulled"
+                        "locked, or to be pushed, or shut by more than 70 N: the lever is down as far as it was pressed, and the door does not come when it is pulled"
                     }
                     Opens::Push => {
-                        "locked, or to be pulled, or shut by more than 70 N: the lever is down, and the door does not go when it is pushed"
+                        "locked, or to be pulled, or shut by more than 70 N: the lever is down as far as it was pressed, and the door does not go when it is pushed"
                     }
                 };
                 return Progress::Aborted(why.to_owned());

@@ -138,6 +138,18 @@ fn spikes_of_the_force_sensor_end_no_opening() {
     }
 }
 
+/// A lever that springs back out of the fingers is a lost handle. Of a lever that 45 N do not press down to its latch nothing says that it is
+/// down.
+#[test]
+fn a_lever_that_is_not_down_is_not_called_down() {
+    let springs_back = fly(DOOR, "seed = 5, lever_torque = 2 Nm, lever_rate = 2, slip_force = 45 N", &mut |_| {});
+    expect_at_rest("a lever that springs back", &springs_back, "lost the handle: there is nothing between the fingers");
+    let (mut lever, stiff) = (0.0_f64, "seed = 5, lever_torque = 1.5 Nm, lever_rate = 8");
+    let end = fly(DOOR, stiff, &mut |simulation| lever = lever.max(simulation.signal(WORLD, "lever angle")));
+    expect_at_rest("a stiff lever", &end, "the lever is down as far as it was pressed");
+    assert!(lever < 27.0, "its latch is free at 28 degrees: {lever}");
+}
+
 /// The gripper says that it holds the handle, and it does not: the lever slides off the fingertips at 58 degrees, and the closer brings
 /// the leaf back. It met the fingers from beside with 725 N.
 #[test]
