@@ -26,7 +26,7 @@ const MEMORY: f64 = 125.0;
 const FIRST: u32 = 12;
 /// The mean of the steps is so many times their median: of three axes it is 1.27, and so few samples may say less.
 const MEDIAN_OF_STEPS: f64 = 1.8;
-/// A sensor whose first samples are equal is no quieter than this (N²).
+/// A sensor whose first samples are equal counts as noisy as this (N²).
 const VARIANCE_MIN: f64 = 1e-4;
 
 /// Watches the samples of a force.
