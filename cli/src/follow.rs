@@ -9,7 +9,7 @@ use crate::io::observer::{ObserverEvent, Sample};
 use crate::io::recorder::Recorder;
 use crate::io::user;
 use crate::logic::mission::{Files, Mission, Outcome};
-use crate::logic::record::{Entry, Messages, Port, ports};
+use crate::logic::record::{Entry, Messages, Port, messages, ports};
 use crate::output::Output;
 use crate::outputs::{Outputs, is_failed_on_purpose};
 use anyhow::{Context, anyhow};
@@ -101,7 +101,7 @@ pub(crate) async fn follow(
     (following, start): (&FollowArgs, StartMode),
 ) -> Result<(), Failure> {
     let home = spec.plan.home().context("the plan names no host for `main`")?.to_owned();
-    let messages = if following.ports.is_empty() { Messages::new() } else { language::messages(&spec.modules) };
+    let messages = if following.ports.is_empty() { Messages::new() } else { messages(&spec.modules) };
     let ports = ports(&spec.plan, &following.ports, &messages).map_err(|why| anyhow!(why))?;
     let (request, plan, by) = (entropy::number()?, spec.plan.clone(), user::name_and_host());
     let request = Request::Deploy { request, plan, by, start };

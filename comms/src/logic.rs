@@ -9,6 +9,7 @@ pub mod direct;
 pub mod frame;
 pub mod human;
 pub mod key;
+pub mod layout;
 pub mod messaging;
 pub mod nearby;
 pub mod object;

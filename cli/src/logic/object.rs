@@ -6,11 +6,12 @@ pub(crate) use listed::{Listed, ListedKind};
 
 use crate::logic::process_name::ProcessName;
 use crate::logic::queues::Shown;
-use crate::logic::record::decoded;
+use crate::logic::record::{decoded, messages};
+use comms::logic::layout::{Field, Layout, Message, Part, Writer, write};
 use comms::logic::messaging::wire::{LockStatus, QueueStatus, RouterStatus};
 use comms::logic::object::{Exports, Signature, TypeForm};
 use language::plan::Constant;
-use language::{Code, Layout, Message, Options, Severity, Source, compile};
+use language::{Code, Options, Severity, Source, compile};
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
@@ -53,7 +54,7 @@ fn types(exports: &Exports) -> String {
 /// Returns what is in the values of a type, as far as the program says it.
 fn message(exports: &Exports, form: &TypeForm) -> Option<Message> {
     let text = format!("{}module Program(host: Host) {{ out Out: {}; done; }}\n", types(exports), form.name);
-    language::messages(&[Source::new("exports", text)]).remove("Program")?.remove("Out")
+    messages(&[Source::new("exports", text)]).remove("Program")?.remove("Out")
 }
 
 /// Returns the bytes of an argument that is written as in a spec: `'{ force = 20 N }'`, or `force='20 N'` for each field.
@@ -78,8 +79,9 @@ pub(crate) fn argument(exports: &Exports, signature: &Signature, given: &[String
         _ => return Err(expected("there is one argument")),
     };
     let constants = constants(&types(exports), &form.name, &value).map_err(|why| expected(&why))?;
-    let mut bytes = Vec::new();
-    write(&message.layout, "value", &constants, &mut bytes).ok_or_else(|| expected("that is not its argument"))?;
+    let (value, mut bytes) = (Named { name: "value".to_owned(), constants: &constants }, Vec::new());
+    write(&message.layout, &value, &mut Writer::new(&mut bytes))
+        .map_err(|NoSuchPart| expected("that is not its argument"))?;
     Ok(bytes)
 }
 
@@ -130,43 +132,44 @@ fn is_one(value: &str) -> bool {
     depth == 0 && !is_text
 }
 
-/// Writes a value as postcard lays it out; nothing if a part of it is missing, or of another kind.
-fn write(layout: &Layout, name: &str, constants: &BTreeMap<String, Constant>, bytes: &mut Vec<u8>) -> Option<()> {
-    match (layout, constants.get(name)) {
-        (Layout::Number { .. }, Some(Constant::Number(number))) => bytes.extend(number.to_le_bytes()),
-        (Layout::Truth, Some(Constant::Truth(truth))) => bytes.push(u8::from(*truth)),
-        (Layout::Text, Some(Constant::Text(text))) => {
-            length(text.len(), bytes);
-            bytes.extend(text.as_bytes());
-        }
-        (Layout::Record(fields), _) => {
-            for (field, layout) in fields {
-                write(layout, &format!("{name}.{field}"), constants, bytes)?;
-            }
-        }
-        (Layout::List { of, count }, _) => {
-            let part = |rest: &str| rest.split('.').next().and_then(|index| index.parse::<usize>().ok());
-            let own = format!("{name}.");
-            let given: BTreeSet<usize> = constants.keys().filter_map(|key| part(key.strip_prefix(&own)?)).collect();
-            if count.is_none() {
-                length(given.len(), bytes);
-            }
-            for index in 0..count.unwrap_or(given.len()) {
-                write(of, &format!("{name}.{index}"), constants, bytes)?;
-            }
-        }
-        (Layout::Number { .. } | Layout::Truth | Layout::Text, _) => return None,
-    }
-    Some(())
+/// A value whose parts have names: `value.force`, `value.corner.0`. It cannot be written if a part is missing, or of another kind.
+struct Named<'a> {
+    name: String,
+    constants: &'a BTreeMap<String, Constant>,
 }
 
-/// Writes a number of variable length: seven bits a byte, the lowest first.
-fn length(mut length: usize, bytes: &mut Vec<u8>) {
-    while length >= 0x80 {
-        bytes.push(u8::try_from(length & 0x7f).unwrap_or(0) | 0x80);
-        length >>= 7;
+/// A part is missing, or of another kind.
+struct NoSuchPart;
+
+impl Named<'_> {
+    fn part(&self, part: impl Display) -> Self {
+        Self { name: format!("{}.{part}", self.name), constants: self.constants }
     }
-    bytes.push(u8::try_from(length).unwrap_or(0));
+}
+
+impl Part for Named<'_> {
+    type Error = NoSuchPart;
+
+    fn leaf(&self, layout: &Layout, writer: &mut Writer<'_>) -> Result<(), NoSuchPart> {
+        match (layout, self.constants.get(&self.name)) {
+            (Layout::Number { .. }, Some(Constant::Number(number))) => writer.number(*number),
+            (Layout::Truth, Some(Constant::Truth(truth))) => writer.truth(*truth),
+            (Layout::Text, Some(Constant::Text(text))) => writer.text(text),
+            _ => return Err(NoSuchPart),
+        }
+        Ok(())
+    }
+
+    fn field(&self, field: &Field) -> Result<Self, NoSuchPart> {
+        Ok(self.part(&field.name))
+    }
+
+    fn elements(&self, _: &Layout, count: Option<usize>) -> Result<Vec<Self>, NoSuchPart> {
+        let index = |rest: &str| rest.split('.').next().and_then(|index| index.parse::<usize>().ok());
+        let own = format!("{}.", self.name);
+        let given: BTreeSet<usize> = self.constants.keys().filter_map(|key| index(key.strip_prefix(&own)?)).collect();
+        Ok((0..count.unwrap_or(given.len())).map(|index| self.part(index)).collect())
+    }
 }
 
 /// Returns a result as JSON: nothing where there is none, and how long it is where its program does not say what is in it.

@@ -17,16 +17,17 @@ mod row;
 mod schema;
 
 pub use lines::Lines;
-pub(crate) use message::decode as decoded;
-pub use ports::{Messages, Port, ports};
+pub use message::Messages;
+pub(crate) use message::{decode as decoded, messages};
+pub use ports::{Port, ports};
 
 pub use read::ReadError;
 pub(crate) use row::kind as report_kind;
 pub use row::{EVENTS, LOG, PORTS, Row, Rows, SIGNALS, Topic};
 
 use crate::logic::mission::Mission;
+use comms::logic::layout::Message;
 use comms::logic::signals::Signals;
-use language::Message;
 use language::plan::Plan;
 use node::logic::protocol::Report;
 use node::logic::table::counted;

@@ -1,11 +1,12 @@
 //! What `dca echo` and `dca hz` make of the values that leave an output: which outputs are meant, what is in a value, what was
 //! lost on the way, how often values come.
 
-use crate::logic::record::decoded;
+use crate::logic::record::{decoded, messages};
 use comms::logic::human::span;
+use comms::logic::layout::Message;
 use comms::logic::tap::{OutputType, Outputs, Tapped};
 use comms::logic::time::Time;
-use language::{Message, Source};
+use language::Source;
 use serde_json::{Value, json};
 use std::time::Duration;
 
@@ -54,7 +55,7 @@ pub(crate) fn message(output: &OutputType, all: &Outputs) -> Option<Message> {
     let mut text: String =
         types.iter().map(|one| format!("type {} = {{ {} }};\n", one.type_name, one.fields)).collect();
     text += &format!("module Program(host: Host) {{ out Out: {}; done; }}\n", output.type_name);
-    language::messages(&[Source::new("outputs", text)]).remove("Program")?.remove("Out")
+    messages(&[Source::new("outputs", text)]).remove("Program")?.remove("Out")
 }
 
 /// Returns a value as JSON; without a type, or if it is not laid out so, how long it is.

@@ -3,8 +3,8 @@
 use super::*;
 use crate::logic::mission::tests::{OPENING, door, event_table, seconds};
 use crate::logic::mission::{Files, summary};
+use comms::logic::layout::{Field, Layout, Message};
 use comms::logic::signals::{Signal, Signals};
-use language::{Layout, Message};
 use node::logic::protocol::{Ending, Report};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -338,7 +338,7 @@ fn what_goes_over_ports_is_on_topics_of_their_own() {
     let number = || Layout::Number { of: "Force".to_owned() };
     let list = |of, count| Layout::List { of: Box::new(of), count };
     let message = |fields: &[(&str, Layout)]| {
-        let fields = fields.iter().map(|(name, of)| ((*name).to_owned(), of.clone())).collect();
+        let fields = fields.iter().map(|(name, of)| Field { name: (*name).to_owned(), layout: of.clone() }).collect();
         Some(Arc::new(Message { name: "Wrench".to_owned(), layout: Layout::Record(fields) }))
     };
     let wrench = message(&[("force", list(number(), Some(2))), ("at peak", Layout::Truth)]);

@@ -3,13 +3,37 @@
 //! Samples on wires are encoded with postcard, which says nothing of what is in them. Source: <https://postcard.jamesmunns.com/wire-format>.
 
 use crate::logic::record::schema;
-use language::{Layout, Message};
+use comms::logic::layout::{Build, Field, Layout, Message, read};
+use language::Source;
 use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
 
 /// Field of a message that is no record.
 const VALUE: &str = "value";
-/// How many bytes the length of something takes at most.
-const LENGTH_BYTES_MAX: usize = 10;
+
+/// The types of outputs: by module, then by output.
+pub type Messages = BTreeMap<String, BTreeMap<String, Message>>;
+
+/// Returns what each output of each module sends, as far as the texts declare it.
+pub(crate) fn messages(interfaces: &[Source]) -> Messages {
+    let message = |of: language::Message| Message { name: of.name, layout: layout(of.layout) };
+    let outputs = |all: BTreeMap<String, language::Message>| {
+        all.into_iter().map(|(output, declared)| (output, message(declared))).collect()
+    };
+    language::messages(interfaces).into_iter().map(|(module, all)| (module, outputs(all))).collect()
+}
+
+fn layout(declared: language::Layout) -> Layout {
+    match declared {
+        language::Layout::Number { of } => Layout::Number { of },
+        language::Layout::Truth => Layout::Truth,
+        language::Layout::Text => Layout::Text,
+        language::Layout::Record(fields) => {
+            Layout::Record(fields.into_iter().map(|(name, of)| Field { name, layout: layout(of) }).collect())
+        }
+        language::Layout::List { of, count } => Layout::List { of: Box::new(layout(*of)), count },
+    }
+}
 
 /// Returns the schema of a message. Lists are arrays; every number is one.
 pub(super) fn schema(title: &str, message: &Message) -> Value {
@@ -31,17 +55,17 @@ fn property(layout: &Layout) -> Value {
         Layout::List { of, .. } => json!({ "type": "array", "items": property(of) }),
         Layout::Record(fields) => {
             let names = names(fields);
-            let properties = std::iter::zip(names, fields).map(|(name, (_, of))| (name, property(of)));
+            let properties = std::iter::zip(names, fields).map(|(name, field)| (name, property(&field.layout)));
             json!({ "type": "object", "properties": properties.collect::<Map<_, _>>() })
         }
     }
 }
 
 /// Returns a name for each field that a viewer can plot by.
-fn names(fields: &[(String, Layout)]) -> Vec<String> {
+fn names(fields: &[Field]) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
-    for (field, _) in fields {
-        let name = schema::free_name(schema::plain_name(field), |name| names.iter().any(|other| other == name));
+    for field in fields {
+        let name = schema::free_name(schema::plain_name(&field.name), |name| names.iter().any(|other| other == name));
         names.push(name);
     }
     names
@@ -50,11 +74,7 @@ fn names(fields: &[(String, Layout)]) -> Vec<String> {
 /// Returns a message as an object; nothing if the bytes are not laid out so, to the last one. A field with a number that JSON
 /// has not, as an infinite one, is left out.
 pub(crate) fn decode(message: &Message, bytes: &[u8]) -> Option<Value> {
-    let mut reader = Reader { rest: bytes };
-    let value = reader.value(&message.layout)?;
-    if !reader.rest.is_empty() {
-        return None;
-    }
+    let value = read(&message.layout, bytes, &mut Json)?;
     Some(match (&message.layout, value) {
         (Layout::Record(_), Some(object)) => object,
         (_, Some(value)) => json!({ VALUE: value }),
@@ -62,67 +82,31 @@ pub(crate) fn decode(message: &Message, bytes: &[u8]) -> Option<Value> {
     })
 }
 
-struct Reader<'a> {
-    rest: &'a [u8],
-}
+/// Makes JSON; none of what has a number that JSON has not.
+struct Json;
 
-impl Reader<'_> {
-    /// Returns the next value: nothing if there is none, `Some(None)` if it has a number that JSON has not.
-    fn value(&mut self, layout: &Layout) -> Option<Option<Value>> {
-        match layout {
-            Layout::Number { .. } => {
-                let (number, rest) = self.rest.split_first_chunk()?;
-                self.rest = rest;
-                let number = f64::from_le_bytes(*number);
-                Some(number.is_finite().then(|| json!(number)))
-            }
-            Layout::Truth => match self.bytes(1)? {
-                [0] => Some(Some(json!(false))),
-                [1] => Some(Some(json!(true))),
-                _ => None,
-            },
-            Layout::Text => {
-                let length = self.length()?;
-                let text = std::str::from_utf8(self.bytes(length)?).ok()?;
-                Some(Some(json!(text)))
-            }
-            Layout::Record(fields) => {
-                let mut object = Map::new();
-                for (name, (_, of)) in std::iter::zip(names(fields), fields) {
-                    let value = self.value(of)?;
-                    object.extend(value.map(|value| (name, value)));
-                }
-                Some(Some(Value::Object(object)))
-            }
-            Layout::List { of, count } => {
-                let count = count.map_or_else(|| self.length(), Some)?;
-                // An element has a byte at least.
-                if count > self.rest.len() {
-                    return None;
-                }
-                let elements: Vec<Option<Value>> = (0..count).map(|_| self.value(of)).collect::<Option<_>>()?;
-                Some(elements.into_iter().collect::<Option<Vec<Value>>>().map(Value::Array))
-            }
-        }
+impl Build for Json {
+    type Value = Option<Value>;
+
+    fn number(&mut self, number: f64) -> Option<Value> {
+        number.is_finite().then(|| json!(number))
     }
 
-    fn bytes(&mut self, count: usize) -> Option<&[u8]> {
-        let (bytes, rest) = self.rest.split_at_checked(count)?;
-        self.rest = rest;
-        Some(bytes)
+    fn truth(&mut self, truth: bool) -> Option<Value> {
+        Some(json!(truth))
     }
 
-    /// Reads a number of variable length: seven bits a byte, the lowest first.
-    fn length(&mut self) -> Option<usize> {
-        let mut length = 0_u64;
-        for place in 0..LENGTH_BYTES_MAX {
-            let [byte] = *self.bytes(1)? else { return None };
-            length |= u64::from(byte & 0x7f).checked_shl(u32::try_from(7 * place).ok()?)?;
-            if byte < 0x80 {
-                return usize::try_from(length).ok();
-            }
-        }
-        None
+    fn text(&mut self, text: &str) -> Option<Value> {
+        Some(json!(text))
+    }
+
+    fn record(&mut self, fields: &[Field], values: Vec<Option<Value>>) -> Option<Value> {
+        let fields = std::iter::zip(names(fields), values);
+        Some(Value::Object(fields.filter_map(|(name, value)| Some((name, value?))).collect()))
+    }
+
+    fn list(&mut self, elements: Vec<Option<Value>>) -> Option<Value> {
+        elements.into_iter().collect::<Option<Vec<Value>>>().map(Value::Array)
     }
 }
 
@@ -142,7 +126,7 @@ mod tests {
             ("soft", Layout::Truth),
             ("near", list(number(), None)),
         ];
-        let fields = fields.map(|(name, of)| (name.to_owned(), of)).to_vec();
+        let fields = fields.map(|(name, layout)| Field { name: name.to_owned(), layout }).to_vec();
         Message { name: "Wrench".to_owned(), layout: Layout::Record(fields) }
     }
 
@@ -166,17 +150,6 @@ mod tests {
         assert_eq!(decode(&plain, &postcard::to_stdvec(&2.0).unwrap()), Some(json!({ "value": 2.0 })));
         assert_eq!(decode(&plain, &postcard::to_stdvec(&2.0_f32).unwrap()), None, "of another size");
         assert_eq!(decode(&plain, &postcard::to_stdvec(&f64::INFINITY).unwrap()), Some(json!({})));
-    }
-
-    #[test]
-    fn nothing_that_is_sent_makes_it_take_memory_or_time() {
-        let list = |of, count| Layout::List { of: Box::new(of), count };
-        let empty = || Layout::Record(Vec::new());
-        for layout in [list(empty(), None), list(empty(), Some(usize::MAX)), list(number(), None), Layout::Text] {
-            let message = Message { name: "Any".to_owned(), layout };
-            assert_eq!(decode(&message, &[0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0x01]), None);
-            assert_eq!(decode(&message, &[0xff; 20]), None);
-        }
     }
 
     #[test]

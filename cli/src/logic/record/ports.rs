@@ -1,11 +1,11 @@
 //! Chooses the wires that are recorded.
 
+use super::message::Messages;
 use crate::logic::tap::Wanted;
 use comms::logic::key;
-use language::Message;
+use comms::logic::layout::Message;
 use language::plan::{LeafPort, Plan, Transfer, Wire};
 use node::logic::protocol::Deployment;
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// A wire that is recorded.
@@ -29,9 +29,6 @@ impl Port {
         key::wire(&deployment.name, deployment.epoch, self.wire)
     }
 }
-
-/// The types of outputs: by module, then by output.
-pub type Messages = BTreeMap<String, BTreeMap<String, Message>>;
 
 /// Returns the wires that are meant: `all`, or outputs such as `Out`, `force.Out` or `hit/force.Out`. `messages` is what is
 /// known of the outputs.

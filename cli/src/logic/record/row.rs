@@ -2,8 +2,8 @@
 
 use crate::logic::record::{Entry, message, schema};
 use crate::logic::sentence::report_text;
+use comms::logic::layout::Message;
 use comms::logic::signals::Signals;
-use language::Message;
 use node::logic::protocol::{Change, Ending, Report};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};

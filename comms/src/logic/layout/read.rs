@@ -1,0 +1,114 @@
+//! Values from bytes. No bytes make the reader take more memory or time than their own length allows.
+
+use super::{Field, LENGTH_BYTES_MAX, Layout};
+
+/// Makes values of what is read, from the inside to the outside.
+pub trait Build {
+    /// A value.
+    type Value;
+
+    /// Returns a number, which may be infinite or not a number.
+    fn number(&mut self, number: f64) -> Self::Value;
+    /// Returns a truth value.
+    fn truth(&mut self, truth: bool) -> Self::Value;
+    /// Returns a text.
+    fn text(&mut self, text: &str) -> Self::Value;
+    /// Returns a record of the values of these fields, in their order.
+    fn record(&mut self, fields: &[Field], values: Vec<Self::Value>) -> Self::Value;
+    /// Returns a list of these elements.
+    fn list(&mut self, elements: Vec<Self::Value>) -> Self::Value;
+}
+
+/// Returns the value in `bytes`; none if the bytes are not laid out so, to the last one.
+pub fn read<B: Build>(layout: &Layout, bytes: &[u8], build: &mut B) -> Option<B::Value> {
+    let mut reader = Reader::new(bytes);
+    let value = value(layout, &mut reader, build)?;
+    reader.rest.is_empty().then_some(value)
+}
+
+fn value<B: Build>(layout: &Layout, reader: &mut Reader<'_>, build: &mut B) -> Option<B::Value> {
+    Some(match layout {
+        Layout::Number { .. } => build.number(reader.number()?),
+        Layout::Truth => build.truth(reader.truth()?),
+        Layout::Text => build.text(reader.text()?),
+        Layout::Record(fields) => {
+            let values = fields.iter().map(|field| value(&field.layout, reader, build)).collect::<Option<_>>()?;
+            build.record(fields, values)
+        }
+        Layout::List { of, count } => {
+            let count = reader.count(*count)?;
+            let elements = (0..count).map(|_| value(of, reader, build)).collect::<Option<_>>()?;
+            build.list(elements)
+        }
+    })
+}
+
+/// Takes encoded values off the beginning of bytes. Each function returns none if the bytes do not begin so.
+#[derive(Debug)]
+pub struct Reader<'a> {
+    rest: &'a [u8],
+}
+
+impl<'a> Reader<'a> {
+    /// Returns a reader of `bytes`.
+    pub fn new(bytes: &'a [u8]) -> Self {
+        Self { rest: bytes }
+    }
+
+    /// Returns the bytes that are left.
+    pub fn rest(&self) -> &'a [u8] {
+        self.rest
+    }
+
+    /// Takes a number.
+    pub fn number(&mut self) -> Option<f64> {
+        let (number, rest) = self.rest.split_first_chunk()?;
+        self.rest = rest;
+        Some(f64::from_le_bytes(*number))
+    }
+
+    /// Takes a truth value.
+    pub fn truth(&mut self) -> Option<bool> {
+        match self.bytes(1)? {
+            [0] => Some(false),
+            [1] => Some(true),
+            _ => None,
+        }
+    }
+
+    /// Takes a text.
+    pub fn text(&mut self) -> Option<&'a str> {
+        std::str::from_utf8(self.piece()?).ok()
+    }
+
+    /// Takes bytes that are sent with their length.
+    pub fn piece(&mut self) -> Option<&'a [u8]> {
+        let length = self.length()?;
+        self.bytes(length)
+    }
+
+    /// Takes the number of elements of a list, unless its type says it. There are never more than bytes: an element has one at least.
+    pub fn count(&mut self, count: Option<usize>) -> Option<usize> {
+        let count = count.map_or_else(|| self.length(), Some)?;
+        (count <= self.rest.len()).then_some(count)
+    }
+
+    fn bytes(&mut self, count: usize) -> Option<&'a [u8]> {
+        let (bytes, rest) = self.rest.split_at_checked(count)?;
+        self.rest = rest;
+        Some(bytes)
+    }
+
+    /// Reads a number of variable length: seven bits a byte, the lowest first.
+    fn length(&mut self) -> Option<usize> {
+        let mut length = 0_u64;
+        for place in 0..LENGTH_BYTES_MAX {
+            let [byte] = *self.bytes(1)? else { return None };
+            length |= u64::from(byte & 0x7f).checked_shl(u32::try_from(7 * place).ok()?)?;
+            if byte < 0x80 {
+                return usize::try_from(length).ok();
+            }
+        }
+        None
+    }
+}

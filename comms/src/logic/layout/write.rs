@@ -1,0 +1,88 @@
+//! Bytes from values.
+
+use super::{Field, Layout};
+
+/// A value, or a part of one, that is written by a layout.
+pub trait Part: Sized {
+    /// Why a value cannot be written.
+    type Error;
+
+    /// Writes a number, a truth value or a text.
+    ///
+    /// # Errors
+    /// The value is not of this layout.
+    fn leaf(&self, layout: &Layout, writer: &mut Writer<'_>) -> Result<(), Self::Error>;
+
+    /// Returns the value of a field.
+    ///
+    /// # Errors
+    /// The value is not a record with such a field.
+    fn field(&self, field: &Field) -> Result<Self, Self::Error>;
+
+    /// Returns the elements of a list; exactly `count` of them where the layout says how many.
+    ///
+    /// # Errors
+    /// The value is not a list, or not of so many elements.
+    fn elements(&self, of: &Layout, count: Option<usize>) -> Result<Vec<Self>, Self::Error>;
+}
+
+/// Writes a value behind the bytes that are there.
+///
+/// # Errors
+/// The value is not of this layout; some of it may have been written.
+pub fn write<P: Part>(layout: &Layout, part: &P, writer: &mut Writer<'_>) -> Result<(), P::Error> {
+    match layout {
+        Layout::Number { .. } | Layout::Truth | Layout::Text => part.leaf(layout, writer),
+        Layout::Record(fields) => fields.iter().try_for_each(|one| write(&one.layout, &part.field(one)?, writer)),
+        Layout::List { of, count } => {
+            let elements = part.elements(of, *count)?;
+            if count.is_none() {
+                writer.length(elements.len());
+            }
+            elements.iter().try_for_each(|element| write(of, element, writer))
+        }
+    }
+}
+
+/// Appends encoded values to bytes.
+#[derive(Debug)]
+pub struct Writer<'a> {
+    bytes: &'a mut Vec<u8>,
+}
+
+impl<'a> Writer<'a> {
+    /// Returns a writer that appends to `bytes`.
+    pub fn new(bytes: &'a mut Vec<u8>) -> Self {
+        Self { bytes }
+    }
+
+    /// Writes a number.
+    pub fn number(&mut self, number: f64) {
+        self.bytes.extend(number.to_le_bytes());
+    }
+
+    /// Writes a truth value.
+    pub fn truth(&mut self, truth: bool) {
+        self.bytes.push(u8::from(truth));
+    }
+
+    /// Writes a text.
+    pub fn text(&mut self, text: &str) {
+        self.piece(text.as_bytes());
+    }
+
+    /// Writes bytes with their length.
+    pub fn piece(&mut self, bytes: &[u8]) {
+        self.length(bytes.len());
+        self.bytes.extend(bytes);
+    }
+
+    /// Writes the number of elements of a list, or the length of bytes: seven bits a byte, the lowest first.
+    pub fn length(&mut self, mut length: usize) {
+        while length >= 0x80 {
+            self.bytes.push(u8::try_from(length & 0x7f).unwrap_or(0) | 0x80);
+            length >>= 7;
+        }
+        self.bytes.push(u8::try_from(length).unwrap_or(0));
+    }
+}
