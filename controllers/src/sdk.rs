@@ -76,6 +76,7 @@
 //! ```
 
 mod arguments;
+mod arrivals;
 mod calls;
 mod controller;
 mod database;
@@ -103,6 +104,7 @@ pub use comms::logic::bytes::Bytes;
 pub use comms::logic::object::{Access, ExportKind, ObjectError};
 
 pub use arguments::{ArgumentError, Arguments, Kind, Parameter};
+pub use arrivals::Arrivals;
 pub use calls::{Answered, AnyCalls, CallOrder, CallPort, Calls};
 pub use controller::{About, Configured, Controller, Outcome, Progress, Schedule, Stopping, TAG_MAX, Tick};
 pub use database::{
@@ -114,7 +116,7 @@ pub use group::{GroupError, InProcessGroup};
 pub use interface::{Binding, Device, Direction, InnerOutput, Interface, PortInterface};
 pub use key_ports::{KeyAnswer, KeyNews, KeyPut, KeyResult};
 pub use module::{Delivery, DeliveryError, InnerValue, Module, Outlets};
-pub use port::{AnyIn, AnyOut, Every, In, InputPort, InputSet, Message, Out, OutputPort, OutputSet, Unfit};
+pub use port::{AnyIn, AnyOut, EVERY_MAX, Every, In, InputPort, InputSet, Message, Out, OutputPort, OutputSet, Unfit};
 pub use quantity::Quantity;
 pub use random::Random;
 pub use registry::{CreateError, Registry};

@@ -22,6 +22,13 @@ use thiserror::Error;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct ModuleId(usize);
 
+impl ModuleId {
+    /// Returns how many modules were added before it.
+    pub fn number(self) -> usize {
+        self.0
+    }
+}
+
 /// Names a wire of a harness.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct WireId(usize);
@@ -83,6 +90,23 @@ pub struct Harness {
     disturbance: Disturbance,
     random: Random,
     meddler: Option<Box<Meddler>>,
+    listener: Option<Box<Listener>>,
+}
+
+/// Sees each value that leaves an output.
+type Listener = dyn FnMut(&Sent<'_>);
+
+/// A value that leaves an output, connected or not.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sent<'a> {
+    /// The time of its calculation.
+    pub at: Time,
+    /// The module that sends it.
+    pub module: ModuleId,
+    /// The output.
+    pub port: &'static str,
+    /// The value, encoded.
+    pub bytes: &'a [u8],
 }
 
 /// Sees each sample before its module has it, and may change it.
@@ -148,6 +172,7 @@ impl Harness {
             random: Random::new(disturbance.seed),
             disturbance,
             meddler: None,
+            listener: None,
         }
     }
 
@@ -291,6 +316,21 @@ impl Harness {
         self.meddler = Some(Box::new(meddler));
     }
 
+    /// Has `listener` see the values that leave outputs from now on.
+    pub fn listen(&mut self, listener: impl FnMut(&Sent<'_>) + 'static) {
+        self.listener = Some(Box::new(listener));
+    }
+
+    /// Sends an encoded value to an input, as over a wire.
+    ///
+    /// # Errors
+    /// If there is no such input.
+    pub fn send_to(&mut self, module: ModuleId, port: &str, bytes: Vec<u8>) -> Result<(), ConnectError> {
+        let (port, _) = self.port((module, port), Direction::In)?;
+        self.transfer(module.0, port, bytes);
+        Ok(())
+    }
+
     /// Lets time pass until an activation ends, at most until `until`.
     pub fn run(&mut self, until: Time) -> Option<Report> {
         loop {
@@ -416,18 +456,26 @@ impl Harness {
         let mut samples = Vec::new();
         self.slots[slot].module.drain(&mut |port, bytes| samples.push((port, bytes)));
         for (port, bytes) in samples {
+            if let Some(listener) = &mut self.listener {
+                listener(&Sent { at: self.now, module: ModuleId(slot), port, bytes: &bytes });
+            }
             for (to, input) in self.receivers(slot, port) {
-                self.sent += 1;
-                if self.random.unit() < self.disturbance.drop_chance {
-                    continue;
-                }
-                let jitter = self.disturbance.transfer_jitter.mul_f64(self.random.unit());
-                // Samples to one receiver never overtake each other.
-                let at = (self.now + self.disturbance.transfer + jitter).max(self.slots[to].arrived_last);
-                self.slots[to].arrived_last = at;
-                self.put(at, HarnessEvent::Deliver { slot: to, port: input, bytes: bytes.clone() });
+                self.transfer(to, input, bytes.clone());
             }
         }
+    }
+
+    /// Puts a sample on its way to an input; the network may lose it.
+    fn transfer(&mut self, to: usize, input: &'static str, bytes: Vec<u8>) {
+        self.sent += 1;
+        if self.random.unit() < self.disturbance.drop_chance {
+            return;
+        }
+        let jitter = self.disturbance.transfer_jitter.mul_f64(self.random.unit());
+        // Samples to one receiver never overtake each other.
+        let at = (self.now + self.disturbance.transfer + jitter).max(self.slots[to].arrived_last);
+        self.slots[to].arrived_last = at;
+        self.put(at, HarnessEvent::Deliver { slot: to, port: input, bytes });
     }
 
     fn receivers(&self, slot: usize, port: &'static str) -> Vec<(usize, &'static str)> {

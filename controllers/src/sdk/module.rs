@@ -187,6 +187,13 @@ pub enum DeliveryError {
     },
 }
 
+impl DeliveryError {
+    /// Returns the error for bytes that are not laid out as the type of an input.
+    pub fn malformed(port: &'static str, expected: &'static str) -> Self {
+        Self::Decode { port, expected, cause: postcard::Error::DeserializeBadEncoding }
+    }
+}
+
 /// One instance of a controller with its ports.
 pub(super) struct Instance<C: Controller> {
     controller: C,

@@ -1,5 +1,6 @@
 //! Typed ports, and sets of them, which `#[derive(Inputs)]` and `#[derive(Outputs)]` write.
 
+use super::arrivals::{Arrivals, Refusals};
 use super::calls::AnyCalls;
 use super::database::Database;
 use super::export::CallInterface;
@@ -42,10 +43,6 @@ impl Message for () {
     const TYPE: &'static str = "";
 }
 
-/// Clocks of two hosts are not comparable: a sample that seems to be older than this when it arrives is stamped by another
-/// clock, and so is one that comes from the future. It is as old as its arrival.
-const FOREIGN: Duration = Duration::from_secs(10);
-
 /// Returns whether a message may go through a port.
 pub(super) fn is_fit<T: Message>(value: &T) -> bool {
     T::ALLOW_NAN || is_finite(value)
@@ -66,63 +63,16 @@ impl From<postcard::Error> for Unfit {
     }
 }
 
-/// The values that an input has refused in this activation.
-#[derive(Clone, Copy, Debug, Default)]
-struct Refusals {
-    all: u64,
-    /// Since the last value that was taken.
-    in_a_row: u64,
-}
-
-impl Refusals {
-    fn judge<T: Message>(&mut self, value: T) -> Result<T, Unfit> {
-        if is_fit(&value) {
-            self.in_a_row = 0;
-            return Ok(value);
-        }
-        (self.all, self.in_a_row) = (self.all + 1, self.in_a_row + 1);
-        Err(Unfit::NotFinite)
-    }
-
-    fn trouble(self) -> Option<String> {
-        match self.in_a_row {
-            0 => None,
-            1 => Some("has refused its last value: a number in it was not finite".to_owned()),
-            count => Some(format!("has refused its last {count} values: a number in them was not finite")),
-        }
-    }
-}
-
-/// A sample that has come again so often is told when its reader fails.
-const REPEATED_MIN: u64 = 3;
-
 /// An input: holds the newest value that arrived.
 #[derive(Debug)]
 pub struct In<T> {
     value: Option<T>,
-    arrived: Time,
-    received: u64,
-    /// How many of those were not the sample before once more, and how many of them a calculation has seen.
-    new: u64,
-    seen: u64,
-    /// How often the newest sample has come again.
-    repeated: u64,
-    lost: u64,
-    refusals: Refusals,
+    arrivals: Arrivals,
 }
 
 impl<T> Default for In<T> {
     fn default() -> Self {
-        Self {
-            value: None,
-            arrived: Time::ZERO,
-            received: 0,
-            new: 0,
-            seen: 0,
-            repeated: 0,
-            lost: 0,
-            refusals: Refusals::default(),
-        }
+        Self { value: None, arrivals: Arrivals::default() }
     }
 }
 
@@ -130,14 +80,12 @@ impl<T: Message> In<T> {
     /// Returns when the newest value was measured, on this host's clock: its stamp, or its arrival if it has no stamp of
     /// this clock.
     pub fn measured(&self) -> Option<Time> {
-        let stamp = self.value.as_ref()?.stamp();
-        let own = stamp.filter(|stamp| *stamp <= self.arrived && self.arrived.since(*stamp) <= FOREIGN);
-        Some(own.unwrap_or(self.arrived))
+        self.arrivals.measured()
     }
 
     /// Returns how old the newest value is at `now`, see [`In::measured`].
     pub fn age(&self, now: Time) -> Option<Duration> {
-        self.measured().map(|measured| now.since(measured))
+        self.arrivals.age(now)
     }
 
     /// Returns the newest value, however old.
@@ -147,7 +95,7 @@ impl<T: Message> In<T> {
 
     /// Returns the newest value if it is at most `age_max` old at `now`; see [`In::age`].
     pub fn fresh_within(&self, now: Time, age_max: Duration) -> Option<&T> {
-        self.value.as_ref().filter(|_| self.age(now).is_some_and(|age| age <= age_max))
+        self.value.as_ref().filter(|_| self.arrivals.is_fresh_within(now, age_max))
     }
 
     /// Returns whether there is no value that is at most `age_max` old at `now`: nothing came, or what came is out of date.
@@ -158,46 +106,44 @@ impl<T: Message> In<T> {
     /// Returns the newest value if it arrived since the last calculation. A sample with the stamp of the one before is that one once
     /// more, from a sensor that hangs: it is not fresh.
     pub fn fresh(&self) -> Option<&T> {
-        self.value.as_ref().filter(|_| self.new > self.seen)
+        self.value.as_ref().filter(|_| self.arrivals.is_fresh())
     }
 
     /// Returns when the newest value arrived, on this host's clock.
     pub fn arrived(&self) -> Option<Time> {
-        self.value.as_ref().map(|_| self.arrived)
+        self.arrivals.arrived()
     }
 
     /// Returns how many values have arrived in this activation.
     pub fn received(&self) -> u64 {
-        self.received
+        self.arrivals.received()
     }
 
     /// Returns how many values were sent to this input in this activation and have not come: the link has dropped them, or they
     /// found no room in the queue of the wire. What a switch of connections has held back and dropped is told with the switch.
     pub fn lost(&self) -> u64 {
-        self.lost
+        self.arrivals.lost()
     }
 
     /// Returns how many values have arrived in this activation and were refused, because a number in them was not finite; see
     /// [`Message::ALLOW_NAN`].
     pub fn refused(&self) -> u64 {
-        self.refusals.all
+        self.arrivals.refused()
     }
 
     fn take(&mut self, value: T, arrived: Time) -> Result<(), Unfit> {
-        let value = self.refusals.judge(value)?;
-        let before = self.value.as_ref().and_then(Message::stamp);
-        let is_repeated = before.is_some() && value.stamp() == before;
-        self.repeated = if is_repeated { self.repeated + 1 } else { 0 };
-        self.new += u64::from(!is_repeated);
+        if !is_fit(&value) {
+            self.arrivals.refuse();
+            return Err(Unfit::NotFinite);
+        }
+        self.arrivals.accept(value.stamp(), arrived);
         self.value = Some(value);
-        self.arrived = arrived;
-        self.received += 1;
         Ok(())
     }
 }
 
 /// How many values an [`Every`] keeps at most; the oldest gives way.
-const EVERY_MAX: usize = 8192;
+pub const EVERY_MAX: usize = 8192;
 
 /// An input that keeps every value that has arrived since the last calculation, in order: for what counts, and not only as it is
 /// now. How many wait before that is said in the spec, `queue 1000`.
@@ -232,7 +178,11 @@ impl<T: Message> Every<T> {
     }
 
     fn take(&mut self, value: T) -> Result<(), Unfit> {
-        let value = self.refusals.judge(value)?;
+        if !is_fit(&value) {
+            self.refusals.refuse();
+            return Err(Unfit::NotFinite);
+        }
+        self.refusals.accept();
         if self.values.len() >= EVERY_MAX {
             self.values.pop_front();
             self.lost += 1;
@@ -298,18 +248,15 @@ impl<T: Message> AnyIn for In<T> {
     }
 
     fn trouble(&self) -> Option<String> {
-        let is_stuck = self.repeated >= REPEATED_MIN;
-        let stuck =
-            is_stuck.then(|| format!("has got its last sample {} times more, with the same stamp", self.repeated));
-        self.refusals.trouble().or(stuck)
+        self.arrivals.trouble()
     }
 
     fn lose(&mut self, count: u64) {
-        self.lost += count;
+        self.arrivals.lose(count);
     }
 
     fn mark_seen(&mut self) {
-        self.seen = self.new;
+        self.arrivals.mark_seen();
     }
 
     fn clear(&mut self) {

@@ -78,15 +78,28 @@ enum ProcessError {
     Thread(#[from] std::io::Error),
 }
 
-/// Runs this process as the controller that its arguments name. Everything `main` has to do.
-pub fn run(registry: &Registry) -> ExitCode {
-    prepare_process(Role::End);
-    let no_thread = |error| tell(&ProcessError::Thread(error).to_string(), ExitCode::FAILURE);
-    on_own_stack(|| run_named(registry)).unwrap_or_else(no_thread)
+/// The process of another language in which controllers run.
+#[derive(Clone, Debug)]
+pub struct Embedding {
+    /// The words of the command line behind the program.
+    pub arguments: Vec<String>,
+    /// Runs the control loop on its thread, once: what the language needs of a thread is done around that.
+    pub around: fn(&mut (dyn FnMut() + Send)),
 }
 
-fn run_named(registry: &Registry) -> ExitCode {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
+/// Runs this process as the controller that its arguments name. Everything `main` has to do.
+pub fn run(registry: &Registry) -> ExitCode {
+    run_in(registry, &Embedding { arguments: std::env::args().skip(1).collect(), around: |run| run() })
+}
+
+/// Runs the process of another language as the controller that its arguments name.
+pub fn run_in(registry: &Registry, embedding: &Embedding) -> ExitCode {
+    prepare_process(Role::End);
+    let no_thread = |error| tell(&ProcessError::Thread(error).to_string(), ExitCode::FAILURE);
+    on_own_stack(|| run_named(registry, embedding)).unwrap_or_else(no_thread)
+}
+
+fn run_named(registry: &Registry, Embedding { arguments, around }: &Embedding) -> ExitCode {
     let text = match arguments.first().map(String::as_str) {
         None => return tell(USAGE, ExitCode::from(2)),
         Some("--help" | "-h") => format!("{USAGE}\n"),
@@ -94,7 +107,7 @@ fn run_named(registry: &Registry) -> ExitCode {
         Some("--dca-interface") => registry.interface_text(),
         Some("--list") => registry.interfaces().map(|one| format!("{}\n", one.type_name)).collect(),
         Some(name) => {
-            return match take_part(registry, name, arguments.get(1..).unwrap_or_default()) {
+            return match take_part(registry, name, arguments.get(1..).unwrap_or_default(), *around) {
                 Ok(code) => code,
                 Err(error @ (ProcessError::Create(_) | ProcessError::NoNode { .. })) => {
                     tell(&error.to_string(), ExitCode::from(2))
@@ -120,7 +133,12 @@ fn tell(text: &str, code: ExitCode) -> ExitCode {
     code
 }
 
-fn take_part(registry: &Registry, name: &str, arguments: &[String]) -> Result<ExitCode, ProcessError> {
+fn take_part(
+    registry: &Registry,
+    name: &str,
+    arguments: &[String],
+    around: fn(&mut (dyn FnMut() + Send)),
+) -> Result<ExitCode, ProcessError> {
     let parent = parent_id();
     let word = std::env::var_os("DCA_INSTANCE").unwrap_or_default().to_string_lossy().into_owned();
     // A number behind the path tells it from another program of the same process.
@@ -160,7 +178,7 @@ fn take_part(registry: &Registry, name: &str, arguments: &[String]) -> Result<Ex
     let parameters = interface.about.parameters;
     // The registry has made a controller of them already, so they fit.
     let arguments = Arguments::parse(parameters, arguments).unwrap_or_default().of(&deployment, &instance);
-    let program = Program { interface, instance, arguments, overlay: Vec::new(), session, notices };
+    let program = Program { interface, instance, arguments, overlay: Vec::new(), session, notices, around };
     program.serve(module, (inbox, links), orders)
 }
 
@@ -211,6 +229,8 @@ struct Program {
     overlay: Vec<(String, String)>,
     session: Option<Arc<DataSession>>,
     notices: NoticeLog,
+    /// See [`Embedding::around`].
+    around: fn(&mut (dyn FnMut() + Send)),
 }
 
 impl Program {
@@ -226,7 +246,9 @@ impl Program {
             watcher.tell(cycle.heartbeat())?;
         }
         let database = cycle.database();
-        let running = std::thread::Builder::new().name("cycle".to_owned()).spawn(move || cycle.run())?;
+        let (mut cycle, around) = (Some(cycle), self.around);
+        let run = move || around(&mut || cycle.take().into_iter().for_each(Cycle::run));
+        let running = std::thread::Builder::new().name("cycle".to_owned()).spawn(run)?;
         obey_sigterm(&inbox, &self.notices)?;
         let code = loop {
             match orders.next() {

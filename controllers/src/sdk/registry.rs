@@ -68,15 +68,15 @@ impl Registry {
         self
     }
 
-    /// Adds a type of which there is an interface alone, such as a stand-in for a controller of another program; one of the same
-    /// name is replaced.
+    /// Adds a type that is no [`Controller`] of Rust, such as a class of another language, or a stand-in for a controller of another
+    /// program; one of the same name is replaced. `create` makes an instance, or says in one line what is wrong with the arguments.
     pub fn add_module(
         &mut self,
         interface: Interface,
-        create: fn(&Interface, &Arguments) -> Box<dyn Module>,
+        create: impl Fn(&Interface, &Arguments) -> Result<Box<dyn Module>, String> + Send + Sync + 'static,
     ) -> &mut Self {
         let (type_name, own) = (interface.type_name, interface.clone());
-        let create = move |arguments: &Arguments| Ok(create(&own, arguments));
+        let create = move |arguments: &Arguments| create(&own, arguments);
         self.types.insert(type_name, Entry { interface, create: Box::new(create) });
         self
     }

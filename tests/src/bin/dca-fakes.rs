@@ -121,9 +121,9 @@ impl Module for Fake {
 }
 
 /// A stand-in that looks for orders as often as all of them do.
-fn fake(interface: &Interface, _: &Arguments) -> Box<dyn Module> {
+fn fake(interface: &Interface, _: &Arguments) -> Result<Box<dyn Module>, String> {
     let path = std::env::var("DCA_INSTANCE").unwrap_or_default();
-    Box::new(Fake { interface: interface.clone(), path, works: false, heard: BTreeMap::new(), looks: 0 })
+    Ok(Box::new(Fake { interface: interface.clone(), path, works: false, heard: BTreeMap::new(), looks: 0 }))
 }
 
 fn main() -> ExitCode {
