@@ -54,7 +54,7 @@ pub use format::format;
 pub use gather::{Content, gather, without_groups};
 pub use graph::{Graph, graph};
 pub use host::host_name_problem;
-pub use message::{Layout, Message};
+pub use message::{AskedModule, Layout, Message};
 pub use similar::nearest;
 pub use simulate::{
     Ending, ProgramFault, RandomRun, ReplayError, Simulation, SimulationError, SimulationEvent, TraceError, TraceEvent,
@@ -98,6 +98,23 @@ pub fn parameters(interfaces: &[Source]) -> std::collections::BTreeMap<String, O
 /// Returns whether a text is a number with a unit of the language: `20 N`, `0.2 m/s`.
 pub fn is_quantity(text: &str) -> bool {
     matches!(unit::read(text), Ok((_, Some(_))))
+}
+
+/// Returns a value that is spelt as in a spec, `20 N` or `20`, in SI units; none if it is not of this type of quantities.
+///
+/// ```
+/// assert_eq!(language::quantity("2 kN", "Force"), Some(2000.0));
+/// assert_eq!(language::quantity("2 m", "Force"), None);
+/// ```
+pub fn quantity(text: &str, type_name: &str) -> Option<f64> {
+    let (number, dimension) = unit::read(text).ok()?;
+    let (of_type, _) = unit::of_type(type_name)?;
+    dimension.is_none_or(|dimension| dimension == of_type).then_some(number)
+}
+
+/// Returns the modules of these texts that are programs in Python and leave it to them to say what their interfaces are.
+pub fn asked(sources: &[Source]) -> Vec<AskedModule> {
+    check::asked(sources)
 }
 
 /// Returns what each output of each module sends, as far as interfaces say it: by module, then by output.

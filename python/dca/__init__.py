@@ -1,0 +1,82 @@
+"""Controllers of DCA in Python.
+
+A controller is a class: ports and parameters are its attributes, `main_calc` is called once a period or once a value.
+`dca.run` makes a program of it, which a node starts like any other.
+"""
+
+from ._controller import (
+    Every,
+    In,
+    Out,
+    Signal,
+    abort,
+    done,
+    outcome,
+    parameter,
+    run,
+    secret,
+    service,
+    task,
+)
+from ._dca import Abort, Done, Tick, __version__
+from ._message import Bytes, Count, decode, encode, message
+from ._quantity import (
+    Acceleration,
+    Angle,
+    AngularSpeed,
+    Current,
+    Force,
+    Frequency,
+    Length,
+    Mass,
+    Power,
+    Quantity,
+    Size,
+    Speed,
+    Stiffness,
+    Time,
+    Torque,
+    Voltage,
+    si,
+)
+
+__all__ = [
+    "Abort",
+    "Acceleration",
+    "Angle",
+    "AngularSpeed",
+    "Bytes",
+    "Count",
+    "Current",
+    "Done",
+    "Every",
+    "Force",
+    "Frequency",
+    "In",
+    "Length",
+    "Mass",
+    "Out",
+    "Power",
+    "Quantity",
+    "Signal",
+    "Size",
+    "Speed",
+    "Stiffness",
+    "Tick",
+    "Time",
+    "Torque",
+    "Voltage",
+    "__version__",
+    "abort",
+    "decode",
+    "done",
+    "encode",
+    "message",
+    "outcome",
+    "parameter",
+    "run",
+    "secret",
+    "service",
+    "si",
+    "task",
+]

@@ -1,0 +1,295 @@
+"""Controllers from classes: their ports, parameters and ends."""
+
+import io
+import logging
+import signal
+import sys
+from collections.abc import Callable
+from typing import Any, Generic, NamedTuple, TypeVar, overload
+
+from . import _dca
+from ._message import encode, message_type
+from ._quantity import name_of
+
+T = TypeVar("T")
+
+_DECLARATION = "__dca_controller__"
+_PARAMETERS = {float: "Number", int: "Number", bool: "Truth", str: "Text"}
+_MODES = ("--list", "--dca-interface", "--help", "-h", "--version", "-V")
+
+
+class _Port(Generic[T]):
+    """A port of a class. An instance has the port itself in its place."""
+
+    is_input = True
+    keeps_all = False
+
+    def __init__(
+        self,
+        message: type[T],
+        name: str | None = None,
+        *,
+        optional: bool = False,
+        device: str | None = None,
+        owner: bool = False,
+        doc: str = "",
+    ) -> None:
+        self.message = message_type(message)
+        self.name = name or ""
+        self.attribute = ""
+        self.is_optional = optional
+        self.doc = doc
+        self.device = None
+        if device is not None:
+            self.device, self.name = "owner" if owner else "client", device
+
+    def __set_name__(self, _: type, attribute: str) -> None:
+        self.attribute = attribute
+        self.name = self.name or attribute
+
+    def _of(self, controller: object) -> Any:
+        """Returns this declaration at a class; an instance that DCA has made has its own port, and never comes here."""
+        if controller is None:
+            return self
+        raise AttributeError(f"`{self.attribute}` has no port: this object was not made by dca.run or a dca.testing.Harness")
+
+
+class In(_Port[T]):
+    """An input that holds the newest value: `In = dca.In(Range)`.
+
+    The port has the name of its attribute, unless `name` gives another. With `device="arm/state"` it is a port of a device.
+    """
+
+    @overload
+    def __get__(self, controller: None, cls: type) -> "In[T]": ...
+    @overload
+    def __get__(self, controller: object, cls: type) -> "_dca.Input[T]": ...
+    def __get__(self, controller: object, cls: type) -> Any:
+        return self._of(controller)
+
+
+class Every(_Port[T]):
+    """An input that keeps every value since the last calculation; the controller iterates over it."""
+
+    keeps_all = True
+
+    @overload
+    def __get__(self, controller: None, cls: type) -> "Every[T]": ...
+    @overload
+    def __get__(self, controller: object, cls: type) -> "_dca.EveryInput[T]": ...
+    def __get__(self, controller: object, cls: type) -> Any:
+        return self._of(controller)
+
+
+class Out(_Port[T]):
+    """An output: `Out = dca.Out(Velocity)`."""
+
+    is_input = False
+
+    @overload
+    def __get__(self, controller: None, cls: type) -> "Out[T]": ...
+    @overload
+    def __get__(self, controller: object, cls: type) -> "_dca.Output[T]": ...
+    def __get__(self, controller: object, cls: type) -> Any:
+        return self._of(controller)
+
+
+class _Parameter:
+    """A parameter of a class. An instance has its value in its place."""
+
+    def __init__(
+        self,
+        kind: Any,
+        limits: tuple[Any, ...] = (),
+        *,
+        default: Any = None,
+        name: str | None = None,
+    ) -> None:
+        type_name = "Secret" if kind is _Secret else name_of(kind) or _PARAMETERS.get(kind)
+        if type_name is None:
+            raise TypeError(f"`{kind}` is not a type of parameters: float, int, bool, str, or a quantity such as dca.Force")
+        self.type_name = type_name
+        self.is_whole = kind is int
+        self.words: list[str] = [str(word) for word in limits] if type_name == "Text" else []
+        self.low, self.high = None, None
+        if limits and type_name != "Text":
+            if len(limits) != 2:
+                raise TypeError("the limits of a parameter are two: (low, high); None for no limit")
+            self.low, self.high = limits
+        self.default = default
+        self.name = name or ""
+        self.attribute = ""
+
+    def __set_name__(self, _: type, attribute: str) -> None:
+        self.attribute = attribute
+        self.name = self.name or attribute
+
+
+class _Secret:
+    """The type of a secret."""
+
+
+def parameter(kind: Any, limits: tuple[Any, ...] = (), *, default: Any = None, name: str | None = None) -> Any:
+    """Declares a parameter, which is an attribute of each instance, in SI units.
+
+    `limits` are the lowest and the highest value, or the words that a text may be. Without `default` a spec has to give it.
+    When a parameter changes while the controller runs, the attribute has another value in the next calculation.
+    """
+    return _Parameter(kind, limits, default=default, name=name)
+
+
+def secret(*, name: str | None = None) -> Any:
+    """Declares a secret of the database, which a spec gives as `secret("team/camera/password")`; the attribute is bytes."""
+    return _Parameter(_Secret, name=name)
+
+
+class Signal(NamedTuple):
+    """A number for people and records, which the method `signals` returns."""
+
+    name: str
+    value: float
+    unit: str = ""
+    headline: bool = False
+
+
+def done(value: Any = None) -> _dca.Done:
+    """Returns the normal end of a task, leaving a message or bytes to the next process."""
+    return _dca.Done(_bytes(value))
+
+
+def outcome(tag: str, value: Any = None) -> _dca.Done:
+    """Returns one of the normal ends that the class declares, leaving a message or bytes to the next process."""
+    return _dca.Done(_bytes(value), tag)
+
+
+def abort(reason: str) -> _dca.Abort:
+    """Returns the failed end of an activation, and why, in one line."""
+    return _dca.Abort(str(reason))
+
+
+def _bytes(value: Any) -> bytes:
+    if value is None:
+        return b""
+    return bytes(value) if isinstance(value, (bytes, bytearray, memoryview)) else encode(value)
+
+
+class Declaration:
+    """What a class declares. The native half reads its attributes."""
+
+    def __init__(self, cls: type[Any], doc: str, *, is_service: bool, **about: Any) -> None:
+        self.cls = cls
+        self.name: str = about["name"] or cls.__name__
+        self.doc = doc
+        self.is_service = is_service
+        self.every = about["every"]
+        self.triggered_by = about["triggered_by"]
+        self.stop_within = about["stop_within"]
+        self.remembers = about["remembers"]
+        self.signals_every = about["signals_every"]
+        self.outcomes = [
+            (tag, None if kind is None else message_type(kind).name) for tag, kind in about["outcomes"].items()
+        ]
+        declared = {name: value for base in reversed(cls.__mro__) for name, value in vars(base).items()}
+        self.ports = [value for value in declared.values() if isinstance(value, _Port)]
+        self.parameters = [value for value in declared.values() if isinstance(value, _Parameter)]
+        self._check()
+
+    def _check(self) -> None:
+        names = [one.name for one in [*self.ports, *self.parameters]]
+        if twice := {name for name in names if names.count(name) > 1}:
+            raise TypeError(f"{self.cls.__name__}: there are two `{min(twice)}`")
+        inputs = [port.name for port in self.ports if port.is_input]
+        if self.triggered_by is not None and self.triggered_by not in inputs:
+            raise TypeError(f"{self.cls.__name__}: triggered_by `{self.triggered_by}`, which is not one of its inputs")
+        if not callable(getattr(self.cls, "main_calc", None)):
+            raise TypeError(f"{self.cls.__name__}: a controller has a method `main_calc(self, tick)`")
+        if self.signals_every is not None and not callable(getattr(self.cls, "signals", None)):
+            raise TypeError(f"{self.cls.__name__}: signals_every needs a method `signals(self)`")
+        # What is wrong with a period or a parameter is said where the class is written.
+        _dca.interface([self])
+
+    def make(self, attributes: dict[str, Any]) -> Any:
+        """Makes an instance with its ports and the values of its parameters."""
+        cls: Any = self.cls
+        controller = cls.__new__(cls)
+        places = {one.name: one for one in self.parameters}
+        for name, value in attributes.items():
+            place = places.get(name)
+            if place is not None:
+                name, value = place.attribute, int(value) if place.is_whole else value
+            setattr(controller, name, value)
+        controller.__init__()
+        return controller
+
+
+def service(
+    doc: str,
+    *,
+    name: str | None = None,
+    every: str | float | None = None,
+    triggered_by: str | None = None,
+    stop_within: str | float | None = None,
+    remembers: bool = False,
+    signals_every: str | float | None = None,
+) -> Callable[[type[T]], type[T]]:
+    """Makes a controller type of a class that never ends by itself.
+
+    It calculates `every` period (10 ms), and at once on each value of the input that it is `triggered_by`.
+    """
+
+    def decorate(cls: type[T]) -> type[T]:
+        about = {"name": name, "every": every, "triggered_by": triggered_by, "stop_within": stop_within}
+        about |= {"remembers": remembers, "signals_every": signals_every, "outcomes": {}}
+        setattr(cls, _DECLARATION, Declaration(cls, doc, is_service=True, **about))
+        return cls
+
+    return decorate
+
+
+def task(
+    doc: str,
+    *,
+    name: str | None = None,
+    every: str | float | None = None,
+    triggered_by: str | None = None,
+    stop_within: str | float | None = None,
+    remembers: bool = False,
+    signals_every: str | float | None = None,
+    outcomes: dict[str, type[Any] | None] | None = None,
+) -> Callable[[type[T]], type[T]]:
+    """Makes a controller type of a class that ends by itself, with `dca.done` or one of its `outcomes`."""
+
+    def decorate(cls: type[T]) -> type[T]:
+        about = {"name": name, "every": every, "triggered_by": triggered_by, "stop_within": stop_within}
+        about |= {"remembers": remembers, "signals_every": signals_every, "outcomes": outcomes or {}}
+        setattr(cls, _DECLARATION, Declaration(cls, doc, is_service=False, **about))
+        return cls
+
+    return decorate
+
+
+def declaration(cls: Any) -> Declaration:
+    """Returns what a class declares; raises `TypeError` if it is not a controller."""
+    found = cls.__dict__.get(_DECLARATION) if isinstance(cls, type) else None
+    if found is None:
+        shown = getattr(cls, "__name__", repr(cls))
+        raise TypeError(f"`{shown}` is not a controller: write @dca.service(...) or @dca.task(...) above it")
+    return found
+
+
+def run(*controllers: type[Any]) -> None:
+    """Runs this process as the controller that its arguments name; all that a main program has to do. It does not return."""
+    declarations = [declaration(cls) for cls in controllers]
+    arguments = sys.argv[1:]
+    if len(declarations) == 1 and (not arguments or arguments[0] not in (*_MODES, declarations[0].name)):
+        # A program of one controller needs no word for it.
+        arguments = [declarations[0].name, *arguments]
+    for stream in (sys.stdout, sys.stderr):
+        # What is printed is in the log at once, and not when a buffer is full.
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(line_buffering=True)
+    if not logging.getLogger().handlers:
+        logging.basicConfig(format="%(levelname)s %(name)s: %(message)s", level=logging.INFO)
+    # The node stops its programs; Ctrl-C ends one that was started by hand.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    sys.exit(_dca.run(declarations, arguments))

@@ -1,0 +1,113 @@
+"""The native half of `dca`."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, Generic, TypeVar
+
+T = TypeVar("T")
+
+__version__: str
+
+class MessageType:
+    name: str
+    fields: str
+    def __init__(
+        self, name: str, fields: str, form: Any, *, stamp: int | None = None, allow_nan: bool = False
+    ) -> None: ...
+    def encode(self, value: Any) -> bytes: ...
+    def decode(self, bytes: bytes) -> Any: ...
+
+class NativeHarness:
+    @property
+    def now(self) -> float: ...
+    def __init__(self, seed: int, is_busy: bool) -> None: ...
+    def add(self, declaration: Any, arguments: Sequence[str]) -> int: ...
+    def connect(self, from_: tuple[int, str], to: tuple[int, str], /) -> int: ...
+    def switch(self, wire: int, is_open: bool) -> None: ...
+    def activate(self, module: int, value: bytes) -> None: ...
+    def stop(self, module: int) -> None: ...
+    def crash(self, module: int) -> None: ...
+    def send_to(self, module: int, port: str, bytes: bytes) -> None: ...
+    def run(self, within: str | float) -> tuple[int, float, str, bytes, str] | None: ...
+    def is_active(self, module: int) -> bool: ...
+    def take_sent(self) -> list[tuple[float, int, str, bytes]]: ...
+
+class Input(Generic[T]):
+    """An input of a controller: holds the newest value that arrived."""
+
+    @property
+    def measured(self) -> float | None:
+        """The time when the newest value was measured, or else when it arrived."""
+    @property
+    def arrived(self) -> float | None:
+        """The time when the newest value arrived."""
+    @property
+    def received(self) -> int:
+        """How many values have arrived in this activation."""
+    @property
+    def lost(self) -> int:
+        """How many values were sent to this input in this activation and have not come."""
+    @property
+    def refused(self) -> int:
+        """How many values were refused in this activation, because a number in them was not finite."""
+    def latest(self) -> T | None:
+        """Returns the newest value, however old; `None` before the first."""
+    def fresh(self) -> T | None:
+        """Returns the newest value if it arrived since the last calculation."""
+    def fresh_within(self, now: float, age_max: str | float) -> T | None:
+        """Returns the newest value if it is at most `age_max` old at `now`."""
+    def stale(self, now: float, age_max: str | float) -> bool:
+        """Returns whether there is no value that is at most `age_max` old at `now`."""
+    def age(self, now: float) -> float | None:
+        """Returns how old the newest value is at `now`, in seconds."""
+
+class EveryInput(Generic[T]):
+    """An input that keeps every value that has arrived since the last calculation."""
+
+    @property
+    def lost(self) -> int:
+        """How many values were sent to this input in this activation and are not among those that it had."""
+    @property
+    def refused(self) -> int:
+        """How many values were refused in this activation, because a number in them was not finite."""
+    def __iter__(self) -> Iterator[T]: ...
+    def __len__(self) -> int: ...
+
+class Output(Generic[T]):
+    """An output of a controller."""
+
+    @property
+    def pending(self) -> bool:
+        """Whether a value waits to be sent."""
+    def send(self, value: T) -> None:
+        """Sends a value after this calculation; of two values in one calculation the second goes."""
+
+class Tick:
+    """The moment of one calculation."""
+
+    @property
+    def now(self) -> float:
+        """This host's clock, in seconds."""
+    @property
+    def elapsed(self) -> float:
+        """The seconds since the last calculation of this activation; one period at the first."""
+    def __init__(self, now: float, elapsed: float = 0.0) -> None: ...
+
+class Done:
+    """The normal end of an activation."""
+
+    @property
+    def value(self) -> bytes: ...
+    @property
+    def tag(self) -> str | None: ...
+    def __init__(self, bytes: bytes, tag: str | None = None) -> None: ...
+
+class Abort:
+    """The failed end of an activation."""
+
+    @property
+    def reason(self) -> str: ...
+    def __init__(self, reason: str) -> None: ...
+
+def run(declarations: Sequence[Any], arguments: Sequence[str]) -> int: ...
+def interface(declarations: Sequence[Any]) -> str: ...
+def si(value: str | float, type_name: str) -> float: ...

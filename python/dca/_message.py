@@ -1,0 +1,169 @@
+"""Message types from dataclasses.
+
+A field is declared to other programs as a spec spells it, and has the bytes of the same field in Rust:
+
+    float               Number          f64
+    dca.Force ...       Force           f64
+    int                 Number          f64, which holds whole numbers up to 2^53
+    bool                Truth           bool
+    str                 Text            String
+    dca.Bytes           Bytes           Bytes; read as a read-only memoryview
+    Enum of strings     Text            String
+    list[X]             X[]             Vec<X>
+    tuple[X, X, X]      X[3]            [X; 3]
+    X | None            X[]             Option<X>, whose bytes are those of a list of at most one
+    a dataclass         { ... }         a struct
+"""
+
+import dataclasses
+import enum
+import types
+import typing
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeVar, overload
+
+from . import _dca
+from ._quantity import name_of
+
+T = TypeVar("T")
+
+Bytes = bytes | bytearray | memoryview
+"""A field of bytes: any of these goes out, and a read-only memoryview comes in."""
+
+_MESSAGE = "__dca_message__"
+_DEPTH_MAX = 60
+_TIME = ("number", "Time")
+
+
+@dataclass(frozen=True, slots=True)
+class Count:
+    """The length of a list that always has as many elements: `Annotated[list[float], dca.Count(361)]`."""
+
+    count: int
+
+
+@overload
+def message(cls: type[T]) -> type[T]: ...
+@overload
+def message(*, name: str | None = None, allow_nan: bool = False) -> Callable[[type[T]], type[T]]: ...
+def message(cls: type[Any] | None = None, *, name: str | None = None, allow_nan: bool = False) -> Any:
+    """Makes a message type of a dataclass.
+
+    `name` is its name in specs, that of the class otherwise. Numbers in it may be infinite, or not a number, only
+    with `allow_nan`. A field `stamp`, of type `dca.Time` or `dca.Time | None`, is the time of measurement.
+    """
+
+    def decorate(cls: type[T]) -> type[T]:
+        form, text = _record(cls, cls.__qualname__, 0)
+        names = [field for field, _ in form[2]]
+        stamp = names.index("stamp") if "stamp" in names else None
+        if stamp is not None and form[2][stamp][1] not in (_TIME, ("optional", _TIME)):
+            raise TypeError(f"{cls.__qualname__}.stamp: the time of measurement is a dca.Time")
+        fields = text.removeprefix("{ ").removesuffix(" }")
+        setattr(cls, _MESSAGE, _dca.MessageType(name or cls.__name__, fields, form, stamp=stamp, allow_nan=allow_nan))
+        return cls
+
+    return decorate if cls is None else decorate(cls)
+
+
+def encode(value: Any) -> bytes:
+    """Returns the bytes of a message."""
+    return message_type(type(value)).encode(value)
+
+
+def decode(cls: type[T], data: bytes) -> T:
+    """Returns the message that bytes are; raises `ValueError` if they are not of this type."""
+    return message_type(cls).decode(data)
+
+
+def message_type(cls: Any) -> _dca.MessageType:
+    """Returns the message type of a class; raises `TypeError` if it is none."""
+    found = cls.__dict__.get(_MESSAGE) if isinstance(cls, type) else None
+    if found is None:
+        shown = getattr(cls, "__name__", repr(cls))
+        raise TypeError(f"`{shown}` is not a message: write @dca.message above its @dataclass")
+    return found
+
+
+def _record(cls: type[Any], path: str, depth: int) -> tuple[Any, str]:
+    if not dataclasses.is_dataclass(cls):
+        raise TypeError(f"{path}: a message is a dataclass; write @dataclass between @dca.message and the class")
+    if depth > _DEPTH_MAX:
+        raise TypeError(f"{path}: a message type is nested deeper than {_DEPTH_MAX} levels")
+    fields, texts = [], []
+    for field, (form, text) in zip(dataclasses.fields(cls), _forms(cls, path, depth), strict=True):
+        if not field.init or field.kw_only:
+            raise TypeError(f"{path}.{field.name}: a field of a message is an argument by its place")
+        fields.append((field.name, form))
+        texts.append(f"{field.name}: {text}")
+    if not fields:
+        raise TypeError(f"{path}: a message has a field at least")
+    return ("record", cls, fields), f"{{ {', '.join(texts)} }}"
+
+
+def _forms(cls: type[Any], path: str, depth: int) -> list[tuple[Any, str]]:
+    hints = typing.get_type_hints(cls, include_extras=True)
+    return [_form(hints[field.name], f"{path}.{field.name}", depth + 1) for field in dataclasses.fields(cls)]
+
+
+_BYTES = (("bytes",), "Bytes")
+_PLAIN: dict[Any, tuple[Any, str]] = {
+    float: (("number", "Number"), "Number"),
+    int: (("whole",), "Number"),
+    bool: (("truth",), "Truth"),
+    str: (("text",), "Text"),
+    bytes: _BYTES,
+    bytearray: _BYTES,
+    memoryview: _BYTES,
+}
+
+
+def _form(annotation: Any, path: str, depth: int) -> tuple[Any, str]:
+    """Returns the form of a field, and its type as a spec spells it."""
+    if annotation in _PLAIN:
+        return _PLAIN[annotation]
+    if (quantity := name_of(annotation)) is not None:
+        return ("number", quantity), quantity
+    origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
+    if origin is typing.Annotated:
+        counts = [extra.count for extra in annotation.__metadata__ if isinstance(extra, Count)]
+        form, text = _form(arguments[0], path, depth)
+        if counts and form[0] == "list" and text.endswith("[]"):
+            return ("list", form[1], counts[0], form[3]), f"{text[:-2]}[{counts[0]}]"
+        return form, text
+    if origin in (typing.Union, types.UnionType):
+        others = [one for one in arguments if one is not types.NoneType]
+        if all(_PLAIN.get(one) == _BYTES for one in others):
+            others = [bytes]
+        if len(others) == 1:
+            form, text = _form(others[0], path, depth)
+            return (form, text) if types.NoneType not in arguments else (("optional", form), _listed(text, "", path))
+    if origin is list and len(arguments) == 1:
+        form, text = _form(arguments[0], path, depth)
+        return ("list", form, None, False), _listed(text, "", path)
+    if origin is tuple and arguments:
+        if len(arguments) == 2 and arguments[1] is Ellipsis:
+            form, text = _form(arguments[0], path, depth)
+            return ("list", form, None, True), _listed(text, "", path)
+        if all(one == arguments[0] for one in arguments):
+            form, text = _form(arguments[0], path, depth)
+            return ("list", form, len(arguments), True), _listed(text, str(len(arguments)), path)
+        raise TypeError(f"{path}: the elements of a tuple are of one type; make a dataclass of others")
+    if origin is typing.Literal and all(isinstance(one, str) for one in arguments):
+        return ("words", [(one, one) for one in arguments]), "Text"
+    if isinstance(annotation, type) and issubclass(annotation, enum.Enum):
+        members = list(annotation)
+        if members and all(isinstance(one.value, str) for one in members):
+            return ("words", [(one.value, one) for one in members]), "Text"
+        raise TypeError(f"{path}: the values of an Enum in a message are strings")
+    if dataclasses.is_dataclass(annotation) and isinstance(annotation, type):
+        return _record(annotation, path, depth)
+    shown = getattr(annotation, "__name__", str(annotation))
+    raise TypeError(f"{path}: `{shown}` cannot be in a message; see the table in dca._message")
+
+
+def _listed(text: str, count: str, path: str) -> str:
+    if text.endswith(("]", "}")):
+        raise TypeError(f"{path}: a list of lists, records or optional values: put the inner one into a message of its own")
+    return f"{text}[{count}]"

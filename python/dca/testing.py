@@ -1,0 +1,163 @@
+"""Tests of controllers on virtual time: an hour takes a moment, and the same test gives the same numbers each time.
+
+    def test_it_keeps_its_distance():
+        harness = dca.testing.Harness()
+        keep = harness.add(KeepDistance, reach=0.5)
+        keep.start()
+        keep.send("In", Range(distance=1.0))
+        harness.run("20 ms")
+        assert keep.last("Out").forward > 0
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+from . import _dca
+from ._controller import declaration
+from ._message import encode
+
+__all__ = ["Ended", "Harness", "Module", "Sent", "Wire"]
+
+
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """A value that an output has sent, and when, in seconds."""
+
+    at: float
+    value: Any
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """The end of an activation: `how` is `done`, `aborted` or `stopped`."""
+
+    module: "Module"
+    at: float
+    how: str
+    value: bytes
+    reason: str
+
+
+class Wire:
+    """A wire between two controllers, which is open at first."""
+
+    def __init__(self, native: _dca.NativeHarness, number: int) -> None:
+        self._native, self._number = native, number
+        self._is_open = True
+
+    def open(self) -> None:
+        """Lets values through."""
+        self._switch(True)
+
+    def close(self) -> None:
+        """Lets no values through."""
+        self._switch(False)
+
+    def _switch(self, is_open: bool) -> None:
+        if is_open != self._is_open:
+            self._is_open = is_open
+            self._native.switch(self._number, is_open)
+
+
+class Module:
+    """A controller in a harness."""
+
+    def __init__(self, harness: "Harness", number: int, cls: type[Any]) -> None:
+        self._harness, self._number, self._cls = harness, number, cls
+        self._outputs: dict[str, list[tuple[float, bytes]]] = {}
+
+    def __repr__(self) -> str:
+        return f"<{self._cls.__name__} {self._number}>"
+
+    @property
+    def is_active(self) -> bool:
+        """Whether it runs or stops."""
+        return self._harness._native.is_active(self._number)
+
+    def start(self, value: Any = b"") -> "Module":
+        """Begins an activation with a value of the previous process: a message or bytes."""
+        data = bytes(value) if isinstance(value, (bytes, bytearray, memoryview)) else encode(value)
+        self._harness._native.activate(self._number, data)
+        return self
+
+    def stop(self) -> None:
+        """Asks it to stop."""
+        self._harness._native.stop(self._number)
+
+    def crash(self) -> None:
+        """Ends it as `kill -9` does."""
+        self._harness._native.crash(self._number)
+
+    def send(self, port: str, value: Any) -> None:
+        """Sends a value to one of its inputs, as over a wire."""
+        expected = self._message(port, is_input=True)
+        self._harness._native.send_to(self._number, port, expected.encode(value))
+
+    def sent(self, port: str) -> list[Sent]:
+        """Returns all that one of its outputs has sent, the oldest first."""
+        message = self._message(port, is_input=False)
+        self._harness._collect()
+        return [Sent(at, message.decode(data)) for at, data in self._outputs.get(port, [])]
+
+    def last(self, port: str) -> Any:
+        """Returns the value that one of its outputs has sent last; `None` before the first."""
+        message = self._message(port, is_input=False)
+        self._harness._collect()
+        values = self._outputs.get(port)
+        return message.decode(values[-1][1]) if values else None
+
+    def _message(self, port: str, *, is_input: bool) -> _dca.MessageType:
+        for declared in declaration(self._cls).ports:
+            if declared.name == port and declared.is_input == is_input:
+                return declared.message
+        raise ValueError(f"`{self._cls.__name__}` has no {'input' if is_input else 'output'} `{port}`")
+
+
+class Harness:
+    """Controllers in one thread on virtual time.
+
+    A value takes 0.1 ms from one controller to the next. With `busy`, calculations are held up, values are delayed and some are lost, as
+    on a machine with too much to do; the same `seed` gives the same run.
+    """
+
+    def __init__(self, *, seed: int = 0, busy: bool = False) -> None:
+        self._native = _dca.NativeHarness(seed, busy)
+        self._modules: list[Module] = []
+
+    @property
+    def now(self) -> float:
+        """The present time, in seconds."""
+        return self._native.now
+
+    def add(self, cls: type[Any], **parameters: str | float | bool) -> Module:
+        """Adds an idle controller with these parameters: in SI units, or a text with a unit."""
+        declared = declaration(cls)
+        types = {one.name: one.type_name for one in declared.parameters}
+        arguments = [f"{name}={_argument(value, types.get(name))}" for name, value in parameters.items()]
+        module = Module(self, self._native.add(declared, arguments), cls)
+        self._modules.append(module)
+        return module
+
+    def connect(self, producer: Module, output: str, consumer: Module, input: str) -> Wire:
+        """Makes an open wire from an output to an input."""
+        return Wire(self._native, self._native.connect((producer._number, output), (consumer._number, input)))
+
+    def run(self, within: str | float) -> Ended | None:
+        """Lets time pass until an activation ends, at most for so long; returns the end, if there is one."""
+        ended = self._native.run(within)
+        if ended is None:
+            return None
+        number, at, how, value, reason = ended
+        return Ended(self._modules[number], at, how, value, reason)
+
+    def _collect(self) -> None:
+        for at, number, port, data in self._native.take_sent():
+            self._modules[number]._outputs.setdefault(port, []).append((at, data))
+
+
+def _argument(value: str | float | bool, type_name: str | None) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str) and type_name not in (None, "Text", "Truth", "Secret"):
+        return repr(_dca.si(value, type_name))
+    return str(value) if isinstance(value, str) else repr(float(value))

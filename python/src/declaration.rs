@@ -1,0 +1,172 @@
+//! What a decorated class declares, as the interface of a controller type.
+
+use crate::message::MessageType;
+use crate::quantity::{si, span};
+use controllers::sdk::{About, Binding, Direction, Interface, Kind, Outcome, Parameter, PortInterface, Quantity};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use std::sync::Arc;
+
+/// A class that was declared: what is known of it without making an instance.
+#[derive(Debug)]
+pub(crate) struct Class {
+    /// The object of Python that makes instances.
+    pub(crate) declaration: Py<PyAny>,
+    pub(crate) interface: Interface,
+    /// In the order of the ports of the interface: inputs, then outputs.
+    pub(crate) ports: Vec<Port>,
+}
+
+/// A port, beside its interface.
+#[derive(Debug)]
+pub(crate) struct Port {
+    /// The attribute of the class that declares it.
+    pub(crate) attribute: String,
+    pub(crate) message: Arc<Py<MessageType>>,
+    pub(crate) keeps_all: bool,
+}
+
+/// As `_controller.py` has it.
+#[derive(FromPyObject)]
+struct Declaration {
+    name: String,
+    doc: String,
+    is_service: bool,
+    every: Option<Py<PyAny>>,
+    triggered_by: Option<String>,
+    stop_within: Option<Py<PyAny>>,
+    remembers: bool,
+    signals_every: Option<Py<PyAny>>,
+    ports: Vec<DeclaredPort>,
+    parameters: Vec<DeclaredParameter>,
+    outcomes: Vec<(String, Option<String>)>,
+}
+
+#[derive(FromPyObject)]
+struct DeclaredPort {
+    name: String,
+    attribute: String,
+    is_input: bool,
+    keeps_all: bool,
+    is_optional: bool,
+    /// `client` or `owner` of a device; none for a wire.
+    device: Option<String>,
+    message: Py<MessageType>,
+    doc: String,
+}
+
+#[derive(FromPyObject)]
+struct DeclaredParameter {
+    name: String,
+    type_name: String,
+    words: Vec<String>,
+    low: Option<Py<PyAny>>,
+    high: Option<Py<PyAny>>,
+    default: Option<Py<PyAny>>,
+}
+
+impl Class {
+    /// Returns the class that an object of Python declares.
+    pub(crate) fn of(declaration: &Bound<'_, PyAny>) -> PyResult<Arc<Self>> {
+        let py = declaration.py();
+        let declared: Declaration = declaration.extract()?;
+        let (inputs, outputs): (Vec<_>, Vec<_>) = declared.ports.into_iter().partition(|port| port.is_input);
+        let (mut ports, mut interfaces) = (Vec::new(), Vec::new());
+        for port in inputs.into_iter().chain(outputs) {
+            interfaces.push(port.interface(py));
+            let DeclaredPort { attribute, message, keeps_all, .. } = port;
+            ports.push(Port { attribute, message: Arc::new(message), keeps_all });
+        }
+        let parameters = declared.parameters.iter().map(|one| one.parameter(py)).collect::<PyResult<Vec<_>>>()?;
+        let outcomes = declared
+            .outcomes
+            .into_iter()
+            .map(|(tag, type_name)| Outcome { tag: for_ever(tag), type_name: type_name.map(for_ever) });
+        let doc = for_ever(declared.doc);
+        let mut about = if declared.is_service { About::service(doc) } else { About::task(doc) };
+        about.remembers = declared.remembers;
+        about.parameters = Box::leak(parameters.into_boxed_slice());
+        about.outcomes = Box::leak(outcomes.collect::<Vec<_>>().into_boxed_slice());
+        let given = |value: Option<Py<PyAny>>| value.map(|value| span(value.bind(py))).transpose();
+        about.schedule.period = given(declared.every)?.unwrap_or(about.schedule.period);
+        about.schedule.trigger = declared.triggered_by.map(for_ever);
+        about.stop_within = given(declared.stop_within)?.unwrap_or(about.stop_within);
+        about.signals_every = given(declared.signals_every)?;
+        if about.schedule.period.is_zero() {
+            return Err(PyValueError::new_err("`every` is 0 s: a controller has a period"));
+        }
+        let (type_name, exports, calls, inner) = (for_ever(declared.name), Vec::new(), Vec::new(), Vec::new());
+        let interface = Interface { type_name, about, ports: interfaces, exports, calls, inner };
+        Ok(Arc::new(Self { declaration: declaration.clone().unbind(), interface, ports }))
+    }
+
+    /// Returns the inputs, in order.
+    pub(crate) fn inputs(&self) -> impl Iterator<Item = &Port> {
+        self.of_direction(Direction::In)
+    }
+
+    /// Returns the outputs, in order.
+    pub(crate) fn outputs(&self) -> impl Iterator<Item = &Port> {
+        self.of_direction(Direction::Out)
+    }
+
+    fn of_direction(&self, direction: Direction) -> impl Iterator<Item = &Port> {
+        let ports = self.ports.iter().zip(&self.interface.ports);
+        ports.filter(move |(_, declared)| declared.direction == direction).map(|(port, _)| port)
+    }
+}
+
+impl DeclaredPort {
+    fn interface(&self, py: Python<'_>) -> PortInterface {
+        let message = self.message.bind(py).get();
+        let direction = if self.is_input { Direction::In } else { Direction::Out };
+        let wire = PortInterface::wire(for_ever(self.name.clone()), direction, for_ever(message.name.clone()));
+        let wire = wire.carrying(for_ever(message.fields.clone())).documented(for_ever(self.doc.clone()));
+        let binding = match self.device.as_deref() {
+            None => Binding::Wire,
+            Some("owner") => Binding::Owner,
+            Some(_) => Binding::Client,
+        };
+        PortInterface { required: !self.is_optional, binding, ..wire }
+    }
+}
+
+impl DeclaredParameter {
+    fn parameter(&self, py: Python<'_>) -> PyResult<Parameter> {
+        let wrong = |error: PyErr| PyValueError::new_err(format!("parameter `{}`: {}", self.name, error.value(py)));
+        let end = |end: &Option<Py<PyAny>>, unlimited| match end {
+            Some(value) => si(value.bind(py), &self.type_name).map_err(wrong),
+            None => Ok(unlimited),
+        };
+        let quantity = Quantity::ALL.into_iter().find(|quantity| quantity.name() == self.type_name);
+        let kind = match (self.type_name.as_str(), quantity) {
+            ("Text", _) => {
+                let words: Vec<&'static str> = self.words.iter().map(|word| for_ever(word.clone())).collect();
+                Kind::Text(Box::leak(words.into_boxed_slice()))
+            }
+            ("Truth", _) => Kind::Truth,
+            ("Secret", _) => Kind::Secret,
+            ("Number", _) => Kind::Number(end(&self.low, f64::NEG_INFINITY)?, end(&self.high, f64::INFINITY)?),
+            (_, Some(quantity)) => {
+                Kind::Quantity(quantity, end(&self.low, f64::NEG_INFINITY)?, end(&self.high, f64::INFINITY)?)
+            }
+            (other, None) => {
+                return Err(PyValueError::new_err(format!("`{other}` is not a type of parameters")));
+            }
+        };
+        let default = match (&self.default, kind) {
+            (None, _) => None,
+            (Some(value), Kind::Number(..) | Kind::Quantity(..)) => {
+                Some(si(value.bind(py), &self.type_name).map_err(wrong)?.to_string())
+            }
+            (Some(value), Kind::Truth) => Some(value.extract::<bool>(py).map_err(wrong)?.to_string()),
+            (Some(value), Kind::Text(_) | Kind::Secret) => Some(value.extract::<String>(py).map_err(wrong)?),
+        };
+        Ok(Parameter { name: for_ever(self.name.clone()), kind, default: default.map(for_ever) })
+    }
+}
+
+/// Returns a text that lives as long as the process: an interface has such, and a class is declared once.
+fn for_ever(text: String) -> &'static str {
+    Box::leak(text.into_boxed_str())
+}

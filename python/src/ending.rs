@@ -1,0 +1,68 @@
+//! What a calculation gets, and how it ends.
+
+use pyo3::prelude::*;
+
+/// The moment of one calculation.
+#[pyclass(frozen, module = "dca")]
+pub(crate) struct Tick {
+    /// This host's clock, in seconds.
+    #[pyo3(get)]
+    pub(crate) now: f64,
+    /// The seconds since the last calculation of this activation; one period at the first.
+    #[pyo3(get)]
+    pub(crate) elapsed: f64,
+}
+
+#[pymethods]
+impl Tick {
+    #[new]
+    #[pyo3(signature = (now, elapsed = 0.0))]
+    fn new(now: f64, elapsed: f64) -> Self {
+        Self { now, elapsed }
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Tick(now={}, elapsed={})", self.now, self.elapsed)
+    }
+}
+
+/// The normal end of an activation.
+#[pyclass(frozen, module = "dca")]
+pub(crate) struct Done {
+    /// The encoded value for the next process, with the tag of its outcome where it has one.
+    pub(crate) bytes: Vec<u8>,
+    /// The tag of the outcome; none if the class has no outcomes.
+    #[pyo3(get)]
+    pub(crate) tag: Option<String>,
+}
+
+#[pymethods]
+impl Done {
+    #[new]
+    #[pyo3(signature = (bytes, tag = None))]
+    fn new(bytes: Vec<u8>, tag: Option<String>) -> Self {
+        Self { bytes, tag }
+    }
+
+    /// Returns the encoded value for the next process.
+    #[getter]
+    fn value(&self) -> &[u8] {
+        &self.bytes
+    }
+}
+
+/// The failed end of an activation.
+#[pyclass(frozen, module = "dca")]
+pub(crate) struct Abort {
+    /// Why, for a person.
+    #[pyo3(get)]
+    pub(crate) reason: String,
+}
+
+#[pymethods]
+impl Abort {
+    #[new]
+    fn new(reason: String) -> Self {
+        Self { reason }
+    }
+}

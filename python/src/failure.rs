@@ -1,0 +1,24 @@
+//! What becomes of an exception: its last line is the reason of an abort, its traceback is in the program's log.
+
+use pyo3::prelude::*;
+use pyo3::types::PyTuple;
+
+/// Returns the last line of an exception, and writes its traceback on standard error, which the node keeps.
+pub(crate) fn told(py: Python<'_>, error: PyErr) -> String {
+    let plain = error.to_string();
+    let told: PyResult<String> = (|| {
+        let (value, traceback) = (error.value(py), py.import("traceback")?);
+        let arguments = (error.get_type(py), value, error.traceback(py));
+        let lines: Vec<String> = traceback.call_method1("format_exception", arguments)?.extract()?;
+        let stderr = py.import("sys")?.getattr("stderr")?;
+        if !stderr.is_none() {
+            stderr.call_method1("write", (lines.concat(),))?;
+            stderr.call_method0("flush")?;
+        }
+        let last: Vec<String> =
+            traceback.call_method1("format_exception_only", PyTuple::new(py, [value])?)?.extract()?;
+        Ok(last.last().map(|line| line.trim().to_owned()).unwrap_or_default())
+    })();
+    // A closed standard error is no reason to say less.
+    told.ok().filter(|line| !line.is_empty()).unwrap_or(plain)
+}

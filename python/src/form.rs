@@ -1,0 +1,285 @@
+//! The form of a message type: how its bytes become Python values, and the other way round.
+//!
+//! Python describes a form with nested tuples, whose first item is a word: `("number", "Length")`, `("list", ELEMENT, 3, False)`,
+//! `("record", CLASS, [("x", FORM), ...])`. The bytes are those of a Rust type with the same fields. An optional value has the bytes of a list
+//! of at most one.
+
+use comms::logic::layout::{Reader, Writer};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyList, PyMemoryView, PyString, PyTuple};
+
+/// The deepest nesting of a type.
+const DEPTH_MAX: usize = 64;
+/// The largest whole number, up and down, that a float holds exactly.
+const WHOLE_MAX: f64 = 9_007_199_254_740_992.0;
+
+/// A type, as a tree.
+#[derive(Debug)]
+pub(crate) enum Form {
+    /// A float in SI units.
+    Number,
+    /// A whole number, which travels as a float.
+    Whole,
+    Truth,
+    Text,
+    /// A read-only `memoryview`; any buffer goes out.
+    Bytes,
+    /// One of these words, with the Python value that stands for it.
+    Words(Vec<(String, Py<PyAny>)>),
+    Optional(Box<Self>),
+    List {
+        of: Box<Self>,
+        count: Option<usize>,
+        is_tuple: bool,
+    },
+    Record {
+        class: Py<PyAny>,
+        fields: Vec<(Py<PyString>, Self)>,
+    },
+}
+
+/// What a look at the bytes of a value says of it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Look {
+    /// Whether no number in it is infinite, and none is not a number.
+    pub(crate) is_finite: bool,
+    /// The field `stamp` of the outermost record, in seconds.
+    pub(crate) stamp: Option<f64>,
+}
+
+impl Form {
+    /// Reads the description of a form.
+    pub(crate) fn of(described: &Bound<'_, PyAny>, depth: usize) -> PyResult<Self> {
+        if depth > DEPTH_MAX {
+            return Err(PyTypeError::new_err(format!("a message type is nested deeper than {DEPTH_MAX} levels")));
+        }
+        let inner = |at| Self::of(&described.get_item(at)?, depth + 1).map(Box::new);
+        let word: String = described.get_item(0)?.extract()?;
+        Ok(match word.as_str() {
+            "number" => Self::Number,
+            "whole" => Self::Whole,
+            "truth" => Self::Truth,
+            "text" => Self::Text,
+            "bytes" => Self::Bytes,
+            "words" => Self::Words(described.get_item(1)?.extract()?),
+            "optional" => Self::Optional(inner(1)?),
+            "list" => {
+                let (count, is_tuple) = (described.get_item(2)?.extract()?, described.get_item(3)?.extract()?);
+                Self::List { of: inner(1)?, count, is_tuple }
+            }
+            "record" => {
+                let mut fields = Vec::new();
+                for field in described.get_item(2)?.try_iter()? {
+                    let field = field?;
+                    let name = field.get_item(0)?.cast_into::<PyString>()?.unbind();
+                    fields.push((name, Self::of(&field.get_item(1)?, depth + 1)?));
+                }
+                Self::Record { class: described.get_item(1)?.unbind(), fields }
+            }
+            other => return Err(PyTypeError::new_err(format!("`{other}` is not a form of messages"))),
+        })
+    }
+
+    /// Looks at the bytes of a record, without the interpreter; none if they are not of this type, to the last one.
+    pub(crate) fn look(&self, bytes: &[u8], stamp: Option<usize>) -> Option<Look> {
+        let (mut reader, mut look) = (Reader::new(bytes), Look { is_finite: true, stamp: None });
+        let Self::Record { fields, .. } = self else { return None };
+        for (at, (_, form)) in fields.iter().enumerate() {
+            let before = reader.rest();
+            form.skip(&mut reader, &mut look.is_finite)?;
+            if Some(at) == stamp {
+                // Of an optional stamp the number is behind the mark that there is one.
+                let taken = before.get(..before.len() - reader.rest().len()).unwrap_or_default();
+                look.stamp = taken.last_chunk().map(|number| f64::from_le_bytes(*number));
+            }
+        }
+        reader.rest().is_empty().then_some(look)
+    }
+
+    fn skip(&self, reader: &mut Reader<'_>, is_finite: &mut bool) -> Option<()> {
+        match self {
+            Self::Number => *is_finite &= reader.number()?.is_finite(),
+            Self::Whole => {
+                let number = reader.number()?;
+                *is_finite &= number.is_finite();
+                // A number that Python could not show as it is would be another type at the other end.
+                if number.is_finite() && !is_whole(number) {
+                    return None;
+                }
+            }
+            Self::Truth => drop(reader.truth()?),
+            Self::Text => drop(reader.text()?),
+            Self::Bytes => drop(reader.piece()?),
+            Self::Words(words) => {
+                let text = reader.text()?;
+                words.iter().find(|(word, _)| word == text)?;
+            }
+            Self::Optional(of) => {
+                if reader.truth()? {
+                    of.skip(reader, is_finite)?;
+                }
+            }
+            Self::List { of, count, .. } => {
+                for _ in 0..reader.count(*count)? {
+                    of.skip(reader, is_finite)?;
+                }
+            }
+            Self::Record { fields, .. } => {
+                fields.iter().try_for_each(|(_, form)| form.skip(reader, is_finite))?;
+            }
+        }
+        Some(())
+    }
+
+    /// Returns the value that a reader begins with.
+    pub(crate) fn read<'py>(&self, py: Python<'py>, reader: &mut Reader<'_>) -> PyResult<Bound<'py, PyAny>> {
+        let short = || PyValueError::new_err("the bytes are not of this message type");
+        Ok(match self {
+            Self::Number => reader.number().ok_or_else(short)?.into_pyobject(py)?.into_any(),
+            Self::Whole => {
+                let number = reader.number().filter(|number| is_whole(*number)).ok_or_else(short)?;
+                #[expect(clippy::cast_possible_truncation, reason = "it is whole, and within 53 bits")]
+                let whole = number as i64;
+                whole.into_pyobject(py)?.into_any()
+            }
+            Self::Truth => reader.truth().ok_or_else(short)?.into_pyobject(py)?.to_owned().into_any(),
+            Self::Text => PyString::new(py, reader.text().ok_or_else(short)?).into_any(),
+            Self::Bytes => {
+                let bytes = PyBytes::new(py, reader.piece().ok_or_else(short)?);
+                PyMemoryView::from(&bytes)?.into_any()
+            }
+            Self::Words(words) => {
+                let text = reader.text().ok_or_else(short)?;
+                let (_, value) = words.iter().find(|(word, _)| word == text).ok_or_else(short)?;
+                value.bind(py).clone()
+            }
+            Self::Optional(of) => {
+                if reader.truth().ok_or_else(short)? {
+                    of.read(py, reader)?
+                } else {
+                    py.None().into_bound(py)
+                }
+            }
+            Self::List { of, count, is_tuple } => {
+                let count = reader.count(*count).ok_or_else(short)?;
+                let elements = (0..count).map(|_| of.read(py, reader)).collect::<PyResult<Vec<_>>>()?;
+                if *is_tuple { PyTuple::new(py, elements)?.into_any() } else { PyList::new(py, elements)?.into_any() }
+            }
+            Self::Record { class, fields } => {
+                let values = fields.iter().map(|(_, form)| form.read(py, reader)).collect::<PyResult<Vec<_>>>()?;
+                class.bind(py).call1(PyTuple::new(py, values)?)?
+            }
+        })
+    }
+
+    /// Writes a value; `allows_nan` says whether a number may be infinite, or not a number.
+    pub(crate) fn write(&self, value: &Bound<'_, PyAny>, writer: &mut Writer<'_>, allows_nan: bool) -> PyResult<()> {
+        match self {
+            Self::Number => {
+                let number: f64 = value.extract().map_err(|_no_number| expected("a number", value))?;
+                if !allows_nan && !number.is_finite() {
+                    return Err(PyValueError::new_err(format!("{} is not a finite number", value.repr()?)));
+                }
+                writer.number(number);
+            }
+            Self::Whole => {
+                let whole: i64 = value.extract().map_err(|_no_number| expected("a whole number", value))?;
+                #[expect(clippy::cast_precision_loss, reason = "the next line refuses what is not exact")]
+                let number = whole as f64;
+                if number.abs() > WHOLE_MAX {
+                    return Err(PyValueError::new_err(format!("{whole} is beyond 2^53, which a message cannot hold")));
+                }
+                writer.number(number);
+            }
+            Self::Truth => writer.truth(value.extract().map_err(|_no_truth| expected("a bool", value))?),
+            Self::Text => {
+                let text = value.cast::<PyString>().map_err(|_no_text| expected("a str", value))?;
+                writer.text(&text.to_cow()?);
+            }
+            Self::Bytes => write_bytes(value, writer)?,
+            Self::Words(words) => {
+                let found = words.iter().find(|(_, one)| value.eq(one).unwrap_or(false));
+                let (word, _) = found.ok_or_else(|| {
+                    let words: Vec<&str> = words.iter().map(|(word, _)| word.as_str()).collect();
+                    expected(&format!("one of `{}`", words.join("`, `")), value)
+                })?;
+                writer.text(word);
+            }
+            Self::Optional(of) => {
+                writer.truth(!value.is_none());
+                if !value.is_none() {
+                    of.write(value, writer, allows_nan)?;
+                }
+            }
+            Self::List { of, count, .. } => {
+                let length = value.len().map_err(|_no_list| expected("a list", value))?;
+                match count {
+                    Some(count) if *count != length => {
+                        return Err(PyValueError::new_err(format!("expected {count} elements, got {length}")));
+                    }
+                    Some(_) => {}
+                    None => writer.length(length),
+                }
+                let mut written = 0;
+                for element in value.try_iter()? {
+                    of.write(&element?, writer, allows_nan)?;
+                    written += 1;
+                }
+                if written != length {
+                    return Err(PyValueError::new_err("the list has changed while it was written"));
+                }
+            }
+            Self::Record { class, fields } => {
+                if !value.is_instance(class.bind(value.py()))? {
+                    let name: String = class.bind(value.py()).getattr("__name__")?.extract()?;
+                    return Err(expected(&format!("a `{name}`"), value));
+                }
+                for (name, form) in fields {
+                    let name = name.bind(value.py());
+                    let in_field = |error: PyErr| within(value.py(), name, &error);
+                    form.write(&value.getattr(name)?, writer, allows_nan).map_err(in_field)?;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+fn is_whole(number: f64) -> bool {
+    number.abs() <= WHOLE_MAX && number.fract().abs() < f64::MIN_POSITIVE
+}
+
+/// Writes what any buffer holds. `bytes()` of Python copies a buffer that is not one piece.
+fn write_bytes(value: &Bound<'_, PyAny>, writer: &mut Writer<'_>) -> PyResult<()> {
+    if let Ok(bytes) = value.cast::<PyBytes>() {
+        writer.piece(bytes.as_bytes());
+        return Ok(());
+    }
+    if value.extract::<i64>().is_ok() {
+        // Which `bytes()` would take for a length.
+        return Err(expected("bytes", value));
+    }
+    let view = PyMemoryView::from(value).map_err(|_no_buffer| expected("bytes, or another buffer", value))?;
+    let bytes = view.call_method0("tobytes")?.cast_into::<PyBytes>()?;
+    writer.piece(bytes.as_bytes());
+    Ok(())
+}
+
+fn expected(what: &str, value: &Bound<'_, PyAny>) -> PyErr {
+    let shown = value.repr().map(|text| text.to_string()).unwrap_or_default();
+    let shown: String = shown.chars().take(80).collect();
+    PyTypeError::new_err(format!("expected {what}, got {shown}"))
+}
+
+/// Names the field in which a value is wrong: `at.x: expected a number, got None`.
+fn within(py: Python<'_>, field: &Bound<'_, PyString>, error: &PyErr) -> PyErr {
+    let text = error.value(py).to_string();
+    let text = match text.split_once(": ") {
+        Some((path, rest)) if path.chars().all(|c| c.is_alphanumeric() || c == '_' || c == '.') => {
+            format!("{field}.{path}: {rest}")
+        }
+        _ => format!("{field}: {text}"),
+    };
+    if error.is_instance_of::<PyTypeError>(py) { PyTypeError::new_err(text) } else { PyValueError::new_err(text) }
+}

@@ -1,0 +1,278 @@
+//! An instance of a class, as a module of the kit.
+//!
+//! The interpreter is attached for `init`, a calculation, `stop` and what a person wants to see, and for nothing else: values arrive and
+//! leave without it. Each activation begins with a new object of the class.
+
+use crate::declaration::Class;
+use crate::ending::{Abort, Done, Tick};
+use crate::failure::told;
+use crate::input::{EveryInput, Input, InputState, Refused};
+use crate::output::{Output, OutputState};
+use crate::quantity::seconds;
+use comms::logic::signals::Signal;
+use comms::logic::time::Time;
+use controllers::sdk::{
+    Arguments, Configured, Delivery, DeliveryError, Interface, Kind, Module, Outlets, Parameter, Progress, Stopping,
+};
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// The most signals of a controller, as of one in Rust.
+const SIGNALS_MAX: usize = comms::logic::signals::VALUES_MAX;
+
+/// An instance with its ports.
+#[derive(Debug)]
+pub(crate) struct Instance {
+    class: Arc<Class>,
+    inputs: Vec<Arc<InputState>>,
+    outputs: Vec<Arc<OutputState>>,
+    arguments: Arguments,
+    object: Py<PyAny>,
+    /// Whether an activation has used the object.
+    is_used: bool,
+    last: Option<Time>,
+}
+
+/// A signal as Python gives it.
+#[derive(FromPyObject)]
+struct GivenSignal {
+    name: String,
+    value: f64,
+    unit: String,
+    headline: bool,
+}
+
+impl Instance {
+    /// Makes an idle instance.
+    ///
+    /// # Errors
+    /// The last line of the exception of its `__init__`.
+    pub(crate) fn new(class: &Arc<Class>, arguments: &Arguments) -> Result<Self, String> {
+        Python::attach(|py| {
+            let inputs: Vec<_> =
+                class.inputs().map(|port| InputState::new(Arc::clone(&port.message), port.keeps_all)).collect();
+            let outputs: Vec<_> = class.outputs().map(|port| OutputState::new(Arc::clone(&port.message))).collect();
+            let object = make(py, class, (&inputs, &outputs), arguments).map_err(|error| told(py, error))?;
+            let (class, arguments) = (Arc::clone(class), arguments.clone());
+            Ok(Self { class, inputs, outputs, arguments, object, is_used: false, last: None })
+        })
+    }
+
+    fn find(&self, port: &str) -> Option<usize> {
+        let inputs = self.class.interface.ports.iter().take(self.inputs.len());
+        inputs.enumerate().find(|(_, declared)| declared.name == port).map(|(at, _)| at)
+    }
+
+    fn tick(&mut self, now: Time) -> Tick {
+        let period = self.class.interface.about.schedule.period;
+        let elapsed: Duration = self.last.map_or(period, |last| now.since(last));
+        self.last = Some(now);
+        Tick { now: seconds(now), elapsed: elapsed.as_secs_f64() }
+    }
+
+    /// Returns a reason to abort together with what is wrong with the inputs.
+    fn explained(&self, mut reason: String) -> String {
+        for (input, declared) in self.inputs.iter().zip(&self.class.interface.ports) {
+            if let Some(trouble) = input.trouble() {
+                reason += &format!("; `{}` {trouble}", declared.name);
+            }
+        }
+        reason
+    }
+
+    fn begin(&mut self, py: Python<'_>, value: &[u8]) -> PyResult<()> {
+        if self.is_used {
+            self.object = make(py, &self.class, (&self.inputs, &self.outputs), &self.arguments)?;
+        }
+        self.is_used = true;
+        let object = self.object.bind(py);
+        if object.hasattr("init")? {
+            object.call_method1("init", (PyBytes::new(py, value),))?;
+        }
+        Ok(())
+    }
+
+    /// Returns how a calculation ends, by what it has returned.
+    fn progress(&self, returned: &Bound<'_, PyAny>) -> PyResult<Progress> {
+        if returned.is_none() {
+            return Ok(Progress::Continue);
+        }
+        if let Ok(done) = returned.cast::<Done>() {
+            let done = done.get();
+            let progress = done.tag.as_ref().map(|tag| Progress::outcome(tag, &done.bytes));
+            return Ok(match progress.unwrap_or_else(|| Progress::Done(done.bytes.clone())) {
+                Progress::Done(value) if !self.class.interface.may_end_with(&value) => {
+                    Progress::Aborted("it is done with an outcome that its interface does not declare".to_owned())
+                }
+                progress @ (Progress::Continue | Progress::Done(_) | Progress::Aborted(_)) => progress,
+            });
+        }
+        if let Ok(abort) = returned.cast::<Abort>() {
+            return Ok(Progress::Aborted(abort.get().reason.clone()));
+        }
+        let kind = returned.get_type().name()?;
+        Err(PyTypeError::new_err(format!(
+            "`main_calc` returned a `{kind}`: expected None, dca.done(...) or dca.abort(...)"
+        )))
+    }
+}
+
+impl Module for Instance {
+    fn interface(&self) -> &Interface {
+        &self.class.interface
+    }
+
+    fn deliver(&mut self, port: &str, bytes: &[u8], arrived: Time) -> Result<Delivery, DeliveryError> {
+        let interface = &self.class.interface;
+        let Some(at) = self.find(port) else {
+            return Err(DeliveryError::NoInput { type_name: interface.type_name, port: port.to_owned() });
+        };
+        let declared = &interface.ports[at];
+        self.inputs[at].deliver(bytes.to_vec(), arrived).map_err(|refused| match refused {
+            Refused::Malformed => DeliveryError::malformed(declared.name, declared.type_name),
+            Refused::NotFinite => DeliveryError::NotFinite { port: declared.name },
+        })?;
+        let triggers = interface.about.schedule.trigger == Some(declared.name);
+        Ok(if triggers { Delivery::Triggers } else { Delivery::Stored })
+    }
+
+    fn lose(&mut self, port: &str, count: u64) {
+        if let Some(at) = self.find(port) {
+            self.inputs[at].lose(count);
+        }
+    }
+
+    fn init(&mut self, value: &[u8], _: Time) -> Result<(), String> {
+        self.last = None;
+        self.outputs.iter().for_each(|output| drop(output.take()));
+        Python::attach(|py| self.begin(py, value).map_err(|error| told(py, error)))
+    }
+
+    /// Parameters are attributes, which the next calculation reads.
+    fn configure(&mut self, arguments: Arguments, running: bool) -> Result<Configured, String> {
+        let set = |py: Python<'_>| -> PyResult<()> {
+            let object = self.object.bind(py);
+            for (name, value) in values(py, &self.class.interface, &arguments)?.iter() {
+                object.setattr(name.cast::<pyo3::types::PyString>()?, value)?;
+            }
+            if running && object.hasattr("configure")? {
+                object.call_method0("configure")?;
+            }
+            Ok(())
+        };
+        Python::attach(|py| set(py).map_err(|error| told(py, error)))?;
+        self.arguments = arguments;
+        Ok(Configured::Now)
+    }
+
+    fn calculate(&mut self, now: Time) -> Progress {
+        let tick = self.tick(now);
+        let progress = Python::attach(|py| {
+            let returned = self.object.bind(py).call_method1("main_calc", (tick,));
+            returned.and_then(|returned| self.progress(&returned)).map_err(|error| told(py, error))
+        });
+        self.inputs.iter().for_each(|input| input.mark_seen());
+        match progress {
+            Ok(Progress::Aborted(reason)) | Err(reason) => Progress::Aborted(self.explained(reason)),
+            Ok(progress @ (Progress::Continue | Progress::Done(_))) => progress,
+        }
+    }
+
+    fn stop(&mut self, now: Time) -> Stopping {
+        let tick = self.tick(now);
+        let call = |py: Python<'_>| -> PyResult<bool> {
+            let object = self.object.bind(py);
+            if !object.hasattr("stop")? {
+                return Ok(true);
+            }
+            // What returns nothing has nothing more to do.
+            let returned = object.call_method1("stop", (tick,))?;
+            Ok(returned.is_none() || returned.is_truthy()?)
+        };
+        let is_finished = Python::attach(|py| {
+            call(py).unwrap_or_else(|error| {
+                told(py, error);
+                true
+            })
+        });
+        if is_finished {
+            self.inputs.iter().for_each(|input| input.clear());
+            return Stopping::Finished;
+        }
+        self.inputs.iter().for_each(|input| input.mark_seen());
+        Stopping::Again
+    }
+
+    fn drain(&mut self, send: &mut dyn FnMut(&'static str, Vec<u8>)) {
+        let ports = self.class.interface.ports.iter().skip(self.inputs.len());
+        for (output, declared) in self.outputs.iter().zip(ports) {
+            if let Some(bytes) = output.take() {
+                send(declared.name, bytes);
+            }
+        }
+    }
+
+    fn drain_to(&mut self, outlets: &mut dyn Outlets) {
+        self.drain(&mut |port, bytes| {
+            if !outlets.send_filled(port, &mut |filler| filler.put(&bytes)) {
+                outlets.send(port, bytes);
+            }
+        });
+    }
+
+    fn signals(&self) -> Vec<Signal> {
+        let read = |py: Python<'_>| -> PyResult<Vec<Signal>> {
+            let given: Vec<GivenSignal> = self.object.bind(py).call_method0("signals")?.extract()?;
+            let signal = |GivenSignal { name, value, unit, headline }| Signal { name, unit, value, headline };
+            Ok(given.into_iter().take(SIGNALS_MAX).map(signal).collect())
+        };
+        Python::attach(|py| {
+            read(py).unwrap_or_else(|error| {
+                told(py, error);
+                Vec::new()
+            })
+        })
+    }
+}
+
+/// Makes an object of the class, with its ports and parameters as attributes.
+fn make(
+    py: Python<'_>,
+    class: &Class,
+    (inputs, outputs): (&[Arc<InputState>], &[Arc<OutputState>]),
+    arguments: &Arguments,
+) -> PyResult<Py<PyAny>> {
+    let attributes = values(py, &class.interface, arguments)?;
+    for (input, port) in inputs.iter().zip(class.inputs()) {
+        let state = Arc::clone(input);
+        if port.keeps_all {
+            attributes.set_item(&port.attribute, EveryInput(state))?;
+        } else {
+            attributes.set_item(&port.attribute, Input(state))?;
+        }
+    }
+    for (output, port) in outputs.iter().zip(class.outputs()) {
+        attributes.set_item(&port.attribute, Output(Arc::clone(output)))?;
+    }
+    Ok(class.declaration.bind(py).call_method1("make", (attributes,))?.unbind())
+}
+
+/// Returns the parameters as Python values, by name.
+fn values<'py>(py: Python<'py>, interface: &Interface, arguments: &Arguments) -> PyResult<Bound<'py, PyDict>> {
+    let values = PyDict::new(py);
+    for &Parameter { name, kind, .. } in interface.about.parameters {
+        match kind {
+            Kind::Text(_) => values.set_item(name, arguments.text(name))?,
+            Kind::Number(..) | Kind::Quantity(..) => values.set_item(name, arguments.number(name))?,
+            Kind::Truth => values.set_item(name, arguments.truth(name))?,
+            Kind::Secret => {
+                let secret = arguments.secret(name)?;
+                values.set_item(name, PyBytes::new(py, &secret))?;
+            }
+        }
+    }
+    Ok(values)
+}

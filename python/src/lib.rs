@@ -1,0 +1,39 @@
+//! The native half of the Python package `dca`: Python classes as controllers of the kit.
+//!
+//! A class becomes a [`Module`](controllers::sdk::Module), which the kit's process runs as it runs a controller in Rust. The loop, the
+//! wires, the watchdog and the node's orders stay in Rust, on threads that do not hold the interpreter's lock. Python is called
+//! once a calculation. Values wait as bytes: an input decodes a value when the controller reads it, and an output encodes it at once.
+//!
+//! `form` is a message type, `declaration` a class, `instance` the module, `input` and `output` its ports, `program` the process,
+//! `failure` what an exception becomes.
+
+mod declaration;
+mod ending;
+mod failure;
+mod form;
+mod harness;
+mod input;
+mod instance;
+mod message;
+mod output;
+mod program;
+mod quantity;
+
+use pyo3::prelude::*;
+
+/// The native half of `dca`.
+#[pymodule]
+fn _dca(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add_class::<message::MessageType>()?;
+    module.add_class::<input::Input>()?;
+    module.add_class::<input::EveryInput>()?;
+    module.add_class::<output::Output>()?;
+    module.add_class::<harness::NativeHarness>()?;
+    module.add_class::<ending::Tick>()?;
+    module.add_class::<ending::Done>()?;
+    module.add_class::<ending::Abort>()?;
+    module.add_function(wrap_pyfunction!(program::run, module)?)?;
+    module.add_function(wrap_pyfunction!(program::interface, module)?)?;
+    module.add_function(wrap_pyfunction!(quantity::si, module)?)
+}

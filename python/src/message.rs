@@ -1,0 +1,72 @@
+//! A message type: its name, its fields as a spec spells them, and its form.
+
+use crate::form::{Form, Look};
+use comms::logic::layout::{Reader, Writer};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+
+/// The type of values that travel: what `@dca.message` makes of a dataclass.
+#[pyclass(frozen, module = "dca")]
+#[derive(Debug)]
+pub(crate) struct MessageType {
+    /// Its name in interfaces.
+    #[pyo3(get)]
+    pub(crate) name: String,
+    /// Its fields, as a spec spells them.
+    #[pyo3(get)]
+    pub(crate) fields: String,
+    form: Form,
+    /// The place of the field `stamp`.
+    stamp: Option<usize>,
+    pub(crate) allows_nan: bool,
+}
+
+#[pymethods]
+impl MessageType {
+    #[new]
+    #[pyo3(signature = (name, fields, form, *, stamp = None, allow_nan = false))]
+    fn new(
+        name: String,
+        fields: String,
+        form: &Bound<'_, PyAny>,
+        stamp: Option<usize>,
+        allow_nan: bool,
+    ) -> PyResult<Self> {
+        Ok(Self { name, fields, form: Form::of(form, 0)?, stamp, allows_nan: allow_nan })
+    }
+
+    /// Returns the bytes of a value.
+    pub(crate) fn encode<'py>(&self, value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyBytes>> {
+        Ok(PyBytes::new(value.py(), &self.bytes(value)?))
+    }
+
+    /// Returns the value of bytes.
+    pub(crate) fn decode<'py>(&self, py: Python<'py>, bytes: &[u8]) -> PyResult<Bound<'py, PyAny>> {
+        let mut reader = Reader::new(bytes);
+        // The look refuses, before any value is made, what no look at a single value could.
+        if self.look(bytes).is_none() {
+            return Err(PyValueError::new_err(format!("the bytes are not of the message type `{}`", self.name)));
+        }
+        self.form.read(py, &mut reader)
+    }
+}
+
+impl MessageType {
+    /// Returns the bytes of a value.
+    pub(crate) fn bytes(&self, value: &Bound<'_, PyAny>) -> PyResult<Vec<u8>> {
+        let mut bytes = Vec::new();
+        self.form.write(value, &mut Writer::new(&mut bytes), self.allows_nan)?;
+        Ok(bytes)
+    }
+
+    /// Looks at the bytes of a value; none if they are not of this type.
+    pub(crate) fn look(&self, bytes: &[u8]) -> Option<Look> {
+        self.form.look(bytes, self.stamp)
+    }
+
+    /// Returns the value of bytes that were looked at.
+    pub(crate) fn value<'py>(&self, py: Python<'py>, bytes: &[u8]) -> PyResult<Bound<'py, PyAny>> {
+        self.form.read(py, &mut Reader::new(bytes))
+    }
+}

@@ -1,0 +1,48 @@
+//! Outputs: a value is encoded when the controller sends it, and leaves after the calculation.
+
+use crate::message::MessageType;
+use pyo3::prelude::*;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// What an output holds until the end of a calculation.
+#[derive(Debug)]
+pub(crate) struct OutputState {
+    message: Arc<Py<MessageType>>,
+    pending: Mutex<Option<Vec<u8>>>,
+}
+
+impl OutputState {
+    pub(crate) fn new(message: Arc<Py<MessageType>>) -> Arc<Self> {
+        Arc::new(Self { message, pending: Mutex::default() })
+    }
+
+    fn pending(&self) -> MutexGuard<'_, Option<Vec<u8>>> {
+        self.pending.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes the value that waits.
+    pub(crate) fn take(&self) -> Option<Vec<u8>> {
+        self.pending().take()
+    }
+}
+
+/// An output of a controller.
+#[pyclass(frozen, module = "dca")]
+#[derive(Debug)]
+pub(crate) struct Output(pub(crate) Arc<OutputState>);
+
+#[pymethods]
+impl Output {
+    /// Sends a value after this calculation; of two values in one calculation the second goes.
+    fn send(&self, value: &Bound<'_, PyAny>) -> PyResult<()> {
+        let bytes = self.0.message.get().bytes(value)?;
+        *self.0.pending() = Some(bytes);
+        Ok(())
+    }
+
+    /// Whether a value waits to be sent.
+    #[getter]
+    fn pending(&self) -> bool {
+        self.0.pending().is_some()
+    }
+}

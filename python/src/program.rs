@@ -1,0 +1,41 @@
+//! The process: what `dca.run` does.
+
+use crate::declaration::Class;
+use crate::instance::Instance;
+use controllers::sdk::process::{Embedding, run_in};
+use controllers::sdk::{Module, Registry};
+use pyo3::prelude::*;
+use std::process::ExitCode;
+use std::sync::Arc;
+
+/// Runs this process as the controller that its arguments name; returns its exit code. Other threads of Python run in the meantime.
+#[pyfunction]
+pub(crate) fn run(py: Python<'_>, declarations: Vec<Py<PyAny>>, arguments: Vec<String>) -> PyResult<u8> {
+    let registry = registry(py, &declarations)?;
+    let code = py.detach(|| run_in(&registry, &Embedding { arguments, around }));
+    Ok((0..=2).find(|number| ExitCode::from(*number) == code).unwrap_or(1))
+}
+
+/// Returns the interfaces of classes, as `module` blocks of a spec.
+#[pyfunction]
+pub(crate) fn interface(py: Python<'_>, declarations: Vec<Py<PyAny>>) -> PyResult<String> {
+    Ok(registry(py, &declarations)?.interface_text())
+}
+
+fn registry(py: Python<'_>, declarations: &[Py<PyAny>]) -> PyResult<Registry> {
+    let mut registry = Registry::default();
+    for declaration in declarations {
+        let class = Class::of(declaration.bind(py))?;
+        let interface = class.interface.clone();
+        registry.add_module(interface, move |_, arguments| {
+            let instance = Instance::new(&Arc::clone(&class), arguments)?;
+            Ok(Box::new(instance) as Box<dyn Module>)
+        });
+    }
+    Ok(registry)
+}
+
+/// Runs the control loop as one thread of Python. Without this, each calculation would be a new thread to Python, with new thread-local values.
+fn around(run: &mut (dyn FnMut() + Send)) {
+    Python::attach(|py| py.detach(run));
+}

@@ -1,0 +1,49 @@
+"""Where the programs of DCA are, and missions of Python controllers by real processes."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def program() -> Path | None:
+    """Returns `dca`: `$DCA`, or what `cargo build` has built."""
+    if "DCA" in os.environ:
+        return Path(os.environ["DCA"])
+    target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
+    found = target / "debug" / "dca"
+    return found if found.exists() else None
+
+
+class Missions:
+    """Runs missions in a folder of the test's own, with the interpreter that runs the tests."""
+
+    def __init__(self, dca: Path, folder: Path) -> None:
+        self.dca, self.folder = dca, folder
+        # A link to an environment is what `venv` of a module leads through.
+        (folder / ".venv").symlink_to(sys.prefix)
+
+    def __call__(self, *words: str, within: float = 60.0) -> subprocess.CompletedProcess[str]:
+        environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+        command = [str(self.dca), *words]
+        return subprocess.run(
+            command, cwd=self.folder, env=environment, capture_output=True, text=True, timeout=within, check=False
+        )
+
+    def write(self, name: str, text: str) -> None:
+        (self.folder / name).write_text(text)
+
+    def run(self, *words: str, within: float = 60.0) -> subprocess.CompletedProcess[str]:
+        return self("run", *words, within=within)
+
+
+@pytest.fixture
+def missions(tmp_path: Path) -> Missions:
+    dca = program()
+    if dca is None:
+        pytest.skip("there is no `dca`: `cargo build` makes it")
+    return Missions(dca, tmp_path)

@@ -1,0 +1,195 @@
+"""Messages: the bytes of Rust types, what is refused, and what a field may be."""
+
+import enum
+import math
+import struct
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import dca
+import pytest
+
+
+class Mode(enum.Enum):
+    SOFT = "soft"
+    HARD = "hard"
+
+
+@dca.message
+@dataclass(slots=True)
+class Point:
+    x: dca.Length
+    y: dca.Length = 0.0
+
+
+@dca.message
+@dataclass(slots=True)
+class Everything:
+    force: tuple[dca.Force, dca.Force]
+    at: Point
+    count: int
+    soft: bool
+    who: str
+    image: dca.Bytes
+    mode: Mode
+    side: Literal["left", "right"]
+    near: list[float]
+    sweep: Annotated[list[dca.Length], dca.Count(3)]
+    stamp: dca.Time | None = None
+
+
+def everything(**changed):
+    values = dict(
+        force=(1.0, -2.5),
+        at=Point(0.5, 0.25),
+        count=7,
+        soft=True,
+        who="ä",
+        image=b"\x00\xff",
+        mode=Mode.HARD,
+        side="left",
+        near=[1.0],
+        sweep=[1.0, 2.0, 3.0],
+    )
+    return Everything(**(values | changed))
+
+
+def test_fields_are_spelt_as_in_a_spec():
+    assert dca._message.message_type(Everything).fields == (
+        "force: Force[2], at: { x: Length, y: Length }, count: Number, soft: Truth, who: Text, image: Bytes, "
+        "mode: Text, side: Text, near: Number[], sweep: Length[3], stamp: Time[]"
+    )
+
+
+def test_bytes_are_those_of_the_same_type_in_rust():
+    f64 = lambda *numbers: struct.pack(f"<{len(numbers)}d", *numbers)  # noqa: E731
+    expected = b"".join(
+        [
+            f64(1.0, -2.5),
+            f64(0.5, 0.25),
+            f64(7.0),
+            b"\x01",
+            b"\x02\xc3\xa4",
+            b"\x02\x00\xff",
+            b"\x04hard",
+            b"\x04left",
+            b"\x01" + f64(1.0),
+            f64(1.0, 2.0, 3.0),
+        ]
+    )
+    assert dca.encode(everything()) == expected + b"\x00"
+    stamped = dca.encode(everything(stamp=1.5))
+    assert stamped == expected + b"\x01" + f64(1.5)
+    back = dca.decode(Everything, stamped)
+    assert back == everything(stamp=1.5)
+    assert isinstance(back.image, memoryview) and back.image.readonly
+    assert back.mode is Mode.HARD and type(back.count) is int
+
+
+def test_a_long_text_has_a_long_length():
+    assert dca.encode(everything(who="a" * 300)).count(b"\xac\x02" + b"a" * 300) == 1
+
+
+@pytest.mark.parametrize(
+    ("changed", "error", "text"),
+    [
+        (dict(force=(1.0,)), ValueError, "force: expected 2 elements, got 1"),
+        (dict(force=(1.0, "x")), TypeError, "force: expected a number, got 'x'"),
+        (dict(at=Point(math.nan)), ValueError, "at.x: nan is not a finite number"),
+        (dict(at=None), TypeError, "at: expected a `Point`, got None"),
+        (dict(count=1.5), TypeError, "count: expected a whole number, got 1.5"),
+        (dict(count=2**60), ValueError, "count: 1152921504606846976 is beyond 2^53"),
+        (dict(soft=1), TypeError, "soft: expected a bool, got 1"),
+        (dict(who=b"x"), TypeError, "who: expected a str"),
+        (dict(image=3), TypeError, "image: expected bytes"),
+        (dict(image="x"), TypeError, "image: expected bytes"),
+        (dict(mode="hard"), TypeError, "mode: expected one of `soft`, `hard`"),
+        (dict(side="up"), TypeError, "side: expected one of `left`, `right`"),
+        (dict(near=3), TypeError, "near: expected a list, got 3"),
+        (dict(who="\ud800"), ValueError, "who: "),
+    ],
+)
+def test_a_value_of_another_type_is_named(changed, error, text):
+    with pytest.raises(error) as raised:
+        dca.encode(everything(**changed))
+    assert str(raised.value).startswith(text)
+
+
+def test_any_buffer_goes_out():
+    plain = dca.encode(everything(image=b"abcdef"))
+    for buffer in (bytearray(b"abcdef"), memoryview(b"abcdef"), memoryview(b"abcdefgh")[:6]):
+        assert dca.encode(everything(image=buffer)) == plain
+    numpy = pytest.importorskip("numpy")
+    image = numpy.frombuffer(b"abcdef", dtype=numpy.uint8).reshape(2, 3)
+    assert dca.encode(everything(image=image)) == plain
+    # A slice of columns is not one piece, and is copied.
+    assert dca.decode(Everything, dca.encode(everything(image=image[:, :2]))).image == b"abde"
+    assert numpy.asarray(dca.decode(Everything, plain).image).sum() == sum(b"abcdef")
+
+
+def test_hostile_bytes_are_refused():
+    whole = dca.encode(everything(stamp=1.5))
+    for end in range(len(whole)):
+        with pytest.raises(ValueError):
+            dca.decode(Everything, whole[:end])
+    with pytest.raises(ValueError):
+        dca.decode(Everything, whole + b"\x00")
+    with pytest.raises(ValueError):
+        dca.decode(Everything, whole.replace(b"\x04hard", b"\x04herd"))
+    for place in range(len(whole)):
+        for byte in (0, 1, 127, 128, 255):
+            changed = whole[:place] + bytes([byte]) + whole[place + 1 :]
+            try:
+                dca.decode(Everything, changed)
+            except ValueError:
+                pass
+
+
+def test_not_finite_numbers_travel_where_the_type_allows_it():
+    @dca.message(allow_nan=True, name="Sweep")
+    @dataclass
+    class Ranges:
+        all: list[float]
+
+    assert dca._message.message_type(Ranges).name == "Sweep"
+    back = dca.decode(Ranges, dca.encode(Ranges([math.inf, 1.0])))
+    assert back.all == [math.inf, 1.0]
+
+
+def test_what_cannot_be_in_a_message_is_named():
+    def refused(annotation, text):
+        with pytest.raises(TypeError) as raised:
+            cls = dataclass(type("Odd", (), {"__annotations__": {"x": annotation}}))
+            dca.message(cls)
+        assert text in str(raised.value), raised.value
+
+    refused(dict, "Odd.x: `dict` cannot be in a message")
+    refused(tuple[int, float], "Odd.x: the elements of a tuple are of one type")
+    refused(list[Point], "Odd.x: a list of lists, records")
+    refused(int | str, "Odd.x: ")
+    refused(enum.Enum("Number", {"ONE": 1}), "Odd.x: the values of an Enum in a message are strings")
+    with pytest.raises(TypeError, match="write @dataclass between"):
+        dca.message(type("Plain", (), {}))
+    with pytest.raises(TypeError, match="is not a message"):
+        dca.encode(3)
+
+    @dataclass
+    class Late:
+        stamp: float
+
+    with pytest.raises(TypeError, match="the time of measurement is a dca.Time"):
+        dca.message(Late)
+
+
+def test_a_post_init_may_look_at_a_value():
+    @dca.message
+    @dataclass
+    class Positive:
+        x: float
+
+        def __post_init__(self):
+            if self.x < 0:
+                raise ValueError("x is negative")
+
+    with pytest.raises(ValueError, match="x is negative"):
+        dca.decode(Positive, struct.pack("<d", -1.0))
