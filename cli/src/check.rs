@@ -8,7 +8,7 @@ use crate::io::{named_file, whole_file};
 use crate::logic::externals;
 use crate::{Controllers, output};
 use anyhow::{Context, anyhow};
-use language::plan::Plan;
+use language::plan::{Environment, Plan};
 use language::{Code, Compiled, Content, Diagnostic, Options, Severity, Source, Style, Texts, compile, gather, render};
 use node::console::{self, Failure};
 use node::io::programs;
@@ -210,7 +210,24 @@ pub(crate) fn others_with(
     };
     let mut others = gather(spec, &|path| content(path, read));
     others.extend(interfaces(controllers)?);
+    others.extend(python_interfaces(spec, &others)?);
     Ok(others)
+}
+
+/// Asks the programs in Python that modules of a spec name for their interfaces, each once.
+fn python_interfaces(spec: &Source, others: &[Source]) -> Result<Vec<Source>, Failure> {
+    let texts: Vec<Source> = std::iter::once(spec).chain(others).cloned().collect();
+    let mut asked: Vec<(String, Environment)> = Vec::new();
+    let mut interfaces = Vec::new();
+    for module in language::asked(&texts) {
+        let command = module.exec.strip_suffix(&module.name).unwrap_or(&module.exec).trim_end().to_owned();
+        let program = (command.clone(), module.environment.clone());
+        if !asked.contains(&program) {
+            interfaces.push(Source::new(command, programs::interfaces_of(&module)?));
+            asked.push(program);
+        }
+    }
+    Ok(interfaces)
 }
 
 /// Returns the content of a path in a `use`: a folder, or else a file, which `read` reads.

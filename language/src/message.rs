@@ -1,4 +1,6 @@
-//! The layout of the messages on a wire, as far as the interface of the sender declares it.
+//! The layout of the messages on a wire, as far as the interface of the sender declares it, and which senders have to be asked.
+
+use crate::plan::Environment;
 
 /// A message that an output sends.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -30,4 +32,15 @@ pub enum Layout {
         /// How many; any number, which is sent with them, if that is not said.
         count: Option<usize>,
     },
+}
+
+/// A module whose program, in Python, says what its interface is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AskedModule {
+    /// Its name: `Keep`.
+    pub name: String,
+    /// The program and its arguments, as [`words`](crate::plan::words) reads them; the last one is the name.
+    pub exec: String,
+    /// The variables and the folder of the program.
+    pub environment: Environment,
 }

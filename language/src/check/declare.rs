@@ -3,6 +3,7 @@
 mod environment;
 mod module;
 mod process;
+mod python;
 mod template;
 
 pub(super) use template::Templates;
@@ -116,6 +117,9 @@ impl ItemCollector<'_> {
             self.spec.modules.push(module);
             return;
         };
+        if origin != Origin::Spec && self.spec.modules[first].is_asked {
+            return self.spec.modules[first].take_interface(module);
+        }
         let first = self.spec.modules[first].name.span;
         if origin == Origin::Spec {
             self.diagnostics.push(twice("module", &module.name.text, module.name.span, first));

@@ -5,7 +5,7 @@ use super::diagnostics::Diagnostics;
 use super::range::Values;
 use super::spec::{CallRole, Direction, Kind, Module, Param, Port, Shape, Spec, Value, ValueKind};
 use super::types;
-use crate::message::{Layout, Message};
+use crate::message::{AskedModule, Layout, Message};
 use crate::plan::{Accepts, Constant, Parameter};
 use crate::source::{Origin, Source};
 use crate::syntax::{Parse, ast, parse};
@@ -52,6 +52,14 @@ pub(crate) fn port_types(interfaces: &[Source]) -> BTreeMap<String, BTreeMap<Str
 pub(crate) fn exports(interfaces: &[Source]) -> BTreeMap<String, BTreeMap<String, String>> {
     let of_module = |module: Module| (module.name.text, module.ports.into_iter().filter_map(signature).collect());
     read(interfaces).modules.into_iter().map(of_module).collect()
+}
+
+/// Returns the modules that are programs in Python and leave it to them to say what their interfaces are.
+pub(crate) fn asked(sources: &[Source]) -> Vec<AskedModule> {
+    let modules = read(sources).modules.into_iter().filter(|module| module.is_asked);
+    let asked =
+        |Module { name, exec, environment, .. }| Some(AskedModule { name: name.text, exec: exec?, environment });
+    modules.filter_map(asked).collect()
 }
 
 fn signature(port: Port) -> Option<(String, String)> {

@@ -268,6 +268,8 @@ pub(crate) struct Module {
     /// Its normal ends, when it has several.
     pub(crate) outcomes: Vec<Outcome>,
     pub(crate) exec: Option<String>,
+    /// Whether its program, which is in Python, says what its interface is.
+    pub(crate) is_asked: bool,
     pub(crate) environment: Environment,
     pub(crate) kind: LeafKind,
     pub(crate) stop_within: Duration,

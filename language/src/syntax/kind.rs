@@ -133,6 +133,8 @@ kinds! {
         Inherit "inherited variables"
         Inherited "an inherited variable"
         Folder "the folder of a program"
+        Python "a Python program"
+        Venv "a virtual environment of Python"
         StopWithin "a stop limit"
         Takes "how long a module takes"
         Flag "a module property"

@@ -28,6 +28,8 @@ const WORDS: &[&str] = &[
     "env",
     "inherit",
     "directory",
+    "python",
+    "venv",
     "stop",
     "push",
     "pull",

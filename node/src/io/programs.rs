@@ -2,6 +2,8 @@
 
 use anyhow::Context;
 use comms::logic::human::span;
+use language::AskedModule;
+use language::plan::words;
 use rustix::fs::{Access, access};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 use std::io::{self, Read};
@@ -12,6 +14,14 @@ use std::time::Duration;
 
 /// The most text an executable may answer.
 const INTERFACE_MAX: u64 = 4 << 20;
+/// The argument that asks an executable for its interfaces.
+const INTERFACE: &str = "--dca-interface";
+/// The most that is read of what a failing program has written on standard error, in bytes.
+const TROUBLE_MAX: u64 = 64 << 10;
+/// How many lines of that people are shown.
+const TROUBLE_LINES: usize = 5;
+/// How long a program in Python may take for an answer.
+const PYTHON_WITHIN: Duration = Duration::from_secs(5);
 /// How long an executable may take for an answer.
 pub const ANSWER_WITHIN: Duration = Duration::from_secs(10);
 
@@ -43,6 +53,20 @@ pub enum ProgramsError {
         program: PathBuf,
         /// The argument that asks it.
         argument: &'static str,
+    },
+    /// The program in Python of a module ran, and failed.
+    #[error("`{module}` does not tell its interface: `{command} {argument}` {status}{}", ends(.trouble))]
+    Python {
+        /// The module.
+        module: String,
+        /// How it was started.
+        command: String,
+        /// The argument that asks it.
+        argument: &'static str,
+        /// How it ended.
+        status: ExitStatus,
+        /// The last lines that it has written on standard error.
+        trouble: String,
     },
     /// The program runs, and writes nothing.
     #[error("`{program}` does not tell its interface: `{argument}` has no answer within {}", span(*.within))]
@@ -83,17 +107,57 @@ pub fn chosen(given: &[PathBuf]) -> Vec<PathBuf> {
 /// # Errors
 /// It cannot be run, fails, offers nothing, or does not answer within 10 s.
 pub fn interfaces(program: &Path) -> Result<String, ProgramsError> {
-    let argument = "--dca-interface";
+    let mut command = Command::new(program);
+    command.arg(INTERFACE).stderr(Stdio::null());
+    match checked(command, program, ANSWER_WITHIN)? {
+        Answer { status, .. } if !status.success() => {
+            Err(ProgramsError::Failed { program: program.to_owned(), argument: INTERFACE, status })
+        }
+        Answer { text, .. } => Ok(text),
+    }
+}
+
+/// Asks the program in Python of a module for the interfaces that it offers, in the environment that the module gives it.
+///
+/// # Errors
+/// It cannot be run, fails, offers nothing, or does not answer within 5 s.
+pub fn interfaces_of(module: &AskedModule) -> Result<String, ProgramsError> {
+    let mut words = words(&module.exec).unwrap_or_default();
+    // The last one is the name of the module.
+    words.pop();
+    let Some((program, rest)) = words.split_first() else { return Ok(String::new()) };
+    let mut command = Command::new(program);
+    command.args(rest).arg(INTERFACE).envs(&module.environment.variables).stderr(Stdio::piped());
+    if let Some(folder) = &module.environment.directory {
+        command.current_dir(folder);
+    }
+    match checked(command, Path::new(program), PYTHON_WITHIN)? {
+        Answer { status, trouble, .. } if !status.success() => {
+            let (module, command) = (module.name.clone(), words.join(" "));
+            Err(ProgramsError::Python { module, command, argument: INTERFACE, status, trouble })
+        }
+        Answer { text, .. } => Ok(text),
+    }
+}
+
+/// Runs a program that is asked for its interface.
+fn checked(command: Command, program: &Path, within: Duration) -> Result<Answer, ProgramsError> {
     let path = program.to_owned();
-    match ask(program, &[argument], ANSWER_WITHIN) {
-        Ok((_, status)) if !status.success() => Err(ProgramsError::Failed { program: path, argument, status }),
-        Ok((text, _)) if text.trim().is_empty() => Err(ProgramsError::Nothing { program: path, argument }),
-        Ok((text, _)) => Ok(text),
+    match run(command, within) {
+        Ok(answer) if answer.status.success() && answer.text.trim().is_empty() => {
+            Err(ProgramsError::Nothing { program: path, argument: INTERFACE })
+        }
+        Ok(answer) => Ok(answer),
         Err(cause) if cause.kind() == io::ErrorKind::TimedOut => {
-            Err(ProgramsError::Silent { program: path, argument, within: ANSWER_WITHIN })
+            Err(ProgramsError::Silent { program: path, argument: INTERFACE, within })
         }
         Err(cause) => Err(ProgramsError::Run { program: path, cause }),
     }
+}
+
+/// Returns what a program has said at last, behind how it ended.
+fn ends(trouble: &str) -> String {
+    if trouble.is_empty() { String::new() } else { format!(":\n{trouble}") }
 }
 
 /// Runs a program; returns what it prints and how it ends. One that has not ended within this time is killed.
@@ -101,12 +165,21 @@ pub fn interfaces(program: &Path) -> Result<String, ProgramsError> {
 /// # Errors
 /// `TimedOut`: it has not ended in time. Else it cannot be run, or prints no text.
 pub fn ask(program: &Path, arguments: &[&str], within: Duration) -> io::Result<(String, ExitStatus)> {
-    let child = Command::new(program)
-        .args(arguments)
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::null())
-        .spawn()?;
+    let mut command = Command::new(program);
+    command.args(arguments).stderr(Stdio::null());
+    run(command, within).map(|Answer { text, status, .. }| (text, status))
+}
+
+/// The answer of a program.
+struct Answer {
+    text: String,
+    /// The last lines on its standard error, where that is a pipe.
+    trouble: String,
+    status: ExitStatus,
+}
+
+fn run(mut command: Command, within: Duration) -> io::Result<Answer> {
+    let child = command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn()?;
     // Names this very child, also once the thread has seen its end.
     let pidfd = pidfd_open(Pid::from_child(&child), PidfdFlags::empty())?;
     let (heard_tx, heard) = sync_channel(1);
@@ -123,23 +196,44 @@ pub fn ask(program: &Path, arguments: &[&str], within: Duration) -> io::Result<(
 }
 
 /// Reads what a program says until its end, and how that was.
-fn hear(mut child: Child) -> io::Result<(String, ExitStatus)> {
-    let mut text = String::new();
-    // Dropping the pipe ends a program that says more.
-    let read = child.stdout.take().map(|out| out.take(INTERFACE_MAX).read_to_string(&mut text));
+fn hear(mut child: Child) -> io::Result<Answer> {
+    let (mut text, mut trouble) = (String::new(), Vec::new());
+    let (out, errors) = (child.stdout.take(), child.stderr.take());
+    let read = std::thread::scope(|scope| {
+        scope.spawn(|| errors.map(|errors| errors.take(TROUBLE_MAX).read_to_end(&mut trouble)));
+        // Dropping the pipe ends a program that says more.
+        out.map(|out| out.take(INTERFACE_MAX).read_to_string(&mut text))
+    });
     let status = child.wait()?;
     read.transpose()?;
-    Ok((text, status))
+    let trouble = String::from_utf8_lossy(&trouble);
+    let lines: Vec<&str> = trouble.trim_end().lines().collect();
+    let trouble = lines[lines.len().saturating_sub(TROUBLE_LINES)..].join("\n");
+    Ok(Answer { text, trouble, status })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use language::plan::Environment;
 
     #[test]
     fn a_program_that_does_not_answer_is_not_waited_for() {
         let silent = ask(Path::new("sleep"), &["3600"], Duration::from_millis(20)).unwrap_err();
         assert_eq!((silent.kind(), &*silent.to_string()), (io::ErrorKind::TimedOut, "no answer within 20 ms"));
         assert_eq!(ask(Path::new("echo"), &["word"], ANSWER_WITHIN).unwrap().0, "word\n");
+    }
+
+    #[test]
+    fn a_program_of_a_module_is_asked_in_its_environment() {
+        let asked = |script: &str| {
+            let mut environment = Environment { directory: Some("/".to_owned()), ..Environment::default() };
+            environment.variables.insert("DOOR".to_owned(), "locked".to_owned());
+            interfaces_of(&AskedModule { name: "Keep".to_owned(), exec: format!("sh -c '{script}' Keep"), environment })
+        };
+        assert_eq!(asked("echo $DOOR $PWD $0").unwrap(), "locked / --dca-interface\n");
+        let failed = asked("echo Traceback >&2; echo oh dear >&2; exit 3").unwrap_err().to_string();
+        assert!(failed.ends_with("exit status: 3:\nTraceback\noh dear"), "{failed}");
+        assert!(matches!(asked("exit 0"), Err(ProgramsError::Nothing { .. })));
     }
 }

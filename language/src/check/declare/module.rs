@@ -1,6 +1,6 @@
 //! Reads the interfaces of controller modules.
 
-use super::environment;
+use super::{environment, python};
 use crate::algebra::TAG_MAX;
 use crate::check::names::twice;
 use crate::check::spec::{Call, CallRole, Claim, Direction, Module, Outcome, Port};
@@ -13,7 +13,7 @@ use crate::syntax::ast::Node;
 use std::time::Duration;
 
 /// How long a module may take to stop, unless its interface says otherwise.
-const STOP_WITHIN: Duration = Duration::from_secs(2);
+pub(super) const STOP_WITHIN: Duration = Duration::from_secs(2);
 
 /// Reads a `module` block; `places` are where its text is damaged.
 pub(super) fn module(node: &Node, places: &[Span], reader: &mut Reader<'_>) -> Option<Module> {
@@ -31,6 +31,7 @@ pub(super) fn module(node: &Node, places: &[Span], reader: &mut Reader<'_>) -> O
         remembers: false,
         outcomes: Vec::new(),
         exec: None,
+        is_asked: false,
         environment: Environment::default(),
         kind: LeafKind::Controller,
         stop_within: STOP_WITHIN,
@@ -41,6 +42,7 @@ pub(super) fn module(node: &Node, places: &[Span], reader: &mut Reader<'_>) -> O
     for item in node.children() {
         read_item(&mut module, &item, reader);
     }
+    python::program(&mut module, node, reader);
     Some(module)
 }
 

@@ -23,10 +23,12 @@ impl Parser<'_> {
             "proc" | "calls" => self.procedure(),
             "state" => self.state(),
             "done" | "service" | "plain" | "remembers" => self.flag(),
-            "exec" => self.exec(),
+            "exec" => self.text_item(SyntaxKind::Exec, "a string with the program and its arguments"),
+            "python" => self.text_item(SyntaxKind::Python, "a string with the path of a Python program"),
+            "venv" => self.text_item(SyntaxKind::Venv, "a string with the path of a virtual environment"),
             "env" => self.environment(),
             "inherit" => self.inherit(),
-            "directory" => self.directory(),
+            "directory" => self.text_item(SyntaxKind::Folder, "a string with the path of a folder"),
             "stop" => self.stop_within(),
             "claims" => self.claims(),
             "duration" => self.takes(),
@@ -36,8 +38,8 @@ impl Parser<'_> {
             }
             _ => {
                 self.expected(
-                    "`in`, `out`, `proc`, `state`, `calls`, `service`, `done`, `remembers`, `claims`, `duration`, `exec`, `env`, \
-                     `inherit`, `directory`, `plain` or `stop within`",
+                    "`in`, `out`, `proc`, `state`, `calls`, `service`, `done`, `remembers`, `claims`, `duration`, `exec`, `python`, \
+                     `venv`, `env`, `inherit`, `directory`, `plain` or `stop within`",
                 );
                 self.skip_statement();
             }
@@ -144,12 +146,12 @@ impl Parser<'_> {
         self.finish();
     }
 
-    /// `exec "program arg";`
-    fn exec(&mut self) {
-        self.start(SyntaxKind::Exec);
+    /// `exec "program arg";`, `python "keep.py";`, `venv ".venv";`, `directory "/opt/robot";`
+    fn text_item(&mut self, kind: SyntaxKind, expected: &str) {
+        self.start(kind);
         self.bump();
         if !self.eat(Text) {
-            self.expected("a string with the program and its arguments");
+            self.expected(expected);
         }
         self.end_statement();
         self.finish();
@@ -191,17 +193,6 @@ impl Parser<'_> {
             if !self.eat(SyntaxKind::Comma) {
                 break;
             }
-        }
-        self.end_statement();
-        self.finish();
-    }
-
-    /// `directory "/opt/robot";`
-    fn directory(&mut self) {
-        self.start(SyntaxKind::Folder);
-        self.bump();
-        if !self.eat(Text) {
-            self.expected("a string with the path of a folder");
         }
         self.end_statement();
         self.finish();

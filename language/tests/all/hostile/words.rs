@@ -133,6 +133,8 @@ pub(crate) const KEYWORDS: &[&str] = &[
     "env",
     "inherit",
     "directory",
+    "python",
+    "venv",
     "stop",
     "push",
     "pull",

@@ -1,0 +1,142 @@
+//! Reads how a module that is a program in Python is started, and takes its interface from the program.
+//!
+//! `python "keep.py"; venv ".venv";` is an `exec` of the interpreter of the environment, by its path there, with the program and the name of
+//! the module: that link is what tells the interpreter which environment it belongs to.
+
+use super::module::STOP_WITHIN;
+use crate::check::spec::Module;
+use crate::check::value::Reader;
+use crate::diagnostic::{Code, Diagnostic};
+use crate::plan::LeafKind;
+use crate::source::Span;
+use crate::syntax::SyntaxKind::{self, Exec, Python, Text, Venv};
+use crate::syntax::ast::Node;
+
+/// The interpreter of a module without an environment, as `PATH` has it.
+const INTERPRETER: &str = "python3";
+
+/// Reads `python` and `venv` of a module, once the rest of it is known.
+pub(super) fn program(module: &mut Module, node: &Node, reader: &mut Reader<'_>) {
+    let mut refuse = |span, message: &str| reader.diagnostics.push(Diagnostic::new(Code::E0011, span, message));
+    let (script, venv) = (path(node, Python), path(node, Venv));
+    let Some((script, span)) = script else {
+        if let Some((_, span)) = venv {
+            refuse(span, "an environment is that of a program in Python: say which, with `python \"program.py\";`");
+        }
+        return;
+    };
+    if node.child(Exec).is_some() {
+        return refuse(span, "a module is started by `exec` or by `python`, not by both");
+    }
+    let interpreter = match &venv {
+        None => Some(INTERPRETER.to_owned()),
+        Some((venv, _)) => word(&format!("{}/bin/python", venv.trim_end_matches('/'))).filter(|_| !venv.is_empty()),
+    };
+    let Some(interpreter) = interpreter else {
+        let (_, span) = venv.unwrap_or((String::new(), span));
+        return refuse(span, "the path of an environment is not empty, and has one kind of quotes at most");
+    };
+    let Some(script) = word(&script).filter(|_| !script.is_empty()) else {
+        return refuse(span, "the path of a program is not empty, and has one kind of quotes at most");
+    };
+    let has_params = module.params.as_ref().is_some_and(|params| !params.is_empty());
+    let says_nothing = module.ports.is_empty() && !has_params && !module.is_service && !module.has_end;
+    let is_controller = module.kind == LeafKind::Controller;
+    module.is_asked = is_controller && says_nothing;
+    // Until its program has said which ports it has, a missing one proves nothing.
+    module.is_damaged |= module.is_asked;
+    let name = if is_controller { format!(" {}", module.name.text) } else { String::new() };
+    module.exec = Some(format!("{interpreter} {script}{name}"));
+}
+
+fn path(node: &Node, kind: SyntaxKind) -> Option<(String, Span)> {
+    let token = node.child(kind)?.token(Text)?;
+    Some((token.content(), token.span()))
+}
+
+/// Returns a text as one word of an `exec`.
+fn word(text: &str) -> Option<String> {
+    let quote = if text.contains('\'') { '"' } else { '\'' };
+    (!text.contains(quote)).then(|| format!("{quote}{text}{quote}"))
+}
+
+impl Module {
+    /// Takes the interface that its program says; what the spec says of the program stays.
+    pub(super) fn take_interface(&mut self, told: Self) {
+        let Self { params, host, ports, is_service, has_end, remembers, outcomes, stop_within, is_damaged, .. } = told;
+        (self.params, self.host, self.ports, self.outcomes) = (params, host, ports, outcomes);
+        (self.is_service, self.has_end, self.remembers) = (is_service, has_end, self.remembers || remembers);
+        if self.stop_within == STOP_WITHIN {
+            self.stop_within = stop_within;
+        }
+        if self.doc.is_empty() {
+            self.doc = told.doc;
+        }
+        (self.is_asked, self.is_damaged) = (false, is_damaged);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::plan::Plan;
+    use crate::source::Source;
+    use crate::{AskedModule, Options, asked, compile};
+
+    const INTERFACE: &str = "type Range = { distance: Length };
+        /// Keeps a distance.
+        module Keep(host: Host, reach: Length in 0.1 m..2 m = 0.5 m) { in In: Range optional; service; stop within 300 ms; }";
+
+    fn compiled(module: &str, interface: &str) -> (Option<Plan>, Vec<String>) {
+        let text = format!(
+            "{module}\nprocess main(){{ host{{c1}} instantiated_processes{{ keep instof Keep(c1, reach = 40 cm); }}
+             internal_event_actions{{ keep }} }}"
+        );
+        let compiled = compile(&Source::new("a.dca", text), &[Source::new("keep.py", interface)], &Options::named("a"));
+        (compiled.plan, compiled.diagnostics.iter().map(|found| format!("{}: {}", found.code, found.message)).collect())
+    }
+
+    #[test]
+    fn a_program_in_python_says_what_its_interface_is() {
+        let (plan, found) = compiled("module Keep { python \"keep.py\"; venv \"my robot/.venv/\"; }", INTERFACE);
+        let leaf = &plan.expect("it compiles").leaves[0];
+        assert_eq!(leaf.exec.as_deref(), Some("'my robot/.venv/bin/python' 'keep.py' Keep"));
+        assert_eq!((leaf.stop_within.as_millis(), found), (300, vec![]));
+        // What the program says is checked.
+        let (_, found) = compiled("module Keep { python \"keep.py\"; }", &INTERFACE.replace("reach", "speed"));
+        assert!(found.iter().any(|found| found.contains("reach")), "{found:?}");
+        // The spec has the last word.
+        let (plan, _) = compiled("module Keep { python \"keep.py\"; stop within 1 s; directory \"/opt\"; }", INTERFACE);
+        let leaf = &plan.expect("it compiles").leaves[0];
+        assert_eq!((leaf.stop_within.as_millis(), leaf.environment.directory.as_deref()), (1000, Some("/opt")));
+    }
+
+    #[test]
+    fn only_who_says_nothing_else_is_asked() {
+        let all = |text: &str| asked(&[Source::new("a.dca", text)]);
+        let environment = crate::plan::Environment::default();
+        let keep = AskedModule { name: "Keep".to_owned(), exec: "python3 'keep.py' Keep".to_owned(), environment };
+        assert_eq!(all("module Keep(host: Host) { python \"keep.py\"; } process main(){}"), [keep]);
+        for text in ["python \"keep.py\"; plain;", "python \"keep.py\"; done;", "python \"keep.py\"; in In;", "done;"] {
+            assert_eq!(all(&format!("module Keep {{ {text} }}")), [], "{text}");
+        }
+        let (plan, _) = compiled("module Keep(reach) { python \"keep.py\"; plain; done; }", "");
+        assert_eq!(plan.expect("it compiles").leaves[0].exec.as_deref(), Some("python3 'keep.py'"));
+    }
+
+    #[test]
+    fn what_starts_nothing_is_refused() {
+        for (items, why) in [
+            ("venv \".venv\"; done;", "an environment is that of a program in Python"),
+            ("python \"a.py\"; exec \"a\"; done;", "a module is started by `exec` or by `python`, not by both"),
+            ("python \"\"; done;", "the path of a program is not empty"),
+            ("python \"a'b\\\"c.py\"; done;", "the path of a program is not empty"),
+            ("python \"a.py\"; venv \"\"; done;", "the path of an environment is not empty"),
+        ] {
+            let (plan, found) = compiled(&format!("module Keep(reach) {{ {items} }}"), "");
+            assert!(
+                plan.is_none() && found.iter().any(|one| one.starts_with("E0011: ") && one.contains(why)),
+                "{items}: {found:?}"
+            );
+        }
+    }
+}
