@@ -105,7 +105,7 @@ pub use comms::logic::object::{Access, ExportKind, ObjectError};
 
 pub use arguments::{ArgumentError, Arguments, Kind, Parameter};
 pub use arrivals::Arrivals;
-pub use calls::{Answered, AnyCalls, CallOrder, CallPort, Calls};
+pub use calls::{Answered, AnyCalls, CallOrder, CallPort, Calls, RawCalls};
 pub use controller::{About, Configured, Controller, Outcome, Progress, Schedule, Stopping, TAG_MAX, Tick};
 pub use database::{
     Change, Database, DatabaseError, DatabaseOrder, DatabasePort, DatabaseRefusal, Entry, Expected, Transaction, TxnId,

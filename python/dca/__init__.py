@@ -5,6 +5,7 @@ A controller is a class: ports and parameters are its attributes, `main_calc` is
 """
 
 from ._controller import (
+    Calls,
     Every,
     In,
     Out,
@@ -13,12 +14,15 @@ from ._controller import (
     done,
     outcome,
     parameter,
+    procedure,
     run,
     secret,
     service,
+    state,
     task,
 )
-from ._dca import Abort, Done, Tick, __version__
+from ._dca import Abort, CallError, Done, Refused, Tick, __version__
+from ._reply import Reply
 from ._message import Bytes, Count, decode, encode, message
 from ._quantity import (
     Acceleration,
@@ -46,6 +50,8 @@ __all__ = [
     "Angle",
     "AngularSpeed",
     "Bytes",
+    "CallError",
+    "Calls",
     "Count",
     "Current",
     "Done",
@@ -58,6 +64,8 @@ __all__ = [
     "Out",
     "Power",
     "Quantity",
+    "Refused",
+    "Reply",
     "Signal",
     "Size",
     "Speed",
@@ -74,9 +82,11 @@ __all__ = [
     "message",
     "outcome",
     "parameter",
+    "procedure",
     "run",
     "secret",
     "service",
     "si",
+    "state",
     "task",
 ]

@@ -1,9 +1,11 @@
 """Controllers from classes: their ports, parameters and ends."""
 
+import inspect
 import io
 import logging
 import signal
 import sys
+import typing
 from collections.abc import Callable
 from typing import Any, Generic, NamedTuple, TypeVar, overload
 
@@ -11,9 +13,11 @@ from . import _dca
 from ._message import encode, message_type
 from ._quantity import name_of
 
+A = TypeVar("A")
 T = TypeVar("T")
 
 _DECLARATION = "__dca_controller__"
+_EXPORT = "__dca_export__"
 _PARAMETERS = {float: "Number", int: "Number", bool: "Truth", str: "Text"}
 _MODES = ("--list", "--dca-interface", "--help", "-h", "--version", "-V")
 
@@ -92,6 +96,97 @@ class Out(_Port[T]):
     def __get__(self, controller: object, cls: type) -> "_dca.Output[T]": ...
     def __get__(self, controller: object, cls: type) -> Any:
         return self._of(controller)
+
+
+class Calls(Generic[A, T]):
+    """Calls of a procedure of another process, which the spec connects: `Grip = dca.Calls(Push, Width)`; `None` for nothing."""
+
+    def __init__(
+        self,
+        argument: type[A] | None = None,
+        result: type[T] | None = None,
+        *,
+        name: str | None = None,
+        optional: bool = False,
+        doc: str = "",
+    ) -> None:
+        self.argument = None if argument is None else message_type(argument)
+        self.result = None if result is None else message_type(result)
+        self.name = name or ""
+        self.attribute = ""
+        self.is_optional = optional
+        self.doc = doc
+
+    def __set_name__(self, _: type, attribute: str) -> None:
+        self.attribute = attribute
+        self.name = self.name or attribute
+
+    @overload
+    def __get__(self, controller: None, cls: type) -> "Calls[A, T]": ...
+    @overload
+    def __get__(self, controller: object, cls: type) -> "_dca.Calls[A, T]": ...
+    def __get__(self, controller: object, cls: type) -> Any:
+        if controller is None:
+            return self
+        raise AttributeError(f"`{self.attribute}` calls nothing: this object was not made by dca.run or a dca.testing.Harness")
+
+
+class _Export:
+    """A method that others may call or read."""
+
+    def __init__(self, function: Callable[..., Any], *, is_state: bool, name: str | None, idle: bool, access: str) -> None:
+        if access not in ("look", "operate", "deploy"):
+            raise TypeError(f"`{access}` is not a right: look, operate or deploy")
+        self.attribute = function.__name__
+        self.name = name or function.__name__
+        self.is_state = is_state
+        self.is_answered_idle = idle or is_state
+        self.access = "look" if is_state else access
+        self.doc = (function.__doc__ or "").strip().partition("\n")[0]
+        hints = typing.get_type_hints(function)
+        names = list(inspect.signature(function).parameters)[1:]
+        self.is_later = "reply" in names
+        names = [one for one in names if one != "reply"]
+        if len(names) > (0 if is_state else 1):
+            raise TypeError(f"`{self.attribute}` takes {'nothing' if is_state else 'one message'}")
+        kinds = [self._kind(hints, one) for one in [*names, "return"]]
+        self.argument = kinds[0] if names else None
+        self.result = kinds[-1]
+        if self.is_later:
+            self.result = self._kind({"reply": next(iter(typing.get_args(hints.get("reply"))), None)}, "reply")
+        if is_state and self.result is None:
+            raise TypeError(f"`{self.attribute}` is a state, so it returns a message: `-> Width`")
+
+    def _kind(self, hints: dict[str, Any], name: str) -> _dca.MessageType | None:
+        if name not in hints:
+            raise TypeError(f"`{self.attribute}`: the type of `{name}` is missing; None for nothing")
+        return None if hints[name] in (None, type(None)) else message_type(hints[name])
+
+
+def procedure(
+    function: Callable[..., Any] | None = None, *, name: str | None = None, idle: bool = False, access: str = "operate"
+) -> Any:
+    """Exports a method, which others call between two calculations: `def Grip(self, push: Push) -> Width`.
+
+    It raises `dca.Refused("why")` for what it does not do. With a parameter `reply: dca.Reply[Width]` it keeps that, and answers in a
+    later calculation. `idle` has it answered while no activation runs; `access` is the right that a user of a team needs.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        setattr(function, _EXPORT, _Export(function, is_state=False, name=name, idle=idle, access=access))
+        return function
+
+    return decorate if function is None else decorate(function)
+
+
+def state(function: Callable[..., Any] | None = None, *, name: str | None = None) -> Any:
+    """Exports a method as a state, which others read between two calculations: `def opening(self) -> Width`."""
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        setattr(function, _EXPORT, _Export(function, is_state=True, name=name, idle=True, access="look"))
+        return function
+
+    return decorate if function is None else decorate(function)
 
 
 class _Parameter:
@@ -192,15 +287,18 @@ class Declaration:
         declared = {name: value for base in reversed(cls.__mro__) for name, value in vars(base).items()}
         self.ports = [value for value in declared.values() if isinstance(value, _Port)]
         self.parameters = [value for value in declared.values() if isinstance(value, _Parameter)]
+        self.calls = [value for value in declared.values() if isinstance(value, Calls)]
+        found = (getattr(value, _EXPORT, None) for value in declared.values())
+        self.exports = [one for one in found if isinstance(one, _Export)]
         self._check()
 
     def _check(self) -> None:
-        names = [one.name for one in [*self.ports, *self.parameters]]
+        names = [one.name for one in [*self.ports, *self.parameters, *self.calls, *self.exports]]
         if twice := {name for name in names if names.count(name) > 1}:
             raise TypeError(f"{self.cls.__name__}: there are two `{min(twice)}`")
-        inputs = [port.name for port in self.ports if port.is_input]
+        inputs = [port.name for port in self.ports if port.is_input] + [one.name for one in self.calls]
         if self.triggered_by is not None and self.triggered_by not in inputs:
-            raise TypeError(f"{self.cls.__name__}: triggered_by `{self.triggered_by}`, which is not one of its inputs")
+            raise TypeError(f"{self.cls.__name__}: triggered_by `{self.triggered_by}`, which is not one of its inputs or calls")
         if not callable(getattr(self.cls, "main_calc", None)):
             raise TypeError(f"{self.cls.__name__}: a controller has a method `main_calc(self, tick)`")
         if self.signals_every is not None and not callable(getattr(self.cls, "signals", None)):

@@ -3,7 +3,48 @@
 from collections.abc import Iterator, Sequence
 from typing import Any, Generic, TypeVar
 
+A = TypeVar("A")
 T = TypeVar("T")
+
+class CallError(Exception):
+    """A call that has no result, and why."""
+
+class Refused(Exception):
+    """A procedure that is not carried out, and why, for its caller."""
+
+class Calls(Generic[A, T]):
+    """Calls of one procedure of another process, which the spec connects."""
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the spec connects this call with something."""
+    @property
+    def pending(self) -> int:
+        """How many calls have no answer yet."""
+    def call(self, argument: A | None = None, *, within: str | float, to: str | None = None) -> Call[T]:
+        """Calls after this calculation; `to` is the path of a process, where the spec connects several."""
+
+class Call(Generic[T]):
+    """A call on its way."""
+
+    @property
+    def done(self) -> bool:
+        """Whether there is an answer."""
+    def result(self) -> T:
+        """Returns the result; raises `dca.CallError` if there is none."""
+    def cancel(self) -> None:
+        """Waits no more for it. If it has not begun at the other end, it never does."""
+
+class Reply(Generic[T]):
+    """The way of the answer to one call, which may be kept and answered in a later calculation."""
+
+    @property
+    def is_wanted(self) -> bool:
+        """Whether somebody still waits."""
+    def send(self, value: T | None = None) -> None:
+        """Answers."""
+    def refuse(self, reason: str) -> None:
+        """Answers with a reason for not doing it, in one line."""
 
 __version__: str
 

@@ -1,5 +1,7 @@
 //! What a decorated class declares, as the interface of a controller type.
 
+use crate::calls::{CallsOf, DeclaredCalls};
+use crate::exports::{DeclaredExport, Export};
 use crate::message::MessageType;
 use crate::quantity::{si, span};
 use controllers::sdk::{About, Binding, Direction, Interface, Kind, Outcome, Parameter, PortInterface, Quantity};
@@ -15,6 +17,9 @@ pub(crate) struct Class {
     pub(crate) interface: Interface,
     /// In the order of the ports of the interface: inputs, then outputs.
     pub(crate) ports: Vec<Port>,
+    pub(crate) exports: Vec<Export>,
+    /// In the order of the calls of the interface.
+    pub(crate) calls: Vec<CallsOf>,
 }
 
 /// A port, beside its interface.
@@ -38,6 +43,8 @@ struct Declaration {
     remembers: bool,
     signals_every: Option<Py<PyAny>>,
     ports: Vec<DeclaredPort>,
+    exports: Vec<DeclaredExport>,
+    calls: Vec<DeclaredCalls>,
     parameters: Vec<DeclaredParameter>,
     outcomes: Vec<(String, Option<String>)>,
 }
@@ -95,9 +102,17 @@ impl Class {
         if about.schedule.period.is_zero() {
             return Err(PyValueError::new_err("`every` is 0 s: a controller has a period"));
         }
-        let (type_name, exports, calls, inner) = (for_ever(declared.name), Vec::new(), Vec::new(), Vec::new());
-        let interface = Interface { type_name, about, ports: interfaces, exports, calls, inner };
-        Ok(Arc::new(Self { declaration: declaration.clone().unbind(), interface, ports }))
+        let exports: Vec<Export> = declared.exports.into_iter().map(|one| one.export(for_ever)).collect();
+        let (calls, call_interfaces) = declared.calls.into_iter().map(|one| one.calls(for_ever)).unzip();
+        let interface = Interface {
+            type_name: for_ever(declared.name),
+            about,
+            ports: interfaces,
+            exports: exports.iter().map(|export| export.interface.clone()).collect(),
+            calls: call_interfaces,
+            inner: Vec::new(),
+        };
+        Ok(Arc::new(Self { declaration: declaration.clone().unbind(), interface, ports, exports, calls }))
     }
 
     /// Returns the inputs, in order.

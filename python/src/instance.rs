@@ -3,16 +3,19 @@
 //! The interpreter is attached for `init`, a calculation, `stop` and what a person wants to see, and for nothing else: values arrive and
 //! leave without it. Each activation begins with a new object of the class.
 
+use crate::calls::{CallState, Calls};
 use crate::declaration::Class;
 use crate::ending::{Abort, Done, Tick};
 use crate::failure::told;
 use crate::input::{EveryInput, Input, InputState, Refused};
 use crate::output::{Output, OutputState};
 use crate::quantity::seconds;
+use comms::logic::object::ObjectError;
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use controllers::sdk::{
-    Arguments, Configured, Delivery, DeliveryError, Interface, Kind, Module, Outlets, Parameter, Progress, Stopping,
+    Activity, Arguments, CallOrder, Configured, Delivery, DeliveryError, Interface, Kind, Module, Outlets, Parameter,
+    Progress, RawReply, Stopping,
 };
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
@@ -29,6 +32,9 @@ pub(crate) struct Instance {
     class: Arc<Class>,
     inputs: Vec<Arc<InputState>>,
     outputs: Vec<Arc<OutputState>>,
+    calls: Vec<Arc<CallState>>,
+    /// The calls that the spec connects.
+    connected: Vec<&'static str>,
     arguments: Arguments,
     object: Py<PyAny>,
     /// Whether an activation has used the object.
@@ -55,9 +61,11 @@ impl Instance {
             let inputs: Vec<_> =
                 class.inputs().map(|port| InputState::new(Arc::clone(&port.message), port.keeps_all)).collect();
             let outputs: Vec<_> = class.outputs().map(|port| OutputState::new(Arc::clone(&port.message))).collect();
-            let object = make(py, class, (&inputs, &outputs), arguments).map_err(|error| told(py, error))?;
-            let (class, arguments) = (Arc::clone(class), arguments.clone());
-            Ok(Self { class, inputs, outputs, arguments, object, is_used: false, last: None })
+            let calls: Vec<_> = class.calls.iter().map(CallState::new).collect();
+            let ends = Ends { inputs: &inputs, outputs: &outputs, calls: &calls };
+            let object = make(py, class, &ends, arguments).map_err(|error| told(py, error))?;
+            let (class, arguments, connected) = (Arc::clone(class), arguments.clone(), Vec::new());
+            Ok(Self { class, inputs, outputs, calls, connected, arguments, object, is_used: false, last: None })
         })
     }
 
@@ -85,7 +93,8 @@ impl Instance {
 
     fn begin(&mut self, py: Python<'_>, value: &[u8]) -> PyResult<()> {
         if self.is_used {
-            self.object = make(py, &self.class, (&self.inputs, &self.outputs), &self.arguments)?;
+            let ends = Ends { inputs: &self.inputs, outputs: &self.outputs, calls: &self.calls };
+            self.object = make(py, &self.class, &ends, &self.arguments)?;
         }
         self.is_used = true;
         let object = self.object.bind(py);
@@ -148,6 +157,9 @@ impl Module for Instance {
     fn init(&mut self, value: &[u8], _: Time) -> Result<(), String> {
         self.last = None;
         self.outputs.iter().for_each(|output| drop(output.take()));
+        for (calls, declared) in self.calls.iter().zip(&self.class.interface.calls) {
+            calls.begin(self.connected.contains(&declared.name));
+        }
         Python::attach(|py| self.begin(py, value).map_err(|error| told(py, error)))
     }
 
@@ -223,6 +235,35 @@ impl Module for Instance {
         });
     }
 
+    fn serve(&mut self, name: &str, argument: &[u8], activity: Activity, reply: RawReply) {
+        match self.class.exports.iter().find(|export| export.interface.name == name) {
+            Some(export) => export.serve(&self.object, argument, activity, reply),
+            None => {
+                let known = self.class.exports.iter().map(|export| export.interface.name.to_owned()).collect();
+                reply.answer(Err(ObjectError::NoSuchProcedure { name: name.to_owned(), known }));
+            }
+        }
+    }
+
+    fn connect_calls(&mut self, calls: &[&'static str]) {
+        self.connected = calls.to_vec();
+    }
+
+    fn drain_calls(&mut self, order: &mut dyn FnMut(&'static str, CallOrder)) {
+        for (calls, declared) in self.calls.iter().zip(&self.class.interface.calls) {
+            calls.take().into_iter().for_each(|one| order(declared.name, one));
+        }
+    }
+
+    fn answered(&mut self, call: &str, number: u64, result: Result<Vec<u8>, ObjectError>) -> Delivery {
+        let interface = &self.class.interface;
+        let Some(at) = interface.calls.iter().position(|declared| declared.name == call) else {
+            return Delivery::Stored;
+        };
+        self.calls[at].deliver(number, result);
+        if interface.about.schedule.trigger == Some(call) { Delivery::Triggers } else { Delivery::Stored }
+    }
+
     fn signals(&self) -> Vec<Signal> {
         let read = |py: Python<'_>| -> PyResult<Vec<Signal>> {
             let given: Vec<GivenSignal> = self.object.bind(py).call_method0("signals")?.extract()?;
@@ -238,15 +279,20 @@ impl Module for Instance {
     }
 }
 
+/// What joins an instance with others.
+struct Ends<'a> {
+    inputs: &'a [Arc<InputState>],
+    outputs: &'a [Arc<OutputState>],
+    calls: &'a [Arc<CallState>],
+}
+
 /// Makes an object of the class, with its ports and parameters as attributes.
-fn make(
-    py: Python<'_>,
-    class: &Class,
-    (inputs, outputs): (&[Arc<InputState>], &[Arc<OutputState>]),
-    arguments: &Arguments,
-) -> PyResult<Py<PyAny>> {
+fn make(py: Python<'_>, class: &Class, ends: &Ends<'_>, arguments: &Arguments) -> PyResult<Py<PyAny>> {
     let attributes = values(py, &class.interface, arguments)?;
-    for (input, port) in inputs.iter().zip(class.inputs()) {
+    for (calls, declared) in ends.calls.iter().zip(&class.calls) {
+        attributes.set_item(&declared.attribute, Calls(Arc::clone(calls)))?;
+    }
+    for (input, port) in ends.inputs.iter().zip(class.inputs()) {
         let state = Arc::clone(input);
         if port.keeps_all {
             attributes.set_item(&port.attribute, EveryInput(state))?;
@@ -254,7 +300,7 @@ fn make(
             attributes.set_item(&port.attribute, Input(state))?;
         }
     }
-    for (output, port) in outputs.iter().zip(class.outputs()) {
+    for (output, port) in ends.outputs.iter().zip(class.outputs()) {
         attributes.set_item(&port.attribute, Output(Arc::clone(output)))?;
     }
     Ok(class.declaration.bind(py).call_method1("make", (attributes,))?.unbind())

@@ -4,11 +4,13 @@
 //! wires, the watchdog and the node's orders stay in Rust, on threads that do not hold the interpreter's lock. Python is called
 //! once a calculation. Values wait as bytes: an input decodes a value when the controller reads it, and an output encodes it at once.
 //!
-//! `form` is a message type, `declaration` a class, `instance` the module, `input` and `output` its ports, `program` the process,
+//! `exports` and `calls` are procedures of its own and of others. `form` is a message type, `declaration` a class, `instance` the module, `input` and `output` its ports, `program` the process,
 //! `failure` what an exception becomes.
 
+mod calls;
 mod declaration;
 mod ending;
+mod exports;
 mod failure;
 mod form;
 mod harness;
@@ -29,6 +31,11 @@ fn _dca(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<input::Input>()?;
     module.add_class::<input::EveryInput>()?;
     module.add_class::<output::Output>()?;
+    module.add_class::<calls::Calls>()?;
+    module.add_class::<calls::Call>()?;
+    module.add_class::<exports::Reply>()?;
+    module.add("CallError", module.py().get_type::<calls::CallError>())?;
+    module.add("Refused", module.py().get_type::<exports::Refused>())?;
     module.add_class::<harness::NativeHarness>()?;
     module.add_class::<ending::Tick>()?;
     module.add_class::<ending::Done>()?;

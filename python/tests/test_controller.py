@@ -80,7 +80,7 @@ def test_a_task_has_its_outcomes():
         (dict(every="20 m"), ValueError, "`20 m` is not a Time"),
         (dict(every=0), ValueError, "`every` is 0 s"),
         (dict(every=-1), ValueError, "-1 s is not a span of time"),
-        (dict(triggered_by="Inn"), TypeError, "triggered_by `Inn`, which is not one of its inputs"),
+        (dict(triggered_by="Inn"), TypeError, "triggered_by `Inn`, which is not one of its inputs or calls"),
         (dict(signals_every="1 s"), TypeError, "signals_every needs a method"),
     ],
 )

@@ -16,12 +16,18 @@ const PENDING_MAX: usize = 64;
 /// Nothing waits: [`Calls::call`] sends after this calculation, and [`Calls::answer`] returns what has come since.
 #[derive(Debug)]
 pub struct Calls<A, R> {
+    raw: RawCalls,
+    of: PhantomData<fn(A) -> R>,
+}
+
+/// Calls of one procedure whose arguments and results are bytes: what [`Calls`] is made of, and what controllers in other languages use.
+#[derive(Debug, Default)]
+pub struct RawCalls {
     is_connected: bool,
     made: u64,
     pending: BTreeSet<u64>,
     orders: Vec<CallOrder>,
-    answers: VecDeque<Answered<R>>,
-    of: PhantomData<fn(A)>,
+    answers: VecDeque<Answered<Vec<u8>>>,
 }
 
 /// The number of a call, and what has come of it.
@@ -50,13 +56,64 @@ pub enum CallOrder {
 
 impl<A, R> Default for Calls<A, R> {
     fn default() -> Self {
-        Self {
-            is_connected: false,
-            made: 0,
-            pending: BTreeSet::new(),
-            orders: Vec::new(),
-            answers: VecDeque::new(),
-            of: PhantomData,
+        Self { raw: RawCalls::default(), of: PhantomData }
+    }
+}
+
+impl RawCalls {
+    /// Calls after this calculation, as [`Calls::call`] and [`Calls::call_to`] do. An argument that cannot be sent is answered with why.
+    pub fn call(&mut self, to: Option<String>, argument: Result<Vec<u8>, ObjectError>, within: Duration) -> u64 {
+        self.made += 1;
+        let number = self.made;
+        let waiting = u32::try_from(self.pending.len()).unwrap_or(u32::MAX);
+        let busy = if self.pending.len() >= PENDING_MAX { Err(ObjectError::Busy { waiting }) } else { Ok(()) };
+        let argument = busy.and(argument);
+        match argument.and_then(|bytes| ObjectError::check_size(bytes.len()).map(|()| bytes)) {
+            Ok(argument) => {
+                self.pending.insert(number);
+                self.orders.push(CallOrder::Make { number, to, argument, within });
+            }
+            Err(error) => self.answers.push_back((number, Err(error))),
+        }
+        number
+    }
+
+    /// Returns whether the spec connects this call with something, see [`Calls::is_connected`].
+    pub const fn is_connected(&self) -> bool {
+        self.is_connected
+    }
+
+    /// Returns the next answer, with the number of its call.
+    pub fn answer(&mut self) -> Option<Answered<Vec<u8>>> {
+        self.answers.pop_front()
+    }
+
+    /// Waits no more for a call; its answer does not come. If it has not begun at the other end, it never does.
+    pub fn cancel(&mut self, number: u64) {
+        if self.pending.remove(&number) {
+            self.orders.push(CallOrder::Cancel { number });
+        }
+    }
+
+    /// Returns how many calls have no answer yet.
+    pub fn pending(&self) -> usize {
+        self.pending.len()
+    }
+
+    /// Takes note that the spec connects it.
+    pub fn connect(&mut self) {
+        self.is_connected = true;
+    }
+
+    /// Takes what is to be done, in order.
+    pub fn take(&mut self) -> Vec<CallOrder> {
+        std::mem::take(&mut self.orders)
+    }
+
+    /// Takes the answer to a call; one that nobody waits for is dropped.
+    pub fn deliver(&mut self, number: u64, result: Result<Vec<u8>, ObjectError>) {
+        if self.pending.remove(&number) {
+            self.answers.push_back((number, result));
         }
     }
 }
@@ -75,45 +132,35 @@ impl<A: Message, R: Message> Calls<A, R> {
     }
 
     fn make(&mut self, to: Option<String>, argument: A, within: Duration) -> u64 {
-        self.made += 1;
-        let number = self.made;
-        let waiting = u32::try_from(self.pending.len()).unwrap_or(u32::MAX);
-        let busy = if self.pending.len() >= PENDING_MAX { Err(ObjectError::Busy { waiting }) } else { Ok(()) };
-        match busy
-            .and_then(|()| fit(&argument, "argument"))
-            .and_then(|()| encode(&argument))
-            .and_then(|bytes| ObjectError::check_size(bytes.len()).map(|()| bytes))
-        {
-            Ok(argument) => {
-                self.pending.insert(number);
-                self.orders.push(CallOrder::Make { number, to, argument, within });
-            }
-            Err(error) => self.answers.push_back((number, Err(error))),
-        }
-        number
+        let argument = fit(&argument, "argument").and_then(|()| encode(&argument));
+        self.raw.call(to, argument, within)
     }
 
     /// Returns whether the spec connects this call with something, in whatever connection set. What is not connected is answered with
     /// [`ObjectError::NotConnected`]; so is what is connected in a set that is not open.
     pub const fn is_connected(&self) -> bool {
-        self.is_connected
+        self.raw.is_connected()
     }
 
     /// Returns the next answer, with the number of its call.
     pub fn answer(&mut self) -> Option<Answered<R>> {
-        self.answers.pop_front()
+        let (number, result) = self.raw.answer()?;
+        let decode = |bytes: Vec<u8>| {
+            let read = postcard::from_bytes(&bytes);
+            let read = read.map_err(|cause| refused(format!("the answer is not a `{}`: {cause}", R::TYPE)))?;
+            fit(&read, "answer").map(|()| read)
+        };
+        Some((number, result.and_then(decode)))
     }
 
     /// Waits no more for a call; its answer does not come. If it has not begun at the other end, it never does.
     pub fn cancel(&mut self, number: u64) {
-        if self.pending.remove(&number) {
-            self.orders.push(CallOrder::Cancel { number });
-        }
+        self.raw.cancel(number);
     }
 
     /// Returns how many calls have no answer yet.
     pub fn pending(&self) -> usize {
-        self.pending.len()
+        self.raw.pending()
     }
 }
 
@@ -129,23 +176,15 @@ pub trait AnyCalls {
 
 impl<A: Message, R: Message> AnyCalls for Calls<A, R> {
     fn connect(&mut self) {
-        self.is_connected = true;
+        self.raw.connect();
     }
 
     fn take(&mut self) -> Vec<CallOrder> {
-        std::mem::take(&mut self.orders)
+        self.raw.take()
     }
 
     fn deliver(&mut self, number: u64, result: Result<Vec<u8>, ObjectError>) {
-        if !self.pending.remove(&number) {
-            return;
-        }
-        let decode = |bytes: Vec<u8>| {
-            let read = postcard::from_bytes(&bytes);
-            let read = read.map_err(|cause| refused(format!("the answer is not a `{}`: {cause}", R::TYPE)))?;
-            fit(&read, "answer").map(|()| read)
-        };
-        self.answers.push_back((number, result.and_then(decode)));
+        self.raw.deliver(number, result);
     }
 }
 

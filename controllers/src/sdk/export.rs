@@ -295,6 +295,11 @@ impl RawReply {
         Self { take: Box::new(take), is_wanted: Box::new(is_wanted) }
     }
 
+    /// Returns whether somebody still waits for the answer.
+    pub fn is_wanted(&self) -> bool {
+        (self.is_wanted)()
+    }
+
     /// Answers.
     pub fn answer(self, result: Result<Vec<u8>, ObjectError>) {
         (self.take)(result);
@@ -320,7 +325,7 @@ impl<R: Message> Reply<R> {
 
     /// Returns whether somebody still waits: the caller has not given up, its time is not over, and its program lives.
     pub fn is_wanted(&self) -> bool {
-        (self.raw.is_wanted)()
+        self.raw.is_wanted()
     }
 }
 
