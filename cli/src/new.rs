@@ -1,4 +1,4 @@
-//! `dca new`: makes a folder with a spec that runs, and with `--sdk` a program with controllers for it.
+//! `dca new`: makes a folder with a spec that runs, and with `--sdk` or `--python` a program with controllers for it.
 
 use anyhow::{Context as _, anyhow};
 use node::console::{self, Failure};
@@ -14,10 +14,16 @@ pub struct Arguments {
     /// Begin a program with controllers of one's own, too; DIR is a clone of DCA [default: the one that `dca` was built in]
     #[arg(long, value_name = "DIR", num_args = 0..=1, require_equals = true)]
     sdk: Option<Option<PathBuf>>,
+    /// Also begin controllers in Python and their tests; DIR is a clone of DCA, whose package `dca` they need
+    #[arg(long, value_name = "DIR", num_args = 0..=1, require_equals = true, conflicts_with = "sdk")]
+    python: Option<Option<PathBuf>>,
 }
 
 const SPEC: &str = include_str!("../templates/new.dca");
 const SDK_SPEC: &str = include_str!("../templates/sdk/spec.dca");
+const PYTHON_SPEC: &str = include_str!("../templates/python/spec.dca");
+const PYTHON: &str = include_str!("../templates/python/controllers.py");
+const PYTHON_TESTS: &str = include_str!("../templates/python/test_controllers.py");
 const PROGRAM: &str = include_str!("../templates/sdk/main.rs");
 
 const MANIFEST: &str = "\
@@ -39,7 +45,7 @@ opt-level = 2
 
 /// Names that Cargo, the program itself or DCA needs for something else: with crates and programs of DCA in its dependencies and on
 /// the search path, a second one of their name is built or started in their place.
-const TAKEN: [&str; 34] = [
+const TAKEN: [&str; 35] = [
     "alloc",
     "build",
     "cli",
@@ -56,6 +62,7 @@ const TAKEN: [&str; 34] = [
     "dca-hanging",
     "dca-keys",
     "dca-node",
+    "dca-python",
     "dca-shim",
     "dca-starter",
     "dca-tests",
@@ -95,6 +102,17 @@ struct Sdk {
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let folder = &arguments.folder;
     let name = name(folder, arguments.sdk.is_some())?;
+    if let Some(given) = &arguments.python {
+        let clone = Sdk::find(given.as_deref())?.clone.join("python");
+        make(folder, &python(&name))?;
+        console::say(&format!(
+            "cd {} && python3 -m venv .venv && .venv/bin/pip install {} pytest && .venv/bin/pytest && dca run {name}.dca",
+            folder.display(),
+            clone.display()
+        ));
+        console::note("the first build of the package `dca` takes some minutes");
+        return Ok(());
+    }
     let sdk = arguments.sdk.as_ref().map(|given| Sdk::find(given.as_deref())).transpose()?;
     let files = sdk.as_ref().map_or_else(|| Ok(plain(&name)), |sdk| program(&name, sdk))?;
     make(folder, &files)?;
@@ -114,6 +132,15 @@ type File = (PathBuf, String);
 
 fn plain(name: &str) -> Vec<File> {
     vec![(format!("{name}.dca").into(), SPEC.to_owned())]
+}
+
+fn python(name: &str) -> Vec<File> {
+    vec![
+        (format!("{name}.dca").into(), PYTHON_SPEC.to_owned()),
+        ("controllers.py".into(), PYTHON.to_owned()),
+        ("test_controllers.py".into(), PYTHON_TESTS.to_owned()),
+        (".gitignore".into(), "/.venv\n/runs\n__pycache__\n.pytest_cache\n".to_owned()),
+    ]
 }
 
 fn program(name: &str, sdk: &Sdk) -> Result<Vec<File>, Failure> {
@@ -177,7 +204,7 @@ impl Sdk {
         let built = Path::new(env!("CARGO_MANIFEST_DIR")).parent();
         let here = std::env::current_dir().ok();
         let above_here = here.iter().flat_map(|here| here.ancestors());
-        let none = || anyhow!("there is no clone of DCA around `dca`: say where one is, `--sdk=DIR`");
+        let none = || anyhow!("there is no clone of DCA around `dca`: say where one is, `--sdk=DIR` or `--python=DIR`");
         Ok(above_program.chain(built).chain(above_here).find_map(Self::at).ok_or_else(none)?)
     }
 
@@ -225,7 +252,7 @@ mod tests {
             module GripperControl(host: Host, goal: Text) { done; }
             module RateSource(host: Host) { out Out: Beat; service; }
             module RateMonitor(host: Host) { in In: Beat; service; }";
-        for text in [SPEC, SDK_SPEC] {
+        for text in [SPEC, SDK_SPEC, PYTHON_SPEC] {
             let spec = Source::new("a.dca", text);
             assert_eq!(format(&spec), Ok(text.to_owned()));
             let compiled = compile(&spec, &[Source::new("a", interface)], &Options::named("a"));
