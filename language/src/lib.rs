@@ -112,7 +112,7 @@ pub fn quantity(text: &str, type_name: &str) -> Option<f64> {
     dimension.is_none_or(|dimension| dimension == of_type).then_some(number)
 }
 
-/// Returns the modules of these texts that are programs in Python and leave it to them to say what their interfaces are.
+/// Returns the modules of these texts that are programs in Python and leave their interfaces to them.
 pub fn asked(sources: &[Source]) -> Vec<AskedModule> {
     check::asked(sources)
 }

@@ -34,7 +34,7 @@ pub enum Layout {
     },
 }
 
-/// A module whose program, in Python, says what its interface is.
+/// A module whose interface comes from its program, which is in Python.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AskedModule {
     /// Its name: `Keep`.

@@ -40,7 +40,7 @@ class Reply(Generic[T]):
 
     @property
     def is_wanted(self) -> bool:
-        """Whether somebody still waits."""
+        """Whether the caller still waits."""
     def send(self, value: T | None = None) -> None:
         """Answers."""
     def refuse(self, reason: str) -> None:

@@ -1,4 +1,4 @@
-//! Calls of what other processes export: sent after a calculation, answered in a later one.
+//! Calls of procedures of other processes: sent after a calculation, answered in a later one.
 
 use crate::exports::type_form;
 use crate::message::MessageType;
@@ -54,7 +54,7 @@ struct Held {
     raw: RawCalls,
     /// How many activations have begun: a call of an earlier one has no answer, whatever its number.
     activation: u64,
-    /// Of each call that somebody still holds, its answer.
+    /// The answer of each call that the controller still holds.
     answers: BTreeMap<u64, Option<Result<Vec<u8>, ObjectError>>>,
 }
 
@@ -80,7 +80,7 @@ impl CallState {
         self.held().raw.take()
     }
 
-    /// Takes the answer to a call; one that nobody waits for is dropped.
+    /// Takes the answer to a call; an answer to a cancelled call is dropped.
     pub(crate) fn deliver(&self, number: u64, result: Result<Vec<u8>, ObjectError>) {
         let mut held = self.held();
         held.raw.deliver(number, result);
@@ -185,7 +185,7 @@ impl Call {
     }
 }
 
-/// Nobody waits for what nobody holds: the answer is forgotten. The call itself goes on.
+/// The answer to a call that the controller has let go of is forgotten. The call itself goes on.
 impl Drop for Call {
     fn drop(&mut self) {
         if let Some(mut held) = self.held() {

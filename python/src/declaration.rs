@@ -1,4 +1,4 @@
-//! What a decorated class declares, as the interface of a controller type.
+//! The declaration of a decorated class, as the interface of a controller type.
 
 use crate::calls::{CallsOf, DeclaredCalls};
 use crate::exports::{DeclaredExport, Export};

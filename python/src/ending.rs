@@ -1,4 +1,4 @@
-//! What a calculation gets, and how it ends.
+//! The argument and the results of a calculation.
 
 use pyo3::prelude::*;
 

@@ -1,4 +1,4 @@
-//! What a class exports: procedures that others call and states that they read, between two calculations.
+//! The exports of a class: procedures that others call and states that they read, between two calculations.
 
 use crate::failure::told;
 use crate::message::MessageType;
@@ -121,7 +121,7 @@ fn encoded(message: Option<&Py<MessageType>>, value: &Bound<'_, PyAny>) -> PyRes
     }
 }
 
-/// Returns why a call has no result: `dca.Refused` is an answer, any other exception is in the log, too.
+/// Returns why a call has no result: `dca.Refused` is an answer alone, any other exception is also in the log.
 fn cause(py: Python<'_>, error: PyErr) -> ObjectError {
     let is_answer = error.is_instance_of::<Refused>(py);
     refused(if is_answer { error.value(py).to_string() } else { told(py, error) })
@@ -156,7 +156,7 @@ impl Reply {
         Ok(())
     }
 
-    /// Whether somebody still waits.
+    /// Whether the caller still waits.
     #[getter]
     fn is_wanted(&self) -> bool {
         let raw = self.raw.lock().unwrap_or_else(PoisonError::into_inner);

@@ -1,4 +1,4 @@
-//! What becomes of an exception: its last line is the reason of an abort, its traceback is in the program's log.
+//! Exceptions: the last line of one is the reason of an abort, and its traceback is in the program's log.
 
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;

@@ -25,7 +25,7 @@ pub(crate) enum Form {
     Text,
     /// A read-only `memoryview`; any buffer goes out.
     Bytes,
-    /// One of these words, with the Python value that stands for it.
+    /// Words, each with its Python value.
     Words(Vec<(String, Py<PyAny>)>),
     Optional(Box<Self>),
     List {
@@ -39,7 +39,7 @@ pub(crate) enum Form {
     },
 }
 
-/// What a look at the bytes of a value says of it.
+/// The result of a look at the bytes of a value.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Look {
     /// Whether no number in it is infinite, and none is not a number.
@@ -103,7 +103,7 @@ impl Form {
             Self::Whole => {
                 let number = reader.number()?;
                 *is_finite &= number.is_finite();
-                // A number that Python could not show as it is would be another type at the other end.
+                // The other end has another type: a whole number is within 2^53.
                 if number.is_finite() && !is_whole(number) {
                     return None;
                 }

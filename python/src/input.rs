@@ -9,7 +9,7 @@ use pyo3::types::PyList;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// What an input holds. The control loop shares it with the object that the controller sees.
+/// The state of an input. The control loop shares it with the object that the controller sees.
 #[derive(Debug)]
 pub(crate) struct InputState {
     message: Arc<Py<MessageType>>,

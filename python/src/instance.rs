@@ -1,6 +1,6 @@
 //! An instance of a class, as a module of the kit.
 //!
-//! The interpreter is attached for `init`, a calculation, `stop` and what a person wants to see, and for nothing else: values arrive and
+//! The interpreter is attached for `init`, a calculation, `stop`, calls and signals, and for nothing else: values arrive and
 //! leave without it. Each activation begins with a new object of the class.
 
 use crate::calls::{CallState, Calls};
@@ -104,7 +104,7 @@ impl Instance {
         Ok(())
     }
 
-    /// Returns how a calculation ends, by what it has returned.
+    /// Returns how a calculation ends, by its returned value.
     fn progress(&self, returned: &Bound<'_, PyAny>) -> PyResult<Progress> {
         if returned.is_none() {
             return Ok(Progress::Continue);
@@ -200,7 +200,7 @@ impl Module for Instance {
             if !object.hasattr("stop")? {
                 return Ok(true);
             }
-            // What returns nothing has nothing more to do.
+            // A method without a `return` has finished.
             let returned = object.call_method1("stop", (tick,))?;
             Ok(returned.is_none() || returned.is_truthy()?)
         };
@@ -279,7 +279,7 @@ impl Module for Instance {
     }
 }
 
-/// What joins an instance with others.
+/// The ports and calls of an instance.
 struct Ends<'a> {
     inputs: &'a [Arc<InputState>],
     outputs: &'a [Arc<OutputState>],

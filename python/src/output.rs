@@ -4,7 +4,7 @@ use crate::message::MessageType;
 use pyo3::prelude::*;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// What an output holds until the end of a calculation.
+/// The value of an output until the end of a calculation.
 #[derive(Debug)]
 pub(crate) struct OutputState {
     message: Arc<Py<MessageType>>,

@@ -2,7 +2,7 @@
 //!
 //! Values of wires are encoded with postcard, which does not describe itself. The fields that an interface declares, `force: Force[3], who: Text`,
 //! give the layout of the bytes. Records, `dca echo`, `dca call` and programs that are not written in Rust read and write values by it.
-//! The reader and the writer know no value type: [`Build`] makes values of what is read, and [`Part`] is a value that is written.
+//! The reader and the writer know no value type: [`Build`] makes the values that are read, and [`Part`] is a value that is written.
 //! Source: <https://postcard.jamesmunns.com/wire-format>.
 
 mod read;

@@ -20,7 +20,7 @@ pub struct Calls<A, R> {
     of: PhantomData<fn(A) -> R>,
 }
 
-/// Calls of one procedure whose arguments and results are bytes: what [`Calls`] is made of, and what controllers in other languages use.
+/// Calls of one procedure whose arguments and results are bytes. [`Calls`] wraps them, and controllers in other languages use them.
 #[derive(Debug, Default)]
 pub struct RawCalls {
     is_connected: bool,
@@ -110,7 +110,7 @@ impl RawCalls {
         std::mem::take(&mut self.orders)
     }
 
-    /// Takes the answer to a call; one that nobody waits for is dropped.
+    /// Takes the answer to a call; an answer to a cancelled call is dropped.
     pub fn deliver(&mut self, number: u64, result: Result<Vec<u8>, ObjectError>) {
         if self.pending.remove(&number) {
             self.answers.push_back((number, result));

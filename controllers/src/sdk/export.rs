@@ -295,7 +295,7 @@ impl RawReply {
         Self { take: Box::new(take), is_wanted: Box::new(is_wanted) }
     }
 
-    /// Returns whether somebody still waits for the answer.
+    /// Returns whether the caller still waits for the answer.
     pub fn is_wanted(&self) -> bool {
         (self.is_wanted)()
     }

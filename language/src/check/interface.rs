@@ -54,7 +54,7 @@ pub(crate) fn exports(interfaces: &[Source]) -> BTreeMap<String, BTreeMap<String
     read(interfaces).modules.into_iter().map(of_module).collect()
 }
 
-/// Returns the modules that are programs in Python and leave it to them to say what their interfaces are.
+/// Returns the modules that are programs in Python and leave their interfaces to them.
 pub(crate) fn asked(sources: &[Source]) -> Vec<AskedModule> {
     let modules = read(sources).modules.into_iter().filter(|module| module.is_asked);
     let asked =

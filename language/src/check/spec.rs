@@ -268,7 +268,7 @@ pub(crate) struct Module {
     /// Its normal ends, when it has several.
     pub(crate) outcomes: Vec<Outcome>,
     pub(crate) exec: Option<String>,
-    /// Whether its program, which is in Python, says what its interface is.
+    /// Whether its interface comes from its program, which is in Python.
     pub(crate) is_asked: bool,
     pub(crate) environment: Environment,
     pub(crate) kind: LeafKind,

@@ -16,7 +16,7 @@ use std::time::Duration;
 const INTERFACE_MAX: u64 = 4 << 20;
 /// The argument that asks an executable for its interfaces.
 const INTERFACE: &str = "--dca-interface";
-/// The most that is read of what a failing program has written on standard error, in bytes.
+/// The most that is read of the standard error of a failing program, in bytes.
 const TROUBLE_MAX: u64 = 64 << 10;
 /// How many lines of that people are shown.
 const TROUBLE_LINES: usize = 5;

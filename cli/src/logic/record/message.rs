@@ -82,7 +82,7 @@ pub(crate) fn decode(message: &Message, bytes: &[u8]) -> Option<Value> {
     })
 }
 
-/// Makes JSON; none of what has a number that JSON has not.
+/// Makes JSON; none of a value with a number that JSON cannot hold.
 struct Json;
 
 impl Build for Json {

@@ -2,7 +2,7 @@
 
 use super::{Field, LENGTH_BYTES_MAX, Layout};
 
-/// Makes values of what is read, from the inside to the outside.
+/// Makes the values that are read, from the inside to the outside.
 pub trait Build {
     /// A value.
     type Value;

@@ -45,7 +45,7 @@ impl Part for &Tree {
             Tree::Number(number) => writer.number(*number),
             Tree::Truth(truth) => writer.truth(*truth),
             Tree::Text(text) => writer.text(text),
-            Tree::Record(_) | Tree::List(..) => panic!("{layout} is no leaf"),
+            Tree::Record(_) | Tree::List(..) => panic!("{layout} is not a leaf"),
         }
         Ok(())
     }

@@ -1,7 +1,7 @@
 //! Reads how a module that is a program in Python is started, and takes its interface from the program.
 //!
 //! `python "keep.py"; venv ".venv";` is an `exec` of the interpreter of the environment, by its path there, with the program and the name of
-//! the module: that link is what tells the interpreter which environment it belongs to.
+//! the module. By that path the interpreter finds the environment that it belongs to.
 
 use super::module::STOP_WITHIN;
 use crate::check::spec::Module;
@@ -101,7 +101,7 @@ mod tests {
         let leaf = &plan.expect("it compiles").leaves[0];
         assert_eq!(leaf.exec.as_deref(), Some("'my robot/.venv/bin/python' 'keep.py' Keep"));
         assert_eq!((leaf.stop_within.as_millis(), found), (300, vec![]));
-        // What the program says is checked.
+        // The interface of the program is checked.
         let (_, found) = compiled("module Keep { python \"keep.py\"; }", &INTERFACE.replace("reach", "speed"));
         assert!(found.iter().any(|found| found.contains("reach")), "{found:?}");
         // The spec has the last word.
