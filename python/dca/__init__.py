@@ -5,7 +5,10 @@ A controller is a class: ports and parameters are its attributes, `main_calc` is
 """
 
 from ._controller import (
+    ABSENT,
+    EXISTS,
     Calls,
+    Database,
     Every,
     In,
     Out,
@@ -21,7 +24,18 @@ from ._controller import (
     state,
     task,
 )
-from ._dca import Abort, CallError, Done, Refused, Tick, __version__
+from ._dca import (
+    Abort,
+    CallError,
+    DatabaseFailure,
+    DatabaseUnknown,
+    Done,
+    Entry,
+    Opaque,
+    Refused,
+    Tick,
+    __version__,
+)
 from ._reply import Reply
 from ._message import Bytes, Count, decode, encode, message
 from ._quantity import (
@@ -45,6 +59,8 @@ from ._quantity import (
 )
 
 __all__ = [
+    "ABSENT",
+    "EXISTS",
     "Abort",
     "Acceleration",
     "Angle",
@@ -54,13 +70,18 @@ __all__ = [
     "Calls",
     "Count",
     "Current",
+    "Database",
+    "DatabaseFailure",
+    "DatabaseUnknown",
     "Done",
+    "Entry",
     "Every",
     "Force",
     "Frequency",
     "In",
     "Length",
     "Mass",
+    "Opaque",
     "Out",
     "Power",
     "Quantity",

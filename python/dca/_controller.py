@@ -131,6 +131,25 @@ class Calls(Generic[A, T]):
         raise AttributeError(f"`{self.attribute}` calls nothing: this object was not made by dca.run or a dca.testing.Harness")
 
 
+class Database:
+    """The database of the robot: `database = dca.Database()`. An instance has the database itself in its place."""
+
+    def __init__(self) -> None:
+        self.attribute = ""
+
+    def __set_name__(self, _: type, attribute: str) -> None:
+        self.attribute = attribute
+
+    @overload
+    def __get__(self, controller: None, cls: type) -> "Database": ...
+    @overload
+    def __get__(self, controller: object, cls: type) -> "_dca.Database": ...
+    def __get__(self, controller: object, cls: type) -> Any:
+        if controller is None:
+            return self
+        raise AttributeError(f"`{self.attribute}` reaches nothing: this object was not made by dca.run or a dca.testing.Harness")
+
+
 class _Export:
     """A method that others may call or read."""
 
@@ -238,6 +257,12 @@ def secret(*, name: str | None = None) -> Any:
     return _Parameter(_Secret, name=name)
 
 
+ABSENT = "absent"
+"""What a key has to be: without a value."""
+EXISTS = "exists"
+"""What a key has to be: with any value."""
+
+
 class Signal(NamedTuple):
     """A number for people and records, which the method `signals` returns."""
 
@@ -288,6 +313,10 @@ class Declaration:
         self.ports = [value for value in declared.values() if isinstance(value, _Port)]
         self.parameters = [value for value in declared.values() if isinstance(value, _Parameter)]
         self.calls = [value for value in declared.values() if isinstance(value, Calls)]
+        databases = [value for value in declared.values() if isinstance(value, Database)]
+        if len(databases) > 1:
+            raise TypeError(f"{cls.__name__}: a controller has one dca.Database")
+        self.database = databases[0].attribute if databases else None
         found = (getattr(value, _EXPORT, None) for value in declared.values())
         self.exports = [one for one in found if isinstance(one, _Export)]
         self._check()
@@ -297,6 +326,7 @@ class Declaration:
         if twice := {name for name in names if names.count(name) > 1}:
             raise TypeError(f"{self.cls.__name__}: there are two `{min(twice)}`")
         inputs = [port.name for port in self.ports if port.is_input] + [one.name for one in self.calls]
+        inputs += ["database"] if self.database else []
         if self.triggered_by is not None and self.triggered_by not in inputs:
             raise TypeError(f"{self.cls.__name__}: triggered_by `{self.triggered_by}`, which is not one of its inputs or calls")
         if not callable(getattr(self.cls, "main_calc", None)):

@@ -1,6 +1,6 @@
 """The native half of `dca`."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Generic, TypeVar
 
 A = TypeVar("A")
@@ -11,6 +11,81 @@ class CallError(Exception):
 
 class Refused(Exception):
     """A procedure that is not carried out, and why, for its caller."""
+
+class DatabaseFailure(Exception):
+    """A request to the database that has no result, and why."""
+
+class DatabaseUnknown(DatabaseFailure):
+    """Nobody knows the result: what was to be written may be committed all the same."""
+
+class Entry:
+    """A key with its value, when it was read."""
+
+    @property
+    def key(self) -> str: ...
+    @property
+    def value(self) -> Any:
+        """The value; `None` if it was deleted."""
+    @property
+    def version(self) -> str:
+        """The transaction that has written it."""
+    @property
+    def is_conflict(self) -> bool:
+        """Whether another value was written concurrently, and the conflict is not settled."""
+
+class Opaque:
+    """A value that this program cannot read, such as a sealed secret. It is written back as it was."""
+
+class Database:
+    """The database of the robot."""
+
+    @property
+    def pending(self) -> int:
+        """How many requests have no answer yet."""
+    def get(self, key: str, *, within: str | float) -> Request:
+        """Asks what a key holds."""
+    def put(self, key: str, value: Any, *, within: str | float, expected: str | None = None) -> Request:
+        """Writes one key; with `expected` only if the key is as expected."""
+    def transact(
+        self,
+        reason: str,
+        writes: Mapping[str, Any],
+        *,
+        within: str | float,
+        requires: Mapping[str, str] | None = None,
+    ) -> Request:
+        """Changes several keys together, or none."""
+    def watch(self, prefix: str) -> Watch:
+        """Watches a key, or the keys below a prefix that ends in `/`, until the activation ends."""
+
+class Request:
+    """A request to the database."""
+
+    @property
+    def done(self) -> bool:
+        """Whether there is an answer."""
+    def result(self) -> Any:
+        """Returns the entry that was read, or the version that was committed."""
+
+class WatchChange:
+    """An event of a watch."""
+
+    @property
+    def kind(self) -> str:
+        """`begin`, `present`, `complete` or `changed`."""
+    @property
+    def entries(self) -> list[Entry]: ...
+    @property
+    def by(self) -> str: ...
+    @property
+    def reason(self) -> str: ...
+
+class Watch:
+    """A watch of keys."""
+
+    def __iter__(self) -> Iterator[WatchChange]: ...
+    def stop(self) -> None:
+        """Ends the watch."""
 
 class Calls(Generic[A, T]):
     """Calls of one procedure of another process, which the spec connects."""

@@ -20,6 +20,8 @@ pub(crate) struct Class {
     pub(crate) exports: Vec<Export>,
     /// In the order of the calls of the interface.
     pub(crate) calls: Vec<CallsOf>,
+    /// The attribute of the database.
+    pub(crate) database: Option<String>,
 }
 
 /// A port, beside its interface.
@@ -45,6 +47,7 @@ struct Declaration {
     ports: Vec<DeclaredPort>,
     exports: Vec<DeclaredExport>,
     calls: Vec<DeclaredCalls>,
+    database: Option<String>,
     parameters: Vec<DeclaredParameter>,
     outcomes: Vec<(String, Option<String>)>,
 }
@@ -112,7 +115,8 @@ impl Class {
             calls: call_interfaces,
             inner: Vec::new(),
         };
-        Ok(Arc::new(Self { declaration: declaration.clone().unbind(), interface, ports, exports, calls }))
+        let (declaration, database) = (declaration.clone().unbind(), declared.database);
+        Ok(Arc::new(Self { declaration, interface, ports, exports, calls, database }))
     }
 
     /// Returns the inputs, in order.

@@ -4,18 +4,20 @@
 //! leave without it. Each activation begins with a new object of the class.
 
 use crate::calls::{CallState, Calls};
+use crate::database::{DatabaseOf, DatabaseState};
 use crate::declaration::Class;
 use crate::ending::{Abort, Done, Tick};
 use crate::failure::told;
 use crate::input::{EveryInput, Input, InputState, Refused};
 use crate::output::{Output, OutputState};
 use crate::quantity::seconds;
+use comms::logic::database::DatabaseAnswer;
 use comms::logic::object::ObjectError;
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use controllers::sdk::{
-    Activity, Arguments, CallOrder, Configured, Delivery, DeliveryError, Interface, Kind, Module, Outlets, Parameter,
-    Progress, RawReply, Stopping,
+    Activity, Arguments, CallOrder, Configured, DatabaseOrder, Delivery, DeliveryError, Interface, Kind, Module,
+    Outlets, Parameter, Progress, RawReply, Stopping, Unknown,
 };
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
@@ -26,6 +28,9 @@ use std::time::Duration;
 /// The most signals of a controller, as of one in Rust.
 const SIGNALS_MAX: usize = comms::logic::signals::VALUES_MAX;
 
+/// The name by which a class is triggered by answers of the database.
+const DATABASE: &str = "database";
+
 /// An instance with its ports.
 #[derive(Debug)]
 pub(crate) struct Instance {
@@ -33,6 +38,7 @@ pub(crate) struct Instance {
     inputs: Vec<Arc<InputState>>,
     outputs: Vec<Arc<OutputState>>,
     calls: Vec<Arc<CallState>>,
+    database: Arc<DatabaseState>,
     /// The calls that the spec connects.
     connected: Vec<&'static str>,
     arguments: Arguments,
@@ -62,10 +68,22 @@ impl Instance {
                 class.inputs().map(|port| InputState::new(Arc::clone(&port.message), port.keeps_all)).collect();
             let outputs: Vec<_> = class.outputs().map(|port| OutputState::new(Arc::clone(&port.message))).collect();
             let calls: Vec<_> = class.calls.iter().map(CallState::new).collect();
-            let ends = Ends { inputs: &inputs, outputs: &outputs, calls: &calls };
+            let database = Arc::default();
+            let ends = Ends { inputs: &inputs, outputs: &outputs, calls: &calls, database: &database };
             let object = make(py, class, &ends, arguments).map_err(|error| told(py, error))?;
             let (class, arguments, connected) = (Arc::clone(class), arguments.clone(), Vec::new());
-            Ok(Self { class, inputs, outputs, calls, connected, arguments, object, is_used: false, last: None })
+            Ok(Self {
+                class,
+                inputs,
+                outputs,
+                calls,
+                database,
+                connected,
+                arguments,
+                object,
+                is_used: false,
+                last: None,
+            })
         })
     }
 
@@ -93,7 +111,8 @@ impl Instance {
 
     fn begin(&mut self, py: Python<'_>, value: &[u8]) -> PyResult<()> {
         if self.is_used {
-            let ends = Ends { inputs: &self.inputs, outputs: &self.outputs, calls: &self.calls };
+            let Self { inputs, outputs, calls, database, .. } = &*self;
+            let ends = Ends { inputs, outputs, calls, database };
             self.object = make(py, &self.class, &ends, &self.arguments)?;
         }
         self.is_used = true;
@@ -154,8 +173,10 @@ impl Module for Instance {
         }
     }
 
-    fn init(&mut self, value: &[u8], _: Time) -> Result<(), String> {
+    fn init(&mut self, value: &[u8], now: Time) -> Result<(), String> {
         self.last = None;
+        self.database.renew();
+        self.database.begin(now);
         self.outputs.iter().for_each(|output| drop(output.take()));
         for (calls, declared) in self.calls.iter().zip(&self.class.interface.calls) {
             calls.begin(self.connected.contains(&declared.name));
@@ -182,6 +203,7 @@ impl Module for Instance {
 
     fn calculate(&mut self, now: Time) -> Progress {
         let tick = self.tick(now);
+        self.database.begin(now);
         let progress = Python::attach(|py| {
             let returned = self.object.bind(py).call_method1("main_calc", (tick,));
             returned.and_then(|returned| self.progress(&returned)).map_err(|error| told(py, error))
@@ -195,6 +217,7 @@ impl Module for Instance {
 
     fn stop(&mut self, now: Time) -> Stopping {
         let tick = self.tick(now);
+        self.database.begin(now);
         let call = |py: Python<'_>| -> PyResult<bool> {
             let object = self.object.bind(py);
             if !object.hasattr("stop")? {
@@ -264,6 +287,16 @@ impl Module for Instance {
         if interface.about.schedule.trigger == Some(call) { Delivery::Triggers } else { Delivery::Stored }
     }
 
+    fn drain_database(&mut self, order: &mut dyn FnMut(DatabaseOrder)) {
+        self.database.take().into_iter().for_each(order);
+    }
+
+    fn database_answered(&mut self, number: u64, answer: Result<DatabaseAnswer, Unknown>) -> Delivery {
+        self.database.deliver(number, answer);
+        let triggers = self.class.interface.about.schedule.trigger == Some(DATABASE);
+        if triggers { Delivery::Triggers } else { Delivery::Stored }
+    }
+
     fn signals(&self) -> Vec<Signal> {
         let read = |py: Python<'_>| -> PyResult<Vec<Signal>> {
             let given: Vec<GivenSignal> = self.object.bind(py).call_method0("signals")?.extract()?;
@@ -284,11 +317,15 @@ struct Ends<'a> {
     inputs: &'a [Arc<InputState>],
     outputs: &'a [Arc<OutputState>],
     calls: &'a [Arc<CallState>],
+    database: &'a Arc<DatabaseState>,
 }
 
 /// Makes an object of the class, with its ports and parameters as attributes.
 fn make(py: Python<'_>, class: &Class, ends: &Ends<'_>, arguments: &Arguments) -> PyResult<Py<PyAny>> {
     let attributes = values(py, &class.interface, arguments)?;
+    if let Some(attribute) = &class.database {
+        attributes.set_item(attribute, DatabaseOf(Arc::clone(ends.database)))?;
+    }
     for (calls, declared) in ends.calls.iter().zip(&class.calls) {
         attributes.set_item(&declared.attribute, Calls(Arc::clone(calls)))?;
     }

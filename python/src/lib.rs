@@ -4,10 +4,11 @@
 //! wires, the watchdog and the node's orders stay in Rust, on threads that do not hold the interpreter's lock. Python is called
 //! once a calculation. Values wait as bytes: an input decodes a value when the controller reads it, and an output encodes it at once.
 //!
-//! `exports` and `calls` are procedures of its own and of others. `form` is a message type, `declaration` a class, `instance` the module, `input` and `output` its ports, `program` the process,
+//! `exports` and `calls` are procedures of its own and of others, `database` and `stored` the database. `form` is a message type, `declaration` a class, `instance` the module, `input` and `output` its ports, `program` the process,
 //! `failure` what an exception becomes.
 
 mod calls;
+mod database;
 mod declaration;
 mod ending;
 mod exports;
@@ -20,6 +21,7 @@ mod message;
 mod output;
 mod program;
 mod quantity;
+mod stored;
 
 use pyo3::prelude::*;
 
@@ -34,6 +36,14 @@ fn _dca(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<calls::Calls>()?;
     module.add_class::<calls::Call>()?;
     module.add_class::<exports::Reply>()?;
+    module.add_class::<database::DatabaseOf>()?;
+    module.add_class::<database::Request>()?;
+    module.add_class::<database::Watch>()?;
+    module.add_class::<database::WatchChange>()?;
+    module.add_class::<stored::EntryOf>()?;
+    module.add_class::<stored::Opaque>()?;
+    module.add("DatabaseFailure", module.py().get_type::<database::DatabaseFailure>())?;
+    module.add("DatabaseUnknown", module.py().get_type::<database::DatabaseUnknown>())?;
     module.add("CallError", module.py().get_type::<calls::CallError>())?;
     module.add("Refused", module.py().get_type::<exports::Refused>())?;
     module.add_class::<harness::NativeHarness>()?;

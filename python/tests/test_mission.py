@@ -93,6 +93,59 @@ def test_what_does_not_start_is_said_before_anything_runs(missions):
     assert "No module named 'nothing_of_this_name'" in ended.stderr
 
 
+def test_threads_and_other_processes_go_on_beside_the_loop(missions):
+    missions.write(
+        "many.py",
+        """
+import asyncio, multiprocessing, os, subprocess, sys, threading, time
+import dca
+
+@dca.task("Starts all kinds of things.", every="20 ms")
+class Many:
+    def __init__(self):
+        self.count, self.local, self.tries = 0, threading.local(), 0
+        threading.Thread(target=self.run, daemon=True).start()
+
+    def run(self):
+        while True:
+            time.sleep(0.001)
+            self.count += 1
+
+    def init(self, value):
+        self.local.word = "kept"
+        self.thread = threading.get_ident()
+
+    def main_calc(self, tick):
+        self.tries += 1
+        if self.tries < 20:
+            return None
+        # The loop is one thread of Python, from the first calculation to the last.
+        assert self.local.word == "kept" and self.thread == threading.get_ident()
+        # The other thread has run while the loop waited.
+        assert self.count > 20, self.count
+        assert asyncio.run(later()) == 7
+        assert subprocess.run([sys.executable, "-c", "print(1)"], capture_output=True).stdout == b"1\\n"
+        child = os.fork()
+        if child == 0:
+            os._exit(3)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 3
+        with multiprocessing.get_context("spawn").Pool(1) as pool:
+            assert pool.apply(abs, (-5,)) == 5
+        return dca.done()
+
+async def later():
+    await asyncio.sleep(0.01)
+    return 7
+
+if __name__ == "__main__":
+    dca.run(Many)
+""",
+    )
+    missions.write("many.dca", SPEC.format(policy="").replace("bad.py", "many.py").replace("Bad", "Many"))
+    ended = missions.run("many.dca")
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+
+
 def test_a_value_goes_from_one_process_to_the_next(missions):
     missions.write(
         "pair.py",

@@ -297,7 +297,7 @@ impl Database {
     }
 
     /// Begins a calculation: what has waited for too long is not known.
-    pub(crate) fn begin(&mut self, now: Time) {
+    pub fn begin(&mut self, now: Time) {
         self.now = now;
         let late: Vec<(u64, Pending)> =
             self.pending.iter().filter(|(_, one)| one.until <= now).map(|(number, one)| (*number, *one)).collect();
@@ -308,12 +308,12 @@ impl Database {
     }
 
     /// Takes what is to be done, in order.
-    pub(crate) fn take(&mut self) -> Vec<DatabaseOrder> {
+    pub fn take(&mut self) -> Vec<DatabaseOrder> {
         std::mem::take(&mut self.orders)
     }
 
     /// Takes an answer; one that nobody waits for is dropped.
-    pub(crate) fn deliver(&mut self, number: u64, answer: Result<DatabaseAnswer, Unknown>) {
+    pub fn deliver(&mut self, number: u64, answer: Result<DatabaseAnswer, Unknown>) {
         if self.watches.contains(&number) {
             return self.deliver_news(number, answer);
         }
