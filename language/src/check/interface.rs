@@ -16,15 +16,18 @@ use std::collections::BTreeMap;
 /// cannot be said, as of one with a list of any length.
 pub(crate) fn parameters(interfaces: &[Source]) -> BTreeMap<String, Option<Vec<Parameter>>> {
     let spec = read(interfaces);
-    let of_module = |params: &[Param]| {
-        let mut all = Vec::new();
-        params.iter().try_for_each(|param| add(&spec, param, param.name.text.clone(), &mut all))?;
-        Some(all)
-    };
+    let of_module = |params: &[Param]| parameters_of(&spec, params);
     let modules = spec.modules.iter();
     modules
         .map(|module| (module.name.text.clone(), module.params.as_deref().map_or_else(|| Some(Vec::new()), of_module)))
         .collect()
+}
+
+/// Returns parameters as a program gets them; none if that cannot be said.
+pub(super) fn parameters_of(spec: &Spec, params: &[Param]) -> Option<Vec<Parameter>> {
+    let mut all = Vec::new();
+    params.iter().try_for_each(|param| add(spec, param, param.name.text.clone(), &mut all))?;
+    Some(all)
 }
 
 /// Returns what each output of each module sends, as far as the texts say it.

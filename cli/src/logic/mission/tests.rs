@@ -26,6 +26,7 @@ pub(crate) fn plan(names: &[&str], expression: Expression) -> Plan {
             host: index % 2,
             arguments: Vec::new(),
             exec: None,
+            parameters: None,
             environment: Default::default(),
             kind: LeafKind::Controller,
             stop_within: seconds(1.0),

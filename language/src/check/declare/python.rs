@@ -101,6 +101,9 @@ mod tests {
         let leaf = &plan.expect("it compiles").leaves[0];
         assert_eq!(leaf.exec.as_deref(), Some("'my robot/.venv/bin/python' 'keep.py' Keep"));
         assert_eq!((leaf.stop_within.as_millis(), found), (300, vec![]));
+        // Its node, which does not ask it, knows what `dca param set` may set.
+        let parameters = leaf.parameters.iter().flatten().map(|one| format!("{}: {}", one.name, one.accepts));
+        assert_eq!(parameters.collect::<Vec<_>>(), ["reach: Length in 0.1 m..2 m"]);
         // The interface of the program is checked.
         let (_, found) = compiled("module Keep { python \"keep.py\"; }", &INTERFACE.replace("reach", "speed"));
         assert!(found.iter().any(|found| found.contains("reach")), "{found:?}");

@@ -2,12 +2,14 @@
 
 use super::data::{Data, data, filled, flatten};
 use crate::check::diagnostics::{Diagnostics, key};
+use crate::check::interface::parameters_of;
 use crate::check::spec::{Arg, Instance, Module, Param, Process, Spec, Target, Value};
 use crate::check::types::without_host;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::host::host_name_problem;
 use crate::plan::{
-    Argument, Claim, Constant, Expression, External, Group, Leaf, LeafKind, Member, MemberKind, Policy, Restart,
+    Argument, Claim, Constant, Expression, External, Group, Leaf, LeafKind, Member, MemberKind, Parameter, Policy,
+    Restart,
 };
 use crate::source::Span;
 use std::collections::{BTreeMap, BTreeSet};
@@ -218,6 +220,7 @@ impl Builder<'_> {
             host: 0,
             arguments,
             exec: module.and_then(|module| module.exec.clone()),
+            parameters: module.and_then(|module| self.parameters(module)),
             environment: module.map(|module| module.environment.clone()).unwrap_or_default(),
             kind: module.map_or(LeafKind::Controller, |module| module.kind),
             stop_within: module.map_or(STOP_WITHIN, |module| module.stop_within),
@@ -232,6 +235,12 @@ impl Builder<'_> {
         self.tree.place_of.push((group, slot));
         self.leaf_places.push(place);
         MemberKind::Leaf(leaf)
+    }
+
+    /// The parameters of a controller that the spec starts by itself, of which its node knows nothing.
+    fn parameters(&self, module: &Module) -> Option<Vec<Parameter>> {
+        let is_started = module.exec.is_some() && module.kind == LeafKind::Controller;
+        module.params.as_deref().filter(|_| is_started).and_then(|params| parameters_of(self.spec, params))
     }
 
     /// The arguments of a leaf after its host: those that are given, in their order, then the defaults of others. Each has its name,

@@ -8,7 +8,7 @@ use crate::logic::programs::Programs;
 use crate::logic::protocol::{AbsentProcess, DeploymentStatus, InstanceParameters, Names, PortName, ProcessStatus};
 use crate::logic::wiring::observe;
 use comms::logic::control::Dial;
-use language::plan::{Leaf, LeafKind};
+use language::plan::{Leaf, LeafKind, Parameter};
 use std::collections::BTreeSet;
 
 impl Participant {
@@ -102,7 +102,7 @@ impl Participant {
             // A plain program is told nothing while it runs.
             let secrets = parameters::of_plain(&leaf.arguments);
             let declared = match leaf.kind {
-                LeafKind::Controller => programs.parameters(&leaf.module),
+                LeafKind::Controller => declared(leaf, programs),
                 LeafKind::Plain => Some(&secrets[..]),
             };
             InstanceParameters {
@@ -120,7 +120,7 @@ impl Participant {
         let live = self.plan.live_leaves();
         let leaves = live.iter().filter_map(|number| self.plan.leaves.get(*number as usize));
         let leaf = leaves.into_iter().find(|leaf| leaf.path == path);
-        match leaf.and_then(|leaf| programs.parameters(&leaf.module)) {
+        match leaf.and_then(|leaf| declared(leaf, programs)) {
             Some(declared) => parameters::in_si(declared, stored),
             None => stored,
         }
@@ -131,4 +131,9 @@ impl Participant {
         let path = |(leaf, _): (u32, &Instance)| Some((leaf, self.plan.leaves.get(leaf as usize)?.path.clone()));
         self.instances.iter().filter(|(leaf, _)| !self.is_succeeded(*leaf)).filter_map(path).collect()
     }
+}
+
+/// Returns the parameters of a controller, as the plan says them or else its program.
+fn declared<'a>(leaf: &'a Leaf, programs: &'a Programs) -> Option<&'a [Parameter]> {
+    leaf.parameters.as_deref().or_else(|| programs.parameters(&leaf.module))
 }
