@@ -102,7 +102,7 @@ impl Export {
     ) -> PyResult<Vec<u8>> {
         let mut arguments = Vec::new();
         if let Some(argument) = &self.argument {
-            arguments.push(argument.get().value(py, bytes)?);
+            arguments.push(argument.get().value(py, &Arc::new(bytes.to_vec()))?);
         }
         if self.is_later {
             let waiting = Reply { raw: Mutex::new(reply.take()), result: self.result.clone() };

@@ -4,10 +4,12 @@
 //! `("record", CLASS, [("x", FORM), ...])`. The bytes are those of a Rust type with the same fields. An optional value has the bytes of a list
 //! of at most one.
 
+use crate::piece::Piece;
 use comms::logic::layout::{Reader, Writer};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyList, PyMemoryView, PyString, PyTuple};
+use std::sync::Arc;
 
 /// The deepest nesting of a type.
 const DEPTH_MAX: usize = 64;
@@ -132,8 +134,13 @@ impl Form {
         Some(())
     }
 
-    /// Returns the value that a reader begins with.
-    pub(crate) fn read<'py>(&self, py: Python<'py>, reader: &mut Reader<'_>) -> PyResult<Bound<'py, PyAny>> {
+    /// Returns the value that a reader of `whole` begins with. Bytes in it are views of `whole`.
+    pub(crate) fn read<'py>(
+        &self,
+        py: Python<'py>,
+        reader: &mut Reader<'_>,
+        whole: &Arc<Vec<u8>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
         let short = || PyValueError::new_err("the bytes are not of this message type");
         Ok(match self {
             Self::Number => reader.number().ok_or_else(short)?.into_pyobject(py)?.into_any(),
@@ -146,8 +153,9 @@ impl Form {
             Self::Truth => reader.truth().ok_or_else(short)?.into_pyobject(py)?.to_owned().into_any(),
             Self::Text => PyString::new(py, reader.text().ok_or_else(short)?).into_any(),
             Self::Bytes => {
-                let bytes = PyBytes::new(py, reader.piece().ok_or_else(short)?);
-                PyMemoryView::from(&bytes)?.into_any()
+                let length = reader.piece().ok_or_else(short)?.len();
+                let end = whole.len().saturating_sub(reader.rest().len());
+                Piece::view(py, whole, end.saturating_sub(length)..end)?.into_any()
             }
             Self::Words(words) => {
                 let text = reader.text().ok_or_else(short)?;
@@ -156,18 +164,19 @@ impl Form {
             }
             Self::Optional(of) => {
                 if reader.truth().ok_or_else(short)? {
-                    of.read(py, reader)?
+                    of.read(py, reader, whole)?
                 } else {
                     py.None().into_bound(py)
                 }
             }
             Self::List { of, count, is_tuple } => {
                 let count = reader.count(*count).ok_or_else(short)?;
-                let elements = (0..count).map(|_| of.read(py, reader)).collect::<PyResult<Vec<_>>>()?;
+                let elements = (0..count).map(|_| of.read(py, reader, whole)).collect::<PyResult<Vec<_>>>()?;
                 if *is_tuple { PyTuple::new(py, elements)?.into_any() } else { PyList::new(py, elements)?.into_any() }
             }
             Self::Record { class, fields } => {
-                let values = fields.iter().map(|(_, form)| form.read(py, reader)).collect::<PyResult<Vec<_>>>()?;
+                let values =
+                    fields.iter().map(|(_, form)| form.read(py, reader, whole)).collect::<PyResult<Vec<_>>>()?;
                 class.bind(py).call1(PyTuple::new(py, values)?)?
             }
         })

@@ -12,6 +12,7 @@ use crate::input::{EveryInput, Input, InputState, Refused};
 use crate::output::{Output, OutputState};
 use crate::quantity::seconds;
 use comms::logic::database::DatabaseAnswer;
+use comms::logic::decode::Source;
 use comms::logic::object::ObjectError;
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
@@ -92,6 +93,21 @@ impl Instance {
         inputs.enumerate().find(|(_, declared)| declared.name == port).map(|(at, _)| at)
     }
 
+    /// Takes a value for an input.
+    fn take(&self, port: &str, bytes: Vec<u8>, arrived: Time) -> Result<Delivery, DeliveryError> {
+        let interface = &self.class.interface;
+        let Some(at) = self.find(port) else {
+            return Err(DeliveryError::NoInput { type_name: interface.type_name, port: port.to_owned() });
+        };
+        let declared = &interface.ports[at];
+        self.inputs[at].deliver(bytes, arrived).map_err(|refused| match refused {
+            Refused::Malformed => DeliveryError::malformed(declared.name, declared.type_name),
+            Refused::NotFinite => DeliveryError::NotFinite { port: declared.name },
+        })?;
+        let triggers = interface.about.schedule.trigger == Some(declared.name);
+        Ok(if triggers { Delivery::Triggers } else { Delivery::Stored })
+    }
+
     fn tick(&mut self, now: Time) -> Tick {
         let period = self.class.interface.about.schedule.period;
         let elapsed: Duration = self.last.map_or(period, |last| now.since(last));
@@ -154,17 +170,14 @@ impl Module for Instance {
     }
 
     fn deliver(&mut self, port: &str, bytes: &[u8], arrived: Time) -> Result<Delivery, DeliveryError> {
-        let interface = &self.class.interface;
-        let Some(at) = self.find(port) else {
-            return Err(DeliveryError::NoInput { type_name: interface.type_name, port: port.to_owned() });
-        };
-        let declared = &interface.ports[at];
-        self.inputs[at].deliver(bytes.to_vec(), arrived).map_err(|refused| match refused {
-            Refused::Malformed => DeliveryError::malformed(declared.name, declared.type_name),
-            Refused::NotFinite => DeliveryError::NotFinite { port: declared.name },
-        })?;
-        let triggers = interface.about.schedule.trigger == Some(declared.name);
-        Ok(if triggers { Delivery::Triggers } else { Delivery::Stored })
+        self.take(port, bytes.to_vec(), arrived)
+    }
+
+    /// The bytes are copied once, to where they stay.
+    fn deliver_from(&mut self, port: &str, source: &mut dyn Source, arrived: Time) -> Result<Delivery, DeliveryError> {
+        let mut bytes = Vec::new();
+        source.append(source.left(), &mut bytes);
+        self.take(port, bytes, arrived)
     }
 
     fn lose(&mut self, port: &str, count: u64) {

@@ -19,6 +19,7 @@ mod input;
 mod instance;
 mod message;
 mod output;
+mod piece;
 mod program;
 mod quantity;
 mod stored;

@@ -5,6 +5,7 @@ use comms::logic::layout::{Reader, Writer};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
+use std::sync::Arc;
 
 /// The type of values that travel: what `@dca.message` makes of a dataclass.
 #[pyclass(frozen, module = "dca")]
@@ -43,12 +44,11 @@ impl MessageType {
 
     /// Returns the value of bytes.
     pub(crate) fn decode<'py>(&self, py: Python<'py>, bytes: &[u8]) -> PyResult<Bound<'py, PyAny>> {
-        let mut reader = Reader::new(bytes);
         // The look refuses, before any value is made, what no look at a single value could.
         if self.look(bytes).is_none() {
             return Err(PyValueError::new_err(format!("the bytes are not of the message type `{}`", self.name)));
         }
-        self.form.read(py, &mut reader)
+        self.value(py, &Arc::new(bytes.to_vec()))
     }
 }
 
@@ -66,7 +66,7 @@ impl MessageType {
     }
 
     /// Returns the value of bytes that were looked at.
-    pub(crate) fn value<'py>(&self, py: Python<'py>, bytes: &[u8]) -> PyResult<Bound<'py, PyAny>> {
-        self.form.read(py, &mut Reader::new(bytes))
+    pub(crate) fn value<'py>(&self, py: Python<'py>, bytes: &Arc<Vec<u8>>) -> PyResult<Bound<'py, PyAny>> {
+        self.form.read(py, &mut Reader::new(bytes), bytes)
     }
 }

@@ -193,3 +193,19 @@ def test_a_post_init_may_look_at_a_value():
 
     with pytest.raises(ValueError, match="x is negative"):
         dca.decode(Positive, struct.pack("<d", -1.0))
+
+
+def test_a_view_keeps_its_bytes_and_is_read_only():
+    import gc
+
+    back = dca.decode(Everything, dca.encode(everything(image=bytes(range(256)) * 4096)))
+    view = back.image
+    part = view[256:512]
+    with pytest.raises(TypeError):
+        view[0] = 1
+    del back, view
+    gc.collect()
+    assert part == bytes(range(256))
+    part.release()
+    with pytest.raises(ValueError):
+        part[0]
