@@ -164,8 +164,8 @@ pub struct Leaf {
     /// How to start it, as [`words`] reads it, when the module's interface says so; else the node looks the type up among
     /// its controllers.
     pub exec: Option<String>,
-    /// The parameters of its program, when the module says both how it is started and what they are; else the node knows them from
-    /// its controllers.
+    /// The parameters of its program, when the module declares them beside its `exec`; else the node knows them from its
+    /// controllers.
     pub parameters: Option<Vec<Parameter>>,
     /// The variables and the folder of its program.
     pub environment: Environment,

@@ -16,7 +16,7 @@ class DatabaseFailure(Exception):
     """A request to the database that has no result, and why."""
 
 class DatabaseUnknown(DatabaseFailure):
-    """Nobody knows the result: what was to be written may be committed all the same."""
+    """The result is unknown: the write may have been committed."""
 
 class Entry:
     """A key with its value, when it was read."""

@@ -17,7 +17,7 @@ pyo3::create_exception!(
     _dca,
     DatabaseUnknown,
     DatabaseFailure,
-    "Nobody knows the result: what was to be written may be committed all the same."
+    "The result is unknown: the write may have been committed."
 );
 
 /// The answer to a request.
@@ -120,7 +120,7 @@ impl DatabaseOf {
         Ok(self.request(|database| database.put(key, value, expected, within)))
     }
 
-    /// Changes several keys together, or none: `writes` are new values by key, `None` to delete it; `requires` says what keys have to be.
+    /// Changes several keys together, or none: `writes` are new values by key, `None` to delete it; `requires` has the expected state of keys.
     #[pyo3(signature = (reason, writes, *, within, requires = None))]
     fn transact(
         &self,
@@ -199,7 +199,7 @@ impl Request {
     }
 
     /// Returns the entry that was read, or the version that was committed. Raises `dca.DatabaseFailure` if nothing was done, and
-    /// `dca.DatabaseUnknown` if nobody knows.
+    /// `dca.DatabaseUnknown` if the result is unknown.
     fn result(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
         match self.answer() {
             None => Err(PyRuntimeError::new_err("the request has no answer yet: see `done`")),
@@ -262,7 +262,7 @@ impl Watch {
 }
 
 impl Watch {
-    /// Takes the events of this watch. Those of others wait for them: taking one tells the node that there is room for more.
+    /// Takes the events of this watch, and keeps those of other watches for them. Each event that is taken tells the node that there is room for more.
     fn take(&self) -> VecDeque<WatchEvent> {
         let mut held = self.of.held();
         if held.activation != self.activation {

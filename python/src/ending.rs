@@ -1,5 +1,6 @@
 //! The argument and the results of a calculation.
 
+use controllers::sdk::{Progress, TAG_MAX};
 use pyo3::prelude::*;
 
 /// The moment of one calculation.
@@ -34,6 +35,19 @@ pub(crate) struct Done {
     /// The tag of the outcome; none if the class has no outcomes.
     #[pyo3(get)]
     pub(crate) tag: Option<String>,
+}
+
+impl Done {
+    /// Returns the end of the activation. The bytes of an outcome are its tag, with its length in one byte, and the value.
+    pub(crate) fn progress(&self) -> Progress {
+        let Some(tag) = &self.tag else { return Progress::Done(self.bytes.clone()) };
+        match u8::try_from(tag.len()) {
+            Ok(length) if (1..=TAG_MAX).contains(&tag.len()) => {
+                Progress::Done([&[length], tag.as_bytes(), &self.bytes].concat())
+            }
+            Ok(_) | Err(_) => Progress::Aborted(format!("`{tag}` cannot be the tag of an outcome")),
+        }
+    }
 }
 
 #[pymethods]

@@ -145,9 +145,7 @@ impl Instance {
             return Ok(Progress::Continue);
         }
         if let Ok(done) = returned.cast::<Done>() {
-            let done = done.get();
-            let progress = done.tag.as_ref().map(|tag| Progress::outcome(tag, &done.bytes));
-            return Ok(match progress.unwrap_or_else(|| Progress::Done(done.bytes.clone())) {
+            return Ok(match done.get().progress() {
                 Progress::Done(value) if !self.class.interface.may_end_with(&value) => {
                     Progress::Aborted("it is done with an outcome that its interface does not declare".to_owned())
                 }

@@ -1,7 +1,7 @@
 //! Bytes of a value that has arrived, for Python to look at without a copy.
 //!
-//! The one module of this crate with `unsafe` code. A `memoryview` of a [`Piece`] keeps the piece, and that keeps the bytes of its value: nobody
-//! changes or frees them before the last view is gone.
+//! The one module of this crate with `unsafe` code. A `memoryview` of a [`Piece`] keeps the piece, and the piece keeps the bytes of its value. The
+//! bytes are not changed, and not freed before the last view is gone.
 
 use pyo3::exceptions::PyBufferError;
 use pyo3::ffi;

@@ -203,3 +203,19 @@ def test_what_is_wrong_is_named():
         keep.send("In", Velocity())
     with pytest.raises(ValueError, match="has no output `Out2`|has no input"):
         harness.connect(keep, "Out2", keep, "In")
+
+
+@pytest.mark.parametrize(
+    ("tag", "how", "value"),
+    [("found", "done", b"\x05found\x00\x00\x00\x00\x00\x00\xf0?\x00"), ("lost", "aborted", b""), ("", "aborted", b"")],
+)
+def test_an_outcome_has_its_tag_before_its_value(tag, how, value):
+    @dca.task("Looks.", outcomes={"found": Range, "missing": None})
+    class Search:
+        def main_calc(self, tick):
+            return dca.outcome(tag, Range(1.0))
+
+    harness = dca.testing.Harness()
+    harness.add(Search).start()
+    ended = harness.run("1 s")
+    assert (ended.how, ended.value) == (how, value)
