@@ -31,6 +31,7 @@
 //! hosts, and lowers the result to a flat [`plan`]; [`algebra`] says what a plan does, event by event.
 
 pub mod algebra;
+pub mod automaton;
 mod check;
 mod diagnostic;
 mod fix;

@@ -49,7 +49,7 @@ impl Value {
     }
 
     /// Returns what stands behind the tag, which the bytes must begin with.
-    pub(super) fn without_tag(self) -> Self {
+    pub(crate) fn without_tag(self) -> Self {
         let length = self.tag().map_or(0, |tag| tag.len() + 1);
         Self { from: self.from + length, ..self }
     }

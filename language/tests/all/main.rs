@@ -7,6 +7,7 @@ mod random;
 mod shown;
 
 mod algebra;
+mod automaton;
 mod corpus;
 mod editors;
 mod fixes;

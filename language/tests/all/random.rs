@@ -17,7 +17,7 @@ impl Random {
         usize::try_from(self.next() % count as u64).expect("it is below a small count")
     }
 
-    fn one_in(&mut self, count: usize) -> bool {
+    pub(crate) fn one_in(&mut self, count: usize) -> bool {
         self.below(count) == 0
     }
 

@@ -1,0 +1,48 @@
+//! The automaton of activities: [`step`] turns an event into commands by the rules of statecharts.
+//!
+//! A [`Chart`] has the states and transitions, [`Automaton::new`] checks it, and a [`Configuration`] is where one
+//! activity is. [`step`] is pure, as [`algebra::step`](crate::algebra::step) is: no clock, no I/O, the same input
+//! always gives the same commands. Timers are orders to the caller, so time is as virtual as the caller wants. The
+//! rules have numbers in `docs/src/inside/automaton.md`, and comments here name them.
+//!
+//! ```
+//! use language::automaton::{Automaton, Chart, ChartState, Configuration, Event, Target, Transition, Trigger, step};
+//!
+//! let ringing = Trigger::Message { port: 0, filter: None };
+//! let chart = Chart {
+//!     states: vec![
+//!         ChartState::compound("lamp", None, 1),
+//!         ChartState::atomic("dark", 0),
+//!         ChartState::atomic("bright", 0),
+//!     ],
+//!     transitions: vec![Transition::new(1, ringing, Target::States(vec![2]))],
+//!     ports: vec![8],
+//!     ..Chart::default()
+//! };
+//! let lamp = Automaton::new(chart).unwrap();
+//! let (mut place, mut commands) = (Configuration::new(&lamp), vec![]);
+//! step(&lamp, &mut place, Event::Start(Default::default()), &mut commands);
+//! assert!(place.is_active(1));
+//! step(&lamp, &mut place, Event::message(0), &mut commands);
+//! assert!(place.is_active(2) && !place.is_active(1));
+//! ```
+
+mod action;
+mod chart;
+mod configuration;
+mod enter;
+mod event;
+mod formula;
+mod leave;
+mod select;
+mod shape;
+mod step;
+
+pub use chart::{
+    Action, Chart, ChartState, Failure, History, StateKind, Target, Transition, Trigger, ValueSource, Variable,
+};
+pub use configuration::Configuration;
+pub use event::{Command, Event};
+pub use formula::{Formula, Relation};
+pub use shape::{Automaton, ChartError, STATES_MAX};
+pub use step::step;

@@ -1,0 +1,52 @@
+//! Actions: rules 10 to 14.
+
+use super::chart::{Action, ValueSource};
+use super::configuration::Configuration;
+use super::event::Command;
+use super::select::Cue;
+use super::shape::Automaton;
+use crate::algebra::{Cause, Reason, Value};
+
+/// Carries out one block of actions. An error ends the block, and the first error is kept.
+pub(super) fn carry_out(
+    automaton: &Automaton,
+    configuration: &mut Configuration,
+    (actions, event): (&[Action], &Value),
+    commands: &mut Vec<Command>,
+) {
+    for action in actions {
+        match action {
+            Action::Assign { variable, formula } => {
+                let value = formula.value(configuration);
+                let declared = &automaton.chart().variables[*variable];
+                let in_range = i32::try_from(value).ok().filter(|value| (declared.min..=declared.max).contains(value));
+                let Some(value) = in_range else {
+                    let (name, min, max) = (&declared.name, declared.min, declared.max);
+                    let why = format!("`{name}` would be {value}, which is outside {min}..{max}");
+                    configuration.error.get_or_insert(failed(&why));
+                    return;
+                };
+                configuration.variables[*variable] = value;
+            }
+            Action::Keep { slot, value } => configuration.slots[*slot] = value_of(configuration, value, event),
+            Action::Raise(signal) => configuration.raised.push_back(Cue::Signal(*signal)),
+            Action::Send { output, value } => {
+                commands.push(Command::Send { output: *output, value: value_of(configuration, value, event) });
+            }
+        }
+    }
+}
+
+/// The value that a source stands for.
+pub(super) fn value_of(configuration: &Configuration, source: &ValueSource, event: &Value) -> Value {
+    match source {
+        ValueSource::Constant(value) => value.clone(),
+        ValueSource::Slot(slot) => configuration.slots[*slot].clone(),
+        ValueSource::Event => event.clone(),
+    }
+}
+
+/// The reason of an abort with a text.
+pub(super) fn failed(why: &str) -> Reason {
+    Reason { member: None, cause: Cause::Failed(why.into()) }
+}

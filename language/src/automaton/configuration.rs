@@ -1,0 +1,146 @@
+//! Where an activity is.
+
+use super::select::Cue;
+use super::shape::Automaton;
+use crate::algebra::{Activation, Activity, Outcome, Reason, Value};
+use std::collections::VecDeque;
+
+/// Where one activity is: its active states, variables and memories. It belongs to one [`Automaton`].
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Configuration {
+    pub(super) active: Vec<bool>,
+    /// The states that were entered in this reaction, and whose runs and timers have not begun.
+    pub(super) fresh: Vec<bool>,
+    pub(super) variables: Vec<i32>,
+    pub(super) slots: Vec<Value>,
+    /// The memory of each history and of each suspended state.
+    pub(super) memories: Vec<Vec<usize>>,
+    /// The runs of the states.
+    pub(super) runs: Vec<Run>,
+    /// The timers of the transitions.
+    pub(super) timers: Vec<Timer>,
+    /// Signals and completions that were raised, the oldest first.
+    pub(super) raised: VecDeque<Cue>,
+    /// Events that wait, the next one first.
+    pub(super) queue: Vec<Queued>,
+    /// The transitions that wait until runs have ended.
+    pub(super) pending: Option<Pending>,
+    /// The first error of the step between configurations that is carried out.
+    pub(super) error: Option<Reason>,
+}
+
+/// The run of a state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Run {
+    /// The latest activation; 0 before the first.
+    pub(super) activation: Activation,
+    pub(super) activity: Activity,
+}
+
+/// The timer of a transition.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Timer {
+    /// The latest arming; 0 before the first.
+    pub(super) activation: Activation,
+    pub(super) is_armed: bool,
+}
+
+/// An event that waits for its reaction.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Queued {
+    /// A greater one comes first. Ends and timers are above all messages.
+    pub(super) priority: u16,
+    pub(super) cue: Cue,
+}
+
+/// A step between configurations that waits for the end of runs.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Pending {
+    /// The transitions that will be carried out; none if the activity ends.
+    pub(super) chosen: Vec<usize>,
+    /// The value of the event.
+    pub(super) value: Value,
+    /// How the activity will end, if no transition decides that.
+    pub(super) ending: Option<Outcome>,
+    /// The first stop that was not confirmed.
+    pub(super) unconfirmed: Option<Reason>,
+}
+
+impl Configuration {
+    /// Returns the configuration of an activity that was never started.
+    pub fn new(automaton: &Automaton) -> Self {
+        let chart = automaton.chart();
+        let states = chart.states.len();
+        Self {
+            active: vec![false; states],
+            fresh: vec![false; states],
+            variables: chart.variables.iter().map(|variable| variable.initial).collect(),
+            slots: vec![Value::EMPTY; chart.slots],
+            memories: vec![Vec::new(); states],
+            runs: vec![Run { activation: Activation(0), activity: Activity::Idle }; states],
+            timers: vec![Timer::default(); chart.transitions.len()],
+            raised: VecDeque::new(),
+            queue: Vec::new(),
+            pending: None,
+            error: None,
+        }
+    }
+
+    /// Returns whether the activity was not started since its last end.
+    pub fn is_idle(&self) -> bool {
+        !self.active.first().is_some_and(|&active| active)
+    }
+
+    /// Returns whether a state is active.
+    pub fn is_active(&self, state: usize) -> bool {
+        self.active.get(state).is_some_and(|&active| active)
+    }
+
+    /// Returns the active states without active inner states, in document order.
+    pub fn leaves<'a>(&'a self, automaton: &'a Automaton) -> impl Iterator<Item = usize> + 'a {
+        let states = 0..self.active.len();
+        states.filter(move |&state| self.active[state] && automaton.inside(state).all(|inner| !self.active[inner]))
+    }
+
+    /// Returns whether transitions wait until runs have ended.
+    pub fn is_waiting(&self) -> bool {
+        self.pending.is_some()
+    }
+
+    /// Returns the value of a finite variable.
+    pub fn variable(&self, variable: usize) -> Option<i32> {
+        self.variables.get(variable).copied()
+    }
+
+    /// Returns a value that the activity keeps.
+    pub fn slot(&self, slot: usize) -> Option<&Value> {
+        self.slots.get(slot)
+    }
+
+    /// Returns the latest activation of the run of a state, and the activity of that run.
+    pub fn run(&self, state: usize) -> (Activation, Activity) {
+        self.runs.get(state).map_or((Activation(0), Activity::Idle), |run| (run.activation, run.activity))
+    }
+
+    /// Returns the number of the latest arming of a transition's timer, and whether the timer is armed.
+    pub fn timer(&self, transition: usize) -> (Activation, bool) {
+        self.timers.get(transition).map_or((Activation(0), false), |timer| (timer.activation, timer.is_armed))
+    }
+
+    /// Queues an event behind those of the same or a higher priority.
+    pub(super) fn enqueue(&mut self, priority: u16, cue: Cue) {
+        let place = self.queue.partition_point(|queued| queued.priority >= priority);
+        self.queue.insert(place, Queued { priority, cue });
+    }
+
+    /// Returns whether a run is asked to stop and has not ended.
+    pub(super) fn awaits_runs(&self) -> bool {
+        self.runs.iter().any(|run| run.activity == Activity::Stopping)
+    }
+
+    /// Forgets everything but the numbers of activations.
+    pub(super) fn reset(&mut self, automaton: &Automaton) {
+        let (runs, timers) = (std::mem::take(&mut self.runs), std::mem::take(&mut self.timers));
+        *self = Self { runs, timers, ..Self::new(automaton) };
+    }
+}

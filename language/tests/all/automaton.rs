@@ -1,0 +1,8 @@
+//! The automaton of activities against its reference, and against examples of each rule.
+
+#[expect(clippy::wildcard_enum_match_arm, reason = "each rule names the few kinds that it is about")]
+mod charts;
+#[expect(clippy::wildcard_enum_match_arm, reason = "each rule names the few kinds that it is about")]
+mod reference;
+mod rules;
+mod survey;
