@@ -5,4 +5,6 @@ mod charts;
 #[expect(clippy::wildcard_enum_match_arm, reason = "each rule names the few kinds that it is about")]
 mod reference;
 mod rules;
+mod scion;
+mod scxml;
 mod survey;
