@@ -6,7 +6,7 @@ use crate::follow::Spec;
 use crate::io::user;
 use crate::reader::Leave;
 use crate::stop::{Located, locate};
-use crate::{ConnectArgs, Controllers, check, stored};
+use crate::{ConnectArgs, Controllers, Values, check, stored};
 use anyhow::anyhow;
 use language::plan::{Plan, PlanChange, difference};
 use node::console::{self, Failure, block_on};
@@ -28,6 +28,8 @@ pub struct PlanArguments {
     connect: ConnectArgs,
     #[command(flatten)]
     controllers: Controllers,
+    #[command(flatten)]
+    values: Values,
 }
 
 /// The arguments of `dca replace`.
@@ -68,7 +70,7 @@ impl Probation {
 
 /// Runs `dca plan`.
 pub(crate) fn plan(arguments: &PlanArguments) -> Result<(), Failure> {
-    let spec = check::load(&arguments.file, &arguments.controllers, false)?;
+    let spec = check::load(&arguments.file, &arguments.controllers, &arguments.values, false)?;
     block_on(async {
         let client = Client::open(&arguments.connect).await?;
         let running = running(&client, &spec.plan).await;

@@ -6,10 +6,12 @@ mod sarif;
 use crate::follow::Spec;
 use crate::io::{named_file, whole_file};
 use crate::logic::externals;
-use crate::{Controllers, output};
+use crate::{Controllers, Values, output};
 use anyhow::{Context, anyhow};
 use language::plan::{Environment, Plan};
-use language::{Code, Compiled, Content, Diagnostic, Options, Severity, Source, Style, Texts, compile, gather, render};
+use language::{
+    Code, Compiled, Content, Diagnostic, Options, Severity, Source, Style, Texts, assign, compile, gather, render,
+};
 use node::console::{self, Failure};
 use node::io::programs;
 use node::logic::table::counted;
@@ -28,7 +30,7 @@ pub struct Arguments {
     #[arg(long, value_name = "LINT", value_parser = ["lenient-names"])]
     deny: Option<String>,
     /// Apply every fix that leaves no other reading, then check again
-    #[arg(long)]
+    #[arg(long, conflicts_with = "set")]
     fix: bool,
     /// The form of the diagnostics: text goes to standard error, the others to standard output
     #[arg(long, value_enum, default_value_t = Format::Text)]
@@ -38,6 +40,8 @@ pub struct Arguments {
     with: Vec<PathBuf>,
     #[command(flatten)]
     controllers: Controllers,
+    #[command(flatten)]
+    values: Values,
 }
 
 /// The reader of the diagnostics: a person or a program.
@@ -63,8 +67,13 @@ struct Checked {
 
 impl Checked {
     /// Reads and compiles a spec.
-    fn read(file: &Path, controllers: &Controllers, deny_lenient_names: bool) -> Result<Self, Failure> {
-        let spec = read(file)?;
+    fn read(
+        file: &Path,
+        controllers: &Controllers,
+        values: &Values,
+        deny_lenient_names: bool,
+    ) -> Result<Self, Failure> {
+        let spec = read_with(file, values)?;
         let interfaces = others(&spec, controllers)?;
         let Compiled { plan, diagnostics, omitted } = compile(&spec, &interfaces, &options(file, deny_lenient_names));
         Ok(Self { spec, interfaces, plan, diagnostics, omitted })
@@ -86,7 +95,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         Format::Json => json::json,
         Format::Sarif => sarif::sarif,
     };
-    let checked = Checked::read(&arguments.file, &arguments.controllers, arguments.deny.is_some())?;
+    let checked = Checked::read(&arguments.file, &arguments.controllers, &arguments.values, arguments.deny.is_some())?;
     console::say(&print(&checked));
     let Some(plan) = checked.plan else { return Err(Failure::Reported) };
     compare(&as_spec(&arguments.file, (checked.spec, checked.interfaces), plan), arguments)
@@ -96,7 +105,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 fn compare(spec: &Spec, arguments: &Arguments) -> Result<(), Failure> {
     let mut problems = Vec::new();
     for file in &arguments.with {
-        let other = load(file, &arguments.controllers, arguments.deny.is_some())?;
+        let other = load(file, &arguments.controllers, &Values::default(), arguments.deny.is_some())?;
         let uses = |plan: &Plan| plan.leaves.iter().filter_map(|leaf| leaf.external.clone()).collect::<Vec<_>>();
         if !uses(&spec.plan).iter().any(|external| external.deployment == other.plan.name) {
             problems.push(format!("nothing of `{}` is used: no process has `runs_in {0}`", other.plan.name));
@@ -107,7 +116,7 @@ fn compare(spec: &Spec, arguments: &Arguments) -> Result<(), Failure> {
 }
 
 fn check(arguments: &Arguments) -> Result<(), Failure> {
-    let spec = load(&arguments.file, &arguments.controllers, arguments.deny.is_some())?;
+    let spec = load(&arguments.file, &arguments.controllers, &arguments.values, arguments.deny.is_some())?;
     compare(&spec, arguments)?;
     let plan = spec.plan;
     let (groups, programs) = (counted(plan.groups.len(), "group"), counted(plan.leaves.len(), "program"));
@@ -119,9 +128,14 @@ fn check(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// Reads and compiles a spec; diagnostics go to standard error.
-pub(crate) fn load(file: &Path, controllers: &Controllers, deny_lenient_names: bool) -> Result<Spec, Failure> {
+pub(crate) fn load(
+    file: &Path,
+    controllers: &Controllers,
+    values: &Values,
+    deny_lenient_names: bool,
+) -> Result<Spec, Failure> {
     let Checked { spec, interfaces, plan, diagnostics, omitted } =
-        Checked::read(file, controllers, deny_lenient_names)?;
+        Checked::read(file, controllers, values, deny_lenient_names)?;
     if !diagnostics.is_empty() {
         console::note(&render(&diagnostics, &spec, &interfaces, style()));
     }
@@ -182,6 +196,11 @@ pub(crate) fn read(file: &Path) -> Result<Source, Failure> {
     let text = named_file::text(file, named_file::TEXT_MAX);
     let text = text.with_context(|| format!("cannot read the spec `{}`", file.display()))?;
     Ok(Source::new(file.display().to_string(), text))
+}
+
+/// Reads the text of a spec, with values of the user as the defaults of the root's parameters.
+pub(crate) fn read_with(file: &Path, values: &Values) -> Result<Source, Failure> {
+    Ok(assign(&read(file)?, &values.assignments).map_err(anyhow::Error::from)?)
 }
 
 /// Asks the controllers' programs for their interfaces.

@@ -5,7 +5,7 @@ mod difference;
 use crate::io::recorder;
 use crate::logic::record::{Entry, Run};
 use crate::verify::{LimitArgs, Refusal, load};
-use crate::{Controllers, check};
+use crate::{Controllers, Values, check};
 use anyhow::anyhow;
 use difference::difference;
 use language::algebra::Event;
@@ -27,6 +27,8 @@ pub struct Arguments {
     limits: LimitArgs,
     #[command(flatten)]
     controllers: Controllers,
+    #[command(flatten)]
+    values: Values,
 }
 
 /// The steps of a record.
@@ -50,7 +52,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         Err(error) if error.is_of_a_record() => return Err(undecided(&error.to_string())),
         read => read.map_err(anyhow::Error::from)?,
     };
-    let loaded = load(&arguments.spec, &arguments.controllers, Refusal::Text)?;
+    let loaded = load(&arguments.spec, &arguments.controllers, &arguments.values, Refusal::Text)?;
     if let Some(difference) = difference(&run.header.plan, &loaded.plan) {
         return Err(anyhow!(
             "the record is of another version of the spec: {difference}; the spec that ran is in the record, as `spec.dca`"

@@ -4,7 +4,7 @@ use crate::change::{Rollout, change_running};
 use crate::client::Client;
 use crate::follow::Spec;
 use crate::verify::Proof;
-use crate::{ConnectArgs, Controllers, check, follow, stored};
+use crate::{ConnectArgs, Controllers, Values, check, follow, stored};
 use anyhow::anyhow;
 use node::console::{Failure, block_on};
 use node::logic::protocol::StartMode;
@@ -22,6 +22,8 @@ pub struct Arguments {
     #[command(flatten)]
     controllers: Controllers,
     #[command(flatten)]
+    values: Values,
+    #[command(flatten)]
     rollout: Rollout,
     #[command(flatten)]
     proof: Proof,
@@ -32,7 +34,7 @@ pub struct Arguments {
 
 /// Runs the verb.
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
-    let spec = check::load(&arguments.file, &arguments.controllers, false)?;
+    let spec = check::load(&arguments.file, &arguments.controllers, &arguments.values, false)?;
     arguments.proof.require(&spec)?;
     block_on(async {
         let client = Client::open(&arguments.connect).await?;

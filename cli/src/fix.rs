@@ -1,6 +1,6 @@
 //! `dca fix`: applies every fix of a spec that leaves no other reading.
 
-use crate::{Controllers, check};
+use crate::{Controllers, Values, check};
 use node::console::{self, Failure};
 use std::path::PathBuf;
 
@@ -16,7 +16,7 @@ pub struct Arguments {
 /// Runs the verb; what is left to say about the spec is said.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let is_changed = check::fix(&arguments.file, &arguments.controllers)?;
-    check::load(&arguments.file, &arguments.controllers, false)?;
+    check::load(&arguments.file, &arguments.controllers, &Values::default(), false)?;
     let file = arguments.file.display();
     console::say(&format!("{file}: {}", if is_changed { "fixed" } else { "nothing to fix" }));
     Ok(())

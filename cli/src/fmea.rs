@@ -1,8 +1,8 @@
 //! `dca fmea`: what each single fault of each program, host and link does, and each two of them.
 
-use crate::Controllers;
 use crate::logic::page::text::escape;
 use crate::verify::{LimitArgs, Refusal, load, story};
+use crate::{Controllers, Values};
 use comms::io::clock;
 use node::console::{self, Failure};
 use node::logic::table::counted;
@@ -37,6 +37,8 @@ pub struct Arguments {
     limits: LimitArgs,
     #[command(flatten)]
     controllers: Controllers,
+    #[command(flatten)]
+    values: Values,
 }
 
 /// So many programs that were not looked at whole are named.
@@ -57,7 +59,7 @@ const SEVERITIES: [Severity; 8] = [
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let refusal = if arguments.json { Refusal::Json } else { Refusal::Text };
-    let loaded = load(&arguments.file, &arguments.controllers, refusal)?;
+    let loaded = load(&arguments.file, &arguments.controllers, &arguments.values, refusal)?;
     let faults = if arguments.faults == 2 { Faults::Two } else { Faults::One };
     let start = clock::now();
     let table = arguments.limits.with(|limits| verify::fmea(&loaded.plan, &loaded.sites, limits, faults));

@@ -1,7 +1,7 @@
 //! `dca graph`: draws a spec.
 
 use crate::io::whole_file;
-use crate::{Controllers, check};
+use crate::{Controllers, Values, check};
 use anyhow::Context as _;
 use language::{Severity, render};
 use node::console::{self, Failure};
@@ -20,11 +20,13 @@ pub struct Arguments {
     dot: bool,
     #[command(flatten)]
     controllers: Controllers,
+    #[command(flatten)]
+    values: Values,
 }
 
 /// Runs the verb; of what there is to say about the spec only errors are said.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let spec = check::read(&arguments.file)?;
+    let spec = check::read_with(&arguments.file, &arguments.values)?;
     let interfaces = check::others(&spec, &arguments.controllers)?;
     let (graph, mut diagnostics) = language::graph(&spec, &interfaces, &check::options(&arguments.file, false));
     let Some(graph) = graph else {

@@ -59,6 +59,7 @@ pub mod verify;
 use clap::{Args, Parser, Subcommand};
 use client::signer::KeyPlace;
 use comms::io::session::{self, Role};
+use language::Assignment;
 use node::console::{finish, on_own_stack, parsed};
 use node::io::{logging, run_dir};
 use std::ops::RangeInclusive;
@@ -211,6 +212,20 @@ pub struct Controllers {
     /// A program that offers controller types; may be given more than once [default: dca-controller beside this program]
     #[arg(long = "controllers", value_name = "PROGRAM")]
     pub programs: Vec<PathBuf>,
+}
+
+/// The values that a user gives to the parameters of the root.
+#[derive(Clone, Debug, Default, Args)]
+pub struct Values {
+    /// Give this parameter of `main` a value, such as `--set robot=r7`; may be given more than once [default: as in the spec]
+    #[arg(id = "set", long = "set", value_name = "NAME=VALUE", value_parser = assignment)]
+    assignments: Vec<Assignment>,
+}
+
+/// Reads `NAME=VALUE`.
+fn assignment(text: &str) -> Result<Assignment, String> {
+    let (name, value) = text.split_once('=').ok_or("write a name, `=` and a value: `--set speed=0.3`")?;
+    Ok(Assignment { name: name.trim().into(), value: value.into() })
 }
 
 /// Runs the command line of this process.

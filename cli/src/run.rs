@@ -4,7 +4,7 @@
 use crate::client::Client;
 use crate::follow::Spec;
 use crate::verify::Proof;
-use crate::{Controllers, check, deploy, follow};
+use crate::{Controllers, Values, check, deploy, follow};
 use anyhow::{Context, anyhow};
 use comms::io::clock;
 use comms::io::session::Reach;
@@ -32,6 +32,8 @@ pub struct Arguments {
     following: follow::FollowArgs,
     #[command(flatten)]
     controllers: Controllers,
+    #[command(flatten)]
+    values: Values,
     /// Keep the database of its nodes in this folder [default: it is gone when the command ends]
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
@@ -52,7 +54,7 @@ struct Nodes {
 
 /// Runs the verb.
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
-    let spec = check::load(&arguments.file, &arguments.controllers, false)?;
+    let spec = check::load(&arguments.file, &arguments.controllers, &arguments.values, false)?;
     arguments.proof.require(&spec)?;
     programs::check_shim()?;
     block_on(async {

@@ -2,7 +2,7 @@
 
 use crate::io::{named_file, whole_file};
 use crate::logic::story_test::StoryTest;
-use crate::{Controllers, check};
+use crate::{Controllers, Values, check};
 use anyhow::{Context as _, anyhow};
 use language::plan::Plan;
 use language::{RandomRun, Simulation, SimulationEvent, Transition};
@@ -41,11 +41,13 @@ pub struct Arguments {
     chart: Option<PathBuf>,
     #[command(flatten)]
     controllers: Controllers,
+    #[command(flatten)]
+    values: Values,
 }
 
 /// Runs the verb; fails unless `main` ended normally.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let plan = check::load(&arguments.file, &arguments.controllers, false)?.plan;
+    let plan = check::load(&arguments.file, &arguments.controllers, &arguments.values, false)?.plan;
     if let Some(file) = &arguments.replay {
         return replay(&plan, file);
     }

@@ -5,7 +5,7 @@ mod repair;
 use crate::check::json::diagnostic;
 use crate::follow::Spec;
 use crate::io::{named_file, whole_file};
-use crate::{Controllers, check};
+use crate::{Controllers, Values, check};
 use anyhow::{Context as _, anyhow};
 use comms::io::clock;
 use comms::logic::human::size;
@@ -45,18 +45,20 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", conflicts_with = "export")]
     svg: Option<PathBuf>,
     /// Show edits that repair what does not hold; each was verified before it is shown
-    #[arg(long, conflicts_with_all = ["json", "export"])]
+    #[arg(long, conflicts_with_all = ["json", "export", "set"])]
     fix: bool,
     /// Write these edits into the spec
     #[arg(long, requires = "fix")]
     write: bool,
     /// Write a test for each finding that does not hold: a file with its story, which `dca test` and `dca sim --replay` take
-    #[arg(long, value_name = "FOLDER", conflicts_with = "export")]
+    #[arg(long, value_name = "FOLDER", conflicts_with_all = ["export", "set"])]
     test: Option<PathBuf>,
     #[command(flatten)]
     limits: LimitArgs,
     #[command(flatten)]
     controllers: Controllers,
+    #[command(flatten)]
+    values: Values,
 }
 
 /// The formats of transition systems and of models.
@@ -175,8 +177,13 @@ pub(crate) enum Refusal {
 }
 
 /// Reads and compiles a spec; of what there is to say about it only errors are said.
-pub(crate) fn load(file: &Path, controllers: &Controllers, refusal: Refusal) -> Result<Loaded, Failure> {
-    compiled(check::read(file)?, file, controllers, refusal)
+pub(crate) fn load(
+    file: &Path,
+    controllers: &Controllers,
+    values: &Values,
+    refusal: Refusal,
+) -> Result<Loaded, Failure> {
+    compiled(check::read_with(file, values)?, file, controllers, refusal)
 }
 
 /// Compiles the text of a spec that stands in a file.
@@ -207,7 +214,7 @@ pub(crate) fn compiled(
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let refusal = if arguments.json { Refusal::Json } else { Refusal::Text };
-    let loaded = load(&arguments.file, &arguments.controllers, refusal)?;
+    let loaded = load(&arguments.file, &arguments.controllers, &arguments.values, refusal)?;
     if let Some(format) = arguments.export {
         return export(&loaded, arguments.limits, format);
     }

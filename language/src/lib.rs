@@ -31,6 +31,7 @@
 //! hosts, and lowers the result to a flat [`plan`]; [`algebra`] says what a plan does, event by event.
 
 pub mod algebra;
+mod assignment;
 pub mod automaton;
 mod check;
 mod diagnostic;
@@ -49,6 +50,7 @@ mod source;
 pub mod syntax;
 mod unit;
 
+pub use assignment::{Assignment, AssignmentError, assign};
 pub use diagnostic::{Code, Diagnostic, Edit, Fix, Label, Severity, Style, apply_fix, apply_fixes, render};
 pub use fix::fix;
 pub use format::format;

@@ -54,6 +54,46 @@ fn mistakes_are_errors_with_a_suggestion() {
     }
 }
 
+/// A root with a host and an argument that differ from robot to robot.
+const PATROL: &str = r#"
+module Say(host: Host, word: Text) { exec "true"; plain; done; }
+process main(robot: Host = c1, word: Text = "old") {
+    host{robot}
+    instantiated_processes { say instof Say(robot, word); }
+    internal_event_actions { say }
+}
+"#;
+
+/// `--set` gives parameters of `main` other values: for a check, a proof and a run, whose record has them.
+#[test]
+fn parameters_of_the_root_are_set_for_one_robot() {
+    let cluster = Cluster::new();
+    let (here, file) = (cluster.here(), cluster.file("patrol.dca", PATROL));
+    let runs = Path::new(&file).with_file_name("runs").display().to_string();
+    let checked = here.ask(&["check", "--set", "robot=robot-2.local", &file]);
+    assert!(checked.code == Some(0) && checked.out.contains("on robot-2.local: no errors"), "{checked}");
+    let ran = here.ask(&["run", "--runs", &runs, "--set", "robot=r7", "--set", "word=now", &file]);
+    assert_eq!(ran.code, Some(0), "{ran}");
+    let record = fs::read_dir(&runs).expect("a record was kept").next().expect("it is there").expect("it can be read");
+    let recorded = fs::read(record.path().join("run.mcap")).expect("the record can be read");
+    let recorded = String::from_utf8_lossy(&recorded);
+    assert!(recorded.contains("main(robot: Host = r7, word: Text = now)"), "the record has the spec that ran");
+    let record = record.path().display().to_string();
+    let conforms = here.ask(&["conform", "--set", "robot=r7", "--set", "word=now", &record, &file]);
+    assert_eq!(conforms.code, Some(0), "{conforms}");
+    let other = here.ask(&["conform", &record, &file]);
+    assert!(other.code == Some(1) && other.err.contains("another version of the spec"), "{other}");
+    let mistakes = [
+        (["check", "--set", "robt=r7"], 1, "cannot set `robt`: `main` has no such parameter; did you mean `robot`?"),
+        (["check", "--set", "robot"], 2, "write a name, `=` and a value"),
+        (["check", "--fix", "--set=robot=r7"], 2, "cannot be used with"),
+    ];
+    for (arguments, code, why) in mistakes {
+        let ended = here.ask(&[arguments.as_slice(), &[&file]].concat());
+        assert!(ended.code == Some(code) && ended.err.contains(why), "{ended}");
+    }
+}
+
 /// `dca verify` says by its exit code whether everything holds, something fails, or a limit came first.
 #[test]
 fn proofs_have_their_exit_codes() {
