@@ -16,7 +16,7 @@ class Keys:
         ]
         self.watch = self.database.watch("team/test/")
         self.seen = []
-        self.step = 0
+        self.step, self.last = 0, None
 
     def main_calc(self, tick):
         self.seen += [(event.kind, sorted(entry.key for entry in event.entries)) for event in self.watch]
@@ -36,7 +36,10 @@ class Keys:
             assert entry.value == {"by": "me", "force": 4.5, "count": 3, "loud": True, "raw": b"\\x00", "way": [1.0, 2.0]}
             self.requests = []
             self.refused = self.database.put("team/test/b", 3, within="5 s", expected=dca.ABSENT)
-        elif self.refused.done and len(self.seen) >= 5:
+        elif self.last is None and ("complete", []) in self.seen:
+            # The present values are known, so this one comes as a change.
+            self.last = self.database.put("team/test/d", 4, within="5 s")
+        elif self.refused.done and ("changed", ["team/test/d"]) in self.seen:
             try:
                 self.refused.result()
             except dca.DatabaseFailure as error:
@@ -65,4 +68,4 @@ def test_a_controller_uses_the_database(missions):
     assert ended.returncode == 0, ended.stdout + ended.stderr
     logs = missions("logs", "one").stdout
     assert "refused: DatabaseFailure" in logs, logs
-    assert "[('begin', []), " in logs and "('changed', ['team/test/b'])" in logs, logs
+    assert "[('begin', []), " in logs and "('changed', ['team/test/d'])" in logs, logs
