@@ -84,7 +84,7 @@ impl Unloading {
         self.is_over |= self.time <= 0.0 && size < LOADED;
         self.time += dt;
         if self.way - way >= STRETCH {
-            // What pushes harder and harder is no closer, and is not pushed back.
+            // A force that grows comes from no closer, and is not pushed back.
             self.is_over |= size - before > FALL;
             self.goes_back |= before - size < FALL;
             self.looked = Some((self.way, size));

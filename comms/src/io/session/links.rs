@@ -34,7 +34,7 @@ pub(super) struct Links {
     /// it still answers that there is a link.
     pub(super) standing: BTreeSet<String>,
     /// The sessions that stand although a link of theirs was lost. Zenoh takes a new link for one more of the old session, even where
-    /// the other side has lost that and begun anew; then each sends what the other does not understand. So no session outlives any of
+    /// the other side has lost that and opened another; then neither understands the other. So no session outlives any of
     /// its links.
     halved: BTreeSet<String>,
     /// The links that are dialled again when they are lost.
@@ -277,14 +277,14 @@ mod tests {
             (links.unknown(&[ends(1)].into()), links.unknown(&BTreeSet::new())),
             (vec![], vec![("r2".into(), ends(1))])
         );
-        // Whatever is heard first of a new link.
+        // A new link may be heard of first.
         links.gain("r2", ends(2));
         assert!(links.lose("r2", Some(ends(1))) && links.strays(&known) == known);
         let mut links = standing();
         assert!(!links.lose("r2", Some(ends(1))));
         links.gain("r2", ends(2));
         assert_eq!(links.strays(&known), known);
-        // Ended and begun anew it is another one.
+        // Its successor is another session.
         links.fall("r2");
         links.stand("r2".into());
         assert!(links.strays(&known).is_empty());

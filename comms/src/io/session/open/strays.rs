@@ -14,34 +14,34 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How often it is looked. What is told in the meantime is of the moment; what two looks in a row find stays.
+/// The time between two looks. Events and table may differ for a moment; only a difference that two looks in a row find is acted on.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 /// How old a tunnel is that has to carry a session: three round trips of 3 s.
 const TUNNEL_MIN: Duration = Duration::from_secs(10);
 
-/// What the last look has found.
+/// The differences of the last look, by session.
 #[derive(Default)]
 struct Looks {
     strays: BTreeSet<String>,
     unheard: BTreeSet<String>,
 }
 
-/// What two looks in a row have found, by session.
+/// The differences that two looks in a row have found, by session.
 struct Found {
-    /// There are links of which zenoh knows nothing.
+    /// Sessions with links that zenoh does not know.
     strays: Vec<String>,
-    /// Zenoh has a session of which no event is the last.
+    /// Sessions that zenoh has, and whose last event was a loss.
     unheard: Vec<String>,
 }
 
 impl Looks {
-    /// Takes what this look has found; returns what the last one had found, too.
+    /// Takes the differences of a look; returns those that the last one had as well.
     fn look(&mut self, strays: BTreeSet<String>, unheard: BTreeSet<String>) -> Found {
         Found { strays: twice(&mut self.strays, strays), unheard: twice(&mut self.unheard, unheard) }
     }
 }
 
-/// Returns what was there before, too.
+/// Returns the names that are in both sets, and keeps the new one.
 fn twice(before: &mut BTreeSet<String>, now: BTreeSet<String>) -> Vec<String> {
     let both = now.intersection(before).cloned().collect();
     *before = now;
