@@ -19,29 +19,7 @@ const LOOK_EVERY: Duration = Duration::from_secs(1);
 /// How old a tunnel is that has to carry a session: three round trips of 3 s.
 const TUNNEL_MIN: Duration = Duration::from_secs(10);
 
-/// The differences of the last look, by session.
-#[derive(Default)]
-struct Looks {
-    strays: BTreeSet<String>,
-    unheard: BTreeSet<String>,
-}
-
-/// The differences that two looks in a row have found, by session.
-struct Found {
-    /// Sessions with links that zenoh does not know.
-    strays: Vec<String>,
-    /// Sessions that zenoh has, and whose last event was a loss.
-    unheard: Vec<String>,
-}
-
-impl Looks {
-    /// Takes the differences of a look; returns those that the last one had as well.
-    fn look(&mut self, strays: BTreeSet<String>, unheard: BTreeSet<String>) -> Found {
-        Found { strays: twice(&mut self.strays, strays), unheard: twice(&mut self.unheard, unheard) }
-    }
-}
-
-/// Returns the names that are in both sets, and keeps the new one.
+/// Takes the differences of a look, by session; returns those that the look before had as well.
 fn twice(before: &mut BTreeSet<String>, now: BTreeSet<String>) -> Vec<String> {
     let both = now.intersection(before).cloned().collect();
     *before = now;
@@ -50,7 +28,7 @@ fn twice(before: &mut BTreeSet<String>, now: BTreeSet<String>) -> Vec<String> {
 
 /// Ends links that belong to no session, and takes note of sessions that were not heard of, until the session closes.
 pub(super) async fn end_strays(session: zenoh::Session, dialler: Dialler, to_keeper: Arc<Sender<Change>>) {
-    let mut looks = Looks::default();
+    let (mut strays_before, mut unheard_before) = (BTreeSet::new(), BTreeSet::new());
     loop {
         tokio::time::sleep(LOOK_EVERY).await;
         let known: BTreeSet<String> =
@@ -69,14 +47,13 @@ pub(super) async fn end_strays(session: zenoh::Session, dialler: Dialler, to_kee
         }
         let tunnels = dialler.tunnels.iter().flat_map(|tunnels| tunnels.older_than(TUNNEL_MIN));
         strays.extend(tunnels.filter(|tunnel| !known.contains(tunnel)));
-        let found = looks.look(strays, unheard);
-        for stray in found.strays {
+        for stray in twice(&mut strays_before, strays) {
             tracing::debug!(session = stray, "zenoh does not know all its links, and they are ended");
             dialler.cut(&stray);
             lock(&dialler.links).forget(&stray);
             to_keeper.push(Change::Wanted(stray));
         }
-        for session in found.unheard {
+        for session in twice(&mut unheard_before, unheard) {
             tracing::debug!(session, "it stands, and no event says so");
             lock(&dialler.links).stand(session);
         }
@@ -89,15 +66,11 @@ mod tests {
 
     #[test]
     fn what_two_looks_find_is_acted_on() {
-        let set = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<BTreeSet<_>>();
-        let mut looks = Looks::default();
-        let mut look = |strays: &[&str], unheard: &[&str]| {
-            let found = looks.look(set(strays), set(unheard));
-            (found.strays.join(" "), found.unheard.join(" "))
-        };
-        assert_eq!(look(&["r2"], &["r3"]), Default::default(), "a moment");
-        assert_eq!(look(&[], &[]), Default::default(), "it is over");
-        assert_eq!(look(&["r2"], &["r3"]), Default::default());
-        assert_eq!(look(&["r2", "r4"], &["r3"]), ("r2".to_owned(), "r3".to_owned()));
+        let mut before = BTreeSet::new();
+        let mut look = |names: &[&str]| twice(&mut before, names.iter().map(|name| (*name).to_owned()).collect());
+        assert!(look(&["r2"]).is_empty(), "a moment");
+        assert!(look(&[]).is_empty(), "it is over");
+        assert!(look(&["r2"]).is_empty());
+        assert_eq!(look(&["r2", "r4"]), ["r2"]);
     }
 }
