@@ -51,7 +51,7 @@ pub(super) fn entry_set(
     (domain, targets): (usize, &[usize]),
 ) -> BTreeSet<usize> {
     let mut entered = BTreeSet::new();
-    add(automaton, &mut entered, (domain, targets));
+    add(automaton, &mut entered, domain, targets);
     // Each addition is inside the state that it is made for, so it comes later.
     let mut next = Some(domain);
     while let Some(state) = next {
@@ -62,7 +62,7 @@ pub(super) fn entry_set(
         match automaton.kind(state) {
             StateKind::Compound { initial } => {
                 if entered.range(automaton.inside(state)).next().is_none() {
-                    add(automaton, &mut entered, (state, &resolved(automaton, configuration, initial)));
+                    add(automaton, &mut entered, state, &resolved(automaton, configuration, initial));
                 }
             }
             StateKind::Parallel => {
@@ -80,7 +80,7 @@ pub(super) fn entry_set(
 }
 
 /// Adds states and all that is between them and a state around them.
-fn add(automaton: &Automaton, entered: &mut BTreeSet<usize>, (around, targets): (usize, &[usize])) {
+fn add(automaton: &Automaton, entered: &mut BTreeSet<usize>, around: usize, targets: &[usize]) {
     for &target in targets {
         entered.extend(automaton.upward(target).take_while(|&state| state != around));
     }

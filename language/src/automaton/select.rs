@@ -66,14 +66,14 @@ pub(super) fn select(automaton: &Automaton, configuration: &Configuration, cue: 
         let mut states = automaton.upward(state).take(levels);
         states.find_map(|source| {
             let mut of = automaton.transitions_of(source).iter().copied();
-            of.find(|&number| is_enabled(automaton, configuration, (number, cue)))
+            of.find(|&number| is_enabled(automaton, configuration, number, cue))
         })
     };
     match cue {
         Cue::Done { state, .. } | Cue::Complete(state) => first(*state, true).into_iter().collect(),
         Cue::Aborted { state, .. } => first(*state, false).into_iter().collect(),
         Cue::Timer(number) => {
-            Some(*number).filter(|_| is_enabled(automaton, configuration, (*number, cue))).into_iter().collect()
+            Some(*number).filter(|_| is_enabled(automaton, configuration, *number, cue)).into_iter().collect()
         }
         Cue::Always | Cue::Message { .. } | Cue::Signal(_) | Cue::Notice(_) => {
             let mut found: Vec<usize> = Vec::new();
@@ -88,7 +88,7 @@ pub(super) fn select(automaton: &Automaton, configuration: &Configuration, cue: 
 }
 
 /// Whether the trigger of a transition fits, and its guard holds.
-fn is_enabled(automaton: &Automaton, configuration: &Configuration, (number, cue): (usize, &Cue)) -> bool {
+fn is_enabled(automaton: &Automaton, configuration: &Configuration, number: usize, cue: &Cue) -> bool {
     let transition = automaton.transition(number);
     let fits = match (&transition.trigger, cue) {
         (Trigger::Always, Cue::Always)

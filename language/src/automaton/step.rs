@@ -56,7 +56,7 @@ pub fn step(
             reaction.receive(OWN, Cue::Timer(transition))
         }
         Event::Message { port, filters, priority, value } => {
-            reaction.message((port, priority), Cue::Message { port, filters, value })
+            reaction.message(port, priority, Cue::Message { port, filters, value })
         }
         Event::Notice(notice) => {
             // A notice that already waits says everything: the second one would only take room.
@@ -114,7 +114,7 @@ impl Reaction<'_> {
     }
 
     /// Rule 51.
-    fn message(&mut self, (port, priority): (usize, u8), cue: Cue) -> Option<Outcome> {
+    fn message(&mut self, port: usize, priority: u8, cue: Cue) -> Option<Outcome> {
         let limit = *self.automaton.chart().ports.get(port)?;
         let outcome = self.receive(u16::from(priority), cue);
         let queue = &mut self.configuration.queue;

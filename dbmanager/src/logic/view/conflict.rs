@@ -85,7 +85,7 @@ struct Touch {
 type Unsettled = BTreeMap<Dot, (Option<Condition>, BTreeMap<ReplicaId, [Dot; 2]>)>;
 
 /// Notes that a transaction relied on what another had changed.
-fn note(unsettled: &mut Unsettled, (relied, condition, changed): (Dot, Option<Condition>, Dot)) {
+fn note(unsettled: &mut Unsettled, relied: Dot, condition: Option<Condition>, changed: Dot) {
     let (_, of) = unsettled.entry(relied).or_insert_with(|| (condition, BTreeMap::new()));
     let [first, last] = of.entry(changed.origin).or_insert([changed; 2]);
     (*first, *last) = ((*first).min(changed), (*last).max(changed));
@@ -184,7 +184,9 @@ impl Past<'_> {
                 }
                 if !found.is_empty() {
                     let unsettled = races.entry(key.clone()).or_default();
-                    found.into_iter().for_each(|pair| note(unsettled, pair));
+                    for (relied, condition, changed) in found {
+                        note(unsettled, relied, condition, changed);
+                    }
                 }
                 if relied_on.contains(key) {
                     touches.entry(key.clone()).or_default().entry(touch.dot.origin).or_default().push(touch);

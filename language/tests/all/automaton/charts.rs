@@ -198,7 +198,6 @@ impl Maker<'_> {
     }
 
     fn formula(&mut self, depth: usize) -> Formula {
-        let pair = |maker: &mut Self| (Box::new(maker.formula(depth - 1)), Box::new(maker.formula(depth - 1)));
         if depth == 0 || self.random.one_in(3) {
             return match self.random.below(4) {
                 0 => Formula::Number(self.random.below(4) as i64 - 1),
@@ -208,20 +207,21 @@ impl Maker<'_> {
         }
         match self.random.below(9) {
             0 => Formula::Not(Box::new(self.formula(depth - 1))),
-            1 => one(pair(self), Formula::And),
-            2 => one(pair(self), Formula::Or),
-            3..=4 => one(pair(self), |a, b| Formula::Compare(Relation::Less, a, b)),
-            5 => one(pair(self), |a, b| Formula::Compare(Relation::Equal, a, b)),
-            6 => one(pair(self), |a, b| Formula::Compare(Relation::AtMost, a, b)),
-            7 => one(pair(self), Formula::Add),
+            1 => self.both(depth, Formula::And),
+            2 => self.both(depth, Formula::Or),
+            3..=4 => self.both(depth, |a, b| Formula::Compare(Relation::Less, a, b)),
+            5 => self.both(depth, |a, b| Formula::Compare(Relation::Equal, a, b)),
+            6 => self.both(depth, |a, b| Formula::Compare(Relation::AtMost, a, b)),
+            7 => self.both(depth, Formula::Add),
             _ => match self.random.below(2) {
-                0 => one(pair(self), Formula::Subtract),
-                _ => one(pair(self), Formula::Multiply),
+                0 => self.both(depth, Formula::Subtract),
+                _ => self.both(depth, Formula::Multiply),
             },
         }
     }
-}
-
-fn one((a, b): (Box<Formula>, Box<Formula>), make: impl Fn(Box<Formula>, Box<Formula>) -> Formula) -> Formula {
-    make(a, b)
+    /// Makes a formula of two.
+    fn both(&mut self, depth: usize, make: impl Fn(Box<Formula>, Box<Formula>) -> Formula) -> Formula {
+        let (a, b) = (Box::new(self.formula(depth - 1)), Box::new(self.formula(depth - 1)));
+        make(a, b)
+    }
 }

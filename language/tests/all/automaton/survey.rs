@@ -44,11 +44,11 @@ impl Pair<'_> {
         assert!(variables.eq(self.machine.variables.iter().copied()), "variables after {event:?}");
         let slots = (0..).map_while(|slot| self.configuration.slot(slot));
         assert!(slots.eq(self.machine.slots.iter()), "slots after {event:?}");
-        self.count(figures, (&commands, &outcome), was_waiting);
+        self.count(figures, &commands, &outcome, was_waiting);
         outcome
     }
 
-    fn count(&self, figures: &mut Figures, (commands, outcome): (&[Command], &Option<Outcome>), was_waiting: bool) {
+    fn count(&self, figures: &mut Figures, commands: &[Command], outcome: &Option<Outcome>, was_waiting: bool) {
         let mut see = |what| *figures.seen.entry(what).or_default() += 1;
         match outcome {
             Some(Outcome::Done(_)) => see("done"),
