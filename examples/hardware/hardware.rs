@@ -226,7 +226,7 @@ impl Controller for Pilot {
             }
         }
         let fence = self.user.held(tick.now);
-        // The way counts from where the wheels were granted: somebody else drives before that.
+        // The way counts from where the wheels were granted, since another mission drives before that.
         if fence.is_some() && outputs.motion.pending() == 0 {
             outputs.motion.call((), WITHIN);
         }
