@@ -37,7 +37,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 /// Version of the layout of a record.
-pub const VERSION: u16 = 2;
+pub const VERSION: u16 = 1;
 /// Name of the attachment with the plan.
 pub const PLAN: &str = "plan.json";
 /// Name of the attachment with the spec's text.

@@ -7,8 +7,8 @@ mod program;
 
 pub use program::{NoticeSender, OrderReceiver, Received, connect, notice_frame};
 
-use crate::logic::codec::{self, CodecError, Enveloped};
-use crate::logic::control::{Notice, Order, VERSION};
+use crate::logic::codec::{self, CodecError, Enveloped, WIRE_VERSION};
+use crate::logic::control::{Notice, Order};
 use crate::logic::frame::{self, Decoder, FrameError};
 use crate::logic::port::{Policy, Pushed, Queue};
 use rustix::net::{Shutdown, shutdown};
@@ -65,7 +65,7 @@ pub enum ControlError {
     Codec(CodecError),
     /// The other side was built with another version of DCA.
     #[error(
-        "the other side speaks version {found} of the control protocol, this one version {VERSION}; build the controller \
+        "the other side speaks version {found} of the control protocol, this one version {WIRE_VERSION}; build the controller \
          again with the library of its node's DCA"
     )]
     Version {

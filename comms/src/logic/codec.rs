@@ -7,13 +7,16 @@
 //! A reader refuses a message of another kind or version instead of guessing. Samples on wires go without an envelope:
 //! both ends are told the same message type by the same plan.
 
-use crate::logic::control::{self, Notice, Order};
+use crate::logic::control::{Notice, Order};
 use crate::logic::signals::{Peaks, Signals};
 use crate::logic::tap::{Outputs, Tapped};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use thiserror::Error;
 
+/// The version of all that programs, nodes and the command line say to each other: one more with a change of any of it. A reader refuses every other;
+/// only of [`Notice::Hello`] and [`Notice::Resume`] it reads the beginning, so that it can say whose message it was.
+pub const WIRE_VERSION: u16 = 1;
 const MAGIC: [u8; 2] = *b"DC";
 /// The bytes before the message.
 pub const HEADER_SIZE: usize = 6;
@@ -122,42 +125,34 @@ impl Kind {
 pub trait Enveloped: Serialize + DeserializeOwned {
     /// The kind of the message. No other message has the same.
     const KIND: Kind;
-    /// Its version: a change that older readers cannot read needs a new one.
-    const VERSION: u16;
     /// The most bytes a message may have, envelope included.
     const SIZE_MAX: usize = 16 << 20;
 }
 
 impl Enveloped for Order {
     const KIND: Kind = Kind::Order;
-    const VERSION: u16 = control::VERSION;
 }
 
 impl Enveloped for Notice {
     const KIND: Kind = Kind::Notice;
-    const VERSION: u16 = control::VERSION;
 }
 
 impl Enveloped for Signals {
     const KIND: Kind = Kind::Signals;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 64 << 10;
 }
 
 impl Enveloped for Peaks {
     const KIND: Kind = Kind::Peaks;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 64 << 10;
 }
 
 impl Enveloped for Tapped {
     const KIND: Kind = Kind::Tapped;
-    const VERSION: u16 = 1;
 }
 
 impl Enveloped for Outputs {
     const KIND: Kind = Kind::Outputs;
-    const VERSION: u16 = 2;
     const SIZE_MAX: usize = 1 << 20;
 }
 
@@ -219,7 +214,7 @@ pub fn encode<T: Enveloped>(message: &T) -> Result<Vec<u8>, CodecError> {
 /// As of [`encode`].
 pub fn encode_in<T: Enveloped>(message: &T, mut bytes: Vec<u8>) -> Result<Vec<u8>, CodecError> {
     bytes.extend(MAGIC);
-    bytes.extend(T::VERSION.to_le_bytes());
+    bytes.extend(WIRE_VERSION.to_le_bytes());
     bytes.extend(T::KIND.number().to_le_bytes());
     let bytes =
         postcard::to_extend(message, bytes).map_err(|cause| CodecError::Body { kind: T::KIND.number(), cause })?;
@@ -233,8 +228,8 @@ pub fn encode_in<T: Enveloped>(message: &T, mut bytes: Vec<u8>) -> Result<Vec<u8
 /// If it is too long, of another kind or version, or malformed.
 pub fn decode<T: Enveloped>(bytes: &[u8]) -> Result<T, CodecError> {
     let (version, body) = open::<T>(bytes)?;
-    if version != T::VERSION {
-        return Err(CodecError::Version { kind: T::KIND.number(), expected: T::VERSION, found: version });
+    if version != WIRE_VERSION {
+        return Err(CodecError::Version { kind: T::KIND.number(), expected: WIRE_VERSION, found: version });
     }
     let body_error = |cause| CodecError::Body { kind: T::KIND.number(), cause };
     match postcard::take_from_bytes(body).map_err(body_error)? {
@@ -291,7 +286,7 @@ mod tests {
     use super::*;
     use crate::logic::bytes::{Bytes, SecretBytes};
     use crate::logic::control::{
-        CallRoute, Device, Dial, Incoming, KeyPort, Location, Outgoing, Partner, Shape, UserCall, VERSION,
+        CallRoute, Device, Dial, Incoming, KeyPort, Location, Outgoing, Partner, Shape, UserCall,
     };
     use crate::logic::direct::{Challenge, Claim, Confirmation, Hello, Welcome};
     use crate::logic::object::{Access, TypeForm, Warrant};
@@ -319,30 +314,30 @@ mod tests {
         let devices = vec![Device { device: "arm".into(), owner: dial(), deployment: "d".into() }];
         check(
             &Order::Connect { robot: "r".into(), incoming: vec![incoming], outgoing: vec![outgoing], devices },
-            "44430f000100000172010102496e016b02613101016c0001ac02034f7574016a01010361726d02613101016c0164",
+            "444301000100000172010102496e016b02613101016c0001ac02034f7574016a01010361726d02613101016c0164",
         );
-        check(&Order::Open { wires: vec![1, 2], generation: 3 }, "44430f0001000102010203");
-        check(&Order::Close { wires: vec![], generation: 1 }, "44430f000100020001");
-        check(&Order::Activate { activation: 9, value: vec![1] }, "44430f00010003090101");
-        check(&Order::Stop { activation: 9 }, "44430f0001000409");
-        check(&Order::Exit, "44430f00010005");
+        check(&Order::Open { wires: vec![1, 2], generation: 3 }, "4443010001000102010203");
+        check(&Order::Close { wires: vec![], generation: 1 }, "444301000100020001");
+        check(&Order::Activate { activation: 9, value: vec![1] }, "44430100010003090101");
+        check(&Order::Stop { activation: 9 }, "4443010001000409");
+        check(&Order::Exit, "44430100010005");
         let parameters = vec![("a".to_owned(), "1".to_owned())];
-        check(&Order::Configure { parameters }, "44430f000100060101610131");
+        check(&Order::Configure { parameters }, "444301000100060101610131");
         let shape = Shape { wire: 1, latch: true, queue: Some(5), period_min: Some(Duration::from_millis(100)) };
-        check(&Order::Shape { wires: vec![shape] }, "44430f000100070101010105010080c2d72f");
-        check(&Order::Rejoin, "44430f00010008");
-        check(&Order::Relink { lost: "b".into(), found: dial() }, "44430f00010009016202613101016c");
-        check(&Order::Resumed { notices: 300 }, "44430f0001000aac02");
+        check(&Order::Shape { wires: vec![shape] }, "444301000100070101010105010080c2d72f");
+        check(&Order::Rejoin, "44430100010008");
+        check(&Order::Relink { lost: "b".into(), found: dial() }, "44430100010009016202613101016c");
+        check(&Order::Resumed { notices: 300 }, "4443010001000aac02");
         let (call, path, name) = ("Grip".into(), "m".into(), "G".into());
         let route = CallRoute { wire: 300, call, server: dial(), path, name, deployment: "d".into(), seal: 300 };
         let calls = vec![route];
-        check(&Order::Calls { calls }, "44430f0001000b01ac02044772697002613101016c016d01470164ac02");
+        check(&Order::Calls { calls }, "4443010001000b01ac02044772697002613101016c016d01470164ac02");
         let open = vec![Opening { wire: 4, after: vec![3] }];
         let flip = Flip { generation: 300, close: vec![3], open };
-        check(&Order::Flip { ticket: 2, flip: flip.clone() }, "44430f0001000c02ac02010301040103");
+        check(&Order::Flip { ticket: 2, flip: flip.clone() }, "4443010001000c02ac02010301040103");
         let expect = Expect { generation: 300, close: vec![3], open: vec![4] };
         let port = KeyPort { port: "In".into(), keys: "k/".into(), is_write: true };
-        check(&Order::Keys { ports: vec![port] }, "44430f0001000f0102496e026b2f01");
+        check(&Order::Keys { ports: vec![port] }, "4443010001000f0102496e026b2f01");
         let partner = Partner {
             session: "a1".into(),
             keys: vec![7],
@@ -350,47 +345,47 @@ mod tests {
             wires: vec![300],
             devices: vec!["arm".into()],
         };
-        check(&Order::Partners { partners: vec![partner] }, "44430f000100100102613101070101ac02010361726d");
+        check(&Order::Partners { partners: vec![partner] }, "444301000100100102613101070101ac02010361726d");
         let secret = Order::Secret { parameter: "p".into(), value: SecretBytes::new(vec![1, 2]) };
-        check(&secret, "44430f000100110170020102");
-        check(&Order::Vouch { delegation: vec![7] }, "44430f000100120107");
-        check(&Order::Judged { number: 300, refusal: Some("x".into()) }, "44430f00010013ac02010178");
-        check(&Order::Expect { ticket: 2, expect, then: Some(flip) }, "44430f0001000d02ac020103010401ac02010301040103");
+        check(&secret, "444301000100110170020102");
+        check(&Order::Vouch { delegation: vec![7] }, "444301000100120107");
+        check(&Order::Judged { number: 300, refusal: Some("x".into()) }, "44430100010013ac02010178");
+        check(&Order::Expect { ticket: 2, expect, then: Some(flip) }, "4443010001000d02ac020103010401ac02010301040103");
     }
 
     #[test]
     fn golden_notices() {
         let location = Location { session: "a".into(), local: vec!["u".into()], remote: vec![], keys: vec![7] };
         let hello = Notice::Hello {
-            version: VERSION,
+            version: WIRE_VERSION,
             instance: "m".into(),
             location: Some(location),
             owns: vec![],
             needs: vec!["ft".into()],
             signals: true,
         };
-        check(&hello, "44430f000200000f016d010161010175000107000102667401");
-        check(&Notice::Connected, "44430f00020001");
-        check(&Notice::ConnectFailed { reason: "x".into() }, "44430f000200020178");
-        check(&Notice::Switched { generation: 7 }, "44430f0002000307");
-        check(&Notice::Running { activation: 1 }, "44430f0002000401");
-        check(&Notice::Done { activation: 1, value: vec![] }, "44430f000200050100");
-        check(&Notice::Aborted { activation: 1, reason: "x".into() }, "44430f00020006010178");
-        check(&Notice::Stopped { activation: 1 }, "44430f0002000701");
-        let resume = Notice::Resume { version: VERSION, instance: "m".into(), orders: 300, notices: 7 };
-        check(&resume, "44430f000200080f016dac0207");
-        check(&Notice::Expecting { ticket: 2 }, "44430f0002000902");
+        check(&hello, "4443010002000001016d010161010175000107000102667401");
+        check(&Notice::Connected, "44430100020001");
+        check(&Notice::ConnectFailed { reason: "x".into() }, "444301000200020178");
+        check(&Notice::Switched { generation: 7 }, "4443010002000307");
+        check(&Notice::Running { activation: 1 }, "4443010002000401");
+        check(&Notice::Done { activation: 1, value: vec![] }, "444301000200050100");
+        check(&Notice::Aborted { activation: 1, reason: "x".into() }, "44430100020006010178");
+        check(&Notice::Stopped { activation: 1 }, "4443010002000701");
+        let resume = Notice::Resume { version: WIRE_VERSION, instance: "m".into(), orders: 300, notices: 7 };
+        check(&resume, "4443010002000801016dac0207");
+        check(&Notice::Expecting { ticket: 2 }, "4443010002000902");
         let taken = Notice::Taken { ticket: 2, lost: 300, late: 1, missing: vec![4] };
-        check(&taken, "44430f0002000a02ac02010104");
+        check(&taken, "4443010002000a02ac02010104");
         let losses = Notice::Losses { wires: vec![(300, 2)], refused: vec![("i".into(), 300)] };
-        check(&losses, "44430f0002000c01ac0202010169ac02");
+        check(&losses, "4443010002000c01ac0202010169ac02");
         let refused = Refused { wire: 300, count: 2, why: Refusal::Repeated, from: Some("a1".into()) };
         let refused = Notice::Refused { wires: vec![refused] };
-        check(&refused, "44430f0002000d01ac02020201026131");
+        check(&refused, "4443010002000d01ac02020201026131");
         let warrant = Warrant { head: Bytes(vec![1]), body: Bytes(vec![2]) };
         let call = UserCall { name: "G".into(), access: Access::Operate, digest: [7; 32], warrant };
         let judge = Notice::Judge { number: 300, call };
-        let bytes = "44430f0002000eac02014701";
+        let bytes = "4443010002000eac02014701";
         check(&judge, &format!("{bytes}{}01010102", "07".repeat(32)));
         assert!(!losses.is_counted() && !refused.is_counted() && !judge.is_counted());
         assert!(hello.is_counted() && !resume.is_counted());
@@ -436,7 +431,7 @@ mod tests {
         let output = OutputType { name: "Out".into(), type_name: "W".into(), fields: "x: N".into() };
         let inner = InnerOutput { output: output.clone(), inputs: vec!["b.In".into()] };
         let outputs = Outputs { outputs: vec![output], inner: vec![inner] };
-        check(&outputs, "44430200090001034f7574015704783a204e01034f7574015704783a204e0104622e496e");
+        check(&outputs, "44430100090001034f7574015704783a204e01034f7574015704783a204e0104622e496e");
     }
 
     #[test]
@@ -449,21 +444,21 @@ mod tests {
         let mut order = encode(&Order::Exit).unwrap();
         order.push(0);
         assert!(refused(&order).starts_with("a message of kind 1 is malformed"));
-        order[2] = 16;
-        assert_eq!(refused(&order), "a message of version 16 of kind 1; this program speaks version 15");
+        order[2] = 2;
+        assert_eq!(refused(&order), "a message of version 2 of kind 1; this program speaks version 1");
         let long = vec![0; Order::SIZE_MAX + 1];
         assert!(matches!(decode::<Order>(&long), Err(CodecError::TooLong { .. })));
         assert!(encode(&Order::Activate { activation: 0, value: long }).is_err());
     }
 
-    /// A hello of the first version, and one of a later version, say which version their sender has.
+    /// A hello of another version, with as much in it as this one or with more, says which version its sender has.
     #[test]
     fn a_hello_of_another_version_says_whose_it_is() {
         for (version, hello) in [
-            (1, &b"DC\x01\x00\x02\x00\x00\x01\x01m\x00\x00\x00\x00"[..]),
+            (2, &b"DC\x02\x00\x02\x00\x00\x02\x01m\x00\x00\x00\x00"[..]),
             (300, b"DC\x2c\x01\x02\x00\x00\xac\x02\x01m\x05and more"),
         ] {
-            let refused = CodecError::Version { kind: 2, expected: VERSION, found: version };
+            let refused = CodecError::Version { kind: 2, expected: WIRE_VERSION, found: version };
             assert_eq!(decode::<Notice>(hello), Err(refused.clone()));
             let (location, owns, needs) = (None, vec![], vec![]);
             let read = Notice::Hello { version, instance: "m".into(), location, owns, needs, signals: false };

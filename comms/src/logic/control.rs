@@ -21,10 +21,6 @@ use crate::logic::switch::{Expect, Flip};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// Version of this protocol: one more with every order, notice or field that is appended, and with every kind of locator. Node and program must be of the
-/// same one. Of any other they understand no more than [`Notice::Hello`] and [`Notice::Resume`] say at their beginning, so that each can be told.
-pub const VERSION: u16 = 15;
-
 /// Where a program's data session can be dialled.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Location {
@@ -313,7 +309,7 @@ impl Order {
 pub enum Notice {
     /// First frame on the first channel of a program. The first in every version, with these two fields at its beginning.
     Hello {
-        /// [`VERSION`] of the program.
+        /// [`WIRE_VERSION`](crate::logic::codec::WIRE_VERSION) of the program.
         version: u16,
         /// The instance path the program was started as (`DCA_INSTANCE`).
         instance: String,
@@ -365,7 +361,7 @@ pub enum Notice {
     /// First frame on each later channel: the program had lost its node. In every version with these two fields at its
     /// beginning. A node that does not know the program closes the channel.
     Resume {
-        /// [`VERSION`] of the program.
+        /// [`WIRE_VERSION`](crate::logic::codec::WIRE_VERSION) of the program.
         version: u16,
         /// The instance path the program was started as.
         instance: String,

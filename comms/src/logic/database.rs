@@ -232,7 +232,7 @@ mod tests {
     fn ask(request: DatabaseRequest, golden: &str) {
         let notice = Notice::Database { number: 300, request };
         let bytes = codec::encode(&notice).unwrap();
-        assert_eq!(hex(&bytes), format!("44430f0002000bac02{golden}"), "{notice:?}");
+        assert_eq!(hex(&bytes), format!("4443010002000bac02{golden}"), "{notice:?}");
         assert_eq!(codec::decode::<Notice>(&bytes), Ok(notice.clone()));
         assert!(!notice.is_counted());
     }
@@ -240,7 +240,7 @@ mod tests {
     fn answer(answer: DatabaseAnswer, golden: &str) {
         let order = Order::Database { number: 300, answer };
         let bytes = codec::encode(&order).unwrap();
-        assert_eq!(hex(&bytes), format!("44430f0001000eac02{golden}"), "{order:?}");
+        assert_eq!(hex(&bytes), format!("4443010001000eac02{golden}"), "{order:?}");
         assert_eq!(codec::decode::<Order>(&bytes), Ok(order.clone()));
         assert!(!order.is_counted());
     }

@@ -77,7 +77,6 @@ pub struct Hello {
 
 impl Enveloped for Hello {
     const KIND: Kind = Kind::DirectHello;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 64 << 10;
 }
 
@@ -90,7 +89,6 @@ pub struct Welcome {
 
 impl Enveloped for Welcome {
     const KIND: Kind = Kind::DirectWelcome;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 1 << 10;
 }
 
@@ -106,7 +104,6 @@ pub struct Challenge {
 
 impl Enveloped for Challenge {
     const KIND: Kind = Kind::DirectChallenge;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 64;
 }
 
@@ -121,7 +118,6 @@ pub struct Claim {
 
 impl Enveloped for Claim {
     const KIND: Kind = Kind::DirectClaim;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 128;
 }
 
@@ -136,7 +132,6 @@ pub struct Confirmation {
 
 impl Enveloped for Confirmation {
     const KIND: Kind = Kind::DirectConfirmation;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 128;
 }
 

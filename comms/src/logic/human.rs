@@ -35,14 +35,6 @@ pub mod seconds {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
     use std::time::Duration;
 
-    /// The forms of a time: the present one, and that of old records.
-    #[derive(Deserialize)]
-    #[serde(untagged)]
-    enum Read {
-        Seconds(f64),
-        Parts { secs: u64, nanos: u32 },
-    }
-
     /// Writes a time.
     ///
     /// # Errors
@@ -59,10 +51,7 @@ pub mod seconds {
         if !from.is_human_readable() {
             return Duration::deserialize(from);
         }
-        match Read::deserialize(from)? {
-            Read::Seconds(seconds) => Duration::try_from_secs_f64(seconds).map_err(serde::de::Error::custom),
-            Read::Parts { secs, nanos } => Ok(Duration::new(secs, nanos.min(999_999_999))),
-        }
+        Duration::try_from_secs_f64(f64::deserialize(from)?).map_err(serde::de::Error::custom)
     }
 }
 

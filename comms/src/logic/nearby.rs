@@ -21,7 +21,6 @@ pub enum Announcement {
 
 impl Enveloped for Announcement {
     const KIND: Kind = Kind::Announcement;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 512;
 }
 

@@ -313,29 +313,24 @@ impl From<ObjectAnswer> for Result<Vec<u8>, ObjectError> {
 
 impl Enveloped for ObjectCall {
     const KIND: Kind = Kind::ObjectCall;
-    const VERSION: u16 = 2;
 }
 
 impl Enveloped for ObjectAnswer {
     const KIND: Kind = Kind::ObjectAnswer;
-    const VERSION: u16 = 1;
 }
 
 impl Enveloped for ObjectCancel {
     const KIND: Kind = Kind::ObjectCancel;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 1 << 10;
 }
 
 impl Enveloped for TypeForm {
     const KIND: Kind = Kind::TypeForm;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 1 << 20;
 }
 
 impl Enveloped for Exports {
     const KIND: Kind = Kind::Exports;
-    const VERSION: u16 = 2;
     const SIZE_MAX: usize = 1 << 20;
 }
 
@@ -370,7 +365,7 @@ mod tests {
         };
         check(
             &call,
-            b"DC\x02\x00\x0c\x00\x02a1\xac\x02\x01m\x04Grip\x05Force\x04n: N\x05Width\x00\x01\x05\x02\x07\x08\x01\x01\x01\x02\x02\x03",
+            b"DC\x01\x00\x0c\x00\x02a1\xac\x02\x01m\x04Grip\x05Force\x04n: N\x05Width\x00\x01\x05\x02\x07\x08\x01\x01\x01\x02\x02\x03",
         );
         check(&ObjectAnswer::Done(Bytes(vec![9])), b"DC\x01\x00\x0d\x00\x00\x01\x09");
         check(&TypeForm::new("W", "x: N"), b"DC\x01\x00\x10\x00\x01W\x04x: N");
@@ -385,7 +380,7 @@ mod tests {
         };
         let exports = Exports { exports: vec![export(ExportKind::Procedure, false), export(ExportKind::State, true)] };
         let golden =
-            b"DC\x02\x00\x0f\x00\x02\x01x\x00\x00\x00\x00\x00\x01d\x00\x02\x01x\x01\x00\x00\x00\x00\x01d\x01\x00";
+            b"DC\x01\x00\x0f\x00\x02\x01x\x00\x00\x00\x00\x00\x01d\x00\x02\x01x\x01\x00\x00\x00\x00\x01d\x01\x00";
         check(&exports, golden);
     }
 

@@ -17,7 +17,6 @@ pub struct Proof {
 
 impl Enveloped for Proof {
     const KIND: Kind = Kind::Proof;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 4 << 10;
 }
 

@@ -68,13 +68,11 @@ pub struct Seals {
 
 impl Enveloped for Seals {
     const KIND: Kind = Kind::Seals;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 64 << 10;
 }
 
 impl Enveloped for Seal {
     const KIND: Kind = Kind::Seal;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 64;
 }
 

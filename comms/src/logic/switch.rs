@@ -42,7 +42,6 @@ pub enum Boundary {
 
 impl Enveloped for Boundary {
     const KIND: Kind = Kind::Boundary;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 64 << 10;
 }
 

@@ -21,13 +21,11 @@ pub struct Revocations {
 
 impl Enveloped for Introduction {
     const KIND: Kind = Kind::Introduction;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 4 << 10;
 }
 
 impl Enveloped for Revocations {
     const KIND: Kind = Kind::Revocations;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 4 << 20;
 }
 

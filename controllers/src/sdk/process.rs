@@ -37,7 +37,8 @@ use comms::io::data::DataSession;
 use comms::io::direct::DirectPath;
 use comms::io::session::{OpenError, Reach, Role, prepare_process};
 use comms::io::stack::on_own_stack;
-use comms::logic::control::{Dial, Location, Notice, Order, VERSION};
+use comms::logic::codec::WIRE_VERSION;
+use comms::logic::control::{Dial, Location, Notice, Order};
 use comms::logic::seal::{LINK, Refusal};
 use cycle::Cycle;
 use heartbeat::Watcher;
@@ -210,7 +211,7 @@ fn direct_path(interface: &Interface, socket: &Path, keyring: Option<&Arc<Keyrin
 fn hello(interface: &Interface, instance: &str, location: Option<Location>) -> Notice {
     let names = |devices: Vec<&'static str>| devices.into_iter().map(str::to_owned).collect();
     Notice::Hello {
-        version: VERSION,
+        version: WIRE_VERSION,
         instance: instance.to_owned(),
         location,
         owns: names(interface.owns()),

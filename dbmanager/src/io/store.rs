@@ -88,15 +88,6 @@ pub enum StoreError {
         /// The directory of the store.
         path: PathBuf,
     },
-    /// The store is of an earlier version of this program, which nothing here reads.
-    #[error(
-        "`{path}` holds a store that an earlier version of this program made, in another format; choose another folder, or move \
-         this one away: what other robots have comes back from them"
-    )]
-    Outdated {
-        /// The directory of the store.
-        path: PathBuf,
-    },
     /// The store was made on the other engine, which stays as long as the folder does.
     #[error(
         "the store `{path}` is kept by {found}, not by {wanted}; start without `--store`, or move the folder away: then a new one \

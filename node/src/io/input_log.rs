@@ -26,7 +26,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// The form of the log. One more with every change of what the agent and its inputs are made of: another form is not read.
-const FORM: u32 = 24;
+const FORM: u32 = 1;
 /// From which size on a checkpoint takes the place of the log, in bytes; or when it is twice as long as with its last checkpoint.
 const SIZE_MAX: u64 = 8 << 20;
 /// The longest log that is read, in bytes.

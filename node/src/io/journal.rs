@@ -179,14 +179,12 @@ fn line(body: &str) -> String {
     format!("{body}\t{:08x}\n", crc32fast::hash(body.as_bytes()))
 }
 
-/// Returns a line without its checksum; nothing if it is not as it was written. In a file of before no line has one.
-fn body(line: &str, is_old: bool) -> Option<&str> {
-    let body = match line.split_once('\t') {
-        Some((body, sum)) => {
-            Some(body).filter(|_| u32::from_str_radix(sum, 16) == Ok(crc32fast::hash(body.as_bytes())))?
-        }
-        None => Some(line).filter(|_| is_old)?,
-    };
+/// Returns a line without its checksum; `None` if it is not as it was written.
+fn body(line: &str) -> Option<&str> {
+    let (body, sum) = line.split_once('\t')?;
+    if u32::from_str_radix(sum, 16) != Ok(crc32fast::hash(body.as_bytes())) {
+        return None;
+    }
     let (word, rest) = body.split_once(' ')?;
     let number = match word {
         "hosts" | "over" => rest.split(' ').next()?,
@@ -208,8 +206,7 @@ impl Found {
     fn in_bytes(bytes: &[u8]) -> Self {
         let text = String::from_utf8_lossy(bytes);
         let (whole, torn) = text.rsplit_once('\n').map_or(("", &*text), |(whole, torn)| (whole, torn));
-        let is_old = !whole.contains('\t');
-        let lines: Vec<Option<&str>> = whole.lines().map(|line| body(line, is_old)).collect();
+        let lines: Vec<Option<&str>> = whole.lines().map(body).collect();
         let damage = lines.iter().position(Option::is_none).map(|line| format!("its line {} cannot be read", line + 1));
         let is_empty = whole.is_empty().then(|| "nothing is in it".to_owned());
         let bodies: Vec<&str> = lines.into_iter().flatten().collect();
@@ -219,7 +216,7 @@ impl Found {
     }
 }
 
-/// Returns the deployments of a journal that are not over. Those of before have no hosts, and are not asked for.
+/// Returns the deployments of a journal that are not over. One without hosts asks nothing of them.
 fn open(lines: &[&str]) -> BTreeMap<u64, (Deployment, Vec<String>)> {
     let (mut names, mut open) = (BTreeMap::new(), BTreeMap::new());
     for (word, rest) in lines.iter().filter_map(|line| line.split_once(' ')) {
@@ -249,7 +246,7 @@ mod tests {
     /// Returns the lines of a journal, without their checksums.
     fn lines(path: &Path) -> Vec<String> {
         let text = std::fs::read_to_string(path).unwrap();
-        text.lines().map(|line| body(line, false).unwrap().to_owned()).collect()
+        text.lines().map(|line| body(line).unwrap().to_owned()).collect()
     }
 
     #[test]
@@ -316,7 +313,7 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("dca-journal-{}", std::process::id()));
         let path = folder.join("journal");
         std::fs::create_dir_all(&folder).unwrap();
-        std::fs::write(&path, "3 door\n4 ok\n5").unwrap();
+        std::fs::write(&path, line("3 door") + &line("4 ok") + "5").unwrap();
         let mut journal = Journal::open(&path).unwrap();
         assert_eq!(journal.epoch(), 5, "the number of a torn line is not given again");
         std::fs::create_dir_all(folder.join("journal.new/x")).unwrap();

@@ -25,7 +25,7 @@ const RUNNING: &str = "running";
 /// The file with the tombstones.
 const STOPPED: &str = "stopped";
 /// How a file begins; its checksum follows, in 8 hexadecimal digits.
-const BEGIN: &[u8] = b"dca kept 2 ";
+const BEGIN: &[u8] = b"dca kept 1 ";
 /// The longest file, in bytes: a plan of 10,000 processes and the request for it have less.
 const SIZE_MAX: usize = 64 << 20;
 /// How many deployments are read: as many as a node takes part in.

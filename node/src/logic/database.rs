@@ -45,9 +45,6 @@ use std::time::Duration;
 pub const TEAM: &str = "dca";
 /// How many peers that have been heard of are remembered.
 const HEARD_MAX: usize = 1024;
-/// The refusal of an import by a command line of an earlier version.
-const IMPORT_ELSEWHERE: &str =
-    "this node leaves it to `dca` to work out what a file changes; use one of its own version";
 /// About how many bytes of keys and values go into one reply.
 const REPLY_SIZE_MAX: usize = 256 << 10;
 
@@ -343,7 +340,6 @@ impl Database {
             Question::Diff { from, to, prefix } => self.diff([&from, &to], &prefix, &mut say),
             Question::Version(moment) => say(self.version(&moment)),
             Question::Export { prefix, at } => self.export(&prefix, &at, &mut say),
-            Question::Import { .. } => say(Reply::Refused(IMPORT_ELSEWHERE.to_owned())),
             Question::Watch { keys, from } => match self.watch(call, keys, from) {
                 Ok(version) => return say(Reply::Version(version)),
                 Err(why) => say(Reply::Refused(why.to_string())),

@@ -8,7 +8,7 @@
 //! taken the place of: each side says since when its link is there, and the other one begins anew when that is later. Invariant: a
 //! message is delivered once, after all earlier ones.
 
-use crate::logic::protocol::{Body, Message, VERSION};
+use crate::logic::protocol::{Body, Message};
 use comms::logic::codec::{Enveloped, Kind};
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
@@ -63,7 +63,6 @@ pub struct Received {
 
 impl Enveloped for Frame {
     const KIND: Kind = Kind::Frame;
-    const VERSION: u16 = VERSION;
 }
 
 /// One direction-pair to one boot of a peer.

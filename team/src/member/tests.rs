@@ -245,7 +245,7 @@ fn a_node_that_has_heard_who_is_revoked_does_not_start_without_that() {
     let (state, path) = (acme.folder.join("first"), acme.folder.join("first").join(FOLDER).join(REVOKED));
     let why = || format!("{:#}", Member::open(&state).unwrap_err());
     assert!(path.is_file(), "it begins with none, which is written");
-    // A node of an earlier version has no file until it hears of one.
+    // Without the file nobody is revoked, and nothing says that anybody was.
     std::fs::remove_file(&path).unwrap();
     drop(Member::open(&state).unwrap().unwrap());
     std::os::unix::fs::symlink("/nowhere/revoked", &path).unwrap();

@@ -27,7 +27,7 @@ impl Drop for Dir {
 
 fn hello() -> Notice {
     let (instance, owns, needs) = ("main/x".to_owned(), vec![], vec![]);
-    Notice::Hello { version: VERSION, instance, location: None, owns, needs, signals: false }
+    Notice::Hello { version: WIRE_VERSION, instance, location: None, owns, needs, signals: false }
 }
 
 /// More than the kernel keeps for one socket.

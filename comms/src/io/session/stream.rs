@@ -70,7 +70,6 @@ impl StreamId {
 
 impl Enveloped for Pull {
     const KIND: Kind = Kind::Pull;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 4 << 10;
 }
 
@@ -87,7 +86,6 @@ pub(super) struct Piece {
 
 impl Enveloped for Piece {
     const KIND: Kind = Kind::Piece;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 1 << 20;
 }
 

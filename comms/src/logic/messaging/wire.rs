@@ -259,37 +259,31 @@ const SIZE_MAX: usize = super::header::DATA_SIZE_MAX + (8 << 10);
 
 impl Enveloped for QueueRequest {
     const KIND: Kind = Kind::QueueRequest;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = SIZE_MAX;
 }
 
 impl Enveloped for QueueAnswer {
     const KIND: Kind = Kind::QueueAnswer;
-    const VERSION: u16 = 2;
     const SIZE_MAX: usize = 64 << 10;
 }
 
 impl Enveloped for RouterRequest {
     const KIND: Kind = Kind::RouterRequest;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 64 << 10;
 }
 
 impl Enveloped for RouterAnswer {
     const KIND: Kind = Kind::RouterAnswer;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 4 << 20;
 }
 
 impl Enveloped for LockRequest {
     const KIND: Kind = Kind::LockRequest;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 4 << 10;
 }
 
 impl Enveloped for LockAnswer {
     const KIND: Kind = Kind::LockAnswer;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 1 << 20;
 }
 

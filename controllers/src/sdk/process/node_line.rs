@@ -7,7 +7,8 @@
 
 use comms::io::clock::{Wakeup, now};
 use comms::io::control::{self, ControlError, NoticeSender, OrderReceiver, Received};
-use comms::logic::control::{Notice, Order, VERSION};
+use comms::logic::codec::WIRE_VERSION;
+use comms::logic::control::{Notice, Order};
 use std::collections::VecDeque;
 use std::os::unix::process::parent_id;
 use std::path::{Path, PathBuf};
@@ -272,7 +273,7 @@ impl NodeLine {
     fn resume(&mut self) -> Result<u64, NotFound> {
         let (sender, mut receiver) = control::connect(&self.socket, DIAL_EVERY)?;
         let (instance, orders, notices) = (self.instance.clone(), self.orders, self.notices.made());
-        sender.send(&Notice::Resume { version: VERSION, instance, orders, notices })?;
+        sender.send(&Notice::Resume { version: WIRE_VERSION, instance, orders, notices })?;
         let until = now() + ANSWER_WITHIN;
         while now() < until {
             match receiver.recv_until(Some(now() + DIAL_EVERY))? {

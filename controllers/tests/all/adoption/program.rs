@@ -95,7 +95,7 @@ impl Channel {
     #[track_caller]
     pub(super) fn resumed(listener: &UnixListener, orders: u64) -> Self {
         let mut channel = Self::accept(listener);
-        let Some(Notice::Resume { version: VERSION, instance, orders: taken, notices }) = channel.next() else {
+        let Some(Notice::Resume { version: WIRE_VERSION, instance, orders: taken, notices }) = channel.next() else {
             panic!("the program says something else");
         };
         assert_eq!((instance.as_str(), taken), ("main/source", orders));

@@ -14,8 +14,6 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// The file that an older version of this program had in the folder.
-const OUTDATED: [&str; 2] = ["conf", "db"];
 /// The longest name of a record, and the longest record: far more than a replica ever writes.
 const NAME_SIZE_MAX: usize = 32 << 10;
 const RECORD_SIZE_MAX: usize = 64 << 20;
@@ -125,9 +123,6 @@ impl DirStore {
         let file_error = |cause| file_error(path, cause);
         fs::create_dir_all(path).map_err(file_error)?;
         let found = Engine::of(path);
-        if found.is_none() && OUTDATED.iter().any(|name| path.join(name).exists()) {
-            return Err(StoreError::Outdated { path: path.to_owned() });
-        }
         if let (Some(found), Some(wanted)) = (found, engine)
             && found != wanted
         {

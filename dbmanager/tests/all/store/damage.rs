@@ -65,20 +65,6 @@ fn a_store_of_somebody_else_is_left_alone() {
     assert_eq!(found, Some(1));
 }
 
-/// A store of an earlier version of this program is neither read, nor overwritten, nor put aside.
-#[test]
-fn a_store_of_the_engine_before_is_refused() {
-    let folder = Folder::quick();
-    fs::create_dir(folder.store()).unwrap();
-    fs::write(folder.store().join("conf"), b"of sled").unwrap();
-    fs::write(folder.store().join("db"), b"records").unwrap();
-    let refused = open(&folder.store()).err().unwrap();
-    assert!(matches!(refused, StoreError::Outdated { .. }) && !refused.is_damage(), "{refused}");
-    let words = refused.to_string();
-    assert!(words.contains("choose another folder, or move this one away"), "{words}");
-    assert!(!folder.records().exists());
-}
-
 #[test]
 fn a_failed_store_stays_failed() {
     on_each_engine(|| {

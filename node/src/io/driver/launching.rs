@@ -13,7 +13,8 @@ use crate::logic::instance::watchdog::watched;
 use crate::logic::protocol::Deployment;
 use comms::io::control::ControlSender;
 use comms::io::descriptors;
-use comms::logic::control::{Location, Notice, Order, VERSION};
+use comms::logic::codec::WIRE_VERSION;
+use comms::logic::control::{Location, Notice, Order};
 use language::plan::LeafKind;
 use shim::protocol::{Gate, Sandbox, ShimReport, ShimStart};
 use std::path::PathBuf;
@@ -130,8 +131,10 @@ impl Driver {
         sender: &ControlSender,
         (version, taken): (u16, u64),
     ) -> Result<(), String> {
-        if version != VERSION {
-            return Err(format!("it speaks version {version} of the control protocol, this node version {VERSION}"));
+        if version != WIRE_VERSION {
+            return Err(format!(
+                "it speaks version {version} of the control protocol, this node version {WIRE_VERSION}"
+            ));
         }
         let program = self.state.attachments.program(process).ok_or("it is not known any more")?;
         let missed = program.orders(taken).ok_or("it has missed too many orders")?;

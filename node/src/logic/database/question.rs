@@ -28,7 +28,6 @@ pub struct Envelope {
 
 impl Enveloped for Envelope {
     const KIND: Kind = Kind::Envelope;
-    const VERSION: u16 = 2;
 }
 
 /// A question to the database of one robot.
@@ -94,16 +93,6 @@ pub enum Question {
         prefix: String,
         /// The state of the copy that is asked for.
         at: AsOf,
-    },
-    /// Of an earlier version: what it would take to make the keys what a file says. Refused; a file is too long for a
-    /// message.
-    Import {
-        /// The file.
-        file: String,
-        /// Whether keys that are not in it are to be deleted.
-        delete: bool,
-        /// The reason, for the history.
-        reason: String,
     },
     /// Say who alone writes below a prefix. Answered as `Commit` is.
     Own(Own),
@@ -260,8 +249,6 @@ pub enum Reply {
     Notification(Notification),
     /// To `Export`: a part of the text.
     Text(String),
-    /// To `Import`, in an earlier version.
-    Import(Vec<Difference>, Vec<Key>, Vec<Vec<Write>>),
     /// To `Owners`: prefixes, and who writes there; nothing if everybody may.
     Owners(Vec<(String, Option<String>)>),
     /// To `Commit`: nothing was done, since a condition does not hold.

@@ -105,7 +105,6 @@ pub(super) fn from_elsewhere(mut question: Question, now: &AsOf) -> Result<Quest
         | Question::Version(_)
         | Question::Watch { .. }
         | Question::Follow { .. }
-        | Question::Import { .. }
         | Question::Owners => false,
     };
     if refused {

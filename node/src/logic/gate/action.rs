@@ -71,7 +71,6 @@ fn of_question(question: &Question) -> Option<Action> {
         | Question::Watch { .. }
         | Question::Follow { .. }
         | Question::Export { .. }
-        | Question::Import { .. }
         | Question::Owners => None,
     }
 }

@@ -1,7 +1,7 @@
 //! What a node has accepted: the numbers of requests that are spent, and by which requests each deployment runs.
 //!
 //! ```text
-//! ledger     `dca ledger 2` and a line feed, then records
+//! ledger     `dca ledger 1` and a line feed, then records
 //! record     length (4 bytes), crc32 of the payload (4), crc32 of these 8 bytes (4), payload in postcard
 //! 1st record Form: all that was accepted before
 //! then       Entry: one request that was accepted
@@ -26,9 +26,7 @@ pub const ENTRIES_MAX: usize = 1 << 20;
 const DEPLOYMENTS_MAX: usize = 1024;
 /// How many requests of one deployment it knows: the one that began it, and the last changes.
 const REQUESTS_MAX: usize = 64;
-const BEGIN: &[u8] = b"dca ledger 2\n";
-/// That of a ledger without records, as nodes of version 12 and before have written it.
-const BEGIN_BEFORE: &[u8] = b"dca ledger 1\n";
+const BEGIN: &[u8] = b"dca ledger 1\n";
 /// Length and checksums of a record, in bytes.
 const HEAD: usize = 12;
 
@@ -86,7 +84,7 @@ pub(super) struct Start {
 pub struct Found {
     /// What was accepted.
     pub ledger: Ledger,
-    /// Whether records can be added: nothing is left of one at the end, and it is not the ledger of an earlier version.
+    /// Whether records can be added: no part of a torn record stands at the end.
     pub is_whole: bool,
 }
 
@@ -117,11 +115,6 @@ impl Ledger {
     /// The bytes are no ledger.
     pub fn from_bytes(bytes: &[u8], revoked: &Revocations) -> Result<Found, LedgerError> {
         let mut ledger = Self::default();
-        if let Some(body) = bytes.strip_prefix(BEGIN_BEFORE) {
-            let form: Form = postcard::from_bytes(body).map_err(|_unreadable| LedgerError)?;
-            ledger.take(form, revoked)?;
-            return Ok(Found { ledger, is_whole: false });
-        }
         let mut left = bytes.strip_prefix(BEGIN).ok_or(LedgerError)?;
         let form = next(&mut left)?.ok_or(LedgerError)?;
         ledger.take(form, revoked)?;

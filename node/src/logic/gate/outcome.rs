@@ -95,7 +95,6 @@ fn of_reply(reply: &Reply) -> Option<Outcome> {
         | Reply::Version(_)
         | Reply::Notification(_)
         | Reply::Text(_)
-        | Reply::Import(..)
         | Reply::Owners(_) => None,
     }
 }

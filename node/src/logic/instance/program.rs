@@ -5,7 +5,8 @@ use super::{
 };
 use crate::logic::effect::Effect;
 use crate::logic::protocol::{Change, Ending, FailureCause, LeafFacts};
-use comms::logic::control::{Notice, Order, VERSION};
+use comms::logic::codec::WIRE_VERSION;
+use comms::logic::control::{Notice, Order};
 use shim::protocol::{ShimOrder, ShimReport};
 
 impl Instance {
@@ -16,9 +17,9 @@ impl Instance {
                 if !matches!(self.stage, Stage::Starting { .. }) {
                     return;
                 }
-                if version != VERSION {
+                if version != WIRE_VERSION {
                     let why = format!(
-                        "it speaks version {version} of the control protocol, this node version {VERSION}; build it again \
+                        "it speaks version {version} of the control protocol, this node version {WIRE_VERSION}; build it again \
                          with the library of its node's DCA"
                     );
                     return self.turn_away(&why, context);

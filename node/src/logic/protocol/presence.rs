@@ -92,36 +92,30 @@ pub struct Duplicate {
 
 impl Enveloped for Namesake {
     const KIND: Kind = Kind::Namesake;
-    const VERSION: u16 = 2;
     const SIZE_MAX: usize = 64 << 10;
 }
 
 impl Enveloped for Refusal {
     const KIND: Kind = Kind::Refusal;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 4 << 10;
 }
 
 impl Enveloped for AuditHead {
     const KIND: Kind = Kind::AuditHead;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 4 << 10;
 }
 
 impl Enveloped for Renewing {
     const KIND: Kind = Kind::Renewing;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 4 << 10;
 }
 
 impl Enveloped for Ping {
     const KIND: Kind = Kind::Ping;
-    const VERSION: u16 = 1;
     const SIZE_MAX: usize = 1 << 10;
 }
 
 impl Enveloped for Pong {
     const KIND: Kind = Kind::Pong;
-    const VERSION: u16 = 2;
     const SIZE_MAX: usize = 4 << 10;
 }

@@ -1,7 +1,8 @@
 //! The programs of a [`World`]: what they say, how long they run, and how they end; and those who ask, and the disk.
 
 use super::world::{Coming, World};
-use comms::logic::control::{Location, Notice, Order, VERSION};
+use comms::logic::codec::WIRE_VERSION;
+use comms::logic::control::{Location, Notice, Order};
 use language::plan::LeafKind;
 use node::logic::agent::Input;
 use node::logic::effect::{ProcessId, SpawnOrder};
@@ -169,7 +170,7 @@ impl World {
         let location = Some(Location { session, local, remote, keys: vec![] });
         let owns = if order.command[1] == "Owner" { vec!["arm".to_owned()] } else { vec![] };
         let needs = vec![];
-        let version = self.version.unwrap_or(VERSION);
+        let version = self.version.unwrap_or(WIRE_VERSION);
         let hello = Notice::Hello { version, instance: order.path, location, owns, needs, signals: false };
         self.notice(5, host, &process, hello);
     }

@@ -2,7 +2,7 @@
 
 use super::TWO_HOSTS;
 use super::world::{Coming, World};
-use comms::logic::control::VERSION;
+use comms::logic::codec::WIRE_VERSION;
 use comms::logic::time::Time;
 use node::logic::agent::{Agent, Identity, Input};
 use node::logic::node_state::NodeState;
@@ -79,13 +79,14 @@ fn nothing_runs_whose_epoch_the_disk_refuses_and_the_deployer_is_told() {
 #[test]
 fn a_program_of_another_version_is_refused_with_both_versions() {
     let mut world = World::new(&["c1", "c2"]);
-    world.version = Some(1);
+    world.version = Some(WIRE_VERSION + 1);
     let call = world.deploy("c1", TWO_HOSTS);
     world.run_for(Duration::from_secs(20));
     let Report::Refused { reasons } = world.last_report(call) else { panic!("not refused") };
     let expected = format!(
-        "`main/pair/sensor` (and 1 other) cannot take part on `c1`: it speaks version 1 of the control protocol, this node version \
-         {VERSION}; "
+        "`main/pair/sensor` (and 1 other) cannot take part on `c1`: it speaks version {} of the control protocol, this node version \
+         {WIRE_VERSION}; ",
+        WIRE_VERSION + 1
     );
     assert!(reasons.len() == 2 && reasons.iter().any(|reason| reason.starts_with(&expected)), "{reasons:?}");
     assert_eq!(world.alive, BTreeSet::new());

@@ -28,22 +28,22 @@ fn golden_queues() {
     check(&QueueRequest::Put(message), "44430100140000016dac020201730172050901540104020102");
     check(&QueueRequest::Look, "44430100140001");
     let answer = |rejected| QueueAnswer::Receipt(Receipt::Rejected(rejected));
-    check(&QueueAnswer::Receipt(Receipt::Accepted), "4443020015000000");
-    check(&answer(Rejected::Full { capacity: 300 }), "444302001500000100ac02");
-    check(&answer(Rejected::WrongType { expected: "A".into(), found: "B".into() }), "44430200150000010101410142");
-    check(&answer(Rejected::Malformed(Malformed::Name { part: "p".into(), size: 3 })), "44430200150000010200017003");
-    check(&answer(Rejected::Malformed(Malformed::Data { size: 3, size_max: 2 })), "444302001500000102010302");
-    check(&answer(Rejected::Malformed(Malformed::Number)), "44430200150000010202");
-    check(&answer(Rejected::TooOld), "444302001500000103");
-    check(&answer(Rejected::Senders), "444302001500000104");
-    check(&answer(Rejected::Fenced(Refusal::NoLock)), "44430200150000010500");
-    check(&answer(Rejected::Fenced(Refusal::Over { number: 1, floor: 2 })), "444302001500000105010102");
-    check(&answer(Rejected::Fenced(Refusal::Unknown { number: 1 })), "4443020015000001050201");
-    check(&answer(Rejected::Idle), "444302001500000106");
+    check(&QueueAnswer::Receipt(Receipt::Accepted), "4443010015000000");
+    check(&answer(Rejected::Full { capacity: 300 }), "444301001500000100ac02");
+    check(&answer(Rejected::WrongType { expected: "A".into(), found: "B".into() }), "44430100150000010101410142");
+    check(&answer(Rejected::Malformed(Malformed::Name { part: "p".into(), size: 3 })), "44430100150000010200017003");
+    check(&answer(Rejected::Malformed(Malformed::Data { size: 3, size_max: 2 })), "444301001500000102010302");
+    check(&answer(Rejected::Malformed(Malformed::Number)), "44430100150000010202");
+    check(&answer(Rejected::TooOld), "444301001500000103");
+    check(&answer(Rejected::Senders), "444301001500000104");
+    check(&answer(Rejected::Fenced(Refusal::NoLock)), "44430100150000010500");
+    check(&answer(Rejected::Fenced(Refusal::Over { number: 1, floor: 2 })), "444301001500000105010102");
+    check(&answer(Rejected::Fenced(Refusal::Unknown { number: 1 })), "4443010015000001050201");
+    check(&answer(Rejected::Idle), "444301001500000106");
     for (full, golden) in [
-        (Full::Reject, "44430200150001015401660800016c010203040506070161"),
-        (Full::DropLowest, "44430200150001015401660801016c010203040506070161"),
-        (Full::DropOldest, "44430200150001015401660802016c010203040506070161"),
+        (Full::Reject, "44430100150001015401660800016c010203040506070161"),
+        (Full::DropLowest, "44430100150001015401660801016c010203040506070161"),
+        (Full::DropOldest, "44430100150001015401660802016c010203040506070161"),
     ] {
         let (type_name, fields, lock, counters) = ("T".into(), "f".into(), "l".into(), counters());
         let last_sender = "a".into();
