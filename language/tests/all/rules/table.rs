@@ -79,7 +79,7 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "`P : match { ... }`",
-        "No arm is called t: the arm `else` starts, with tag and value as they are. `dca check` wants an arm for every outcome, or `else` (E0420).",
+        "No arm is called t: the arm `else` starts, with tag and value unchanged. `dca check` wants an arm for every outcome, or `else` (E0420).",
         &["M : match { t => P, else => Q } | start s: M(s) | M done u:v: Q(u:v)"],
     ),
     (
@@ -89,7 +89,7 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "`P , Q`",
-        "Every *task* has ended: the services are stopped; then done(v), where v is what the tasks left, in the order of the text, or aborted(r) with the first failure.",
+        "Every *task* has ended: the services are stopped; then done(v), where v is the list of the tasks' values, in the order of the text, or aborted(r) with the first failure.",
         &[
             "P, Q, S | start s: P(s), Q(s), S(s) | Q done y: | P done x: stop S | S stopped: done(x+y)",
             "P, Q | start s: P(s), Q(s) | Q abort r: | P abort q: aborted(r)",
@@ -97,12 +97,12 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "`P , Q`",
-        "A task aborts: the others go on; the failure counts in the end.",
+        "A task aborts: the others continue; the failure counts at the end.",
         &["P, Q, S | start s: P(s), Q(s), S(s) | P abort r: | Q done y: stop S | S stopped: aborted(r)"],
     ),
     (
         "`P , Q`",
-        "A *service* aborts, or ends although it should not: all others are stopped; then aborted(r).",
+        "A *service* aborts, or ends unexpectedly: all others are stopped; then aborted(r).",
         &[
             "P, S | start s: P(s), S(s) | S abort r: stop P | P stopped: aborted(r)",
             "P, S | start s: P(s), S(s) | S done v: stop P | P stopped: aborted(ended)",
@@ -128,7 +128,7 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "`P & Q`",
-        "All done: done(v), where v is what they left, in the order of the text.",
+        "All done: done(v), where v is the list of their values, in the order of the text.",
         &["P & Q | start s: P(s), Q(s) | Q done y: | P done x: done(x+y)"],
     ),
     (
@@ -201,7 +201,7 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ("`P within d`", "`P within d = P # (wait(d) ; fail(\"deadline\"))`", &[]),
     (
         "Shield",
-        "Nobody stops it: it is P.",
+        "Without a stop: it is P.",
         &["shield P | start s: P(s) | P done v: done(v)", "shield P | start s: P(s) | P abort r: aborted(r)"],
     ),
     (
@@ -215,7 +215,7 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "Using",
-        "All that is named is free, and nobody has waited longer for any of it: it is taken, and P starts.",
+        "All named resources are free, and no other `using` has waited longer for any of them: they are taken, and P starts.",
         &[
             "using(arm) P, using(arm, table) Q, using(table) R | start s: P(s) | P done x: Q(s) | Q done y: R(s) | R done z: done(x+y+z)",
         ],
@@ -230,7 +230,7 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "Using",
-        "P has ended: all of it is free again, after P has cleaned up. The outcome is that of P.",
+        "P has ended: all of them are free again, after P has cleaned up. The outcome is that of P. If the host of P is lost, P has failed, but may still move something. Every other `using` of `arm` waits until that host has reported that P has ended, or that it runs nothing of the mission; the summary lists the waiting processes. The same holds for a program that could not be ended: its resources stay reserved until it has ended, even behind `else` or `?`. `dca status` lists the holders, and the processes to end. Until then, no other process of the mission uses a device that it `claims`: such a process aborts.",
         &[
             "using(arm) P | start s: P(s) | P done v: done(v)",
             "using(arm) P | start s: P(s) | P abort r: aborted(r)",
