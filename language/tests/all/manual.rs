@@ -302,8 +302,8 @@ fn the_grammar_has_the_words_that_editors_colour() {
 fn every_diagnostic_has_its_chapter() {
     let examples = examples();
     let mut text = "# Diagnostics\n\n\
-        What `dca check` can say. `dca explain E0201` prints one of these. A code never changes its meaning; the examples \
-        are files of the test suite.\n"
+        These are the messages of `dca check`. `dca explain E0201` prints one of them. A code never changes its meaning; the \
+        examples are files of the test suite.\n"
         .to_owned();
     for (severity, title) in [(Severity::Error, "Errors: the spec is refused"), (Severity::Warning, "Warnings")] {
         text += &format!("\n## {title}\n");

@@ -365,9 +365,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         }
         match self.hung(*fault).and_then(|seat| self.limit_that_ends(after, seat)) {
             Some(limit) => format!("nothing follows at once; the limit of {} ends it", seconds(limit)),
-            None if self.struck.last().is_some_and(|struck| struck.kind == FaultKind::Hang) => {
-                "nobody notices".to_owned()
-            }
+            None if self.struck.last().is_some_and(|struck| struck.kind == FaultKind::Hang) => "unnoticed".to_owned(),
             None => "nothing follows at once".to_owned(),
         }
     }
