@@ -3,6 +3,7 @@
 //! Each test reads the sources as text and names every line that breaks its rule. ARCHITECTURE.md has the reasons.
 
 mod glossary;
+mod inside;
 mod named;
 mod sources;
 

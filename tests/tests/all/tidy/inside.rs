@@ -1,0 +1,113 @@
+//! The chapter *Inside* is true: its timings are the constants of the code, and its steps name functions.
+
+use super::sources::{root, sources};
+use super::{Source, check};
+use std::fs;
+use std::time::Duration;
+
+/// The pages that follow one thing through the code, a function a step.
+const WAYS: [&str; 2] = ["crash.md", "value.md"];
+
+fn page(name: &str) -> String {
+    fs::read_to_string(root().join("docs/src/inside").join(name)).expect("the page is there")
+}
+
+/// Returns the texts between backquotes.
+fn quoted(text: &str) -> Vec<&str> {
+    text.split('`').skip(1).step_by(2).collect()
+}
+
+fn source<'a>(path: &str, sources: &'a [Source]) -> Option<&'a str> {
+    sources.iter().find(|source| source.path == path).map(|source| source.text.as_str())
+}
+
+/// Parses a time as a page writes it: `1.25 s`, `300 ms`, `2 min`.
+fn time(text: &str) -> Option<Duration> {
+    let (number, unit) = text.trim().split_once(' ')?;
+    let seconds = match unit {
+        "ms" => 0.001,
+        "s" => 1.0,
+        "min" => 60.0,
+        "h" => 3600.0,
+        _ => return None,
+    };
+    Some(Duration::from_secs_f64(number.parse::<f64>().ok()? * seconds))
+}
+
+/// Returns the value of a constant of durations, or of a number of milliseconds whose name says so.
+fn constant(name: &str, text: &str) -> Option<Duration> {
+    let declared = text.lines().find(|line| line.contains(&format!("const {name}: ")))?;
+    let value = declared.split_once(" = ")?.1.trim_end_matches(';');
+    let number = |digits: &str| digits.replace('_', "").parse::<u64>().ok();
+    let within = |begin: &str| number(value.strip_prefix(begin)?.strip_suffix(')')?);
+    let is_millis = name.ends_with("_MS");
+    let millis = within("Duration::from_millis(").or_else(|| number(value).filter(|_| is_millis));
+    within("Duration::from_secs(").map(Duration::from_secs).or_else(|| millis.map(Duration::from_millis))
+}
+
+/// Returns the sum of constants that a row names: `A` + `B` / 4.
+fn sum(cell: &str, known: &[(&str, Duration)]) -> Option<Duration> {
+    let term = |term: &str| {
+        let (name, part) = term.split_once(" / ").unwrap_or((term, "1"));
+        let name = name.trim().trim_matches('`');
+        let (_, value) = known.iter().find(|(known, _)| *known == name)?;
+        Some(*value / part.trim().parse::<u32>().ok()?)
+    };
+    cell.split(" + ").map(term).sum()
+}
+
+#[test]
+fn the_timings_of_the_manual_are_those_of_the_code() {
+    let (page, sources) = (page("timings.md"), sources());
+    let rows = page.lines().filter_map(|line| line.strip_prefix("| ")?.strip_suffix(" |"));
+    let rows: Vec<Vec<&str>> = rows.map(|row| row.split(" | ").collect()).collect();
+    let (mut known, mut wrong) = (Vec::new(), Vec::new());
+    for row in rows.iter().filter(|row| row.len() == 4 && row[0] != "time") {
+        let [name, path] = quoted(row[3])[..] else {
+            wrong.push(format!("{} does not name a constant and its file", row[3]));
+            continue;
+        };
+        let told = time(row[0]);
+        match source(path, &sources).and_then(|text| constant(name, text)) {
+            Some(value) if Some(value) == told => known.push((name, value)),
+            value => wrong.push(format!("`{name}` in `{path}` is {value:?}, and the page says {}", row[0])),
+        }
+    }
+    for row in rows.iter().filter(|row| row.len() == 3 && row[1] != "time") {
+        let value = sum(row[2], &known);
+        if value.is_none() || value != time(row[1]) {
+            wrong.push(format!("{} is {value:?}, and the page says {}", row[2], row[1]));
+        }
+    }
+    assert!(known.len() > 40, "only {} timings are compared", known.len());
+    check("docs/src/inside/timings.md has the times of the constants that it names", &wrong);
+}
+
+#[test]
+fn the_ways_of_the_manual_name_functions() {
+    let (sources, mut wrong, mut steps) = (sources(), Vec::new(), 0);
+    for name in WAYS {
+        let page = page(name).replace("\n    ", " ");
+        let is_step = |line: &&str| line.starts_with(|first: char| first.is_ascii_digit());
+        for step in page.lines().filter(is_step) {
+            steps += 1;
+            let quotes = quoted(step);
+            let [path, function, others @ ..] = &quotes[..] else {
+                wrong.push(format!("{name}: no function in `{step}`"));
+                continue;
+            };
+            let Some(text) = source(path, &sources) else {
+                wrong.push(format!("{name}: there is no `{path}`"));
+                continue;
+            };
+            let others = others.iter().filter_map(|quote| quote.strip_suffix("()"));
+            let is_there = |function: &&str| {
+                text.contains(&format!("fn {function}(")) || text.contains(&format!("fn {function}<"))
+            };
+            let missing = std::iter::once(*function).chain(others).filter(|function| !is_there(function));
+            wrong.extend(missing.map(|function| format!("{name}: `{path}` has no `{function}`")));
+        }
+    }
+    assert!(steps > 40, "only {steps} steps");
+    check("each step of a way through the code names a function that is there", &wrong);
+}
