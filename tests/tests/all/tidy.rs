@@ -1,6 +1,6 @@
 //! The rules of the house that no compiler checks: who may import whom, what is pure, what is where.
 //!
-//! Each test reads the sources as text and names every line that breaks its rule. ARCHITECTURE.md has the reasons.
+//! Each test reads the sources as text and names every line that breaks its rule. `docs/src/inside/invariants.md` lists them.
 
 mod glossary;
 mod inside;
@@ -328,16 +328,13 @@ fn every_spec_is_used_by_a_test() {
 
 #[test]
 fn every_dependency_has_its_reason() {
-    let Ok(reasons) = fs::read_to_string(root().join("ARCHITECTURE.md")) else {
-        println!("skipped: there is no ARCHITECTURE.md yet; with it, each dependency needs a line there");
-        return;
-    };
+    let reasons = fs::read_to_string(root().join("docs/src/inside/dependencies.md")).expect("the page is there");
     let manifest = fs::read_to_string(root().join("Cargo.toml")).unwrap();
     let ours: BTreeSet<&str> = ROOMS.into_iter().collect();
     let missing = dependencies(&manifest).into_iter().filter(|name| !ours.contains(name.replace('-', "_").as_str()));
     let missing: Vec<String> = missing.filter(|name| !reasons.contains(&format!("`{name}`"))).collect();
     check(
-        "each crate in [workspace.dependencies] has a line in ARCHITECTURE.md: what it does for us, why this one",
+        "each crate in [workspace.dependencies] has a line in docs/src/inside/dependencies.md: its purpose and the reason",
         &missing,
     );
 }
