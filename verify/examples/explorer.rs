@@ -64,7 +64,7 @@ fn groups(groups: usize, size: usize) {
     whole(&format!("{} processes in {groups} groups, by composition", groups * size), &groups_spec(groups, size));
 }
 
-/// Groups by the structural rules of `dca check` alone. They are processes, too, and a plan has 10,000 at the most.
+/// Groups that `dca check` accepts by their structure alone. Groups are processes, and a plan has at most 10,000.
 fn checked(groups: usize, size: usize) {
     let text = groups_spec(groups, size);
     let start = busy();

@@ -1,7 +1,7 @@
 //! The questions that every spec is asked, without any notation.
 //!
-//! Each part is explored alone, its members as boxes, while any program may fail and the whole may be stopped at any time.
-//! Parts come before what is around them, so that it is known how each box can end.
+//! Each part is explored alone, its members as boxes, while any program may fail and the whole may be stopped at any
+//! time. A part is explored before the part that contains it, so the possible ends of each box are known.
 
 mod outside;
 mod stops;
@@ -18,7 +18,7 @@ use outside::Suspect;
 use std::collections::BTreeSet;
 use stops::shields;
 
-/// What the exploration of all parts says.
+/// The results of exploring all parts.
 #[derive(Debug, Default)]
 pub(crate) struct Catalogue {
     pub(crate) findings: Vec<Finding>,
@@ -39,7 +39,7 @@ struct Asked {
     unreached: bool,
     stops: bool,
     waits: bool,
-    /// What gets stuck when its part is alone.
+    /// The parts that get stuck when they are explored alone.
     suspects: Vec<Suspect>,
 }
 
@@ -91,7 +91,7 @@ fn explore_part(
         catalogue.memory = catalogue.memory.max(graph.memory());
         is_whole &= graph.reached.is_none();
         if graph.reached == Some(Reached::Time) {
-            // Nothing is looked at any more, so nobody asks how this one ends.
+            // The exploration stops here, so how this part ends does not matter.
             if aborts {
                 catalogue.unfinished.push((model.parts[part].group, Reached::Time));
             }
@@ -223,7 +223,8 @@ fn nearest(system: &System<'_>, graph: &Graph, (part, node): (usize, usize)) -> 
     around.into_iter().rev().find_map(|node| graph.first(system, |frame| frame.states[0].is_node_active(node)))
 }
 
-/// The nodes of a part that promise to end and are in no other that does: the whole, or what a service holds.
+/// The nodes of a part that promise to end and are not inside another such node: the whole part, or the operands of a
+/// service.
 fn promises(system: &System<'_>, part: usize) -> Vec<usize> {
     let source = &system.model.parts[part];
     if !source.program.is_service() {
@@ -257,7 +258,7 @@ fn stuck(system: &System<'_>, graph: &Graph, (part, node): (usize, usize)) -> Op
         (0..graph.store.count()).find(|&state| running[state as usize] && !can[state as usize])
     };
     first(&ended)?;
-    // What a loop starts anew at once has ended, too, although there is no state in which it is not active.
+    // A round of a loop that restarts at once has also ended, although no state shows it as inactive.
     ends_round(system, graph, (0, node), (&running, &mut ended));
     let state = first(&ended)?;
     let name = system.model.group_name(system.model.parts[part].group);
@@ -270,7 +271,7 @@ fn stuck(system: &System<'_>, graph: &Graph, (part, node): (usize, usize)) -> Op
     Some(Finding::fails(with_advice(system, graph, state, found), Some(story_to_the_end(system, graph, state))))
 }
 
-/// Whether a node of a unit waits for a resource, or is active at all, while nobody stops the whole.
+/// Whether a node of a unit waits for a resource, or is active, in a state where the whole has not been stopped.
 fn waits_or_is_active(frame: &Frame, (unit, node): (usize, usize), waits: bool) -> bool {
     let state = &frame.states[unit];
     frame.phase == Phase::Running && if waits { state.is_node_waiting(node) } else { state.is_node_active(node) }
@@ -290,7 +291,7 @@ fn ends_round(
         for (label, _) in graph.from(state).filter(|(label, _)| system.is_natural(*label)) {
             let is_own = unit_of(label) == Some(unit);
             ended[state as usize] |= is_own && stepper.ended(&frame, label).contains(&node);
-            // What is around it may start the whole of it anew.
+            // The part that contains it may restart it as a whole.
             if let Some((around, member)) = system.units[unit].parent {
                 stepper.apply(&mut frame, label, Some(&mut changes));
                 ended[state as usize] |= changes.iter().any(|change| {
@@ -324,7 +325,7 @@ fn unit_of(label: Label) -> Option<usize> {
     }
 }
 
-/// What it looks like where nothing happens any more.
+/// The frame of a state after which nothing happens.
 fn at_the_end(system: &System<'_>, graph: &Graph, state: u32) -> Frame {
     let mut frame = system.initial();
     system.unpack(graph.store.get(state), &mut frame);
@@ -360,7 +361,7 @@ fn usings(system: &System<'_>, part: usize) -> Vec<usize> {
     nodes
 }
 
-/// A `using` that waits and never gets what it wants.
+/// A `using` that waits and never gets its resources.
 fn waits_for_ever(system: &System<'_>, graph: &Graph, (part, node): (usize, usize)) -> Option<Finding> {
     let waits = graph.which(system, |frame| frame.phase == Phase::Running && frame.states[0].is_node_waiting(node));
     let goes_on: Vec<bool> = graph.which(system, |frame| !frame.states[0].is_node_waiting(node));
@@ -371,7 +372,7 @@ fn waits_for_ever(system: &System<'_>, graph: &Graph, (part, node): (usize, usiz
     Some(Finding::fails(with_advice(system, graph, state, found), Some(story_to_the_end(system, graph, state))))
 }
 
-/// The place of what holds everything up: the first thing that waits, or the outermost that is active.
+/// The place of the cause: the first node that waits, or the outermost active node.
 fn blocking(system: &System<'_>, graph: &Graph, (part, node): (usize, usize), state: u32) -> Span {
     let frame = at_the_end(system, graph, state);
     let waiting = usings(system, part).into_iter().find(|&node| frame.states[0].is_node_waiting(node));
@@ -380,7 +381,7 @@ fn blocking(system: &System<'_>, graph: &Graph, (part, node): (usize, usize), st
     place(system.model, part, waiting.or(shields).unwrap_or(node))
 }
 
-/// What holds, in a sentence each.
+/// Adds one sentence for each property that holds.
 fn summary(model: &Model<'_>, asked: &Asked, catalogue: &mut Catalogue) {
     if !catalogue.unfinished.is_empty() {
         for (group, reached) in std::mem::take(&mut catalogue.unfinished) {

@@ -1,8 +1,8 @@
-//! Compares what supervisors did in a recorded run with what was verified.
+//! Compares a recorded run of supervisors with the verified plan.
 //!
-//! A record says of each step of a supervisor what happened and what it did about it. The same program takes the same events
-//! here: what it did has to be the same. Then the steps are followed through the states that were verified, to say which of
-//! them the run has seen, and the sentences of the spec are looked for in them.
+//! A record lists for each step of a supervisor its event and its commands. The comparison gives the same events to the
+//! same program, which has to answer with the same commands. It then follows the steps through the verified states,
+//! reports which states the run has reached, and checks the sentences of the spec.
 
 mod coverage;
 mod deviation;
@@ -19,12 +19,12 @@ use language::algebra::{Activity, Event, StepRecord};
 use language::plan::Plan;
 use language::sites::Sites;
 
-/// What a run has shown.
+/// The result of comparing a run.
 #[derive(Debug)]
 pub struct Conformance {
     /// For each group whose supervisor did something else than the spec says, the first time that it did.
     pub deviations: Vec<Finding>,
-    /// The sentences of the `verify` blocks: those that held in this run are proved, those that nobody can see in it are open.
+    /// The sentences of the `verify` blocks: proved if they held in this run, open if a run cannot show them.
     pub sentences: Vec<Finding>,
     /// For each group, which part of its verified behaviour the run has seen.
     pub coverage: Vec<Coverage>,
@@ -35,7 +35,8 @@ pub struct Conformance {
 /// The steps of one supervisor of a group, without a gap, from its first on.
 pub type Steps = Vec<StepRecord>;
 
-/// Compares a run with what was verified; `records` has, for each group of the plan, the steps of each supervisor that it has had.
+/// Compares a run with the verified plan. For each group of the plan, `records` has the steps of each of its
+/// supervisors.
 pub fn conform(plan: &Plan, sites: &Sites, records: &[Vec<Steps>], limits: &Limits<'_>) -> Conformance {
     let mut model = Model::of_groups(plan, sites);
     let numbered = || (0_u32..).zip(records).take(plan.groups.len());
@@ -65,8 +66,8 @@ impl<'s, 'a> Follower<'s, 'a> {
         self.is_known = false;
     }
 
-    /// Returns what a step is in the system, and makes `frame` idle if it is a start. An event that the system does not have is
-    /// an error; what changes nothing is none.
+    /// Returns the label of a step in the system, and makes `frame` idle if the step is a start. An event that the
+    /// system does not have is an error. An event that changes nothing has no label.
     pub(crate) fn label(&mut self, frame: &mut Frame, step: &StepRecord) -> Result<Option<Label>, Outside> {
         if matches!(step.event, Event::Start(_)) {
             *frame = self.system.initial();

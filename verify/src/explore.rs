@@ -19,14 +19,14 @@ const BLOCK_MAX: usize = 1 << 14;
 /// As many states does a thread take at once.
 const JOB: u32 = 256;
 
-/// What may be spent.
+/// The limits of an exploration.
 #[derive(Debug)]
 pub struct Limits<'l> {
     /// The most states of one exploration.
     pub states: u32,
     /// The most memory of one exploration, in bytes.
     pub memory: usize,
-    /// Who works on it.
+    /// The threads that explore.
     pub threads: &'l dyn Threads,
     /// Asked from time to time whether there is still time.
     pub goes_on: &'l dyn GoesOn,
@@ -57,7 +57,7 @@ pub enum Reached {
     Memory,
     /// The time.
     Time,
-    /// One of these, for a group inside: how that may end is not known.
+    /// A limit that was reached inside a group, so the possible ends of that group are unknown.
     Inside,
 }
 
@@ -65,7 +65,7 @@ pub enum Reached {
 #[derive(Debug)]
 pub(crate) struct Graph {
     pub(crate) store: Store,
-    /// For each state, the one before it and what happened.
+    /// For each state, its predecessor and the label between them.
     pub(crate) parents: Vec<(u32, Label)>,
     /// For each state, where its transitions begin in `targets`; one more at the end.
     starts: Vec<usize>,
@@ -77,9 +77,9 @@ pub(crate) struct Graph {
     pub(crate) reached: Option<Reached>,
 }
 
-/// Sees every transition: what it changes, and where it leads.
+/// Is told of every transition: its changes, and the state that it leads to.
 pub(crate) trait Observer {
-    /// Whether it looks at what a transition changes; else it is told of no change.
+    /// Whether this observer reads the changes of a transition. If not, it gets none.
     const LOOKS_AT_CHANGES: bool = true;
 
     /// `is_fault` says whether the fault happens. May change the notes of `after`. Returns false to end the exploration there:
@@ -98,16 +98,16 @@ impl Observer for Nobody {
     }
 }
 
-/// What an exploration ends with: everything, and the state in which an observer ended it.
+/// The result of an exploration: the graph, and the state in which an observer ended it.
 pub(crate) struct Found {
     pub(crate) graph: Graph,
     pub(crate) stopped_at: Option<u32>,
 }
 
-/// Explores a system. `keeps_edges` says whether transitions are kept, for questions about what is possible later.
+/// Explores a system. `keeps_edges` says whether transitions are kept, for questions about later possibilities.
 ///
-/// States are taken in blocks, in the order of their numbers. Several threads may work on a block; what comes of it depends on
-/// the order alone.
+/// States are taken in blocks, in the order of their numbers. Several threads may work on a block. The result depends
+/// only on the order.
 pub(crate) fn explore(
     system: &System<'_>,
     limits: &Limits<'_>,
@@ -160,7 +160,7 @@ struct Block {
     reached: Option<Reached>,
 }
 
-/// What a thread needs to let things happen.
+/// The buffers with which a thread applies labels.
 struct Worker<'s> {
     system: &'s System<'s>,
     stepper: Stepper<'s>,
@@ -243,7 +243,7 @@ impl Graph {
         self.store.memory() + self.parents.capacity() * size_of::<(u32, Label)>() + edges
     }
 
-    /// Adds what comes of the next states; returns where a story about a violation ends, if there is one.
+    /// Adds the results of the next states. Returns the end of a story about a violation, if there is one.
     fn add(&mut self, blocks: Vec<Block>, threads: &dyn Threads, keeps_edges: bool) -> Option<u32> {
         let is_violated = blocks.last().is_some_and(|block| block.is_violated);
         let (mut batches, degrees): (Vec<Batch>, Vec<Vec<u32>>) =
@@ -275,7 +275,7 @@ impl Graph {
         None
     }
 
-    /// What happens on a shortest way to a state.
+    /// The labels of a shortest way to a state.
     pub(crate) fn way(&self, mut state: u32) -> Vec<Label> {
         let mut way = Vec::new();
         while state != 0 {

@@ -30,7 +30,7 @@ pub fn transitions(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Transitio
     Transitions { states, all: all.collect(), reached: graph.reached }
 }
 
-/// What happens, as a word of its own: `done(hit/force)`, `elapsed(main, 5 s)`.
+/// A label as one word: `done(hit/force)`, `elapsed(main, 5 s)`.
 fn word(system: &System<'_>, label: Label) -> String {
     let part = |unit: u16| &system.model.parts[system.units[usize::from(unit)].part];
     let group = |unit: u16| system.model.group_name(part(unit).group);

@@ -1,7 +1,7 @@
-//! What each single fault does, in every state that a run without faults can be in, and each two of them.
+//! The effects of each single fault, and of each pair of faults, in every state that a run without faults can reach.
 //!
-//! For each program the groups on the way to it are looked into; all others are boxes that end as they do without faults. For the loss
-//! of a host every group is looked into that it may tear.
+//! For the fault of a program, the groups on the way to the program are open. All other groups are boxes that end as in
+//! a run without faults. For the loss of a host, every group is open that the loss may split.
 
 mod case;
 mod link;
@@ -38,7 +38,7 @@ pub enum Severity {
     FailsLater,
     /// The rest goes on, and something in it gets no data any more.
     Blind,
-    /// Nobody knows whether the program has stopped.
+    /// It is unknown whether the program has stopped.
     Unconfirmed,
     /// Something runs that the mission does not reach.
     Adrift,
@@ -46,7 +46,7 @@ pub enum Severity {
     Stuck,
 }
 
-/// What becomes of the mission.
+/// The result for the mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mission {
     /// It is done.
@@ -74,15 +74,15 @@ pub struct Row {
     pub program: String,
     /// The fault, or both.
     pub fault: String,
-    /// What runs beside it when it happens: the steps, no services.
+    /// The steps that run at the moment of the fault, without services.
     pub phase: String,
-    /// What follows at once; after the loss of a host, once the others have noted it.
+    /// The immediate effects. For the loss of a host: the effects once the other hosts have noted it.
     pub effect: String,
-    /// What still runs once all stops are answered.
+    /// The processes that still run once all stops are answered.
     pub running: Vec<String>,
     /// The longest time until everything has stopped, when everything does.
     pub safe_within: Option<Duration>,
-    /// What becomes of the mission.
+    /// The result for the mission.
     pub mission: Mission,
     /// How bad it is.
     pub severity: Severity,
@@ -99,11 +99,11 @@ pub struct Table {
     pub unfinished: Vec<String>,
     /// How many states were looked at.
     pub states: u64,
-    /// Of two faults: how many pairs there are that are not worse than one of the two alone.
+    /// For pairs of faults: the number of pairs that are not worse than one of the two faults alone.
     pub harmless: u64,
 }
 
-/// What the columns of a table are called.
+/// The headings of a table.
 pub const COLUMNS: [&str; 8] =
     ["program", "fault", "while", "at once", "still runs", "safe within", "mission", "verdict"];
 
@@ -130,13 +130,13 @@ impl Table {
 /// One thing that may go wrong.
 #[derive(Clone, Debug)]
 struct Strike {
-    /// What it is called.
+    /// The name of the thing that fails.
     name: String,
     kind: FaultKind,
     target: Target,
 }
 
-/// What a fault strikes.
+/// The thing that a fault strikes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Target {
     /// A program: its group and slot.
@@ -258,12 +258,13 @@ pub(crate) fn torn<'a>(model: &'a Model<'a>, named: &[(u32, u32)]) -> System<'a>
     System::new(model, 0, &|part| open[model.parts[part].group as usize])
 }
 
-/// How bad something is: of what is safe at last, the longest time is the worst, and one that nothing bounds.
+/// The order of rows by badness. Among rows that are safe in the end, a longer time is worse, and a time without a
+/// bound is the worst.
 fn rank(severity: Severity, safe_within: Option<Duration>) -> (Severity, Duration) {
     (severity, safe_within.unwrap_or(Duration::MAX))
 }
 
-/// What a fault comes to in one phase of the run.
+/// The rows of a fault in one phase of the run.
 #[derive(Debug, Default)]
 struct PhaseRows {
     worst: Option<case::Judged>,

@@ -1,4 +1,4 @@
-//! What a verification says of one question.
+//! The answer of a verification to one question.
 
 use crate::explore::Reached;
 use crate::story::Story;
@@ -26,16 +26,16 @@ pub struct Finding {
     pub diagnostic: Option<Diagnostic>,
     /// How it comes to that.
     pub story: Option<Story>,
-    /// What the proof rests on, beside what all of them do.
+    /// The assumption that this proof makes, beside the assumptions of every proof.
     pub assumes: Option<Assumption>,
     /// Where the sentence stands that it answers; none if it is a question of the catalogue.
     pub place: Option<Span>,
 }
 
-/// What a proof rests on: without it something else may happen.
+/// An assumption of a proof. Without it, something else may happen.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Assumption {
-    /// What is assumed, and what may happen otherwise: "no host is lost: once `c2` is cut off, both may run".
+    /// The assumption, and the possible behaviour without it: "no host is lost: once `c2` is cut off, both may run".
     pub text: String,
     /// How that happens.
     pub story: Option<Story>,
@@ -97,7 +97,7 @@ pub(crate) fn help(mut diagnostic: Diagnostic, text: impl Into<String>) -> Diagn
 }
 
 impl Reached {
-    /// What the limit is, and how to raise it.
+    /// The limit in words, and how to raise it.
     pub fn words(self) -> &'static str {
         match self {
             Self::States => "the limit of states was reached (--states)",

@@ -17,7 +17,7 @@ pub struct Flat {
     pub transitions: u64,
     /// The memory that it took, in bytes.
     pub memory: usize,
-    /// What every member does, and where the whole is, in each state, each once.
+    /// The activity of every member and the ending of the whole, for each state, without duplicates.
     pub situations: BTreeSet<(Vec<Activity>, Ending)>,
     /// Whether there is a state from which it cannot end though no program fails.
     pub gets_stuck: bool,
@@ -44,7 +44,7 @@ pub enum Ending {
     Stopped,
 }
 
-/// What is asked of a flat exploration.
+/// The detail that a flat exploration has to return.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Detail {
     /// Only how many states there are.

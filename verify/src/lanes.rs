@@ -70,7 +70,7 @@ impl Story {
         out + "</svg>\n"
     }
 
-    /// What each process does, by its host and its name.
+    /// The activity of each process, by its host and its name.
     fn lanes(&self, steps: usize) -> BTreeMap<(&str, &str), Vec<Bar>> {
         let mut lanes: BTreeMap<(&str, &str), Vec<Bar>> = BTreeMap::new();
         for (step, moves) in self.steps.iter().take(steps).enumerate().map(|(number, step)| (number, &step.moves)) {
@@ -88,7 +88,7 @@ impl Story {
         lanes.into_iter().take(LANES_MAX).collect()
     }
 
-    /// The moment at which it is so, or what goes on for ever.
+    /// Marks the moment of the violation, or the steps that repeat for ever.
     fn mark(&self, out: &mut String, (top, bottom): (usize, usize), steps: usize) {
         match self.again.filter(|again| *again < steps) {
             Some(again) => {

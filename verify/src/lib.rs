@@ -50,7 +50,7 @@ use language::sites::{Sentence, Sites};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// What was found out about a spec.
+/// The result of verifying a spec.
 #[derive(Debug)]
 pub struct Report {
     /// The answers, in the order of the questions.
@@ -63,7 +63,7 @@ pub struct Report {
     pub memory: usize,
     /// Whether a limit was reached, so that something was left out.
     pub is_limited: bool,
-    /// What was taken for granted.
+    /// The assumptions of all answers.
     pub assumptions: Vec<String>,
 }
 
@@ -102,7 +102,7 @@ fn report(mut model: Model<'_>, limits: &Limits<'_>) -> Report {
 /// Answers the sentences of `verify` blocks alone.
 pub fn sentences(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Vec<Finding> {
     let mut model = Model::new(plan, sites);
-    // How a group inside can end comes of looking at it.
+    // The possible ends of an inner group are found by exploring it.
     catalogue::explore_parts(&mut model, limits);
     property::check(&times(&model), limits)
 }
@@ -134,7 +134,8 @@ pub enum Faults {
     Two,
 }
 
-/// Says what each single fault of each program, host and link does, or what each two do that are worse together.
+/// Returns the effects of each single fault of each program, host and link, or of each pair of faults that is worse
+/// together.
 pub fn fmea(plan: &Plan, sites: &Sites, limits: &Limits<'_>, faults: Faults) -> Table {
     let mut model = Model::new(plan, sites);
     let catalogue = catalogue::explore_parts(&mut model, limits);

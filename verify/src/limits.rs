@@ -24,7 +24,7 @@ pub(crate) fn check(times: &Times<'_, '_>, limits: &Limits<'_>) -> Vec<Finding> 
             let Some((body, limit)) = within(expression) else { return };
             count += 1;
             let Some(least) = times.of(group, source, body).done else { return };
-            // What has to run takes some time, however short.
+            // A body that has to run takes some time, however short.
             if least <= limit && !(limit.is_zero() && takes_time(source, body)) {
                 return;
             }

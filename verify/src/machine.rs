@@ -1,12 +1,12 @@
 //! A plan as variables and guarded changes, for model checkers that explore it themselves.
 //!
-//! Written from the rules of the manual, operator by operator; nothing here calls `algebra::step`. So it is evidence when the
-//! state space of what is written here is that of the explorer.
+//! The model is written from the rules of the manual, operator by operator. Nothing here calls `algebra::step`, so
+//! equal state spaces of this model and of the explorer are evidence for both.
 //!
-//! One reaction is a chain of silent changes: `act` says what is to be done, `at` the node that does it. A node is called to start
-//! or to stop; it calls its operands, and reports back to the operator around it whether it runs or how it has ended. Nothing
-//! else can happen meanwhile, and of the silent changes exactly one is possible. So the chain is inert: the model and the
-//! transition system are branching bisimilar, and no chain is endless.
+//! One reaction is a chain of silent changes: `act` names the next action, `at` the node that performs it. A node is
+//! called to start or to stop; it calls its operands, and reports back to the operator around it whether it runs or how
+//! it has ended. Nothing else can happen during the chain, and exactly one silent change is possible at a time. So the
+//! chain is inert: the model and the transition system are branching bisimilar, and no chain is endless.
 
 mod groups;
 mod joins;

@@ -1,9 +1,9 @@
-//! A plan as parts: its groups, and pieces of large groups, each with what may happen at its boundary.
+//! A plan as parts: its groups, and pieces of large groups, each with the events at its boundary.
 //!
-//! A supervisor sees of a member only that it starts, is done, aborts or has stopped. So a group can be explored with its
-//! members as black boxes that do these things at any time, whatever is inside: the cost is the sum over groups, not the
-//! product. The same holds for the operands of a `,` that share nothing with the rest of their group: where there are many,
-//! they become parts of their own, by the law `P, Q, R = (P, Q), R` of tasks.
+//! A supervisor only sees that a member starts, is done, aborts or has stopped. So a group can be explored with its
+//! members as black boxes that do these things at any time, whatever is inside: the cost is the sum over groups, not
+//! the product. The same holds for the operands of a `,` that share nothing with the rest of their group: where there
+//! are many, they become parts of their own, by the law `P, Q, R = (P, Q), R` of tasks.
 
 use language::algebra::{Program, Value};
 use language::plan::{Expression, Group, Member, MemberKind, Plan};
@@ -39,17 +39,18 @@ pub(crate) struct Part {
     /// For each node, its number in the group's own expression.
     pub(crate) nodes: Vec<u32>,
     pub(crate) members: Vec<Seat>,
-    /// Whether it is a piece of a group: then it reacts together with what is around it.
+    /// Whether it is a piece of a group. A piece reacts together with the part around it.
     pub(crate) is_piece: bool,
     /// How it can end, when programs may fail and when they do not; known after `ends`.
     pub(crate) ends: [Ends; 2],
-    /// Whether that is all: no limit ended the exploration of it or of what is inside.
+    /// Whether the exploration is complete: no limit ended it, here or in an inner part.
     pub(crate) is_whole: bool,
-    /// Whether it can end, and can also come to where it never does; known after `ends`. Then it is no box.
+    /// Whether it can end, and can also reach a state where it never does; known after `ends`. Such a part is not used
+    /// as a box.
     pub(crate) may_hang: bool,
 }
 
-/// What a member slot of a part holds.
+/// The content of a member slot of a part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Seat {
     Leaf(u32),
@@ -112,7 +113,7 @@ impl<'a> Model<'a> {
         runs.into_iter().flat_map(|(node, member)| self.held_at((part, node), member)).collect()
     }
 
-    /// What a node of a part runs: a member, or all that a piece of the group runs.
+    /// The members that a node of a part runs: one member, or all members of a piece.
     pub(crate) fn held_at(&self, at: (usize, usize), member: u32) -> Vec<((usize, usize), u32)> {
         match self.parts[at.0].members.get(member as usize) {
             Some(Seat::Part(piece)) if self.parts[*piece].is_piece => self.held(*piece),
@@ -120,14 +121,14 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// What a process is called by a reader: its path without `main/`.
+    /// The name of a process for a reader: its path without `main/`.
     pub(crate) fn name(&self, group: u32, slot: u32) -> String {
         let group = &self.plan.groups[group as usize];
         let path = format!("{}/{}", group.path, group.members[slot as usize].name);
         short(&path)
     }
 
-    /// What a group is called.
+    /// The name of a group for a reader.
     pub(crate) fn group_name(&self, group: u32) -> String {
         short(&self.plan.groups[group as usize].path)
     }
@@ -328,8 +329,8 @@ pub(crate) fn count(expression: &Expression) -> u32 {
     expression.operands().into_iter().map(count).fold(1, u32::saturating_add)
 }
 
-/// About how many configurations an expression has while it is active: those of things in turn add up, those of things side
-/// by side multiply.
+/// Roughly how many configurations an expression has while it is active. The numbers of operands in sequence add up, the numbers of
+/// parallel operands multiply.
 fn configurations(expression: &Expression) -> u64 {
     let parts = || expression.operands().into_iter().map(configurations);
     match expression {
@@ -374,8 +375,8 @@ pub(crate) fn run_nodes(expression: &Expression) -> Vec<(usize, u32)> {
     runs
 }
 
-/// Whether an expression may end at the instant at which it starts. Then the order in which operands begin counts, and none of them is a
-/// piece.
+/// Whether an expression may end at the instant at which it starts. Then the order in which operands begin counts, and
+/// none of them is a piece.
 fn may_end_at_once(expression: &Expression) -> bool {
     match expression {
         Expression::Skip | Expression::Fail(_) => true,

@@ -1,4 +1,4 @@
-//! The sentences of `verify` blocks: each is looked for in the smallest system that holds what it names.
+//! The sentences of `verify` blocks. Each is checked in the smallest system that contains the processes it names.
 
 mod formula;
 mod loss;
@@ -86,7 +86,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         Finding::open(format!("{}: {}: {why}", self.group(), self.property.text))
     }
 
-    /// The smallest system around what is named.
+    /// The smallest system around the named processes.
     fn system(&self, whom: &[ProcessRef], mode: Mode) -> System<'m> {
         let named: Vec<(u32, u32)> = whom.iter().filter_map(|who| Some((who.group, who.member?))).collect();
         let mut system = around(self.times.model, self.property.group, &named);
@@ -121,18 +121,18 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         if let Some(reached) = graph.reached {
             return Some(self.open(reached.words()));
         }
-        // What is held up has to stop at some time.
+        // A process whose stop is delayed has to stop in the end.
         matches!(goal, Goal::StillRuns(..)).then(|| self.is_live(system, goal, &|_| true))?
     }
 
-    /// From every state in which something is owed, it can still come without anybody failing.
+    /// Checks that the goal can still be reached from every state in which it is owed, without a failure.
     fn live(&self, mode: Mode, whom: &[ProcessRef], goal: &Goal) -> Finding {
         let mut system = self.system(whom, mode);
         follow_starts(&mut system, &goal.begun());
         self.is_live(&system, goal, &|_| true).unwrap_or_else(|| self.proved())
     }
 
-    /// The same of what may happen that counts.
+    /// The same check, over the transitions that count.
     fn is_live(&self, system: &System<'_>, goal: &Goal, counts: &dyn Fn(Label) -> bool) -> Option<Finding> {
         let Found { graph, .. } = explore(system, self.limits, true, &Watch::new(system, goal));
         if let Some(reached) = graph.reached {
@@ -235,10 +235,10 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         self.proved()
     }
 
-    /// What does not hold once a fault has struck one program.
+    /// The sentence that does not hold once a fault has struck one program.
     fn on_fault(&self, kind: FaultKind, struck: ProcessRef, consequence: &Consequence) -> Option<Finding> {
         let (goal, other) = match consequence {
-            // Nobody notices that a program hangs, but something may end it.
+            // A program that hangs is not noticed, but something else may end it.
             Consequence::Stopped(who, limit) if kind == FaultKind::Hang => {
                 return self.ends_beside_a_hang(struck, *who, *limit);
             }
@@ -324,7 +324,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
     }
 }
 
-/// What a time across hosts rests on.
+/// The assumption behind a time across hosts.
 fn no_time_for_messages() -> Assumption {
     let text = "messages between hosts take no time: what they take comes on top, and is not counted";
     Assumption { text: text.to_owned(), story: None }
@@ -341,7 +341,8 @@ fn has_limit(sentence: &Sentence) -> bool {
     )
 }
 
-/// Lets orders to start these programs travel, too, where they run on other hosts than their supervisors.
+/// Lets the orders to start these programs take time as well, if the programs run on other hosts than their
+/// supervisors.
 fn follow_starts(system: &mut System<'_>, whom: &[ProcessRef]) {
     let seats: Vec<_> = whom.iter().filter_map(|who| system.find(who.group, who.member?)).collect();
     system.follow_messages(&seats);

@@ -1,7 +1,8 @@
 //! Repairs: edits of a spec after which a mistake is proved to be gone.
 //!
-//! For the usual mistakes there are usual repairs. Each that might do is made in a copy of the text, and the copy is verified: what is
-//! offered is what was proved, and what brings no other mistake with it. Whether it is what was meant only a person knows.
+//! Common mistakes have common repairs. Each candidate is made in a copy of the text, and the copy is verified. Only
+//! repairs that were proved and bring no new mistake are offered. Only the author can judge which repair has the
+//! intended meaning.
 
 mod candidates;
 mod text;
@@ -23,17 +24,17 @@ const OFFERED_MAX: usize = 1;
 /// Edits that are proved to repair a mistake.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Repair {
-    /// What does not hold without it.
+    /// The sentence that does not hold without the repair.
     pub sentence: String,
     /// The mistake.
     pub code: Code,
     /// Where the mistake is.
     pub span: Span,
-    /// What is changed, in words and as edits of the spec.
+    /// The change, in words and as edits of the spec.
     pub fix: Fix,
 }
 
-/// A spec, and what was found out about it.
+/// A spec, and the result of verifying it.
 #[derive(Clone, Copy, Debug)]
 pub struct Verified<'v> {
     /// Its text.
@@ -42,12 +43,12 @@ pub struct Verified<'v> {
     pub plan: &'v Plan,
     /// Where everything stands.
     pub sites: &'v Sites,
-    /// What `verify` says of this plan.
+    /// The report of `verify` on this plan.
     pub report: &'v Report,
 }
 
-/// Returns the repairs of what does not hold of a spec: those after which it was verified to hold, and nothing else fails that
-/// did not fail before.
+/// Returns the repairs of a spec. Each was verified: the sentence holds afterwards, and everything that held before
+/// still holds.
 pub fn repairs(before: &Verified<'_>, interfaces: &[Source], options: &Options, limits: &Limits<'_>) -> Vec<Repair> {
     let fails = before.report.findings.iter().filter(|finding| finding.verdict == Verdict::Fails);
     let mut repairs = Vec::new();
@@ -66,7 +67,7 @@ pub fn repairs(before: &Verified<'_>, interfaces: &[Source], options: &Options, 
             let spec = applied(before.spec, fix);
             let (compiled, sites) = compile_with_sites(&spec, interfaces, options);
             let Some((plan, sites)) = compiled.plan.zip(sites) else { return false };
-            // What is not asked any more is not proved.
+            // A question that the changed text does not ask is not proved.
             if questions(before.plan, before.sites) != questions(&plan, &sites) {
                 return false;
             }
@@ -98,8 +99,8 @@ fn questions(plan: &Plan, sites: &Sites) -> BTreeMap<String, usize> {
     questions
 }
 
-/// Whether a mistake is gone from the second of two reports about the same questions, nothing new is in it, and all of it is decided
-/// that was.
+/// Whether a mistake is gone from the second of two reports about the same questions, nothing new is in it, and all of
+/// it is decided that was.
 fn is_repaired((before, after): (&Report, &Report), finding: &Finding) -> bool {
     let code = |finding: &Finding| finding.diagnostic.as_ref().map(|diagnostic| diagnostic.code);
     let is_same = |one: &Finding, other: &Finding| code(one) == code(other) && one.sentence == other.sentence;

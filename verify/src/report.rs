@@ -1,11 +1,11 @@
-//! What a verification tells a person.
+//! A verification report for people.
 
 use crate::finding::{Finding, Verdict};
 use crate::{Report, Story};
 use language::{Source, Style, render};
 
 impl Report {
-    /// Returns the whole report as text: each answer with its reason and its story, what was taken for granted, how many of each.
+    /// Returns the whole report as text: each answer with its reason and its story, the assumptions, and the totals.
     pub fn text(&self, spec: &Source, interfaces: &[Source], style: Style) -> String {
         let mut text: String = self.findings.iter().map(|finding| told(finding, spec, interfaces, style)).collect();
         let count = |verdict| self.findings.iter().filter(|finding| finding.verdict == verdict).count();

@@ -1,4 +1,4 @@
-//! A story as a script: what happens, an event a line, and what it comes to; played by the simulator of `language`.
+//! A story as a script: one event a line, then the expected result. The simulator of `language` plays it.
 
 use crate::story::{Became, Story};
 use language::plan::Plan;
@@ -6,27 +6,28 @@ use language::{ReplayError, Simulation, TraceEvent, Transition};
 use std::fmt;
 use std::str::FromStr;
 
-/// What happens in a story, and what it comes to.
+/// The events of a story and its result.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Script {
-    /// What happens, in order; the first starts the whole.
+    /// The events, in order; the first starts the whole.
     pub events: Vec<TraceEvent>,
     /// The processes whose orders and reports take their time between hosts: paths.
     pub travels: Vec<String>,
-    /// What runs at the end: paths below `main`, of programs, and of groups of which the story tells no more.
+    /// The processes that run at the end, as paths below `main`: programs, and groups whose inside the story does not
+    /// tell.
     pub running: Vec<String>,
-    /// What is being stopped at the end.
+    /// The processes that are being stopped at the end.
     pub stopping: Vec<String>,
-    /// What may run at the end, or not: paths as in `running`.
+    /// The processes that may or may not run at the end, as paths like those in `running`.
     pub untold: Vec<String>,
     /// How the whole has ended; none if it has not.
     pub ended: Option<Became>,
 }
 
-/// What a played script has come to.
+/// The result of playing a script.
 #[derive(Clone, Debug)]
 pub struct Played {
-    /// What has happened, a line for each event.
+    /// The events, one line each.
     pub lines: Vec<String>,
     /// How it went.
     pub result: PlayResult,
@@ -49,14 +50,14 @@ pub enum PlayResult {
 pub struct ScriptError {
     /// Its number, from 1.
     pub number: usize,
-    /// What was expected.
+    /// The text that was expected.
     pub why: String,
 }
 
 const ENDS: [(&str, Became); 3] = [("done", Became::Done), ("failed", Became::Failed), ("stopped", Became::Stopped)];
 
 impl Script {
-    /// Returns the script of a story; none if something in it has no name, or if it goes on for ever.
+    /// Returns the script of a story; none if an event has no name, or if the story goes on for ever.
     pub fn of(story: &Story) -> Option<Self> {
         let is_named = story.steps.iter().all(|step| !step.events.is_empty());
         (is_named && story.again.is_none_or(|again| again == story.steps.len())).then(|| Self {
@@ -90,7 +91,7 @@ impl Script {
         Played { lines, result }
     }
 
-    /// In what the end of a simulation differs from that of the story.
+    /// The difference between the end of a simulation and the end of the story.
     fn difference(&self, plan: &Plan, simulation: &Simulation<'_>) -> Option<String> {
         let ended = match simulation.outcome() {
             Some(Transition::Done) => Some(Became::Done),
@@ -126,7 +127,7 @@ impl Script {
     }
 }
 
-/// What an event has made happen.
+/// The effects of an event in the simulation.
 fn line(number: usize, event: &TraceEvent, simulation: &mut Simulation<'_>) -> String {
     let (mut starts, mut stops, mut ends) = (Vec::new(), Vec::new(), Vec::new());
     for found in simulation.take_happenings() {
@@ -172,7 +173,7 @@ impl fmt::Display for Script {
 impl FromStr for Script {
     type Err = ScriptError;
 
-    /// Reads a script; `#` and what follows it, and empty lines, are left out.
+    /// Reads a script. Comments after `#` and empty lines are left out.
     fn from_str(text: &str) -> Result<Self, ScriptError> {
         let mut script = Self::default();
         for (number, line) in (1..).zip(text.lines()) {

@@ -1,9 +1,9 @@
 //! The states that were seen, each once, in the order of their discovery.
 //!
-//! All states of a system have the same length, so they lie one after the other in one array, and a number names one. The
-//! tables beside it hold numbers only: four bytes a slot, at most two thirds of them taken. There are several tables, chosen by
-//! the hash of a state, so that several threads can look up the states of one batch. The numbers depend on the order of the
-//! batches alone, not on the number of threads.
+//! All states of a system have the same length, so they lie one after the other in one array, and a number names one.
+//! The tables beside the array hold only numbers: four bytes a slot, at most two thirds of them taken. The hash of a
+//! state chooses one of several tables, so several threads can look up the states of one batch. The numbers depend only
+//! on the order of the batches, not on the number of threads.
 
 use crate::system::Label;
 use crate::threads::{Alone, Threads, each};
@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 /// As many tables there are.
 const SHARDS: usize = 16;
-/// In a slot: not a number yet, but an index of what is new in this table.
+/// Marks a slot whose value is not yet a number, but an index into the new states of this table.
 const PENDING: u32 = 1 << 31;
 /// More states than this have no number.
 pub(crate) const STATES_MAX: u32 = PENDING - 2;
@@ -45,7 +45,7 @@ pub(crate) struct Batch {
     /// The states, one after the other.
     bytes: Vec<u8>,
     hashes: Vec<u64>,
-    /// For each transition, where it comes from and what happens.
+    /// For each transition, its source state and its label.
     pub(crate) origins: Vec<(u32, Label)>,
     /// For each transition, the number of its state, once it is in the store.
     targets: Vec<AtomicU32>,
@@ -53,7 +53,8 @@ pub(crate) struct Batch {
     shards: [Vec<u32>; SHARDS],
 }
 
-/// What is new in one table: slot, batch and transition of each state; and the transitions that lead to one of these, too.
+/// The new states of one table: slot, batch and transition of each state. It also holds the transitions that lead to
+/// one of them.
 #[derive(Debug, Default)]
 struct Fresh {
     states: Vec<(usize, usize, usize)>,
@@ -195,7 +196,7 @@ impl Store {
         fresh
     }
 
-    /// Reads what the next few transitions will be compared with, so that the memory brings it all at once.
+    /// Reads the memory that the next few transitions will be compared with, so that it arrives all at once.
     fn touch(&self, shard: &Shard, batch: &Batch, transitions: &[u32]) {
         let known = transitions.iter().map(|&transition| {
             let slot = slot_of(batch.hashes[transition as usize]) & (shard.slots.len() - 1);

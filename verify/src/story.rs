@@ -14,28 +14,28 @@ use std::time::Duration;
 /// One step of a story.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Step {
-    /// What happens.
+    /// The event.
     pub cause: String,
-    /// What follows at once, one clause each.
+    /// The immediate effects, one clause each.
     pub effects: Vec<String>,
     /// The same as `cause` for a program; nothing where it cannot be named, as an event of a part of a group.
     pub events: Vec<TraceEvent>,
-    /// What the processes of the spec come to by it.
+    /// The changes of the spec's processes.
     pub moves: Vec<Move>,
 }
 
 /// A process comes to something.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Move {
-    /// What it is called.
+    /// The name of the process.
     pub process: String,
     /// Where it runs; a group, where its supervisor does.
     pub host: String,
-    /// What it comes to.
+    /// Its new state.
     pub became: Became,
 }
 
-/// What a process comes to.
+/// The new state of a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Became {
     /// It is started.
@@ -50,20 +50,20 @@ pub enum Became {
     Stopped,
 }
 
-/// How something failed: what happens, step by step, and what runs then.
+/// The way to a violation: the events step by step, and the processes that run then.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Story {
     /// The steps, the first first.
     pub steps: Vec<Step>,
-    /// From which step on it goes on so for ever; that after the last if nothing happens any more.
+    /// The step from which the story repeats for ever; the number after the last step if nothing happens any more.
     pub again: Option<usize>,
-    /// What runs at the end.
+    /// The processes that run at the end.
     pub running: Vec<String>,
-    /// What is being stopped at the end.
+    /// The processes that are being stopped at the end.
     pub stopping: Vec<String>,
-    /// What may run at the end, and of which the story does not tell: processes that share nothing with what it is about.
+    /// Processes that may run at the end and that the story does not tell of: they share nothing with its subject.
     pub untold: Vec<String>,
-    /// The processes whose orders and reports take their time between hosts, as far as they are started in it: paths.
+    /// The started processes whose orders and reports take time between hosts, as paths.
     pub travels: Vec<String>,
     /// How the whole has ended; none if it has not.
     pub ended: Option<Became>,
@@ -85,7 +85,7 @@ pub(crate) fn tell(system: &System<'_>, way: &[Label]) -> Story {
     tell_run(system, way, None)
 }
 
-/// Tells a way, and what happens for ever afterwards.
+/// Tells a way, and the cycle that repeats for ever after it.
 pub(crate) fn tell_run(system: &System<'_>, way: &[Label], again: Option<&[Label]>) -> Story {
     let mut frame = system.initial();
     let (mut story, mut changes, mut stepper) = (Story::default(), Vec::new(), system.stepper());
@@ -111,7 +111,7 @@ pub(crate) fn tell_run(system: &System<'_>, way: &[Label], again: Option<&[Label
                 let name = cause.strip_suffix(STOPPED).unwrap_or(&cause);
                 last.cause = last.cause.replace(STOPPED, &format!(", {name}{STOPPED}"));
                 last.moves.extend(moves);
-                // One that has no name takes the others with it.
+                // If one of the joined events has no name, none of them is listed.
                 match event {
                     Some(event) if !last.events.is_empty() => last.events.push(event),
                     _ => last.events.clear(),
@@ -138,7 +138,7 @@ pub(crate) fn tell_run(system: &System<'_>, way: &[Label], again: Option<&[Label
     story
 }
 
-/// What a change is for a process of the spec; nothing for the whole, and for a piece of a group.
+/// The change of a process of the spec; none for the whole and for a piece of a group.
 fn move_of(system: &System<'_>, change: &Change) -> Option<Move> {
     let member = change.member?;
     let process = member_name(system, change.unit, member)?;
@@ -172,7 +172,7 @@ fn host_name<'s>(system: &'s System<'_>, (unit, member): (usize, u32)) -> &'s st
     host.and_then(|host| plan.hosts.get(host as usize)).map_or("", String::as_str)
 }
 
-/// The members that run, and those that are being stopped; groups that are looked into are left to what is in them.
+/// The members that run, and those that are being stopped. Open groups are left out, their members are not.
 pub(crate) fn running(system: &System<'_>, frame: &Frame) -> (Vec<String>, Vec<String>) {
     let (mut running, mut stopping) = (Vec::new(), Vec::new());
     for (unit, member) in there(system, frame) {
@@ -185,7 +185,7 @@ pub(crate) fn running(system: &System<'_>, frame: &Frame) -> (Vec<String>, Vec<S
     (running, stopping)
 }
 
-/// What is there, as long as the whole goes on, or something of it beyond a loss.
+/// The active members, while the whole goes on or some of it runs beyond a loss.
 fn there(system: &System<'_>, frame: &Frame) -> Vec<(usize, u32)> {
     let is_on = frame.phase != Phase::Idle && (!frame.phase.is_over() || system.is_split(frame));
     if is_on { system.there(frame) } else { Vec::new() }
@@ -279,7 +279,7 @@ fn cause(system: &System<'_>, label: Label) -> String {
     }
 }
 
-/// What a fault does to a member, as a verb.
+/// The effect of a fault on a member, as a verb.
 fn fault(system: &System<'_>, (unit, member): (u16, u16), is_second: bool) -> &'static str {
     let injected = if is_second { system.mode.second } else { system.mode.fault };
     match injected.map(|fault| fault.kind) {
@@ -291,7 +291,7 @@ fn fault(system: &System<'_>, (unit, member): (u16, u16), is_second: bool) -> &'
     }
 }
 
-/// What a change makes follow, one clause each.
+/// The effects of some changes, one clause each.
 pub(crate) fn effects(system: &System<'_>, label: Label, changes: &[Change]) -> Vec<String> {
     let subject = match label {
         Label::Done(unit, member, _) | Label::Aborted(unit, member) | Label::Stopped(unit, member) => {
@@ -400,7 +400,7 @@ impl Story {
 }
 
 impl FaultKind {
-    /// What the fault does, as a verb.
+    /// The fault as a verb.
     pub fn verb(self) -> &'static str {
         match self {
             Self::Crash => "CRASHES",

@@ -1,9 +1,10 @@
 //! Some parts together, with everything that may happen to them: what an explorer walks through.
 //!
-//! Each part in a system is run by `language::algebra::step`, the function that runs it on the robot. What is around them is
-//! an automaton for each member: a program that runs may be done, with each of its tags, or abort; one that is stopping has
-//! stopped at some time; a timer that is armed may run out. Supervisors of different groups react on their own: an order to
-//! stop reaches a member group some time after it was given. Between hosts an order to start and the report of an end travel, too.
+//! Each part in a system is run by `language::algebra::step`, the function that runs it on the robot. The surroundings
+//! are one automaton for each member: a program that runs may be done, with each of its tags, or abort; a program that
+//! is stopping stops at some time; an armed timer may run out. Supervisors of different groups react independently: an
+//! order to stop reaches a member group some time after it was given. Between hosts, an order to start and the report
+//! of an end take time as well.
 
 mod labels;
 mod loss;
@@ -89,14 +90,14 @@ pub(crate) struct Unit {
     pub(crate) part: usize,
     /// The unit around it, and its member slot there.
     pub(crate) parent: Option<(usize, u32)>,
-    /// For each member, its unit if it is one of the system, else how it ends with and without failures.
+    /// For each member, its unit if it is part of the system, else its possible ends with and without failures.
     pub(crate) seats: Vec<Occupant>,
     packing: Packing,
     /// Where its state begins in a packed configuration.
     start: usize,
 }
 
-/// What sits in a member slot of a unit.
+/// The occupant of a member slot of a unit.
 #[derive(Clone, Debug)]
 pub(crate) enum Occupant {
     Unit(usize),
@@ -137,13 +138,13 @@ pub(crate) struct Frame {
     pub(crate) is_faulty: bool,
     /// Whether the second one has.
     pub(crate) is_twice_faulty: bool,
-    /// What a loss has made of hosts and members: see `loss`.
+    /// The effects of a loss on hosts and members: see `loss`.
     pub(crate) rift: Vec<u8>,
-    /// What deaths have made of members and units: see `restart`.
+    /// The effects of deaths on members and units: see `restart`.
     pub(crate) restarts: Vec<u8>,
-    /// What is on its way between hosts: see `transit`.
+    /// The messages in transit between hosts: see `transit`.
     pub(crate) transit: Vec<u8>,
-    /// What observers keep in mind.
+    /// The notes of observers.
     pub(crate) notes: Vec<u8>,
 }
 
@@ -156,7 +157,7 @@ pub(crate) struct System<'a> {
     /// How many bytes observers need.
     pub(crate) notes: usize,
     values: Vec<Value>,
-    /// What lies on either side of a loss, if `mode` has one.
+    /// The two sides of a loss, if `mode` has one.
     rift: Option<Rift>,
     restarts: Restarts,
     transit: Transit,
@@ -195,7 +196,8 @@ impl<'a> System<'a> {
         let index = self.units.len();
         let start = self.units.last().map_or(0, |unit| unit.start + unit.packing.length());
         self.units.push(Unit { part, parent, seats: Vec::new(), packing, start });
-        // A part has a slot for each member of its group, also for those that its pieces run: there they are never active.
+        // A part has a slot for each member of its group, including the members that its pieces run: those are never
+        // active in it.
         let runs: BTreeSet<u32> = crate::model::runs(&source.expression).into_iter().collect();
         let mut seats = Vec::with_capacity(source.members.len());
         for (slot, seat) in (0..).zip(&source.members) {
@@ -204,7 +206,7 @@ impl<'a> System<'a> {
                     Occupant::Unit(self.add(inner, Some((index, slot)), is_open))
                 }
                 Seat::Part(inner) => {
-                    // What nothing runs does nothing.
+                    // A member that nothing runs has no behaviour.
                     self.is_whole &= self.model.parts[inner].is_whole || !runs.contains(&slot);
                     Occupant::Box(self.model.parts[inner].ends.clone())
                 }
@@ -362,7 +364,7 @@ impl<'a> System<'a> {
         usize::from(number).checked_sub(1).and_then(|index| self.values.get(index).cloned()).unwrap_or_default()
     }
 
-    /// The steps of each unit, for one who lets things happen.
+    /// A stepper, which applies labels to the units.
     pub(crate) fn stepper(&self) -> Stepper<'_> {
         let steps = (0..self.units.len()).map(|unit| Steps::new(self.program(unit), &self.units[unit].packing));
         Stepper::new(self, steps.collect())

@@ -25,7 +25,7 @@ impl Threads for Alone {
     }
 }
 
-/// Does each job on one of the threads, of which it is told the number; the results are in the order of the jobs.
+/// Runs each job on one of the threads and tells it the thread's number. The results are in the order of the jobs.
 pub(crate) fn each<J: Send, R: Send>(
     threads: &dyn Threads,
     jobs: Vec<J>,

@@ -27,14 +27,14 @@ pub(crate) struct Span {
 const ZERO: Option<Duration> = Some(Duration::ZERO);
 const NOW: Span = Span { done: ZERO, done_most: ZERO, end_least: ZERO, end: ZERO, stop: ZERO };
 
-/// The durations that are known, and those that were asked for and are not.
+/// The known durations, and the unknown ones that were asked for.
 pub(crate) struct Times<'m, 'a> {
     pub(crate) model: &'m Model<'a>,
-    /// For a member of a group, what the spec assumes.
+    /// For a member of a group, the durations that the spec assumes.
     pub(crate) assumed: BTreeMap<(u32, u32), (Duration, Duration)>,
-    /// Programs that never end by themselves, whatever the spec says of them.
+    /// Programs that never end by themselves, whatever the spec says about them.
     pub(crate) endless: BTreeSet<u32>,
-    /// Those of them that hang, so that they are never done.
+    /// The endless programs that hang, so that they are never done.
     pub(crate) hung: BTreeSet<u32>,
     /// The `using` whose turn is being worked out, so that none asks for itself.
     pub(crate) turns: RefCell<Vec<usize>>,
@@ -43,7 +43,7 @@ pub(crate) struct Times<'m, 'a> {
 }
 
 impl<'m, 'a> Times<'m, 'a> {
-    /// What is known when nothing hangs.
+    /// The durations for a run in which nothing hangs.
     pub(crate) fn new(model: &'m Model<'a>, assumed: BTreeMap<(u32, u32), (Duration, Duration)>) -> Self {
         Self {
             model,
@@ -55,7 +55,7 @@ impl<'m, 'a> Times<'m, 'a> {
         }
     }
 
-    /// Whether there is a message between hosts in what was asked for since this was asked before.
+    /// Whether a message between hosts was part of a question since the last call.
     pub(crate) fn take_messages(&self) -> bool {
         self.has_messages.take()
     }
@@ -82,7 +82,7 @@ impl Times<'_, '_> {
                 Span { done, done_most: most, end_least: ZERO, end: most, stop }
             }
         };
-        // One that dies and is started again begins anew, any number of times.
+        // A program that is restarted begins again, any number of times.
         if let MemberKind::Leaf(leaf) = member.kind {
             span.end = span.end.filter(|_| !is_restarted(self.model, leaf));
             span.done_most = span.done_most.filter(|_| !is_restarted(self.model, leaf));
@@ -206,7 +206,7 @@ impl Times<'_, '_> {
             }
             Expression::Shield { bound, .. } => {
                 let held = match (bound, parts[0].end) {
-                    // What ends before its bound is never stopped.
+                    // An operand that ends before its bound is never stopped.
                     (Some(bound), Some(end)) if end < *bound => Some(end),
                     (Some(bound), _) => add(Some(*bound), stop),
                     (None, end) => end,
@@ -234,7 +234,8 @@ impl Times<'_, '_> {
         let stop = longest(parts.iter().map(|part| part.stop));
         let done = all(tasks().map(|part| part.done));
         let end = longest(tasks().map(|part| part.end));
-        // Tasks alone are waited for; with a service something is stopped at the end: the services, or all if one of them fails.
+        // Only tasks are waited for. With a service, something is stopped at the end: the services, or all operands if
+        // one of them fails.
         let waited = is_service || !services.contains(&true);
         let left = longest(parts.iter().zip(&services).filter(|(_, service)| **service).map(|(part, _)| part.stop));
         let done_most = longest(tasks().map(|part| part.done_most));
@@ -267,7 +268,7 @@ fn first(parts: &[Span]) -> Option<Duration> {
     parts.iter().filter_map(|part| part.end_least).min()
 }
 
-/// The second begins once the first is done: one that fails is followed by nothing.
+/// The second begins once the first is done. Nothing follows a first operand that fails.
 fn in_turn(parts: &[Span], stop: Option<Duration>) -> Span {
     let [one, other] = parts else { return NOW };
     let after = add(one.done_most, other.end);
@@ -280,7 +281,7 @@ fn in_turn(parts: &[Span], stop: Option<Duration>) -> Span {
     }
 }
 
-/// The first to end stops the others. Who takes longer at the least than another at the most is never the first.
+/// The first to end stops the others. An operand whose least time exceeds another's greatest time is never the first.
 fn disable(parts: &[Span], stop: Option<Duration>) -> Span {
     let most = parts.iter().filter_map(|part| part.end).min();
     let is_first = |least: Option<Duration>| least.is_some_and(|least| most.is_none_or(|most| least <= most));

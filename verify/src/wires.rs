@@ -1,4 +1,4 @@
-//! Who sends to whom, and when: two writers of one input, and processes that never get what they need.
+//! Senders, receivers and times of data: two writers of one input, and processes that never get their inputs.
 //!
 //! A wire carries data while its connection set is open and its sender runs. A set is open while the node that names it
 //! runs, or while its group does.
@@ -73,8 +73,8 @@ pub(crate) fn check(model: &Model<'_>, limits: &Limits<'_>) -> Vec<Finding> {
     findings
 }
 
-/// The inputs that a program which can end does not work without, and that other programs have to send: not those that keys of the
-/// database are sent to, nor those of a process that runs in another deployment.
+/// The inputs that a program needs and that other programs have to send, for programs that can end. Inputs fed from
+/// keys of the database are left out, and so are those of a process that runs in another deployment.
 fn needs<'m>(model: &'m Model<'_>, leaf: u32) -> impl Iterator<Item = &'m str> {
     let is_service = place_of(model, leaf)
         .is_some_and(|(group, slot)| model.plan.groups[group as usize].members[slot as usize].service);
@@ -208,7 +208,7 @@ impl<'w, 'a> Watch<'w, 'a> {
         self.is_set_open(frame, line) && self.runs(frame, line.group, line.from)
     }
 
-    /// What a member is called.
+    /// The name of a member.
     fn name(&self, group: u32, member: u32) -> String {
         self.model.name(group, member)
     }
@@ -221,7 +221,7 @@ impl<'w, 'a> Watch<'w, 'a> {
             for (index, &one) in own.iter().enumerate() {
                 let from = |line: Line| &self.model.plan.wires[line.wire as usize].from;
                 let span = |line: Line| self.model.sites.groups[line.group as usize].sets[line.set as usize];
-                // Two groups are looked at together for what both of them send to.
+                // Two groups are considered together for the targets to which both send.
                 let is_other =
                     |other: &&Line| from(**other) != from(one) && (self.groups.len() == 1 || other.group != one.group);
                 for &other in own[index + 1..].iter().filter(is_other) {

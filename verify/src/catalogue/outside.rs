@@ -1,7 +1,7 @@
-//! What may get stuck alone, and whether something around it ends it: a limit, or another process.
+//! Suspects, which may get stuck alone, and whether the parts around them end them: a limit, or another process.
 //!
-//! A group is explored alone first, where nothing around it counts. What is found there is looked for again in each group around it, the
-//! nearest first, until one of them always goes on.
+//! A group is first explored alone, without its surroundings. Each suspect found there is searched again in the groups
+//! around it, the nearest first, until it always goes on in one of them.
 
 use super::{Asked, Catalogue, ends_round, waits_or_is_active};
 use crate::explore::{Limits, Nobody, Reached, explore};
@@ -24,7 +24,7 @@ pub(super) struct Suspect {
     pub(super) finding: Finding,
 }
 
-/// What comes of a suspect where it is not alone.
+/// The result for a suspect inside the parts around it.
 enum Outside {
     /// Something ends it.
     Ends,
@@ -88,7 +88,7 @@ fn outside(model: &Model<'_>, around: &[Option<usize>], suspect: &Suspect, limit
     let mut stuck = Outside::Stuck(None);
     let mut inside = vec![suspect.part];
     while let Some(root) = around[inside[inside.len() - 1]] {
-        // Whatever else may hang is looked into, too: two may each be all that ends the other.
+        // Other parts that may hang are opened as well: two of them may depend on each other to end.
         let is_open = |part: usize| inside.contains(&part) || model.parts[part].may_hang;
         let mut system = System::new(model, root, &is_open);
         system.mode = Mode { aborts: true, stops: true, ..Mode::default() };

@@ -23,7 +23,8 @@ fn stop_without_end(system: &System<'_>, graph: &Graph, part: usize) -> Option<F
     Some(Finding::fails(found, Some(story_to_the_end(system, graph, state))))
 }
 
-/// Whether every stop of a part ends; what a `shield` or a `finally` holds is looked into where it may come to where it never ends.
+/// Checks that every stop of a part ends. The operands of a `shield` or a `finally` are explored if they may run for
+/// ever.
 pub(super) fn judge(
     (alone, graph): (&System<'_>, &Graph),
     part: usize,

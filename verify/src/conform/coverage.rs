@@ -19,7 +19,7 @@ pub struct Coverage {
     pub fault_states: (usize, usize),
     /// The members whose failure was never seen.
     pub never_failed: Vec<String>,
-    /// How many events no verification counts on: a stop that nobody could confirm, a service that was done.
+    /// The number of events outside the verified behaviour: a stop that was not confirmed, a service that was done.
     pub outside: usize,
     /// Whether a limit was reached: there are more states and transitions than were counted.
     pub is_limited: bool,
@@ -57,7 +57,7 @@ impl Coverage {
     }
 }
 
-/// What a run has seen: packed states, transitions, and the members that failed.
+/// The part of the system that a run has reached: packed states, transitions, and the members that failed.
 #[derive(Default)]
 struct Seen {
     states: BTreeSet<Vec<u8>>,
@@ -65,7 +65,7 @@ struct Seen {
     failed: BTreeSet<u32>,
 }
 
-/// Follows a run; says what it has seen, and how often it left the system.
+/// Follows a run. Returns the states and transitions reached, and how often the run left the system.
 fn follow(system: &System<'_>, lives: &[Steps]) -> (Seen, usize) {
     let (mut seen, mut outside) = (Seen::default(), 0);
     let (mut follower, mut stepper) = (Follower::new(system), system.stepper());

@@ -21,7 +21,7 @@ pub(super) fn deviation(model: &Model<'_>, group: u32, steps: &[StepRecord]) -> 
         let mut commands = Vec::new();
         let outcome = step(&program, &mut state, seen.event.clone(), &mut commands);
         let mut expected = StepRecord::new(seen.event.clone(), commands, outcome);
-        // What is made of a value that was cut off is not known either.
+        // The results of a value that was cut off are unknown as well.
         are_values_known &= !seen.is_cut;
         let mut compared = seen.clone();
         if !are_values_known {
@@ -59,7 +59,7 @@ impl Teller<'_, '_> {
         Finding::fails(found, Some(story))
     }
 
-    /// Where the spec says what the first command that differs is about.
+    /// The place in the spec of the first command that differs.
     fn place(&self, seen: &StepRecord, expected: &StepRecord) -> Span {
         let sites = &self.model.sites.groups[self.group as usize];
         let count = seen.commands.len().max(expected.commands.len());

@@ -1,4 +1,4 @@
-//! What one fault, or two, come to: how bad that is, and its row.
+//! The result of one fault, or of two: its severity and its row.
 
 use super::readers::Readers;
 use super::settle::{Settled, longest_stop, settle, stops_by_itself_after};
@@ -14,7 +14,7 @@ use language::algebra::Activity;
 use std::cell::RefCell;
 use std::time::Duration;
 
-/// What a fault strikes in a system.
+/// The thing in a system that a fault strikes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Struck {
     pub(super) kind: FaultKind,
@@ -49,7 +49,7 @@ pub(super) struct Judged {
     pub(super) safe_within: Option<Duration>,
     mission: Mission,
     settled: Settled,
-    /// The state in which it happens, and what follows.
+    /// The state in which the fault happens, and the state that follows.
     before: Frame,
     state: u32,
     fault: Label,
@@ -62,7 +62,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
             .map(|unit| is_limit(&system.model.parts[system.units[unit].part].expression))
             .collect();
         let is_lossy = system.mode.lost.is_some();
-        // What was given up fails each time that it is started.
+        // A program that was given up fails each time that it is started.
         let is_given_up = |seat: (usize, u32)| {
             let given_up = |kind| matches!(kind, FaultKind::GivenUp | FaultKind::Unanswered);
             struck.iter().any(|struck| struck.seat == Some(seat) && given_up(struck.kind))
@@ -105,7 +105,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
                     continue;
                 }
                 let judged = self.judge((&before, &after), (state, label, target));
-                // What is being stopped anyway ends, whatever strikes it.
+                // A process that is being stopped ends in any case, whatever fault strikes it.
                 if self.is_asked(&before, label) && judged.severity < Severity::Adrift {
                     continue;
                 }
@@ -118,7 +118,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         let settled = self.settle(after);
         let mission = self.mission(&settled, target);
         let severity = self.severity((before, after), &settled, mission, (fault, target));
-        // It could fail before, too.
+        // The mission could already fail without the fault.
         let may_anyway = mission == Mission::MayFail && self.fails[state as usize];
         let mission = if may_anyway { Mission::CanBeDone } else { mission };
         let safe_within = self.safe_within(&settled).filter(|_| severity == Severity::Safe);
@@ -215,7 +215,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         }
     }
 
-    /// Whether something in a mission that is a service waits for what a lost host may still use.
+    /// Whether a process of a mission that is a service waits for a resource that a lost host may still use.
     fn waits(&self, frame: &Frame, mission: Mission) -> bool {
         let waits = |unit: usize| {
             let mut members = frame.states[unit].members_active();
@@ -251,7 +251,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         self.struck.iter().any(|struck| struck.seat == Some(seat) && struck.kind == FaultKind::Crash).then_some(seat)
     }
 
-    /// What becomes of a program that is started again.
+    /// The clause about a program that is restarted.
     fn restart(&self, (unit, member): (usize, u32)) -> String {
         let model = self.system.model;
         let group = model.parts[self.system.units[unit].part].group;
@@ -264,7 +264,8 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         }
     }
 
-    /// What runs and is not being stopped, besides what the faults strike: also what is on a host that is lost.
+    /// The members that run and are not being stopped, except those that the faults strike. Members on a lost host are
+    /// included.
     fn others(&self, frame: &Frame) -> Vec<(usize, u32)> {
         let is_struck = |seat: (usize, u32)| self.struck.iter().any(|struck| struck.seat == Some(seat));
         let is_stopping = |(unit, member): (usize, u32)| frame.states[unit].activity(member) == Activity::Stopping;
@@ -293,7 +294,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         timer_of(&self.system.model.parts[self.system.units[unit].part].expression, timer as usize)
     }
 
-    /// What runs and will end: the step that the run is in.
+    /// The current step of the run: the members that run and will end.
     fn phase(&self, frame: &Frame) -> String {
         let own = self.names();
         let (mut steps, mut stopping) = (Vec::new(), Vec::new());
@@ -395,7 +396,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
 
     /// The longest time until nothing runs, if nothing does.
     fn safe_within(&self, settled: &Settled) -> Option<Duration> {
-        // What stops by itself beyond the loss does so beside all that.
+        // Programs beyond the loss that stop by themselves do so in parallel.
         settled.beyond.iter().try_fold(settled.after?, |longest, seat| {
             let waits = stops_by_itself_after(self.system.link_loss(*seat));
             Some(longest.max(waits.saturating_add(longest_stop(self.times, self.system, *seat)?)))

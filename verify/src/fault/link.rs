@@ -1,4 +1,5 @@
-//! What the loss of a link between two hosts does where a third one passes messages on: control goes on, data does not take the way around.
+//! The effects of losing a link between two hosts while a third host passes messages on: control goes on, data does not
+//! take the way around.
 
 use super::case::is_step;
 use super::span::{Span, span};

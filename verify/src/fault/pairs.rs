@@ -1,4 +1,4 @@
-//! What two faults together do, where that is worse than what each of them does alone.
+//! Pairs of faults that are worse together than each fault alone.
 
 use super::{Row, Severity, Strike, Table, Target, of_strikes, rank, strikes, table};
 use crate::explore::Limits;

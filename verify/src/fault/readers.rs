@@ -29,7 +29,7 @@ impl<'c, 'a> Readers<'c, 'a> {
         Self { system, graph, lines: OnceCell::new(), heard: RefCell::default(), missed: RefCell::default() }
     }
 
-    /// Whether something reads what a program sends, in a state or after it.
+    /// Whether a program reads the output of `sender`, in a state or after it.
     pub(super) fn hear(&self, sender: u32, state: u32) -> bool {
         let mut heard = self.heard.borrow_mut();
         let heard = heard.entry(sender).or_insert_with(|| {
@@ -70,7 +70,7 @@ impl<'c, 'a> Readers<'c, 'a> {
         works(settled) && !is_sent || missed.get(state as usize).copied().unwrap_or(false)
     }
 
-    /// For each state, whether one that has a property follows, or is it, while all is well.
+    /// For each state, whether it has a property, or a state with the property follows it, in a run without faults.
     fn leads_to(&self, has: impl FnMut(&Frame) -> bool) -> Vec<bool> {
         let goals = self.graph.which(self.system, has);
         self.graph.can_reach(&goals, &|label| self.system.is_natural(label))

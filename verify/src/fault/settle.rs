@@ -1,4 +1,4 @@
-//! What is left of a fault once everything has heard of it and all stops are answered, as late as each may be.
+//! The state after a fault, once every supervisor has heard of it and all stops are answered, each as late as possible.
 
 use crate::model::Seat;
 use crate::story::effects;
@@ -21,21 +21,21 @@ pub(crate) fn stops_by_itself_after(policy: LinkLoss) -> Duration {
 /// After so many answers without a pause between them, something is tried again and again.
 const ANSWERS_MAX: usize = 2000;
 
-/// What is left.
+/// The state after a fault has settled.
 #[derive(Debug)]
 pub(super) struct Settled {
     pub(super) frame: Frame,
     /// How long that took; none if nothing bounds it.
     pub(super) after: Option<Duration>,
-    /// What ran meanwhile beyond the loss of a host: it stops by itself, as its `on_link_loss` says.
+    /// The programs that ran beyond the loss of a host: they stop by themselves, as their `on_link_loss` says.
     pub(super) beyond: BTreeSet<(usize, u32)>,
-    /// What the nodes did when they noted the loss of a host.
+    /// The actions of the nodes when they noted the loss of a host.
     pub(super) noted: Vec<String>,
     /// Whether it never came to rest.
     pub(super) is_restless: bool,
 }
 
-/// Lets the nodes note a loss and all stops be answered; programs that could be done meanwhile are not.
+/// Lets the nodes note a loss and all stops be answered. Programs that could be done in that time stay running.
 pub(super) fn settle<'s>(
     times: &Times<'_, '_>,
     system: &'s System<'_>,

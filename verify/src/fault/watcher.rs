@@ -67,7 +67,8 @@ impl Look<'_, '_> {
     }
 }
 
-/// Returns whether an operator makes a watcher of the step in one of its operands; nothing if the operator does not decide that.
+/// Returns whether an operator makes one of its operands a watcher of the step; `None` if the operator does not decide
+/// that.
 fn decides(expression: &Expression, of: &[Sight], own: usize) -> Option<bool> {
     let besides = || of.iter().enumerate().filter(|(index, _)| *index != own).map(|(_, sight)| sight);
     let is_enough = matches!(expression, Expression::AnyOf { count, .. } if of.len() > *count as usize);

@@ -45,7 +45,7 @@ impl Left {
         }
     }
 
-    /// The one that leaves more.
+    /// Returns the one of the two that leaves more time.
     fn or(self, other: Self) -> Self {
         let rest = |left: Self| match left {
             Self::Free => Duration::MAX,
@@ -69,19 +69,20 @@ struct Try {
     too_late: Option<(Duration, usize)>,
 }
 
-/// Finds the steps that never start, and those of a `retry` that are never tried again in time.
+/// Finds the steps that never start, and the steps of a `retry` that are never retried in time.
 pub(crate) fn check(times: &Times<'_, '_>) -> Vec<Finding> {
     let model = times.model;
     let mut tries: Tries = BTreeMap::new();
     let mut lefts: Vec<Option<Left>> = vec![None; model.plan.groups.len()];
     lefts[0] = Some(Left::Free);
-    // Groups stand behind the one that they are in.
+    // A group has a greater number than the group around it.
     for (group, source) in (0_u32..).zip(&model.plan.groups) {
         let Some(left) = lefts[group as usize] else { continue };
         let mut walk = Walk { times, group, source, node: 0, too_late: None, tries: &mut tries, lefts: &mut lefts };
         walk.at(&source.expression, left);
     }
-    // The steps behind one that never starts have the same cause. A text is reported once for all instances of its group.
+    // The steps after one that never starts have the same cause. A text is reported once for all instances of its
+    // group.
     let (mut causes, mut places) = (BTreeSet::new(), BTreeSet::new());
     let found = tries.into_iter().filter_map(|((group, span), tries)| {
         let (cause, finding) = finding(model, span, &tries)?;
@@ -127,7 +128,7 @@ struct Walk<'w, 'm, 'a> {
     source: &'w Group,
     /// The number of the next node.
     node: usize,
-    /// When what is looked at ends at the least, if that is too late.
+    /// If it ends too late: the least time to its end, and the number of its node.
     too_late: Option<(Duration, usize)>,
     tries: &'w mut Tries,
     lefts: &'w mut Vec<Option<Left>>,

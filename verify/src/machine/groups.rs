@@ -1,4 +1,4 @@
-//! The rules of a group: `using`, and what goes between groups.
+//! The rules of a group: `using`, and the messages between groups.
 
 use super::writer::{
     ABORTED, DELIVER, DONE, GRANT, GroupVars, IDLE, Link, Node, OVER, REPORT, REST, RUNNING, RUNS, SETTLE, START, STOP,
@@ -51,7 +51,8 @@ impl Writer<'_> {
         root
     }
 
-    /// `using`. Phases: 1 it waits, 2 it has what it takes. The rest is written once all of the group are known.
+    /// `using`. Phases: 1 it waits; 2 it has its resources. The other rules follow once every `using` of the group is
+    /// known.
     pub(super) fn using(&mut self, node: Node, resources: &[String], of: &Expression) {
         let number = self.uses.len();
         let place = self.own(node, "place", self.nodes as usize + number + 1);
@@ -66,7 +67,7 @@ impl Writer<'_> {
         self.uses.push(Use { node, place, kept, takes: resources.to_vec(), inner });
     }
 
-    /// Whether it starts at once, waits, gets its turn, and gives back what it took.
+    /// Writes the rules of the root: a `using` starts at once, waits, gets its turn, and gives back its resources.
     fn takes_turns(&mut self, root: Node, index: usize) {
         let Use { node, place, kept, inner, ref takes } = self.uses[index];
         let waiting = self.groups[self.group].waiting;
@@ -114,7 +115,7 @@ impl Writer<'_> {
         [place, self.says(group, result, value)].concat()
     }
 
-    /// What is delivered, or is under way.
+    /// The result that is delivered at once, or is in transit.
     fn says(&self, group: usize, result: Term, value: Term) -> Sets {
         let own = &self.groups[group];
         vec![(own.result, result), (own.value, value)]
@@ -148,7 +149,7 @@ impl Writer<'_> {
         sets
     }
 
-    /// What is not of one group alone: the start and the stop of the whole, and all that goes between groups.
+    /// The rules between groups: the start and the stop of the whole, and all messages.
     pub(super) fn between(&mut self, roots: &[Node]) {
         let starts = [vec![(self.whole, Term::Number(RUNNING))], self.start(roots[0], Term::Number(0))].concat();
         self.event("start".to_owned(), &[Test::Is(self.whole, 0)], starts);
@@ -192,13 +193,13 @@ impl Writer<'_> {
         }
     }
 
-    /// What each node that runs a group makes of its result.
+    /// The reaction of each node that runs a group to the result of that group.
     fn hears(&self, group: u32) -> Vec<(Vec<Test>, Sets)> {
         let (result, value) = (self.groups[group as usize].result, self.groups[group as usize].value);
         let runs = self.runs.iter().filter(|(inner, _)| *inner == group).map(|(_, node)| *node);
         let mut all = Vec::new();
         for node in runs {
-            // One that stops though nobody has asked it to has failed.
+            // A group that stops without an order to stop has failed.
             let own = [(1, DONE, DONE), (1, ABORTED, ABORTED), (1, STOPPED, ABORTED)];
             let asked = [DONE, ABORTED, STOPPED].map(|came| (2, came, STOPPED));
             for (phase, came, counts) in own.into_iter().chain(asked) {

@@ -7,7 +7,7 @@ use super::writer::{ABORTED, DONE, HALT, IDLE, Node, REPORT, RUNS, START, STOP, 
 use super::{Term, Test, Var};
 use language::plan::{Expression, Group};
 
-/// A node with its operands, and what it has decided.
+/// A node with its operands, and its decision.
 struct Join {
     node: Node,
     operands: Vec<Node>,
@@ -19,13 +19,13 @@ struct Join {
     given: Var,
 }
 
-/// What operands that end do to a node that waits for some of them.
+/// The effect of ended operands on a node that waits for some of them.
 struct Count {
     /// How many ends it waits for.
     open: Var,
     /// Whether it will abort.
     is_bad: Var,
-    /// What each outcome of each operand changes.
+    /// The changes for each outcome of each operand.
     outcomes: Vec<Vec<(Vec<Test>, Sets)>>,
     at_first: Sets,
 }
@@ -164,7 +164,8 @@ impl Writer<'_> {
         self.is_stopped(&join);
     }
 
-    /// What still runs is stopped; what was decided is the outcome once all of it has confirmed.
+    /// The operands that still run are stopped. The outcome is the one already decided, once all operands have
+    /// confirmed.
     fn drains(&mut self, join: &Join, cleared: &[(Var, Term)]) {
         let Join { node, operands, held, kept, given } = join;
         let (node, number) = (*node, |count: usize| u32::try_from(count).unwrap_or(u32::MAX));
@@ -191,14 +192,15 @@ impl Writer<'_> {
         self.rule(node, STOP, &[drains], [killed, self.reports(node, RUNS)].concat());
     }
 
-    /// A stop while the operands run: what they have left is forgotten.
+    /// A stop while the operands run: their results are discarded.
     fn is_stopped(&mut self, join: &Join) {
         let stopped = vec![self.enter(join.node, 3), (join.held, Term::Number(STOPPED)), (join.kept, Term::Number(0))];
         self.rule(join.node, STOP, &[Test::Is(join.node.phase, 2)], [stopped, self.todo(join.node, HALT, 0)].concat());
     }
 
-    /// `P ::[n] Q`. Phases: 1 it runs; 2 a place of the pool starts; 3 and 4 as above; 5 the source is stopped, since something has
-    /// failed; 6 the pool comes to its own end. While no place is free, `owed` says that `kept` is what the source has left.
+    /// `P ::[n] Q`. Phases: 1 it runs; 2 a place of the pool starts; 3 and 4 as above; 5 the source is stopped, since
+    /// something has failed; 6 the pool comes to its own end. While no place is free, `owed` says that `kept` holds the
+    /// result of the source.
     pub(super) fn pool(&mut self, node: Node, source: &Expression, pool: &[Expression]) {
         let operands: Vec<Expression> = std::iter::once(source).chain(pool).cloned().collect();
         let join = self.join(node, &operands);

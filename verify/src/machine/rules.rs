@@ -1,4 +1,5 @@
-//! The rules of the manual, one function for each operator with at most two operands. Those with more are in `joins`.
+//! The rules of the manual, one function for each operator with at most two operands. Operators with more operands are
+//! in `joins`.
 
 use super::writer::{ABORTED, DONE, IDLE, Node, REPORT, RUNS, START, STOP, STOPPED, Writer};
 use super::{Term, Test};
@@ -64,7 +65,7 @@ impl Writer<'_> {
         format!("elapsed({group}, {time}, {})", self.timers - 1)
     }
 
-    /// What runs from its start until it is stopped, which is confirmed at once.
+    /// An operand that runs from its start until it is stopped. It confirms the stop at once.
     fn lasting(&mut self, node: Node) {
         let starts = [vec![self.enter(node, 1)], self.reports(node, RUNS)].concat();
         self.rule(node, START, &[], starts);
@@ -103,7 +104,7 @@ impl Writer<'_> {
                 self.runs.push((inner, node));
                 starts.extend(self.orders(inner, Term::Of(self.value)));
                 if let Some(travels) = self.groups[inner as usize].travels {
-                    // What has ended meanwhile has nothing to stop.
+                    // An order to stop finds nothing to stop if the group has already ended.
                     let ended = [Test::Is(node.phase, 1), Test::Not(travels.report, 0)];
                     self.rule(node, STOP, &ended, stops.clone());
                     stoppable.push(Test::Is(travels.report, 0));
@@ -123,7 +124,8 @@ impl Writer<'_> {
         index.and_then(|index| u32::try_from(index + 1).ok()).unwrap_or(0)
     }
 
-    /// `;` `:` `;;` and `else`. Phases: 1 the first runs, 2 the second does, 3 the one that runs was stopped, the other forgotten.
+    /// `;` `:` `;;` and `else`. Phases: 1 the first operand runs; 2 the second runs; 3 the running operand was stopped
+    /// and the other is forgotten.
     fn in_turn(&mut self, node: Node, [p, q]: [&Expression; 2], Turn { after, given, is_loop }: Turn) {
         let (first, second) = (self.write(p, Some((node, 0))), self.write(q, Some((node, 1))));
         let (nothing, left) = (Term::Number(0), Term::Of(self.value));

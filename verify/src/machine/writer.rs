@@ -1,11 +1,11 @@
-//! What every rule is made of: the control that all nodes share, calls and reports.
+//! The parts of every rule: the control that all nodes share, calls and reports.
 
 use super::{Change, Machine, Term, Test, Var};
 use crate::model::Model;
 use language::plan::Expression;
 use std::collections::BTreeMap;
 
-/// What is to be done: nothing, by anybody. Only then something can happen.
+/// The machine is at rest: no node has anything to do. Events can only happen in this state.
 pub(super) const REST: u32 = 0;
 /// The node starts, with `value`.
 pub(super) const START: u32 = 1;
@@ -15,9 +15,9 @@ pub(super) const STOP: u32 = 2;
 pub(super) const REPORT: u32 = 3;
 /// The node goes through its operands, as far as number `operand`, to stop those that run.
 pub(super) const HALT: u32 = 4;
-/// The node weighs what it has heard.
+/// The node decides from the reports of its operands.
 pub(super) const WEIGH: u32 = 5;
-/// The group of which the node is the root gives what is free to the one that waits in place `operand`.
+/// The group whose root is this node gives free resources to the `using` that waits in place `operand`.
 pub(super) const GRANT: u32 = 6;
 /// The first of the orders and reports between groups is delivered.
 pub(super) const DELIVER: u32 = 7;
@@ -52,7 +52,7 @@ pub(super) struct Node {
 /// One `using` of a group.
 pub(super) struct Use {
     pub(super) node: Node,
-    /// Its place among those that wait, from 1; 0 if it does not.
+    /// Its place in the queue, from 1; 0 if it does not wait.
     pub(super) place: Var,
     /// The value that it starts with when its turn comes.
     pub(super) kept: Var,
@@ -60,13 +60,13 @@ pub(super) struct Use {
     pub(super) inner: Node,
 }
 
-/// What a group has beside its nodes.
+/// The variables of a group beside those of its nodes.
 pub(super) struct GroupVars {
     /// An order to stop is on its way to it.
     pub(super) is_ordered: Var,
-    /// Its place among what is delivered, from 1; 0 if there is nothing.
+    /// Its place among the deliveries, from 1; 0 if there is none.
     pub(super) place: Var,
-    /// What is delivered: 0 it starts, else its result is reported.
+    /// The content of the delivery: 0 for a start, else the result that is reported.
     pub(super) result: Var,
     pub(super) value: Var,
     /// How many of its `using`s wait.
@@ -78,7 +78,8 @@ pub(super) struct GroupVars {
 /// From one host to another: indices into `Plan::hosts`.
 pub(super) type Link = (u32, u32);
 
-/// What travels between a group and the one around it: the place of each message on its link, from 1; 0 if there is none.
+/// The messages between a group and the group around it: the place of each message on its link, from 1; 0 if there is
+/// none.
 #[derive(Clone, Copy)]
 pub(super) struct Travels {
     pub(super) start: Var,
@@ -89,7 +90,7 @@ pub(super) struct Travels {
     pub(super) back: Link,
 }
 
-/// The control that all share, and what has been written so far.
+/// The shared control, and the rules written so far.
 pub(super) struct Writer<'m> {
     pub(super) model: &'m Model<'m>,
     pub(super) machine: Machine,
@@ -166,7 +167,7 @@ pub(super) fn write(model: &Model<'_>) -> Machine {
     writer.machine
 }
 
-/// What is known of the messages of a group, if they have to travel.
+/// The variables for the messages of a group, if these messages take time.
 fn travels(model: &Model<'_>, group: usize, machine: &mut Machine, links: &mut BTreeMap<Link, Var>) -> Option<Travels> {
     let (around, _) = model.around[group]?;
     let host = |group: usize| model.plan.groups[group].host;
@@ -216,7 +217,7 @@ impl Writer<'_> {
         self.change(None, own.into_iter().chain(tests.iter().cloned()).collect(), sets);
     }
 
-    /// Something that can happen while nobody has anything to do.
+    /// Writes an event, which can happen only while no node has anything to do.
     pub(super) fn event(&mut self, word: String, tests: &[Test], sets: Sets) {
         let rests = [Test::Is(self.todo, REST), Test::Not(self.whole, OVER)];
         self.change(Some(word), rests.into_iter().chain(tests.iter().cloned()).collect(), sets);
@@ -257,7 +258,7 @@ impl Writer<'_> {
         sets
     }
 
-    /// A node says to what is around it how it is.
+    /// A node reports its state to the operator around it.
     pub(super) fn report(&self, node: Node, result: Term, value: Term) -> Sets {
         let mut sets = match node.around {
             Some((around, operand)) => vec![

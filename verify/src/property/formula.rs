@@ -1,8 +1,8 @@
 //! `holds ltl "..."`: a formula of linear temporal logic, by an automaton of the runs on which it does not hold.
 //!
-//! A formula that can only fail at some position, such as `G (a -> b)`, is proved of every run, with failures and stops, as `never` is.
-//! One that promises something, such as `F b`, is proved of the runs without them, as `eventually` is. The parts of a
-//! formula that `&` joins are proved one by one.
+//! A formula that can only be violated at some position, such as `G (a -> b)`, is proved of every run, with failures
+//! and stops, like `never`. A formula that promises something, such as `F b`, is proved of the runs without them, like
+//! `eventually`. The parts of a formula that `&` joins are proved one by one.
 
 mod automaton;
 mod run;
@@ -19,7 +19,7 @@ use language::sites::{Atom, EventKind, Formula, ProcessRef};
 use run::{Run, Seen};
 pub(super) use trace::{Breaks, Followed};
 
-/// What a larger formula is answered.
+/// The answer to a formula above the limit.
 const TOO_LARGE: &str = "the formula is too large: write several sentences, or fewer `U`, `F` and `W` in one";
 
 impl Question<'_, '_, '_> {
@@ -83,7 +83,7 @@ fn accepted(
 ) -> Result<Option<Run>, crate::explore::Reached> {
     let letters: Vec<u32> = (0..graph.store.count()).map(|state| letter(system, graph.store.get(state))).collect();
     let events = atoms.iter().zip(0..).filter(|(atom, _)| matches!(atom, Atom::Happens(_)));
-    // Where programs do not fail by themselves, a failure is what a group inside comes to.
+    // In a system where programs do not fail by themselves, a failure comes from an inner group.
     let is_natural = |label| system.is_natural(label) || matches!(label, Label::Aborted(..)) && !system.mode.aborts;
     let seen = Seen {
         graph,
@@ -95,13 +95,13 @@ fn accepted(
     run::find(&seen, automaton, limits)
 }
 
-/// The atoms that are true, as they are noted with a state.
+/// The atoms that are true, as noted with a state.
 fn letter(system: &System<'_>, bytes: &[u8]) -> u32 {
     let notes = &bytes[bytes.len() - system.notes..];
     notes.iter().rev().fold(0, |letter, byte| letter << 8 | u32::from(*byte))
 }
 
-/// A number for each configuration, whatever is noted with it.
+/// A number for each configuration. The notes are not part of a configuration.
 fn configurations(system: &System<'_>, graph: &Graph) -> Vec<u32> {
     let count = graph.store.count();
     let bytes = |state: u32| {

@@ -1,4 +1,4 @@
-//! The sentences about the loss of a host, and what the loss of one does to the others.
+//! The sentences about the loss of a host, and the effects of a loss on the other hosts.
 
 use super::watch::Goal;
 use super::{Question, follow_starts, place_of};
@@ -11,14 +11,14 @@ use language::sites::{Consequence, Occurrence, ProcessRef};
 use std::time::Duration;
 
 impl<'m> Question<'_, 'm, '_> {
-    /// Adds to the proof that some never run at the same time what it rests on, if they may once a host is lost: whether what runs
-    /// there has stopped nobody knows.
+    /// Adds an assumption to the proof that some processes never run at the same time, if they may do so after a host
+    /// is lost: it is then unknown whether the processes there have stopped.
     pub(super) fn unless_lost(&self, found: Finding, all: &[ProcessRef]) -> Finding {
         let hosts = &self.times.model.plan.hosts;
         if found.verdict != Verdict::Proved || hosts.len() < 2 {
             return found;
         }
-        // What is seen from the home comes first.
+        // The view from the home comes first.
         let home = self.times.model.plan.groups[0].host;
         let mut losses: Vec<(Loss, &String)> = Vec::new();
         for (host, name) in (0_u32..).zip(hosts) {
@@ -106,7 +106,7 @@ impl<'m> Question<'_, 'm, '_> {
         if let Some(found) = self.on_loss_of_all(host, consequence) {
             return found;
         }
-        // What comes after its return: a host that is back has nothing any more, so what was kept for it is free.
+        // After the host returns it runs nothing, so the resources kept for it are free.
         let whom: Vec<ProcessRef> = lost.into_iter().chain([other]).collect();
         let mode = Mode { lost: Some(Loss { host, kind: LossKind::Programs }), ..Mode::default() };
         let mut system = self.system(&whom, mode);
@@ -121,7 +121,8 @@ impl<'m> Question<'_, 'm, '_> {
         }
     }
 
-    /// The host dies with its supervisors, or goes on where nobody reaches it: in both the sentence has to hold of the whole mission.
+    /// The host either dies with its supervisors or goes on unreachable. In both cases the sentence has to hold for the
+    /// whole mission.
     fn on_loss_of_all(&self, host: u32, consequence: &Consequence) -> Option<Finding> {
         let model = self.times.model;
         let seen = |who: ProcessRef| match (who.member, model.around[who.group as usize]) {

@@ -1,7 +1,8 @@
 //! Sentences looked for in a recorded run, instead of in every order of events.
 //!
-//! The order of the events of one supervisor is known, that of two is not. So a sentence is seen if it names members of its own
-//! group, and says what never happens; a formula, as far as it can be broken at some position.
+//! The order of the events of one supervisor is known; the order between two supervisors is not. So a run can decide a
+//! sentence only if it names members of one group and forbids something, or is a formula that can be violated at some
+//! position.
 
 use super::formula::{Breaks, Followed};
 use super::watch::{Goal, Watch};
@@ -82,7 +83,7 @@ fn monitor(model: &Model<'_>, property: &Property, records: &[Vec<Steps>]) -> Fi
     }
 }
 
-/// What a run can break.
+/// A sentence that a run can violate.
 enum Wanted {
     Never(Goal),
     Unbroken(Breaks),
@@ -102,7 +103,7 @@ impl Eye<'_> {
         }
     }
 
-    /// Returns whether nothing is broken by what has happened.
+    /// Returns whether the events so far violate nothing.
     fn sees(&mut self, system: &System<'_>, changes: &[Change], frame: &mut Frame) -> bool {
         match self {
             Self::Watch(watch) => watch.sees(system, false, changes, frame),
@@ -111,7 +112,7 @@ impl Eye<'_> {
     }
 }
 
-/// What must not be broken, and whom it names; none for a sentence that one run cannot break.
+/// The violation to look for, and the processes it names; none for a sentence that one run cannot violate.
 fn wanted(sentence: &Sentence) -> Option<(Wanted, Vec<ProcessRef>)> {
     if let Sentence::Holds(formula) = sentence {
         let breaks = Breaks::of(formula);
@@ -122,7 +123,7 @@ fn wanted(sentence: &Sentence) -> Option<(Wanted, Vec<ProcessRef>)> {
     Some((Wanted::Never(goal), whom))
 }
 
-/// What must never be seen, and whom it names; none for a sentence that one run cannot break.
+/// The goal that must never be reached, and the processes it names; none for a sentence that one run cannot violate.
 fn goal(sentence: &Sentence) -> Option<(Goal, Vec<ProcessRef>)> {
     Some(match sentence {
         Sentence::NeverTogether(all) => (Goal::Together(all.clone()), all.clone()),

@@ -1,4 +1,4 @@
-//! How long a stop takes: from what causes it to when the process that it is about does not run any more.
+//! The time that a stop takes: from its cause until the process of the sentence has stopped.
 //!
 //! Something ends, and the innermost operator around both stops the other side. First what else runs on the side of the cause
 //! has to stop, then the order finds its way down to the process: past every `shield` and every `finally` around it.
@@ -32,7 +32,7 @@ impl Times<'_, '_> {
         if let Some((group, slot, _)) = common {
             self.count_messages(group, slot);
         }
-        // A group ends once what is in it beside the cause has stopped.
+        // A group ends once its members other than the cause have stopped.
         let inside = causes.iter().take_while(|(inner, _)| *inner != last);
         let rest = inside.map(|&(group, slot)| {
             let place = self.place(group, slot);
@@ -97,7 +97,7 @@ impl Times<'_, '_> {
         longest(operands.into_iter().map(|operand| self.rest_stops(place, cause, operand)))
     }
 
-    /// The most time from an order to stop until the member, or what is meant inside it, does not run any more.
+    /// The most time from an order to stop until the member, or the named process inside it, has stopped.
     fn until_stopped(&self, place: Place<'_>, expression: &Expression, stopped: &[(u32, u32)]) -> Option<Duration> {
         let of = |operand: &Expression| self.of(place.group, place.source, operand);
         let inner = |operand: &Expression| match runs(operand).contains(&place.slot) {
@@ -109,7 +109,7 @@ impl Times<'_, '_> {
         }
         if let Expression::Shield { bound, of: body } = expression {
             return match (bound, of(body).end) {
-                // What ends before its bound is never stopped.
+                // An operand that ends before its bound is never stopped.
                 (Some(bound), Some(end)) if end < *bound => Some(end),
                 (Some(bound), _) => sum(*bound, inner(body)),
                 (None, end) => end,

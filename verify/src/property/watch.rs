@@ -1,4 +1,4 @@
-//! What a sentence forbids or asks for, seen while a system is explored.
+//! The goal of a sentence, watched while a system is explored.
 
 use super::is_running;
 use crate::explore::Observer;
@@ -6,7 +6,7 @@ use crate::system::{Change, Changed, Frame, Phase, System};
 use language::algebra::Activity;
 use language::sites::{EventKind, Occurrence, ProcessRef};
 
-/// What a watch looks out for. One byte of notes goes with each state.
+/// The goal of a watch. One byte of notes goes with each state.
 #[derive(Clone, Debug)]
 pub(super) enum Goal {
     /// Forbidden: two of them at the same time.
@@ -227,7 +227,7 @@ impl Observer for Watch<'_> {
                 if self.happens(is_fault, changes, event.as_ref()) {
                     after.notes[0] = 1;
                 }
-                // What is inside a group may have to stop first, before those outside hear of it.
+                // Members inside a group may have to stop before the outside hears of the end.
                 if after.notes[0] == 0 || system.has_stops(after) || system.is_held_up(after) {
                     return true;
                 }

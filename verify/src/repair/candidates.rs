@@ -1,4 +1,4 @@
-//! What might repair a mistake, by its kind. Nothing here is proved.
+//! Candidate repairs for each kind of mistake. Nothing here is proved.
 
 use super::text::{has_word, head, inside, last_time, operand, steps, time};
 use language::plan::{Expression, Plan};
@@ -126,7 +126,7 @@ impl Spec<'_> {
         vec![Fix { title: format!("take them at once: {}", names.join(", ")), edits }]
     }
 
-    /// What stands before it ends in the way that starts it.
+    /// The step before it ends in the way that starts it.
     fn reached(&self, span: Span) -> Vec<Fix> {
         let mut fixes = Vec::new();
         for node in &self.nodes {

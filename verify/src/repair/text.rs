@@ -10,7 +10,7 @@ pub(super) fn operand(text: &str) -> String {
     if is_word || is_prefixed || inside(text).is_some() { text.to_owned() } else { format!("({text})") }
 }
 
-/// What is inside the parentheses that are around a whole text.
+/// The text inside the parentheses around a whole text.
 pub(super) fn inside(text: &str) -> Option<&str> {
     let body = text.strip_prefix('(')?.strip_suffix(')')?;
     let mut depth = 0_i32;
@@ -45,7 +45,7 @@ pub(super) fn steps(text: &str) -> Vec<&str> {
     steps
 }
 
-/// The head of `using(a, b) P` or `retry(3) P` up to its `)`, what is in it, and P.
+/// The head of `using(a, b) P` or `retry(3) P` up to its `)`, the text between the parentheses, and P.
 pub(super) fn head<'t>(text: &'t str, word: &str) -> Option<(&'t str, &'t str, &'t str)> {
     let rest = text.strip_prefix(word)?;
     let open = rest.find(|c: char| !c.is_whitespace()).filter(|at| rest[*at..].starts_with('('))?;

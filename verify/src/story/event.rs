@@ -1,10 +1,10 @@
-//! What happens at a label, as a simulator and a test take it.
+//! The event of a label, in the form that a simulator and a test take.
 
 use crate::system::{FaultKind, Label, LossKind, System};
 use language::plan::MemberKind;
 use language::{ProgramFault, TraceEvent};
 
-/// Names what happens; none for what is about a piece of a group, which has no name.
+/// Names the event of a label; none for an event of a piece of a group, which has no name.
 pub(super) fn event(system: &System<'_>, label: Label) -> Option<TraceEvent> {
     let member = |unit: u16, member: u16| path(system, usize::from(unit), u32::from(member));
     let group = |unit: u16| {

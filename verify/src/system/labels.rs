@@ -1,4 +1,4 @@
-//! What may happen next in a system.
+//! The events that may happen next in a system.
 
 use super::{Ends, FaultKind, Frame, Injection, Label, Occupant, Phase, System, small};
 use language::algebra::Activity;
@@ -95,9 +95,9 @@ impl System<'_> {
         }
     }
 
-    /// Whether something happens without anybody failing or asking for it: programs that end, stops that are answered, timers. A
-    /// group that is not looked into may end as failed though no program fails: `estop ; fail("stopped")`; and it may be done only
-    /// because one has: `service else home`.
+    /// Whether a label happens without a failure and without a request to stop: programs that end, stops that are
+    /// answered, timers. A closed group may fail although no program fails: `estop ; fail("stopped")`. It may also be
+    /// done only because a program has failed: `service else home`.
     pub(crate) fn is_natural(&self, label: Label) -> bool {
         match label {
             Label::Done(unit, member, value) => match self.calm(unit, member) {

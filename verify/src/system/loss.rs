@@ -1,10 +1,11 @@
 //! The loss of a host, as the nodes on both sides of it take it.
 //!
-//! A host that has died and one that nobody reaches look alike from outside. Once the node of a supervisor has noted the loss, what ran
-//! there has failed for it. Whether it still runs is another question. What is out of reach goes on until its own node has noted
-//! the loss, too, and then does as `on_link_loss` says; a group goes on with its expression as long as any program below it may.
-//! A host that has lost the home, and has nothing that goes on, leaves the mission. What a `using` has taken for a member on a
-//! lost host is given to nobody else. The rules are those of `node/src/logic`: `participant/loss`, `executer/lost`, `executer/fence`.
+//! From outside, a host that has died and an unreachable host look alike. Once the node of a supervisor has noted the
+//! loss, the members there have failed for that supervisor, whether or not they still run. Unreachable programs go on
+//! until their own node has also noted the loss; then each follows its `on_link_loss`. A group goes on with its
+//! expression as long as any program below it may. A host that has lost the home, and has nothing that goes on, leaves
+//! the mission. Resources that a `using` holds for a member on a lost host are not given away. The rules are those of
+//! `node/src/logic`: `participant/loss`, `executer/lost`, `executer/fence`.
 
 mod note;
 
@@ -22,7 +23,7 @@ pub(crate) struct Loss {
     pub(crate) kind: LossKind,
 }
 
-/// What has become of a host that is lost.
+/// The state of a lost host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum LossKind {
     /// Its programs have died. Its node, and the supervisors there, go on.
@@ -33,22 +34,23 @@ pub(crate) enum LossKind {
     Cut,
 }
 
-/// What a host has done about the loss: nothing yet, noted it, left the mission.
+/// The reaction of a host to the loss: none yet, noted it, left the mission.
 const NOTED: u8 = 1;
 const LEFT: u8 = 2;
 
-/// What has become of a member. It runs though its supervisor has given it up.
+/// The state of a member: it runs, but its supervisor has given it up.
 const ORPHAN: u8 = 1;
 /// It has stopped, and its supervisor does not know.
 const GONE: u8 = 2;
-/// What was taken for it stays taken.
+/// Its resources stay taken.
 const FENCED: u8 = 4;
-/// It was started after the loss, and has never begun: its host is out of reach, or begins nothing new, or what it needs is fenced.
+/// It was started after the loss and has never begun: its host is unreachable or begins nothing new, or the resources
+/// it needs are fenced.
 const UNREACHED: u8 = 8;
 const HELD: u8 = 16;
 const WAITS: u8 = 32;
 
-/// What lies where, seen from a loss.
+/// The two sides of a loss.
 #[derive(Debug)]
 pub(super) struct Rift {
     home: u32,
@@ -61,7 +63,7 @@ pub(super) struct Rift {
     length: usize,
     /// For each unit, whether some program below it may go on without other hosts.
     endures: Vec<bool>,
-    /// For each group, what is taken for each of its members.
+    /// For each group, the resources taken for each of its members.
     taken: Vec<BTreeMap<u32, BTreeSet<String>>>,
     /// The groups for which something is taken further out.
     below: BTreeSet<u32>,
@@ -70,7 +72,7 @@ pub(super) struct Rift {
 }
 
 impl System<'_> {
-    /// A host may be lost from now on. What the loss may tear apart has to be open: see [`is_torn`].
+    /// Allows the loss of a host from now on. Groups that the loss may split have to be open: see [`is_torn`].
     pub(crate) fn lose(&mut self, loss: Loss) {
         self.mode.lost = Some(loss);
         if loss.kind != LossKind::Programs {
@@ -80,7 +82,7 @@ impl System<'_> {
         }
     }
 
-    /// What a `using` has taken for a member stays taken once nobody confirms that it has stopped.
+    /// Keeps the resources of a `using` taken for a member whose stop is not confirmed.
     pub(super) fn keep_taken(&mut self, (unit, member): (usize, u32)) {
         if self.rift.is_some() {
             return;
@@ -92,7 +94,7 @@ impl System<'_> {
         }
     }
 
-    /// Nobody has confirmed that a member has stopped.
+    /// Notes that the stop of a member was not confirmed.
     pub(super) fn stays_taken(&self, frame: &mut Frame, (unit, member): (usize, u32)) {
         if let Some(rift) = &self.rift {
             frame.rift[rift.starts[unit] + member as usize] |= FENCED;
@@ -148,7 +150,7 @@ impl System<'_> {
 
     // ---- where things stand ----
 
-    /// Whether a host has been lost, and what is on either side goes its own way.
+    /// Whether a host has been lost and both sides go on separately.
     pub(crate) fn is_split(&self, frame: &Frame) -> bool {
         self.mode.lost.is_some_and(|loss| loss.kind != LossKind::Programs) && frame.is_faulty
     }
@@ -268,7 +270,7 @@ impl System<'_> {
         there
     }
 
-    /// Whether a program runs and nobody whom the mission reaches supervises it.
+    /// Whether a program runs without a supervisor that the mission can reach.
     pub(crate) fn is_adrift(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
         let Some(rift) = self.rift.as_ref().filter(|_| frame.is_faulty) else { return false };
         let seats = std::iter::successors(Some((unit, member)), |(unit, _)| self.units[*unit].parent);
@@ -283,7 +285,7 @@ impl System<'_> {
         while let Some((unit, member)) = at {
             let at_seat = (unit, member);
             if self.is_severed(frame, (unit, member)) || self.is_silent(frame, unit) {
-                // What is around it does not count any more.
+                // The parts around it do not matter any more.
                 return match self.units[unit].seats[member as usize] {
                     Occupant::Box(_) => self.is_there(frame, (unit, member)),
                     Occupant::Unit(inner) => frame.states[inner].is_node_active(0) && !self.is_silent(frame, inner),
@@ -298,7 +300,7 @@ impl System<'_> {
         true
     }
 
-    /// What the programs of a member do when hosts cannot be reached; a group that is not looked into has no such wish.
+    /// The reaction of the programs of a member to unreachable hosts; closed groups have none.
     pub(crate) fn link_loss(&self, (unit, member): (usize, u32)) -> LinkLoss {
         match self.model.parts[self.units[unit].part].members.get(member as usize) {
             Some(Seat::Leaf(leaf)) => self.model.plan.leaves[*leaf as usize].policy.link_loss,
@@ -329,7 +331,7 @@ fn endures(model: &Model<'_>, group: u32) -> bool {
     leaves.into_iter().any(|leaf| model.plan.leaves[leaf as usize].policy.link_loss != LinkLoss::Leave)
 }
 
-/// What is taken around each run of a member.
+/// The resources taken around each run of a member.
 fn taken(expression: &Expression) -> BTreeMap<u32, BTreeSet<String>> {
     let mut taken = BTreeMap::new();
     collect(expression, &BTreeSet::new(), &mut taken);
@@ -349,7 +351,7 @@ fn collect(expression: &Expression, around: &BTreeSet<String>, taken: &mut BTree
 
 /// The groups for which something is taken further out.
 fn below(model: &Model<'_>, taken: &[BTreeMap<u32, BTreeSet<String>>]) -> BTreeSet<u32> {
-    // Groups stand behind the one that they are in.
+    // A group has a greater number than the group around it.
     let mut below = BTreeSet::new();
     for (group, around) in (0_u32..).zip(&model.around) {
         if let Some((outer, slot)) = around

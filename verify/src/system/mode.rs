@@ -1,8 +1,8 @@
-//! What may go wrong in a system.
+//! The faults that a system may have.
 
 use super::Loss;
 
-/// What may happen beside what programs do when all is well.
+/// The events that may happen beside the behaviour of programs without faults.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Mode {
     /// Any program may abort at any time.
@@ -17,11 +17,11 @@ pub(crate) struct Mode {
     pub(crate) second: Option<Injection>,
     /// This host may be lost.
     pub(crate) lost: Option<Loss>,
-    /// What a program on the lost host has come to before may be heard after the loss, until that is noted.
+    /// Ends of programs on the lost host may still be heard after the loss, until the loss is noted.
     pub(crate) hears_late: bool,
 }
 
-/// A fault, and whom it strikes: a member of a unit.
+/// A fault, and the member of a unit that it strikes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Injection {
     pub(crate) unit: usize,
@@ -29,14 +29,14 @@ pub(crate) struct Injection {
     pub(crate) kind: FaultKind,
 }
 
-/// What goes wrong.
+/// The kinds of fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum FaultKind {
     /// The program dies; by its policy it is started again.
     Crash,
     /// The program goes on for ever, but still answers a stop, at the latest by being killed.
     Hang,
-    /// Nobody can confirm that the program has stopped.
+    /// The stop of the program is not confirmed.
     Unanswered,
     /// A host is lost, with every program and supervisor there.
     HostLost,

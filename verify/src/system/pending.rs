@@ -1,4 +1,4 @@
-//! What of a stop is still under way.
+//! The parts of a stop that are not finished: answers, orders and reports in transit.
 
 use super::{Frame, Occupant, System};
 use language::algebra::Activity;

@@ -14,7 +14,7 @@ pub(crate) struct Stepper<'s> {
     system: &'s System<'s>,
     steps: Vec<Steps<'s>>,
     queue: VecDeque<(usize, Event)>,
-    /// What the last thing that happened has changed: unit, item, and the word before.
+    /// The changes of the last event: unit, item, and the previous word.
     journal: Vec<(usize, u32, u64)>,
     ordered: Vec<bool>,
     notes: Vec<u8>,
@@ -26,14 +26,14 @@ pub(crate) struct Stepper<'s> {
     is_twice_faulty: bool,
 }
 
-/// What the note of a loss does to a unit.
+/// An effect of noting a loss on a unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Blow {
     /// It is stopped.
     Stop(usize),
     /// A member has failed for it.
     End(usize, u32),
-    /// Nobody hears that a member has stopped.
+    /// A member has stopped, and no confirmation arrives.
     Tell(usize, u32),
 }
 
@@ -55,7 +55,7 @@ impl<'s> Stepper<'s> {
         }
     }
 
-    /// Lets something happen; writes down what changes, for one who wants to know.
+    /// Applies a label. Writes the changes to `changes`, if given.
     pub(crate) fn apply(&mut self, frame: &mut Frame, label: Label, mut changes: Option<&mut Vec<Change>>) {
         if let Some(changes) = &mut changes {
             changes.clear();
@@ -76,7 +76,7 @@ impl<'s> Stepper<'s> {
         }
     }
 
-    /// The nodes of a unit that end at once when something happens to it, also those that a loop starts anew.
+    /// The nodes of a unit that end at once at an event, including nodes that a loop restarts.
     pub(crate) fn ended(&mut self, frame: &Frame, label: Label) -> Vec<usize> {
         let Self { system, steps, queue, journal, .. } = self;
         let mut frame = frame.clone();
@@ -112,12 +112,12 @@ struct Reaction<'r, 'a> {
     changes: Option<&'r mut Vec<Change>>,
     queue: &'r mut VecDeque<(usize, Event)>,
     journal: &'r mut Vec<(usize, u32, u64)>,
-    /// What the note of a loss still does, once nothing follows from what it has done.
+    /// The remaining effects of noting a loss, once the previous ones have no further consequences.
     blows: VecDeque<Blow>,
 }
 
 impl Reaction<'_, '_> {
-    /// What comes of it for the units: an event of one, at the most.
+    /// The consequence for the units: at most one event of one unit.
     fn begin(&mut self, label: Label) -> Option<(usize, Event)> {
         match label {
             Label::Start => {
@@ -220,7 +220,7 @@ impl Reaction<'_, '_> {
         }
     }
 
-    /// What is still on its way over the loss to a host that has noted it does not arrive.
+    /// Orders in transit over the loss do not arrive at a host that has noted it.
     fn lose_late_orders(&mut self, host: u32) {
         for unit in 0..self.system.units.len() {
             let parent = self.system.units[unit].parent.filter(|_| self.system.host_of(unit) == host);
@@ -238,7 +238,7 @@ impl Reaction<'_, '_> {
         }
     }
 
-    /// What the note of a loss does next.
+    /// The next effect of noting a loss.
     fn blow(&mut self) -> Option<(usize, Event)> {
         while let Some(blow) = self.blows.pop_front() {
             match blow {
@@ -262,7 +262,7 @@ impl Reaction<'_, '_> {
 
     fn ends(&mut self, unit: u16, member: u16, outcome: Outcome) -> Option<(usize, Event)> {
         let seat = (usize::from(unit), u32::from(member));
-        // Of what is refused its supervisor's own node says so.
+        // A refusal is reported by the supervisor's own node.
         let is_there = !self.system.is_refused(self.frame, seat) && self.system.is_distant_group(seat);
         if is_there && self.reports(seat, &outcome) {
             return None;
@@ -300,7 +300,7 @@ impl Reaction<'_, '_> {
         (is_awaited && !self.system.is_silent(self.frame, unit)).then(|| (unit, event_of(member, outcome)))
     }
 
-    /// A member of a unit has ended; returns what the unit hears.
+    /// Handles the end of a member. Returns the event for the unit.
     fn ended(&mut self, unit: usize, member: u32, outcome: Outcome) -> Event {
         let is_asked = self.frame.states[unit].activity(member) == Activity::Stopping;
         self.change(unit, Some(member), || changed(&outcome, is_asked));
@@ -328,7 +328,7 @@ impl Reaction<'_, '_> {
                     let seat = (unit, *member);
                     self.system.is_here(self.frame, seat);
                     let begins = self.system.begins(self.frame, seat);
-                    // What is sent over a loss never arrives.
+                    // A message sent over a loss never arrives.
                     let is_lost = !begins && self.system.is_severed(self.frame, seat) && self.system.is_followed(seat);
                     if is_lost || begins && self.system.send_start(self.frame, seat, value) {
                         self.change(unit, Some(*member), || Changed::Sent);
@@ -352,7 +352,7 @@ impl Reaction<'_, '_> {
         }
     }
 
-    /// A unit stops a member: what is a piece of the same group at once, another group when the order reaches it.
+    /// A unit stops a member: a piece of the same group at once, another group when the order reaches it.
     fn stop(&mut self, unit: usize, member: u32) {
         self.change(unit, Some(member), || Changed::Stopping);
         let Occupant::Unit(inner) = self.system.units[unit].seats[member as usize] else { return };
@@ -362,7 +362,7 @@ impl Reaction<'_, '_> {
             // It has never begun.
             self.queue.push_back((unit, Event::Stopped { member, activation: ACTIVATION }));
         } else if !self.system.is_severed(self.frame, (unit, member)) {
-            // What has ended meanwhile has nothing to stop.
+            // A member that has already ended has nothing to stop.
             if !self.system.has_ended_unheard(self.frame, (unit, member)) {
                 self.frame.ordered[inner] = true;
                 self.system.send_stop(self.frame, (unit, member));
@@ -396,7 +396,7 @@ impl Reaction<'_, '_> {
     }
 }
 
-/// What a unit hears of a member that has ended.
+/// The event of a unit when a member has ended.
 fn event_of(member: u32, outcome: Outcome) -> Event {
     let activation = ACTIVATION;
     match outcome {
@@ -407,7 +407,7 @@ fn event_of(member: u32, outcome: Outcome) -> Event {
     }
 }
 
-/// What an end is for one who looks; whose supervisor has asked it to stop has stopped, however it ends.
+/// The change that an observer sees at an end. A member with an order to stop has stopped, however it ends.
 fn changed(outcome: &Outcome, is_asked: bool) -> Changed {
     match outcome {
         Outcome::Aborted(_) => Changed::Aborted,
@@ -416,7 +416,7 @@ fn changed(outcome: &Outcome, is_asked: bool) -> Changed {
     }
 }
 
-/// Whether nobody can confirm that something has stopped.
+/// Whether a stop was not confirmed.
 pub(super) fn is_unconfirmed(outcome: &Outcome) -> bool {
     matches!(outcome, Outcome::Aborted(reason) if reason.cause == Cause::StopUnconfirmed)
 }

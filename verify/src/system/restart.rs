@@ -1,10 +1,11 @@
-//! What becomes of a program that dies and is started again by its policy, below the event actions.
+//! Restarts of programs by their policy, below the event actions.
 //!
-//! Its activation outlives it: the supervisor hears nothing, and the program is away until it runs again, as if it had just begun.
-//! As the strategy of its group says, programs of other members are started anew with it. A program that has died too often has failed,
-//! and cannot be started any more; a group whose programs have died too often stops everything and has failed. Nobody notes in a state
-//! how often that has been, so each may come at any time at which it may come at all. The rules are those of
-//! `node/src/logic`: `instance/restarts`, `executer/supervision`.
+//! The activation of the member outlives the death of its program: the supervisor hears nothing, and the program is
+//! away until it runs again, as if it had just begun. Depending on the strategy of its group, programs of other members
+//! are restarted with it. A program that has died too often has failed, and cannot be started any more. A group whose
+//! programs have died too often stops everything and has failed. States do not count the deaths, so each consequence
+//! may come at any time at which it is possible at all. The rules are those of `node/src/logic`: `instance/restarts`,
+//! `executer/supervision`.
 
 use super::{Changed, FaultKind, Frame, Label, System, small};
 use crate::model::{Model, Seat};
@@ -16,16 +17,16 @@ use std::time::Duration;
 const RESTARTS_MAX: u32 = 5;
 const WINDOW: Duration = Duration::from_secs(60);
 
-/// What has become of a member: it is away, and comes back.
+/// The member is away and will return.
 const AWAY: u8 = 1;
 /// It has been given up: each activation fails.
 const GIVEN_UP: u8 = 2;
-/// Nobody has confirmed that it has stopped: each activation fails.
+/// The stop of the member was not confirmed: each activation fails.
 const UNCONFIRMED: u8 = 4;
-/// What has become of a unit: its programs have died too often, so it stops, and will have failed.
+/// The programs of a unit have died too often: it stops, and will have failed.
 const ESCALATES: u8 = 1;
 
-/// What a system keeps in mind of restarts.
+/// The restarts that a system keeps track of.
 #[derive(Debug, Default)]
 pub(super) struct Restarts {
     /// The members of which it is known whether they are away or given up.
@@ -45,7 +46,8 @@ pub(crate) fn is_never_done(model: &Model<'_>, leaf: u32) -> bool {
     leaf.policy.restart == Restart::Permanent && leaf.kind != LeafKind::Controller
 }
 
-/// What the death of a program may be: as its policy says, it is started again, has died too often, or the programs of its group have.
+/// The possible consequences of a program's death under its policy: it is restarted, it has died too often, or the
+/// programs of its group have died too often.
 pub(crate) fn crashes(model: &Model<'_>, group: u32, leaf: u32) -> Vec<FaultKind> {
     if !is_restarted(model, leaf) {
         return vec![FaultKind::Crash];
@@ -79,7 +81,7 @@ pub(crate) fn escalates(model: &Model<'_>, group: u32) -> bool {
     programs * windows * u128::from(RESTARTS_MAX) > u128::from(borne.restarts)
 }
 
-/// The slots of a group whose programs are started anew with that of another.
+/// The slots of a group whose programs are restarted together with another program.
 pub(crate) fn taken_along(model: &Model<'_>, group: u32, slot: u32) -> Vec<u32> {
     let source = &model.plan.groups[group as usize];
     let slots = (0_u32..).zip(&source.members).map(|(other, _)| other);
@@ -100,7 +102,7 @@ impl System<'_> {
         self.restarts.units = (0..self.units.len()).filter(|unit| self.may_escalate(*unit)).collect();
     }
 
-    /// Keeps in mind what has become of a member that a fault strikes.
+    /// Keeps track of a member that a fault strikes.
     pub(crate) fn follow_fault(&mut self, member: (usize, u32), kind: FaultKind) {
         match kind {
             FaultKind::Crash => self.follow_restarts(&[member]),
@@ -142,7 +144,7 @@ impl System<'_> {
         self.restarts.seats.len() + self.restarts.units.len()
     }
 
-    /// Where it is noted what has become of a member.
+    /// The place of a member's restart notes.
     pub(crate) fn place_of(&self, seat: (usize, u32)) -> Option<usize> {
         self.restarts.seats.iter().position(|other| *other == seat)
     }
@@ -170,7 +172,7 @@ impl System<'_> {
         self.flags_of(frame, seat) & UNCONFIRMED != 0
     }
 
-    /// What deaths may do to units, where programs may die.
+    /// Adds the labels of deaths that affect whole units.
     pub(super) fn restart_labels(&self, frame: &Frame, labels: &mut Vec<Label>) {
         if !self.mode.crashes {
             return;
@@ -182,7 +184,8 @@ impl System<'_> {
         }
     }
 
-    /// What the death of a member that is active may do. Returns whether it is away: then nothing else comes of it.
+    /// Adds the labels for the death of an active member. Returns whether the member is away, so that it has no other
+    /// labels.
     pub(super) fn death_labels(&self, frame: &Frame, seat: (usize, u32), labels: &mut Vec<Label>) -> bool {
         let Some(place) = self.place_of(seat) else { return false };
         let (unit, member) = (small(seat.0), small(seat.1 as usize));
@@ -205,7 +208,8 @@ impl System<'_> {
         }
     }
 
-    /// The program of a member has died, and is started again. Returns what changes: it, and what is started anew with it.
+    /// The program of a member has died and is restarted. Returns the changes: this member, and the members restarted
+    /// with it.
     pub(super) fn dies(&self, frame: &mut Frame, seat: (usize, u32)) -> Vec<(usize, u32, Changed)> {
         let mut changes = vec![(seat.0, seat.1, Changed::Away)];
         let with = self.restarts.seats.iter().filter(|other| self.is_taken_along(seat, **other));
@@ -219,7 +223,7 @@ impl System<'_> {
         changes
     }
 
-    /// Whether a member is started anew with another.
+    /// Whether a member is restarted together with another one.
     fn is_taken_along(&self, struck: (usize, u32), other: (usize, u32)) -> bool {
         let group = self.model.parts[self.units[struck.0].part].group;
         let slots = taken_along(self.model, group, struck.1);

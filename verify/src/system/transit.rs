@@ -1,10 +1,11 @@
-//! What is on its way between hosts: orders to start and to stop, and reports of an end.
+//! Messages in transit between hosts: orders to start and to stop, and reports of an end.
 //!
-//! A supervisor sends the order to start a member to the node of its host. Until that node takes it the member does not run,
-//! although its supervisor counts it as active. A group that has ended reports that to the supervisor around it, which goes on as
-//! if it ran until the report is there. What a program comes to counts from when its supervisor hears of it: nobody else knows.
-//! From one host to another nothing overtakes anything. What is under way when a link is lost may arrive until the node at its end has
-//! noted the loss. The rules are those of `node/src/logic`: `link`, `executer`, `participant`.
+//! A supervisor sends the order to start a member to the node of its host. Until that node takes the order, the member
+//! does not run, although its supervisor counts it as active. A group that has ended reports to the supervisor around
+//! it, which treats the group as running until the report arrives. The end of a program counts from the moment its
+//! supervisor hears of it, because no other process knows it. Messages between two hosts keep their order. A message in
+//! transit on a lost link may arrive until the node at its end has noted the loss. The rules are those of
+//! `node/src/logic`: `link`, `executer`, `participant`.
 
 use super::reaction::{failed, is_unconfirmed, unconfirmed};
 use super::{Frame, Label, Occupant, System, Value, small};
@@ -19,25 +20,25 @@ const ABORTED: u8 = 3;
 const STOPPED: u8 = 4;
 const UNCONFIRMED: u8 = 5;
 
-/// So many bytes are kept for each member: what is under way to or from it, its value, its place on the link, and that of an order
-/// to stop.
+/// The bytes kept for each member: the message to or from it, its value, its place on the link, and the place of an
+/// order to stop.
 const BYTES: usize = 4;
-/// Of these: what is under way, and the two places; the first one on a link has the place 1.
+/// Their offsets: the message, and the two places. The first message on a link has place 1.
 const WHAT: usize = 0;
 const VALUE: usize = 1;
 const MESSAGE: usize = 2;
 const STOP: usize = 3;
 
-/// What a system keeps in mind of messages between hosts.
+/// The messages between hosts that a system keeps track of.
 #[derive(Debug, Default)]
 pub(super) struct Transit {
-    /// The members of which it is known what is under way.
+    /// The members whose messages are tracked.
     seats: Vec<(usize, u32)>,
     /// For each of them, the host of its supervisor and its own: indices into `Plan::hosts`.
     hosts: Vec<(u32, u32)>,
 }
 
-/// What has arrived.
+/// The message that has arrived.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Arrival {
     /// The order to start, with a value.
@@ -47,8 +48,8 @@ pub(super) enum Arrival {
 }
 
 impl System<'_> {
-    /// Lets messages take their time between hosts: to and from every group that is looked into, and to those of `members` that
-    /// are not.
+    /// Makes messages take time between hosts: to and from every open group, and to those of `members` that are not
+    /// open.
     pub(crate) fn follow_messages(&mut self, members: &[(usize, u32)]) {
         let mut followed = Transit::default();
         for unit in 0..self.units.len() {
@@ -69,8 +70,8 @@ impl System<'_> {
         self.transit = followed;
     }
 
-    /// Lets all orders to start that share a link with that to a member take their time: what comes after it on the link
-    /// finds it there.
+    /// Makes all orders to start that share a link with the order to a member take time, so that a later message on the
+    /// link finds them there.
     pub(crate) fn follow_link(&mut self, (unit, member): (usize, u32)) {
         let link = (self.host_of(unit), self.host_of_seat((unit, member)));
         let mut others = Vec::new();
@@ -100,12 +101,12 @@ impl System<'_> {
         BYTES * self.transit.seats.len()
     }
 
-    /// Where it is noted what is under way to or from a member; nothing if that is not known of it.
+    /// The place of the messages to and from a member; none if they are not tracked.
     fn transit_of(&self, seat: (usize, u32)) -> Option<usize> {
         self.transit.seats.iter().position(|other| *other == seat)
     }
 
-    /// Whether it is known what is under way to and from a member.
+    /// Whether the messages to and from a member are tracked.
     pub(super) fn is_followed(&self, seat: (usize, u32)) -> bool {
         self.transit_of(seat).is_some()
     }
@@ -124,7 +125,7 @@ impl System<'_> {
         self.message(frame, seat) > START
     }
 
-    /// Whether a member is a group of which it is known what is under way.
+    /// Whether a member is a group whose messages are tracked.
     pub(super) fn is_distant_group(&self, seat: (usize, u32)) -> bool {
         self.is_group(seat) && self.is_followed(seat)
     }
@@ -237,7 +238,7 @@ impl System<'_> {
         place.is_some()
     }
 
-    /// Takes what is under way to or from a member.
+    /// Takes the message to or from a member.
     pub(super) fn receive(&self, frame: &mut Frame, seat: (usize, u32)) -> Option<Arrival> {
         let place = self.transit_of(seat)?;
         let [kind, value] = self.take(frame, (place, MESSAGE));
@@ -251,8 +252,8 @@ impl System<'_> {
         }
     }
 
-    /// What a host that takes nothing any more, or has noted the loss of the link, does not receive. Returns the members whose order
-    /// to start never arrives.
+    /// Discards the messages that a host does not receive because it has stopped taking messages or has noted the loss
+    /// of the link. Returns the members whose order to start never arrives.
     pub(super) fn lose_messages(&self, frame: &mut Frame, is_lost: impl Fn((u32, u32)) -> bool) -> Vec<(usize, u32)> {
         let mut unreached = Vec::new();
         for (place, &seat) in self.transit.seats.iter().enumerate() {

@@ -1,8 +1,9 @@
 //! How long a `using` waits for its turn.
 //!
-//! Who waits stands in a queue, and who wants the same comes after those before it. So each other `using` that may be active beside it
-//! has what it wants once at the most before its turn comes. The same holds of those that it shares nothing with, but the
-//! others do: they may have to wait for them.
+//! A `using` that waits stands in a queue, behind every earlier one that wants the same resources. So each other
+//! `using` that may be active at the same time gets its resources at most once before this one's turn comes. The same
+//! bound applies to a `using` that shares nothing with this one but shares with another in the queue, which may have to
+//! wait for it.
 
 use super::{Times, add};
 use language::plan::{Expression, Group};
@@ -14,7 +15,7 @@ type Way<'e> = Vec<&'e Expression>;
 impl Times<'_, '_> {
     /// The most time that a `using` of a group waits; none if nothing bounds it, or if each of two may wait for the other.
     pub(super) fn turn(&self, (group, source): (u32, &Group), own: &Expression) -> Option<Duration> {
-        // Two locks in two orders would ask for each other for ever.
+        // Two locks in opposite orders would otherwise recurse without end.
         let mark = std::ptr::from_ref(own) as usize;
         if self.turns.borrow().contains(&mark) {
             return None;
@@ -31,12 +32,12 @@ impl Times<'_, '_> {
         before
     }
 
-    /// The most time that a `using` has what it wants, seen from another.
+    /// The longest time that a `using` holds its resources, seen from another one.
     fn hold(&self, (group, source): (u32, &Group), way: &Way<'_>, own: &Way<'_>) -> Option<Duration> {
         let (last, around) = way.split_last()?;
         let body = self.of(group, source, last.operands().into_iter().next()?);
         let stopping = around.iter().filter(|operator| is_stopping(operator));
-        // What is stopped gives it back once it has stopped.
+        // A stopped body gives its resources back once it has stopped.
         let by_itself = if stopping.clone().count() == 0 { body.end } else { add(body.end, body.stop) };
         let beside = stopping.filter(|operator| !own.iter().any(|other| std::ptr::eq(*other, **operator)));
         let by_others = beside.filter_map(|operator| self.of(group, source, operator).end);
@@ -44,7 +45,7 @@ impl Times<'_, '_> {
     }
 }
 
-/// Those that one may have to wait for.
+/// The other `using`s that one may have to wait for.
 fn rivals(all: &[Way<'_>], own: usize) -> Vec<usize> {
     let (mut rivals, mut open) = (Vec::new(), vec![own]);
     while let Some(at) = open.pop() {

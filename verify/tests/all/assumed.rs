@@ -1,4 +1,5 @@
-//! What a proof rests on stands beside it: that two never run at the same time may not hold any more once a host is lost.
+//! A proof is printed with its assumption: that two processes never run at the same time may no longer hold once a host
+//! is lost.
 
 use language::{Options, Source, compile_with_sites};
 use verify::{Alone, Always, Limits, Report, Verdict};

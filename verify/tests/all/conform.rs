@@ -143,7 +143,7 @@ fn a_formula_that_can_be_broken_is_decided_by_a_run() {
         ("!back W watch.aborted", &with_failure, Verdict::Proved, None),
         // Another start is another run.
         ("G (done -> G !arm)", &again, Verdict::Proved, None),
-        // What has to come no run shows; what has broken it does.
+        // A run cannot show that something always happens; it can show a violation.
         ("F done", &whole(), Verdict::Open, None),
         ("G !(arm & back) & F done", &whole(), Verdict::Open, None),
         ("G !watch.done & F done", &whole(), Verdict::Fails, Some(2)),

@@ -69,7 +69,7 @@ fn no_good_spec_is_refused() {
     }
 }
 
-/// What the paper's controllers print of themselves.
+/// The interfaces that the paper's controllers print.
 fn library() -> Vec<Source> {
     vec![read(&root().join("language/tests/graph/door_opening.interface"))]
 }
@@ -87,7 +87,7 @@ fn the_specs_of_this_repository_are_not_refused() {
     assert!(count >= 5, "only {count} have a plan");
 }
 
-/// The table of the door in the manual is what `dca fmea --markdown` prints.
+/// The table of the door in the manual is the output of `dca fmea --markdown`.
 #[test]
 fn the_faults_of_the_door_are_those_of_the_manual() {
     let spec = read(&root().join("specs/door_opening.dca"));
@@ -119,7 +119,8 @@ fn what_nothing_runs_is_not_said_to_be_started() {
     assert!(report.findings.iter().any(|found| found.sentence == said), "{:?}", report.findings);
 }
 
-/// So many operands with limits are taken apart; what is inside a member group is still found in the piece that runs it.
+/// So many operands with limits are taken apart; what is inside a member group is still found in the piece that runs
+/// it.
 const LARGE: &str = "
 module Step { done; }
 process Arm(){
@@ -155,7 +156,7 @@ fn what_is_inside_a_member_of_a_large_group_is_found() {
     }
 }
 
-/// What a limit leaves open is not decided, also of the groups around it.
+/// A question that a limit leaves open is undecided for the surrounding groups as well.
 #[test]
 fn a_limit_refuses_no_good_spec() {
     let good = specs(&root().join("verify/tests/corpus/good")).into_iter().chain(specs(&root().join("specs")));
@@ -172,7 +173,8 @@ fn a_limit_refuses_no_good_spec() {
     }
 }
 
-/// The specs of the manual are good ones, but for those that show what is refused and the pages about `dca verify` itself.
+/// The specs of the manual are good ones, but for those that show what is refused and the pages about `dca verify`
+/// itself.
 #[test]
 fn specs_of_the_manual_are_not_refused() {
     let mut count = 0;
@@ -206,7 +208,7 @@ fn specs_of_the_manual_are_not_refused() {
     assert!(count >= 5, "only {count} blocks have a plan");
 }
 
-/// A story is a picture, too: always the same one.
+/// A story can also be drawn; the picture is always the same.
 #[test]
 fn stories_are_drawn() {
     for name in ["lock_cycle", "formula_goes_round"] {

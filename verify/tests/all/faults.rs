@@ -1,7 +1,7 @@
 //! Specs with a hole that a fault finds, and near misses: what their first lines say of `dca fmea` holds.
 //!
-//! `// row: program | fault | verdict` is a row in some phase, with a story; a fourth part stands in another cell of it.
-//! `// pair:` is one of two faults. `// all: safe, handled` are all verdicts that there are.
+//! `// row: program | fault | verdict` is a row in some phase, with a story; a fourth part stands in another cell of
+//! it. `// pair:` is one of two faults. `// all: safe, handled` are all verdicts that there are.
 
 use language::{Options, Source, compile_with_sites};
 use std::collections::BTreeSet;
@@ -30,7 +30,7 @@ fn looked_at(name: &str, text: &str, limits: &Limits<'_>, faults: Faults) -> Tab
     verify::fmea(&plan, &sites, limits, faults)
 }
 
-/// What stands behind `// key:` in the first lines.
+/// The values after `// key:` in the first lines.
 fn after<'t>(text: &'t str, key: &str) -> Vec<&'t str> {
     let lines = text.lines().filter_map(|line| line.strip_prefix("// ")?.strip_prefix(key)?.strip_prefix(':'));
     lines.map(str::trim).collect()

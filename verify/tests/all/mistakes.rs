@@ -1,5 +1,5 @@
-//! Mistakes and near misses: each spec in `mistakes/bad` is refused for the reason in its first lines, with a story where
-//! there is one to tell, and no spec in `mistakes/good` is refused. Their author is not that of the verifier.
+//! Mistakes and near misses: each spec in `mistakes/bad` is refused for the reason in its first lines, with a story
+//! where there is one to tell, and no spec in `mistakes/good` is refused. Their author is not that of the verifier.
 
 use language::{Options, Severity, Source, compile_with_sites};
 use std::collections::BTreeSet;
@@ -19,7 +19,7 @@ const KINDS: [(&str, &str, bool); 7] = [
 /// The code of a sentence that does not hold.
 const SENTENCE: &str = "E0817";
 
-/// A spec with what its first lines say.
+/// A spec, and the expectations in its first lines.
 struct Entry {
     name: String,
     text: String,
@@ -59,7 +59,7 @@ impl Entry {
         verify::verify(&plan, &sites, &Limits { states: 100_000, memory: 64 << 20, threads: &Alone, goes_on: &Always })
     }
 
-    /// What is wrong with the report on a spec that has a mistake.
+    /// The difference between the report on a spec and the mistake it should find.
     fn unfound(&self) -> Option<String> {
         let report = self.verified();
         let kind = self.found_by.as_ref().map(|found_by| {

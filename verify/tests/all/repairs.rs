@@ -1,4 +1,5 @@
-//! What is offered to repair the known mistakes. Each was verified before it is offered; the list shows which, and what is changed.
+//! The repairs that are offered for the known mistakes. Each was verified before it is offered; the list shows which
+//! repairs, and their changes.
 
 use language::{Options, Source, compile_with_sites};
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! An independent author's reading of the rules, and what it says of `step` and of `verify`.
+//! An independent author's reading of the rules, compared with `step` and `verify`.
 
 mod against_flat;
 mod against_formula;

@@ -1,4 +1,4 @@
-//! What comes of an exploration does not depend on how many threads work on it.
+//! The result of an exploration does not depend on the number of threads.
 
 use language::{Options, Source, compile_with_sites};
 use verify::{Always, Detail, Flat, Limits, Story, Threads, Verdict, flat, verify};

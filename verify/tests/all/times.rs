@@ -5,7 +5,8 @@ use verify::{Alone, Always, Limits, Verdict};
 
 const LIMITS: Limits<'static> = Limits { states: 100_000, memory: 64 << 20, threads: &Alone, goes_on: &Always };
 
-/// `a`, `b`: nobody knows how long, 2 s to stop; `quick` and `slow` know it; `watch` is a service that takes 3 s to stop.
+/// `a`, `b`: unknown duration, 2 s to stop; `quick` and `slow` have known durations; `watch` is a service that takes 3
+/// s to stop.
 fn holds(expression: &str, limit: &str) -> bool {
     let text = format!(
         "module Step {{ done; stop within 2 s; }}
@@ -37,7 +38,7 @@ fn it_finishes_within_what_it_takes_and_not_sooner() {
         // The limit passes, and the step takes its time to stop.
         ("a within 5 s", 7),
         ("quick within 2 s", 4),
-        // What passes its limit fails, and is followed by nothing.
+        // A process that exceeds its limit fails, and nothing follows it.
         ("a within 5 s ; b within 5 s", 12),
         ("a within 5 s ; quick", 8),
         ("a within 5 s ; skip", 7),
@@ -92,7 +93,8 @@ fn stops_after_loss(policy: &str, limit: u32) -> bool {
     verify::sentences(&plan, &sites, &LIMITS).iter().all(|finding| finding.verdict == Verdict::Proved)
 }
 
-/// From the loss to its note 6 s, and 3 s for the stop; by its own rules it stops up to 1 s after the time that it says.
+/// From the loss to its note 6 s, and 3 s for the stop; by its own rules it stops up to 1 s after the time that it
+/// says.
 #[test]
 fn what_is_cut_off_stops_by_its_own_rules() {
     for (policy, least) in [(";", 9), (" { on_link_loss safe_stop_after 10 s; }", 14)] {

@@ -1,15 +1,16 @@
 //! An automaton that accepts the runs on which a formula holds.
 //!
-//! Each state says which atoms have to be true, and which false, at the position at which it is, and what is owed from the next
-//! one on. A run is accepted if for each `p U q` it is often enough in a state where this is not owed, or q has come.
-//! Source: Gerth, Peled, Vardi, Wolper 1995, "Simple on-the-fly automatic verification of linear temporal logic".
+//! Each state says which atoms have to be true and which false at its position, and which formulas are owed from the
+//! next position on. A run is accepted if for each `p U q` it is infinitely often in a state where `p U q` is not owed
+//! or q holds. Source: Gerth, Peled, Vardi, Wolper 1995, "Simple on-the-fly automatic verification of linear temporal
+//! logic".
 
 use language::sites::{Atom, Formula};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A larger automaton is not built.
 pub(super) const STATES_MAX: usize = 2000;
-/// As many ways to fulfil what is owed are followed in all.
+/// The limit of ways to fulfil the owed formulas, over all states.
 const WAYS_MAX: usize = 100_000;
 /// Atoms, and as many `p U q`, are bits of a word.
 const BITS_MAX: usize = 32;
@@ -93,7 +94,7 @@ impl Parts {
         number
     }
 
-    /// Whether a formula, if it fails of a run, does so at some position of it, whatever comes afterwards.
+    /// Whether every violation of a formula happens at some position of the run, whatever comes afterwards.
     pub(super) fn is_safe(&self, number: usize) -> bool {
         self.below(number).iter().all(|&part| !matches!(self.parts[part], Part::Until(..)))
     }
@@ -116,7 +117,7 @@ impl Parts {
 /// A state of an automaton.
 #[derive(Debug)]
 pub(super) struct State {
-    /// The atoms that are true at its position, and those that are false.
+    /// The atoms that have to be true at its position, and those that have to be false.
     is_true: u32,
     is_false: u32,
     /// The `p U q` of which it is a state that counts, by their numbers.
@@ -142,7 +143,7 @@ pub(super) struct Automaton {
     pub(super) promises: usize,
 }
 
-/// What holds at a position, and what is owed from the next one on.
+/// The formulas that hold at a position, and those owed from the next position on.
 type Way = (Set, Set);
 
 impl Automaton {
@@ -186,7 +187,7 @@ struct Build<'b> {
     untils: &'b [(usize, usize)],
     ways: usize,
     numbers: BTreeMap<Way, u16>,
-    /// Each with what is owed from the next position on.
+    /// Each state, with the formulas owed from the next position on.
     states: Vec<(State, Set)>,
 }
 

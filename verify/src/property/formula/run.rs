@@ -1,7 +1,8 @@
 //! Looks for a run of a system that an automaton accepts, and that is fair.
 //!
-//! A run is fair if what may happen again and again does happen again and again: a program that can be done is, with each of its
-//! outcomes, a stop is answered, a timer runs out. Nothing is fair about failures and about stops of the whole: they may stay away.
+//! A run is fair if each event that may happen again and again does happen again and again: a program is done with each
+//! of its outcomes, a stop is answered, a timer runs out. Fairness does not include failures or stops of the whole:
+//! they may stay away.
 
 use super::automaton::Automaton;
 use crate::explore::{Graph, Limits, Reached};
@@ -13,32 +14,32 @@ const TURN: usize = 4096;
 /// A longer way around, on which all that may happen does, is not told; a shorter one is.
 const ROUND_MAX: usize = 16;
 
-/// What can be seen of a system.
+/// The observable part of a system.
 pub(super) struct Seen<'s> {
     pub(super) graph: &'s Graph,
     /// For each state the atoms that are true at a position there.
     pub(super) letters: &'s [u32],
-    /// Which atoms are about what has just happened.
+    /// The atoms about the last event, as a bit set.
     pub(super) events: u32,
-    /// For each state its configuration: two states may differ in what has just happened.
+    /// For each state its configuration. Two states of one configuration may differ in the last event.
     pub(super) configurations: &'s [u32],
     /// Whether a transition has to be taken again and again, where it may be.
     pub(super) is_natural: &'s dyn Fn(Label) -> bool,
 }
 
-/// A run: what happens first, and then for ever; there may be nothing left that happens. Without the second part it does
-/// not count what happens then.
+/// A run: a beginning, and a cycle that repeats for ever. The cycle may be empty if nothing happens any more. Without a
+/// cycle, the rest of the run does not matter.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Run {
     pub(super) first: Vec<Label>,
     pub(super) again: Option<Vec<Label>>,
 }
 
-/// Something that happens: nothing does if there is no label.
+/// One event; no label means that nothing happens.
 #[derive(Clone, Copy, Debug)]
 struct Edge {
     label: Option<Label>,
-    /// Its number among those of its configuration.
+    /// Its number among the edges of its configuration.
     number: u32,
     target: u32,
 }
@@ -55,7 +56,7 @@ struct Product {
     edges: Vec<Edge>,
 }
 
-/// Returns an accepted fair run, one of the shortest; nothing if there is none.
+/// Returns one of the shortest accepted fair runs, if there is one.
 pub(super) fn find(seen: &Seen<'_>, automaton: &Automaton, limits: &Limits<'_>) -> Result<Option<Run>, Reached> {
     let (product, free) = Product::explore(seen, automaton, limits)?;
     if let Some(node) = free {
@@ -87,7 +88,7 @@ impl Seen<'_> {
         self.configurations[self.state(place) as usize]
     }
 
-    /// What may happen at a place. Where nothing has to happen, nothing may happen.
+    /// The edges of a place. If no event has to happen, one edge says that nothing happens.
     fn edges(&self, place: u32) -> Vec<Edge> {
         let state = self.state(place);
         let from = (0..).zip(self.graph.from(state));
@@ -109,7 +110,7 @@ impl Product {
     fn explore(seen: &Seen<'_>, automaton: &Automaton, limits: &Limits<'_>) -> Result<(Self, Option<u32>), Reached> {
         let mut product = Self::default();
         let mut known: BTreeMap<(u32, u16), u32> = BTreeMap::new();
-        // Before the start there is no position.
+        // The state before the start is not a position.
         let starts: Vec<Edge> =
             seen.graph.from(0).map(|(label, target)| Edge { label: Some(label), number: 0, target }).collect();
         let mut open: Option<u32> = None;
@@ -166,7 +167,7 @@ impl Product {
         &self.edges[self.starts[node as usize]..self.starts[node as usize + 1]]
     }
 
-    /// What happens on a shortest way to a node.
+    /// The labels of a shortest way to a node.
     fn way(&self, node: u32) -> Vec<Label> {
         let mut way = Vec::new();
         let mut at = Some(node);
@@ -235,8 +236,8 @@ impl Product {
         unfair
     }
 
-    /// The strongly connected parts among some nodes, those that hold a way around.
-    /// Source: Tarjan 1972, "Depth-first search and linear graph algorithms".
+    /// The strongly connected components among some nodes that contain a cycle. Source: Tarjan 1972, "Depth-first
+    /// search and linear graph algorithms".
     fn connected(&self, nodes: &[u32]) -> Vec<Vec<u32>> {
         let mut search = Search { among: nodes, numbers: BTreeMap::new(), stack: Vec::new(), parts: Vec::new() };
         for &node in nodes {

@@ -1,4 +1,4 @@
-//! A formula looked for in a recorded run: one that can only be broken at some position is decided by it.
+//! Checks a formula in a recorded run, which decides every formula that is violated at some position.
 
 use super::automaton::{Automaton, Parts};
 use super::{Letters, process};
@@ -40,7 +40,7 @@ impl Breaks {
         breaks
     }
 
-    /// The processes that are named in what a run can break.
+    /// The processes named in the formulas that a run can violate.
     pub(in crate::property) fn processes(&self) -> Vec<ProcessRef> {
         self.parts.iter().flat_map(|(parts, _)| parts.atoms.iter().map(process)).collect()
     }
@@ -60,7 +60,7 @@ impl Breaks {
 }
 
 impl Followed<'_> {
-    /// The group is started, once more perhaps: what comes is another run.
+    /// The group is started, possibly again: another run begins.
     pub(in crate::property) fn begins(&mut self) {
         for (_, automaton, states) in &mut self.parts {
             *states = automaton.first.iter().copied().collect();

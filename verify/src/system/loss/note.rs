@@ -1,4 +1,4 @@
-//! What happens once a host is lost: the nodes note it, programs stop or go on, supervisors give up what they do not reach.
+//! The consequences of losing a host: nodes note it, programs stop or go on, supervisors give up unreachable members.
 
 use super::super::reaction::Blow;
 use super::super::{Frame, Label, Occupant, System, small};
@@ -47,7 +47,7 @@ impl System<'_> {
             && (self.is_cut(rift.home, host) || self.is_below_cut(unit, host))
     }
 
-    /// Whether a member begins when the order to start it arrives; notes what becomes of it.
+    /// Whether a member begins when the order to start it arrives. Notes the result.
     pub(in crate::system) fn is_taken(&self, frame: &mut Frame, (unit, member): (usize, u32)) -> bool {
         let is_struck = frame.is_faulty || frame.is_twice_faulty;
         let Some(rift) = self.rift.as_ref().filter(|_| is_struck) else {
@@ -69,13 +69,13 @@ impl System<'_> {
         flag != HELD && (flag == ORPHAN || !self.is_refused(frame, (unit, member)))
     }
 
-    /// What is under way to a host that has died never arrives.
+    /// Messages in transit to a dead host never arrive.
     pub(in crate::system) fn lose_to_the_dead(&self, frame: &mut Frame) {
         let dead = self.mode.lost.filter(|loss| self.rift.is_some() && loss.kind == LossKind::Death);
         self.lose_messages(frame, |(_, to)| dead.is_some_and(|loss| loss.host == to));
     }
 
-    /// What is under way over the loss to a host that has noted it does not arrive any more.
+    /// Messages in transit over the loss no longer arrive at a host that has noted it.
     fn lose_late(&self, frame: &mut Frame, host: u32) {
         let Some(rift) = &self.rift else { return };
         let unreached = self.lose_messages(frame, |(from, to)| to == host && self.is_cut(from, to));
@@ -84,7 +84,8 @@ impl System<'_> {
         }
     }
 
-    /// What the node of a host does when it notes the loss: first what stops here, then what its supervisors hear.
+    /// The actions of a host's node when it notes the loss: first the stops on this host, then the reports to its
+    /// supervisors.
     pub(in crate::system) fn note(&self, frame: &mut Frame, host: u32) -> VecDeque<Blow> {
         let Some(rift) = &self.rift else { return VecDeque::new() };
         self.lose_late(frame, host);

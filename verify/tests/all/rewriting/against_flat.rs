@@ -1,4 +1,5 @@
-//! Groups in groups: what `verify` says of each alone, of pieces of it, and of what a sentence names, beside the whole as one system.
+//! Nested groups: the answers of `verify`, which explores groups and pieces separately, compared with the whole as one
+//! system.
 
 use super::random::{Dice, Taste, of_size};
 use super::text::written;
@@ -9,7 +10,7 @@ use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use verify::{Alone, Always, Detail, Limits, Report, Transitions, Verdict, flat, transitions, verify_in_pieces};
 
-/// What came of a seed.
+/// The result for a seed.
 #[derive(Debug)]
 pub(crate) enum Compared {
     /// So many sentences hold, and so many do not.
@@ -19,7 +20,7 @@ pub(crate) enum Compared {
     Differs(String),
 }
 
-/// Groups of more configurations than this are taken apart; the last is what users have.
+/// Groups with more configurations than this are divided into pieces; the last is the default.
 const WHOLE: [u64; 3] = [1, 12, 20_000];
 const LIMITS: Limits<'static> = Limits { states: 60_000, memory: 128 << 20, threads: &Alone, goes_on: &Always };
 
@@ -84,7 +85,7 @@ pub(crate) fn compare(seed: u64) -> Compared {
         if flat.stop_hangs || !has(&report, "E0812") {
             same("a stop has no end", flat.stop_hangs, "E0813");
         }
-        // What waits for such a stop is not accused of it.
+        // A group that waits for such a stop is not reported.
         if !is_service && !has(&report, "E0813") {
             same("it gets stuck", flat.gets_stuck, "E0811");
         }
@@ -110,11 +111,11 @@ fn has(report: &Report, code: &str) -> bool {
 struct Made {
     /// With `VERIFY` where the sentences come.
     text: String,
-    /// What a sentence calls the programs that an expression names.
+    /// The names of the programs that an expression uses, as a sentence writes them.
     programs: Vec<String>,
 }
 
-/// A `main` of which some members are groups, and some members of these, too.
+/// A `main` of which some members are groups; some of their members are groups as well.
 fn spec(dice: &mut Dice) -> Made {
     let mut made = Made { text: String::new(), programs: Vec::new() };
     let size = 2 + dice.below(4);
@@ -155,8 +156,8 @@ fn process(dice: &mut Dice, made: &mut Made, (size, levels): (u32, u32), (name, 
     )
 }
 
-/// A group that runs something, so that it is seen whether it is started; with its text, and the members whose outcomes matter. One that
-/// is inside takes some time: where it is not looked into it counts as one that takes any.
+/// A group that runs a program, so that its start can be seen. Returns its text, and the members whose outcomes matter.
+/// An inner group takes some time: a closed group counts as one that takes any time.
 fn with_programs(dice: &mut Dice, size: u32, is_inside: bool) -> (Group, String, Vec<u32>) {
     loop {
         let group = of_size(dice, Taste::Text, size);
@@ -190,7 +191,8 @@ fn sentences(dice: &mut Dice, programs: &[String]) -> Vec<Sentence> {
 
 // ---- the whole ----
 
-/// All that a spec can do, and which programs are there in each state: those of which an end is possible, since any may fail.
+/// All that a spec can do, and which programs are there in each state: those of which an end is possible, since any may
+/// fail.
 struct Whole<'t> {
     from: Vec<Vec<(&'t str, usize)>>,
     there: Vec<BTreeSet<&'t str>>,
@@ -245,7 +247,7 @@ impl<'t> Whole<'t> {
         self.there[to].contains(program) && (!self.there[from].contains(program) || ends())
     }
 
-    /// Whether some way comes to where `next` says nothing; it says what is kept in mind, of what was.
+    /// Whether some way reaches a point where `next` returns `None`; `next` returns the memory for the next step.
     fn walks(&self, next: impl Fn(bool, (usize, &str, usize)) -> Option<bool>) -> bool {
         let mut seen = vec![[false; 2]; self.from.len()];
         let mut open = vec![(0, false)];
@@ -264,7 +266,7 @@ impl<'t> Whole<'t> {
     }
 }
 
-/// What an export calls a program that a sentence names.
+/// The path in an export of a program that a sentence names.
 fn path(name: &str) -> String {
     name.replace('.', "/")
 }

@@ -1,7 +1,7 @@
 //! Brute force beside `holds ltl`: the same verdicts on random small specs with random formulas.
 //!
-//! What is looked through here are all truth values that the temporal parts of a formula could have at each position, beside the
-//! reference's own states. Nothing of it is shared with the verifier, which builds an automaton step by step.
+//! The reference searches all truth values that the temporal parts of a formula could have at each position, beside its
+//! own states. It shares nothing with the verifier, which builds an automaton step by step.
 
 use super::explore::{Edge, Graph, Move, Seen, Tags, explore};
 use super::random::{Dice, TAGS, Taste, group};
@@ -19,7 +19,7 @@ const EDGES_MAX: usize = 250;
 /// A formula has at most so many temporal operators.
 const TEMPORAL_MAX: usize = 4;
 
-/// What came of a seed.
+/// The result for a seed.
 pub(crate) enum Compared {
     /// Both say the same: whether it holds.
     Same(bool),
@@ -347,7 +347,7 @@ impl<'t> Tableau<'t> {
     }
 }
 
-/// What can be reached from a node by one step or more, among some.
+/// The nodes among `among` that one step or more can reach.
 fn reach(edges: &BTreeMap<Node, Vec<Node>>, among: &BTreeSet<Node>, from: Node) -> BTreeSet<Node> {
     let (mut reached, mut open) = (BTreeSet::new(), vec![from]);
     while let Some(node) = open.pop() {

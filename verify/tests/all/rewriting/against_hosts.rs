@@ -18,7 +18,7 @@ use std::fmt::Write as _;
 use std::rc::Rc;
 use verify::{Alone, Always, Finding, Limits, Story, Verdict};
 
-/// What came of a seed.
+/// The result for a seed.
 #[derive(Debug)]
 pub(crate) enum Compared {
     /// So many sentences hold, and so many do not, as both say.
@@ -125,7 +125,7 @@ pub(crate) fn compare(seed: u64) -> Compared {
         match (holds, finding.verdict) {
             (true, Verdict::Proved) => hold += 1,
             (false, Verdict::Fails) => fail += 1,
-            // It looks into a group that may hang, too, and counts what is under way to and from it.
+            // The verifier also opens a group that may hang, and counts the messages in transit to and from it.
             (true, Verdict::Fails) if !self::holds((&plan, Around::All), asked, &graph) => fail += 1,
             (true, Verdict::Fails) if loose().is_none_or(|graph| !self::holds((&plan, Around::Them), asked, graph)) => {
                 fail += 1;
@@ -143,9 +143,10 @@ pub(crate) fn compare(seed: u64) -> Compared {
     }
 }
 
-/// What is said without any sentence: whether a group may come to where it never ends, whatever is around it.
+/// The difference in a finding that no sentence asks for: whether a group may reach a state where it never ends, in any
+/// surroundings.
 fn hang_difference((plan, sites): (&Plan, &Sites), graph: &Graph, limits: &Limits<'_>) -> Option<String> {
-    // What promises to end is a whole group then.
+    // The node that promises to end is a whole group in this case.
     if plan.groups.iter().any(|group| expression(group).is_service) {
         return None;
     }
@@ -170,8 +171,8 @@ fn hang_difference((plan, sites): (&Plan, &Sites), graph: &Graph, limits: &Limit
     })
 }
 
-/// Whether a group is what the verifier takes one for that it does not look into: it takes some time, with nothing that it stops at
-/// once, and may fail.
+/// Whether a group behaves as the verifier assumes of a closed group: it takes some time, stops nothing at once, and
+/// may fail.
 fn is_box(group: &Group) -> bool {
     let group = Rc::new(group.clone());
     let mut first = Reference::new(&group);
@@ -231,7 +232,7 @@ impl Made {
         self.hosts.iter().any(|(own, others)| *own == 1 || others.contains(&1))
     }
 
-    /// What a member is called in a sentence about `main`.
+    /// The name of a member in a sentence about `main`.
     fn name(&self, (group, slot): Seat) -> String {
         match group {
             0 => format!("m{slot}"),
@@ -327,7 +328,8 @@ impl Made {
     }
 }
 
-/// Of which groups it counts that something is under way or being stopped: those around the two that a sentence names, or all.
+/// Of which groups it counts that something is under way or being stopped: those around the two that a sentence names,
+/// or all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Around {
     Them,
@@ -381,7 +383,7 @@ fn holds((plan, groups): (&Plan, Around), (form, a, b): (Form, Seat, Seat), grap
         Form::AfterEndNever => order((a, ENDS), b, false),
         Form::AtMostOnce => order((a, &[Kind::Started]), a, false),
         Form::LossNever => unreachable!("it is asked of another graph"),
-        // What happens at once has no order in a formula.
+        // Simultaneous events have no order in a formula.
         Form::OnlyAfterAsFormula => !graph.objects(|was, happened, _| {
             let has = |seat: Seat| happened.contains(&(seat, Kind::Started));
             if !was && has(a) && !has(b) { Err(()) } else { Ok(was || has(b)) }
@@ -400,8 +402,8 @@ fn happens(happened: &[(Seat, Kind)], (seat, kinds): (Seat, &[Kind])) -> bool {
     happened.iter().any(|(other, kind)| *other == seat && kinds.contains(kind))
 }
 
-/// Whether after an event, once all stops in the groups are answered, a member does not run; and they are at some time. An order to
-/// start it was given before, and that a group with one of the two in it has ended is known.
+/// Whether after an event, once all stops in the groups are answered, a member does not run; and they are at some time.
+/// An order to start it was given before, and that a group with one of the two in it has ended is known.
 fn stopped((plan, groups): (&Plan, Around), event: (Seat, &[Kind]), who: Seat, graph: &Graph) -> bool {
     let is_quiet = |seen: &Seen| {
         let holds = |seat: &Seat, other: Seat| {

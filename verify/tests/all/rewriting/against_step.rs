@@ -125,7 +125,7 @@ impl Pair {
         Ok(())
     }
 
-    /// Whether a command is what the reference orders, with the number that comes next.
+    /// Whether a command is the reference's order, with the next number.
     fn is_order(&mut self, order: &Order, command: &Command) -> bool {
         match (order, command) {
             (Order::Connect(ours), Command::Connect { set }) => ours == set,

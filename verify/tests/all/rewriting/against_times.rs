@@ -1,4 +1,5 @@
-//! Random runs with a clock beside `finishes within` and `stops within`: no run takes longer than what is proved.
+//! Random runs with a clock, compared with `finishes within` and `stops within`: no run takes longer than the proved
+//! time.
 
 use super::random::{Dice, Taste, group};
 use super::rules::{Event, Order, Reference};
@@ -50,7 +51,7 @@ impl Run<'_> {
         None
     }
 
-    /// What is due first happens. Returns whether all has ended; nothing if nothing is due at all.
+    /// Lets the earliest due event happen. Returns whether everything has ended; none if nothing is due.
     fn next(&mut self) -> Option<bool> {
         let program = self.programs.iter().map(|(slot, (at, _))| (*at, true, *slot));
         let timers = self.timers.iter().map(|(timer, at)| (*at, false, *timer));

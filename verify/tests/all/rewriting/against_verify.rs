@@ -11,7 +11,7 @@ use std::collections::BTreeSet;
 use std::rc::Rc;
 use verify::{Alone, Always, Detail, Ending, Limits, Report, Verdict};
 
-/// What came of a seed.
+/// The result for a seed.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum Compared {
     Same,
@@ -75,7 +75,7 @@ pub(crate) fn compare(seed: u64) -> Compared {
     }
 }
 
-/// What every member does, and where the whole is, in each state, each once.
+/// The activity of every member and the ending of the whole, for each state, without duplicates.
 fn situations(rough: &Graph, members: usize) -> BTreeSet<(Vec<Activity>, Ending)> {
     let mut situations = BTreeSet::from([(vec![Activity::Idle; members], Ending::Idle)]);
     for seen in rough.seen.iter().skip(1) {

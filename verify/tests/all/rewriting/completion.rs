@@ -1,4 +1,5 @@
-//! The completion functions: what the outcome of an operand does to its operator, after a start and after an event alike.
+//! The completion functions: what the outcome of an operand does to its operator, after a start and after an event
+//! alike.
 
 use super::rules::{Event, Next, Order, Reference, note, tagged};
 use super::term::{Conf, Expr, Left, Outcome, Pool, Slots, Why};
@@ -166,7 +167,8 @@ impl Reference {
                 return Ok(Conf::Pool(pool.into()));
             }
             Err(Outcome::Aborted(why)) if pool.failed.is_none() => return self.pool_failed(pool, why),
-            // The rules are silent here: a Q that nobody stopped may say that a stop was not confirmed. No such end is lost.
+            // The rules leave this open: a Q without an order to stop may report an unconfirmed stop. No such end is
+            // lost.
             Err(outcome) if pool.failed.is_some() => take_over(&mut pool, outcome),
             Err(_) => {}
         }
@@ -232,7 +234,7 @@ impl Reference {
         self.inside(conf, &mut |this, inner| this.grant(inner, number), &|conf| waits(conf, number))
     }
 
-    /// `[e-ctx]`: does something to the part for which `is_it` holds, and applies the rule of what is around it.
+    /// `[e-ctx]`: applies `act` to the part for which `is_it` holds, then the rule of the operator around it.
     fn inside(
         &mut self,
         conf: Conf,
@@ -368,7 +370,7 @@ fn running(slots: Slots) -> Vec<Conf> {
     slots.slots.into_iter().filter_map(Result::ok).collect()
 }
 
-/// What these operands have left, in the order of the text.
+/// The values of these operands, in the order of the text.
 fn values(slots: &Slots, of: &[usize]) -> Left {
     let mut of = of.to_vec();
     of.sort_unstable();
@@ -379,7 +381,7 @@ fn values(slots: &Slots, of: &[usize]) -> Left {
     Left::tuple(&left.collect::<Vec<_>>())
 }
 
-/// DRAIN: the first stop that nobody confirms becomes the outcome, and nothing else does.
+/// DRAIN: the first unconfirmed stop becomes the outcome, and nothing else does.
 pub(crate) fn drained(mut outcome: Outcome, parts: Vec<Next>) -> Next {
     let mut left = Vec::new();
     for part in parts {
@@ -414,7 +416,7 @@ pub(crate) fn fin2(of_p: Outcome, of_q: Outcome) -> Outcome {
     }
 }
 
-/// A stop of P that nobody confirms takes the place of the failure.
+/// An unconfirmed stop of P replaces the failure.
 fn take_over(pool: &mut Pool, outcome: Outcome) {
     if let Outcome::Aborted(why @ Why::Unconfirmed(_)) = outcome
         && !matches!(pool.failed, Some(Why::Unconfirmed(_)))

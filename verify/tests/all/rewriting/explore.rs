@@ -10,7 +10,7 @@ use std::rc::Rc;
 /// Larger graphs are left out.
 const STATES_MAX: usize = 4_000;
 
-/// What may happen between two states.
+/// The events between two states.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Move {
     Start,
@@ -29,7 +29,7 @@ pub(crate) struct Edge {
     pub(crate) target: usize,
 }
 
-/// What can be seen of a state.
+/// The observable part of a state.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Seen {
     /// The members that are active and not being stopped.
@@ -47,7 +47,7 @@ pub(crate) struct Graph {
     pub(crate) edges: Vec<Vec<Edge>>,
 }
 
-/// What a spec says of its modules: the tags of their normal ends.
+/// The tags of the normal ends of each module, from the spec.
 pub(crate) type Tags = BTreeMap<u32, Vec<String>>;
 
 /// Explores a group while any member may fail and the whole may be stopped at any time, or while neither happens.

@@ -1,11 +1,11 @@
-//! What brute force has found of several hosts: states, what happens between them, and what holds of all ways through them.
+//! The brute-force graph of several hosts: states, events between them, and properties of all ways through them.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A member: its group and slot.
 pub(crate) type Seat = (u32, u32);
 
-/// What happens to a member, for one who looks.
+/// The events of a member that can be observed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     Started,
@@ -14,16 +14,17 @@ pub(crate) enum Kind {
     Stopped,
 }
 
-/// What can be seen of a state.
+/// The observable part of a state.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Seen {
     /// The programs that are active for their supervisors, also while they stop, and the groups that run.
     pub(crate) active: BTreeSet<Seat>,
-    /// Those of them that are not being stopped, they or a group around them.
+    /// The running members that are not being stopped, neither directly nor with a group around them.
     pub(crate) running: BTreeSet<Seat>,
     /// The members to which an order to start is under way.
     pub(crate) starting: BTreeSet<Seat>,
-    /// The groups that have ended, and the supervisor around them does not know. Of a program it counts what its supervisor knows.
+    /// The groups that have ended, and the supervisor around them does not know. Of a program it counts what its
+    /// supervisor knows.
     pub(crate) unheard: BTreeSet<Seat>,
     /// The groups in which something is being stopped, or a `shield` or a `finally` holds a stop up.
     pub(crate) stopping: BTreeSet<u32>,
@@ -34,14 +35,14 @@ pub(crate) struct Seen {
 /// The way to a state.
 #[derive(Debug)]
 pub(crate) struct Edge {
-    /// What happens, in its order.
+    /// The events, in order.
     pub(crate) happened: Vec<(Seat, Kind)>,
     pub(crate) target: usize,
-    /// Whether it happens though nobody fails and nobody asks for a stop.
+    /// Whether it happens without a failure and without a request to stop.
     pub(crate) is_natural: bool,
 }
 
-/// All states, with what happens on the way from each to another.
+/// All states, with the events from each to another.
 #[derive(Debug, Default)]
 pub(crate) struct Graph {
     pub(crate) seen: Vec<Seen>,
@@ -66,7 +67,7 @@ impl Graph {
         false
     }
 
-    /// Whether it can end from everywhere, nobody failing and nobody asking for a stop.
+    /// Whether it can end from every state, without a failure and without a request to stop.
     pub(crate) fn always_ends(&self) -> bool {
         let mut back = vec![Vec::new(); self.seen.len()];
         for (state, edges) in self.edges.iter().enumerate() {
@@ -80,8 +81,8 @@ impl Graph {
         known.len() == self.seen.len()
     }
 
-    /// Whether what a watcher notes as owed can always come, nobody failing and nobody asking for a stop. A calm one is asked
-    /// about runs alone in which that is so from the start.
+    /// Whether the obligation that a watcher notes can always be met, without a failure and without a request to stop.
+    /// A calm watcher looks only at runs without failures and stops.
     pub(crate) fn pays(
         &self,
         is_calm: bool,

@@ -1,9 +1,10 @@
-//! Groups on several hosts, by brute force: a supervisor for each group, the programs, and a queue for each pair of hosts.
+//! Groups on several hosts, by brute force: a supervisor for each group, the programs, and a queue for each pair of
+//! hosts.
 //!
-//! Whatever a supervisor says to another host goes through the queue to it, and what is at its front may arrive at any time: orders
-//! to start, orders to stop, and reports of an end, of groups and of programs alike. On one host all of it is done at once, but
-//! for an order to stop a group, which may take its time. Nothing of this is shared with the verifier, which keeps no queues
-//! and leaves out what no sentence can tell apart.
+//! Every message of a supervisor to another host goes through the queue to that host, and the message at the front may
+//! arrive at any time: orders to start, orders to stop, and reports of an end, of groups and of programs alike. On one
+//! host messages arrive at once, except an order to stop a group, which may take time. The verifier shares none of
+//! this: it keeps no queues, and leaves out differences that no sentence can observe.
 
 #[path = "loss.rs"]
 mod loss;
@@ -22,7 +23,7 @@ pub(crate) use loss::{Fate, Loss};
 /// Larger graphs are left out.
 const STATES_MAX: usize = 1_500;
 
-/// What a spec says of its modules: the tags of their normal ends.
+/// The tags of the normal ends of each module, from the spec.
 pub(crate) type Tags = BTreeMap<Seat, Vec<String>>;
 
 /// How something ends.
@@ -40,14 +41,14 @@ enum Message {
     Ended(Seat, End),
 }
 
-/// What a supervisor is to react to.
+/// An event to which a supervisor has to react.
 enum Work {
     Begin(u32, Value),
     Halt(u32),
     Happen(u32, Event),
 }
 
-/// What may happen next.
+/// The events that may happen next.
 enum Move {
     Start,
     Stop,
@@ -56,7 +57,7 @@ enum Move {
     Elapsed(u32, u32),
     /// The order to stop a group arrives on its own host.
     Reached(u32),
-    /// What is at the front of the queue from one host to another arrives.
+    /// The message at the front of the queue from one host to another arrives.
     Arrives(Way),
     /// The host that may be lost is.
     Lost,
@@ -66,12 +67,12 @@ enum Move {
     Refused(Seat),
 }
 
-/// What may overtake what on the way from one host to another.
+/// The messages that may overtake others on the way from one host to another.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Links {
     /// Nothing.
     InOrder,
-    /// What is about one member may overtake what is about another.
+    /// Messages about one member may overtake messages about another.
     EachMember,
 }
 
@@ -92,17 +93,19 @@ struct World<'p> {
     is_stopping: bool,
     has_ended: bool,
     happened: Vec<(Seat, Kind)>,
-    /// What may be lost, if anything, and what has become of it.
+    /// The loss that may happen, if any, and its state.
     loss: Option<Loss>,
     rift: loss::Rift,
 }
 
-/// Explores a plan while any program may fail and the whole may be stopped at any time. Nothing if there are too many states.
+/// Explores a plan while any program may fail and the whole may be stopped at any time. Nothing if there are too many
+/// states.
 pub(crate) fn explore(plan: &Plan, tags: &Tags, links: Links) -> Option<Graph> {
     explore_from(World::new(plan, links), tags)
 }
 
-/// Explores a plan while a host may be lost, no program fails, and nobody asks for a stop. What is seen is what really runs.
+/// Explores a plan in which a host may be lost, no program fails, and no stop is requested. The graph shows the
+/// processes that really run.
 pub(crate) fn explore_loss(plan: &Plan, tags: &Tags, loss: Loss) -> Option<Graph> {
     explore_from(World { loss: Some(loss), ..World::new(plan, Links::InOrder) }, tags)
 }
@@ -183,7 +186,7 @@ impl<'p> World<'p> {
         })
     }
 
-    /// What a supervisor takes a member for: nothing if it is not active, else whether it is being stopped.
+    /// The state of a member as its supervisor sees it: none if it is not active, else whether it is being stopped.
     fn is_being_stopped(&self, (group, slot): Seat) -> Option<bool> {
         let conf = self.supervisors[group as usize].conf.as_ref()?;
         let is = |wanted: bool| {
@@ -320,7 +323,7 @@ impl<'p> World<'p> {
             Message::Stop(seat) => match self.kind(seat) {
                 MemberKind::Group(inner) => Some(Work::Halt(inner)),
                 MemberKind::Leaf(_) => {
-                    // One that has ended has said so already.
+                    // A program that has ended has already reported its end.
                     self.programs.entry(seat).and_modify(|is_told| *is_told = true);
                     None
                 }

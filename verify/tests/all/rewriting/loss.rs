@@ -1,8 +1,9 @@
-//! The loss of a host in the world of several hosts: what its death or a cut does, by the manual's page "When hosts cannot be
-//! reached", for programs without an `on_link_loss`.
+//! The loss of a host in the world of several hosts: what its death or a cut does, by the manual's page "When hosts
+//! cannot be reached", for programs without an `on_link_loss`.
 //!
-//! What is under way arrives until the node at its end has noted the loss; what is sent after it never does. A node that has lost the
-//! home leaves. The supervisors that are left hear that what ran beyond the loss has failed, or that nobody confirms its stop.
+//! A message in transit arrives until the node at its end has noted the loss; a message sent afterwards never does. A
+//! node that has lost the home leaves. The remaining supervisors hear that members beyond the loss have failed, or that
+//! their stop is not confirmed.
 
 use super::{Event, Move, Seat, Work, World};
 use language::plan::MemberKind;
@@ -15,7 +16,7 @@ pub(crate) struct Loss {
     pub(crate) fate: Fate,
 }
 
-/// What has become of a lost host.
+/// The state of a lost host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Fate {
     /// It does nothing any more.
@@ -24,7 +25,7 @@ pub(crate) enum Fate {
     Cut,
 }
 
-/// What has happened of a loss.
+/// The progress of a loss.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Rift {
     pub(super) is_lost: bool,
@@ -112,7 +113,7 @@ impl World<'_> {
         }
     }
 
-    /// What a supervisor hears of a member beyond the loss.
+    /// The event that a supervisor hears for a member beyond the loss.
     pub(super) fn gives_up(&self, (group, slot): Seat) -> Option<Work> {
         let event = match self.is_being_stopped((group, slot))? {
             true => Event::Unconfirmed(slot),

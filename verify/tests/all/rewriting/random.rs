@@ -37,12 +37,12 @@ impl Dice {
     }
 }
 
-/// What may be in a random group.
+/// The operators that a random group may contain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Taste {
     /// Everything that a plan can hold, also what `dca check` refuses: a member twice at once, unreachable arms.
     Anything,
-    /// What a text can say and `dca check` lets pass, mostly.
+    /// Mostly, expressions that a text can have and `dca check` accepts.
     Text,
 }
 

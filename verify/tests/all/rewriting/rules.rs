@@ -1,5 +1,5 @@
-//! The rules, as they are written: what starts, what an outcome does to what is around it, what a stop does. Terms are
-//! rewritten whole; nothing is shared with `language::algebra::step`.
+//! The rules as they are written: the effect of a start, of an outcome on the operators around it, and of a stop. Whole
+//! terms are rewritten; nothing is shared with `language::algebra::step`.
 //!
 //! Written from the study of the language, §2.4 with §2.5 and §2.11, and for `finally`, `as`, `::` and `using` from the
 //! manual's page on operators.
@@ -12,10 +12,10 @@ use std::collections::BTreeSet;
 use std::rc::Rc;
 use std::time::Duration;
 
-/// What runs goes on, or it has ended.
+/// The configuration that runs next, or the outcome.
 pub(crate) type Next = Result<Conf, Outcome>;
 
-/// What the reference wants done, in its order.
+/// The orders of the reference, in sequence.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Order {
     Connect(u32),
@@ -26,7 +26,7 @@ pub(crate) enum Order {
     Cancel(u32),
 }
 
-/// What happens to one leaf or timer.
+/// The events of one leaf or timer.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Event {
     Done(u32, Vec<u8>),
@@ -41,13 +41,13 @@ pub(crate) enum Event {
 pub(crate) struct Reference {
     group: Rc<Group>,
     root: Rc<Expr>,
-    /// What runs; nothing before the start and after the end.
+    /// The running configuration; none before the start and after the end.
     pub(crate) conf: Option<Conf>,
     /// The members that are active or stopping.
     pub(crate) busy: BTreeSet<u32>,
-    /// What is taken, and the `using` that has it.
+    /// The taken resources, each with the `using` that holds it.
     held: Vec<(usize, String)>,
-    /// The `using`s that wait, the first to come first, with what they want.
+    /// The waiting `using`s with the resources they want, the earliest first.
     pub(crate) queue: Vec<(usize, Vec<String>)>,
     pub(crate) orders: Vec<Order>,
 }
@@ -88,7 +88,7 @@ impl Reference {
         self.settle(next)
     }
 
-    /// What the whole has come to, once everything that is free has been given to who waits for it.
+    /// The outcome of the whole, once all free resources have been given to waiting `using`s.
     fn settle(&mut self, mut next: Next) -> Option<Outcome> {
         loop {
             match next {
@@ -108,7 +108,7 @@ impl Reference {
         }
     }
 
-    /// All that is named is free, and nobody has waited longer for any of it.
+    /// Whether all wanted resources are free and no earlier `using` waits for one of them.
     fn can_have(&self, wants: &[String], before: &[(usize, Vec<String>)]) -> bool {
         let is_free = |want: &String| self.held.iter().all(|(_, held)| held != want);
         let is_first = |want: &String| before.iter().all(|(_, wanted)| !wanted.contains(want));
@@ -260,7 +260,7 @@ impl Reference {
     }
 }
 
-/// TAG: `done(v) -> done(t:v)`, any other outcome as it is.
+/// TAG: `done(v) -> done(t:v)`, any other outcome unchanged.
 pub(crate) fn tagged(tag: &str, outcome: Outcome) -> Outcome {
     match outcome {
         Outcome::Done(Left::Value(value)) => {

@@ -1,11 +1,11 @@
-//! The terms of the reference: static expressions, configurations, outcomes. See `rules` for what they mean.
+//! The terms of the reference: static expressions, configurations, outcomes. See `rules` for their meaning.
 
 use language::algebra::Value;
 use language::plan::{Expression, Group, MemberKind};
 use std::rc::Rc;
 use std::time::Duration;
 
-/// What a process leaves, or the reason that an `else` hands on as text, of which only that it is one is known here.
+/// The value of a process, or the reason that an `else` hands on as text. The content of a reason is unknown here.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Left {
     Value(Value),
@@ -15,7 +15,7 @@ pub(crate) enum Left {
 impl Left {
     pub(crate) const NOTHING: Self = Self::Value(Value::EMPTY);
 
-    /// What several processes leave together; a reason in it makes it unknown.
+    /// The joint value of several processes; a reason among them makes it unknown.
     pub(crate) fn tuple(all: &[Self]) -> Self {
         let mut values = Vec::new();
         for left in all {
@@ -82,7 +82,7 @@ pub(crate) enum Kind {
     Finally(Rc<Expr>, Rc<Expr>),
     Match(Vec<(Option<String>, Rc<Expr>)>),
     Shield(Option<(u32, Duration)>, Rc<Expr>),
-    /// The number of the `using`, what it takes, and what runs with it.
+    /// The number of the `using`, its resources, and the expression that runs with them.
     Using(usize, Vec<String>, Rc<Expr>),
     Pool(Rc<Expr>, Vec<Rc<Expr>>),
     As(String, Rc<Expr>),
@@ -132,10 +132,10 @@ pub(crate) struct Slots {
 pub(crate) struct Pool {
     pub(crate) source: Rc<Expr>,
     pub(crate) bodies: Vec<Rc<Expr>>,
-    /// What runs of P; nothing while it waits for a free place, or once something has failed.
+    /// The running configuration of P; none while it waits for a free place, or once something has failed.
     pub(crate) running: Option<Conf>,
     pub(crate) places: Vec<Option<Conf>>,
-    /// What P has left while no place was free.
+    /// The value of P that arrived while no place was free.
     pub(crate) owed: Option<Left>,
     /// The first failure: no new Q starts any more.
     pub(crate) failed: Option<Why>,
@@ -209,8 +209,8 @@ fn two(
     kind(p, build(q, group, numbers))
 }
 
-/// §2.5, and the manual for what that leaves out: `,` and `#` if all are, `;` `:` `&` if one is, `;;` and `::` always,
-/// `else` and `finally` as P, `any k of` if fewer than k are tasks.
+/// §2.5, and for the operators that it omits, the manual: `,` and `#` if all are, `;` `:` `&` if one is, `;;` and `::`
+/// always, `else` and `finally` as P, `any k of` if fewer than k are tasks.
 fn is_service(kind: &Kind, group: &Group) -> bool {
     let tasks = |of: &[Rc<Expr>]| of.iter().filter(|operand| !operand.is_service).count();
     match kind {
