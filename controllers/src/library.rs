@@ -1,9 +1,8 @@
 //! The process types of the paper, as controllers: Appendix A, CompliantMotion, and the plant they work on.
 //!
-//! Every hand velocity travels in tool axes, so that no controller needs another's idea of the world, and laws can be
-//! added. Nobody holds a last velocity: a command older than [`FRESH`] and a sample older than
-//! `SENSED` count as none, and what moves is brought to
-//! rest.
+//! Every hand velocity travels in tool axes, so no controller needs another's idea of the world, and laws can be added.
+//! No controller repeats an old velocity: a command older than [`FRESH`] and a sample older than `SENSED` are ignored,
+//! and the device is brought to rest.
 
 mod arm;
 mod base;
@@ -31,7 +30,8 @@ use std::time::Duration;
 
 /// The largest age of a command: ten periods of the servo group, so that a busy machine's 30 ms do not stop the arm.
 pub const FRESH: Duration = Duration::from_millis(100);
-/// The largest age of a sample, counted from its measurement by the device: 50 ms for each of three hops, and one period.
+/// The largest age of a sample, counted from its measurement by the device: 50 ms for each of three hops, and one
+/// period.
 const SENSED: Duration = Duration::from_millis(200);
 /// The longest wait of a controller for its sensor.
 const SILENCE: Duration = Duration::from_secs(1);

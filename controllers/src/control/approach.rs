@@ -1,6 +1,6 @@
 //! Towards something that is about so far away: quickly over the free part of the way, then slowly until it is met.
 //!
-//! What a hand hits it with grows with its speed, its stiffness and the time until it stops: 7 mm/s and 50 ms are 22 N at
+//! The impact of the hand grows with its speed, its stiffness and the time until it stops: 7 mm/s and 50 ms are 22 N at
 //! 64 kN/m.
 //!
 //! Source: ours; the braking distance is that of constant deceleration.

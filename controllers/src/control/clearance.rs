@@ -1,7 +1,7 @@
-//! The room around the robot, by what its laser sees.
+//! The free room around the robot, from its laser.
 //!
-//! Seen from above: the base is a disc, upper arm, forearm and wrist are capsules. Everything that a ray has met may be as high
-//! as the robot. The fingers are left out, for they are there to touch.
+//! Seen from above: the base is a disc, upper arm, forearm and wrist are capsules. Everything that a ray has met may be
+//! as high as the robot. The fingers are left out, for they are there to touch.
 //!
 //! Source: ours; radii after drawings of the Puma 560.
 
@@ -19,7 +19,8 @@ pub const BASE_RADIUS: f64 = 0.31;
 const RADII: [f64; 3] = [0.09, 0.07, 0.05];
 /// The number of points that may be nearer: a ray or two may be wrong.
 const STRAYS: usize = 2;
-/// An obstacle is met by several rays side by side: of so many before and after, so many are so near (m). Single rays may be wrong.
+/// An obstacle is met by several rays side by side: of so many before and after, so many are so near (m). Single rays
+/// may be wrong.
 const BESIDE: usize = 3;
 const TOGETHER: usize = 2;
 const NEIGHBOUR: f64 = 0.10;
@@ -31,8 +32,8 @@ fn is_met(points: &[Vector2<f64>], index: usize) -> bool {
     near.count() >= TOGETHER
 }
 
-/// Returns the distance from the robot with its joints at `q` (rad) to the `points` (m, base axes, in the order of their rays) that are
-/// nearest; none if there are too few of them.
+/// Returns the distance from the robot with its joints at `q` (rad) to the `points` (m, base axes, in the order of
+/// their rays) that are nearest; none if there are too few of them.
 pub fn clearance(points: &[Vector2<f64>], q: &Joints) -> Option<f64> {
     let [shoulder, elbow, wrist, fingers] = puma560::outline(q).map(|point| point.xy());
     let parts = [(shoulder, elbow, RADII[0]), (elbow, wrist, RADII[1]), (wrist, fingers, RADII[2])];
@@ -52,7 +53,8 @@ const DOOR: f64 = 0.10;
 /// Points this near a line are a wall (m), and so many walls are looked for.
 const TOLERANCE: f64 = 0.02;
 const WALLS: u32 = 4;
-/// From the middle of the base to its laser, straight ahead (m); a point is beside it whose distance to the side is so many times that ahead.
+/// From the middle of the base to its laser, straight ahead (m). A point lies to the side if its distance sideways is
+/// at least this multiple of its distance ahead.
 const LASER: f64 = 0.30;
 const BESIDE_LASER: f64 = 4.0;
 /// A wall goes back along the robot if so much of its direction does.
@@ -61,7 +63,8 @@ const GOES_BACK: f64 = 0.5;
 const GOES_ON: u32 = 60;
 const STEP: f64 = 0.03;
 
-/// The room as a sweep has shown it before the door moved. A base that backs away does not see walls behind it and beside it.
+/// The room as a sweep showed it before the door moved. A base that backs away does not see the walls behind it and to
+/// its sides.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Memory {
     /// (m, odometry axes).
@@ -69,8 +72,8 @@ pub struct Memory {
 }
 
 impl Memory {
-    /// Takes a sweep (m, base axes) from a base at `at` before a shut door, whose leaf faces along `normal` at a `distance` (m); only the
-    /// first one counts.
+    /// Takes a sweep (m, base axes) from a base at `at` before a shut door, whose leaf faces along `normal` at a
+    /// `distance` (m); only the first one counts.
     pub fn remember(&mut self, points: &[Vector2<f64>], (normal, distance): (&Vector2<f64>, f64), at: &Pose) {
         if self.points.is_some() {
             return;
@@ -84,7 +87,7 @@ impl Memory {
         self.points = Some(room.into_iter().map(|point| turn * point + at.xy()).collect());
     }
 
-    /// Returns what it has seen as a base at `at` would see it (m, base axes).
+    /// Returns the remembered points in the axes of a base at `at` (m).
     pub fn around(&self, at: &Pose) -> Vec<Vector2<f64>> {
         let turn = Rotation2::new(-at.z);
         self.points.iter().flatten().map(|point| turn * (point - at.xy())).collect()

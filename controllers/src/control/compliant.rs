@@ -1,13 +1,14 @@
-//! Compliance: the hand gives way to what it feels.
+//! Compliance: the hand gives way to the force that it feels.
 //!
 //! An admittance without inertia, so a force loop of one integrator and a delay: it is stable while
-//! `stiffness · gain · delay < pi/2`, and calm below 0.6, the budget. With the fingers' 6000 N/m and a delay of 35 ms the gain may be
-//! 1/350 m/s/N, but a stiffer hand or a slower network asks for less, and neither is known beforehand. So the gain is
-//! 1/2000 for what changes quickly; a force that stays is no oscillation, and is given way to with up to 1/600. A measured
-//! delay caps both: that is the force loop's budget. What is stiffer than that swings, and [`super::oscillation`] takes gain away.
+//! `stiffness · gain · delay < pi/2`, and calm below 0.6, the budget. With the fingers' 6000 N/m and a delay of 35 ms
+//! the gain may be 1/350 m/s/N. A stiffer hand or a slower network needs a smaller gain, and neither is known in
+//! advance. So the gain is 1/2000 for quick changes of the force. A constant force is not an oscillation, so the hand
+//! gives way to it with up to 1/600. A measured delay caps both gains: this is the force loop's budget. A stiffer grasp
+//! oscillates, and [`super::oscillation`] reduces the gain.
 //!
-//! Source: Whitney, "Force feedback control of manipulator fine motions", J. Dynamic Systems 99, 1977 (damping control);
-//! the bound is that of an integrator with a delay, Åström and Murray, "Feedback Systems", 2008, section 9.4.
+//! Source: Whitney, "Force feedback control of manipulator fine motions", J. Dynamic Systems 99, 1977 (damping
+//! control); the bound is that of an integrator with a delay, Åström and Murray, "Feedback Systems", 2008, section 9.4.
 
 use super::filter::LowPass;
 use super::oscillation::OscillationGuard;
@@ -19,7 +20,7 @@ pub const ACROSS: f64 = 2000.0;
 const ACROSS_SLOW: f64 = 600.0;
 /// A force that has stayed counts from here on, and wholly from there on (N).
 const STAYS: (f64, f64) = (15.0, 35.0);
-/// The frequency below which a force counts as one that stays (Hz).
+/// The frequency below which a force counts as constant (Hz).
 const SLOW: f64 = 2.0;
 const UP: f64 = 2000.0;
 const TURN: f64 = 0.12;
@@ -55,9 +56,9 @@ impl Guide {
         self.up_in_tool.cross(&self.tangent_in_tool)
     }
 
-    /// Returns the vector whose product with a force is the part of it that counts across. A lever that is pressed pushes back
-    /// along its arc, at 45 degrees as much sideways as upwards. The hand has rolled with it, so only a force along the hand's own
-    /// x axis strains it; of that the level part counts.
+    /// Returns the vector whose product with a force is the part of it that counts across. A lever that is pressed
+    /// pushes back along its arc, at 45 degrees as much sideways as upwards. The hand has rolled with it, so only a
+    /// force along the hand's own x axis strains it; of that the level part counts.
     pub fn felt(&self) -> Vector3<f64> {
         let across = self.across();
         if self.upward || across.x.abs() < ROLLED { across } else { Vector3::x() / across.x }
@@ -70,8 +71,8 @@ const HOPS: (f64, f64) = (6.0, 2.0);
 /// The delay of the force loop besides its hops: the drives' lag, and half a period (s).
 const LAG: f64 = 0.035;
 
-/// Returns the delay of the whole force loop (s) for a law whose wrench is so old (s) when it arrives: every hop is taken to
-/// be as slow as those until the law.
+/// Returns the delay of the whole force loop (s) for a law whose wrench is so old (s) when it arrives: every hop is
+/// taken to be as slow as those until the law.
 pub fn loop_delay(age: f64) -> f64 {
     LAG + age * HOPS.0 / HOPS.1
 }
@@ -154,7 +155,7 @@ mod tests {
         let first = hand.update(&force, None, QUICK, 0.008).x;
         let later = (0..100).map(|_| hand.update(&force, None, QUICK, 0.008).x).last().unwrap();
         assert!((first - 0.02).abs() < 1e-3 && (later - 40.0 / 600.0).abs() < 1e-3, "{first} {later}");
-        // Not to one that trembles.
+        // A trembling hand is not eased.
         let mut hand = Compliance::default();
         let swing = |i: u32| Vector6::new(if i % 12 < 6 { 40.0 } else { -40.0 }, 0.0, 0.0, 0.0, 0.0, 0.0);
         let most = (0..200).map(|i| hand.update(&swing(i), None, QUICK, 0.008).x.abs()).fold(0.0, f64::max);
@@ -179,7 +180,7 @@ mod tests {
             Compliance::default().update(&wrench, Some(&guide), QUICK, 0.008)
         };
         assert!(give(0.0, 30.0).norm() < 1e-12, "{}", give(0.0, 30.0));
-        // What pulls along the lever is given way to, level.
+        // The hand gives way to a pull along the lever, in a level direction.
         let v = Vector3::from(give(6.0, 0.0).fixed_rows::<3>(0));
         assert!((v.norm() - 0.003 / c).abs() < 1e-12 && v.dot(&up_in_tool).abs() < 1e-12 && v.x > 0.0, "{v}");
     }

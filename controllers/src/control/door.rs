@@ -1,14 +1,15 @@
-//! Opening a door about a hinge that is being found meanwhile.
+//! Opening a door about a hinge whose position is estimated during the opening.
 //!
-//! The hand moves the way the handle goes, as [`super::hinge`] has it, and turns with the door. The pull is limited by
-//! force: it fades from 25 N and is gone at 50 N, so a door that does not move is leant on, not torn at; slowly harder, up
-//! to 70 N, for a strong closer takes that. It fades by the slow part of the force: its slope, 0.12 m/s over 25 N, is ten
-//! times the gain that a stiff grasp and a delay allow (see [`super::compliant`]). The quick part only damps, by that gain;
-//! what neither of them stops fades at once when it exceeds the largest pull. Unless it is told which way the door opens, a door
-//! that does not come when it is pulled gently is pushed gently, then both harder; only one that does neither is locked.
+//! The hand moves along the path of the handle that [`super::hinge`] estimates, and turns with the door. The pull is
+//! limited by force: it fades from 25 N and is gone at 50 N, so the hand leans on a door that does not move and does
+//! not tear at it. The limit rises slowly up to 70 N, because a strong closer needs that. The pull fades by the slow
+//! part of the force: its slope, 0.12 m/s over 25 N, is ten times the gain that a stiff grasp and a delay allow (see
+//! [`super::compliant`]). The quick part only damps, by that gain. A force beyond the largest pull makes the pull fade
+//! at once. Unless the direction is given, a door that does not move under a gentle pull is pushed gently, then both
+//! are repeated harder. A door that moves in neither direction is locked.
 //!
-//! A door that is pushed takes the hand with it into the opening, so the hand does not stay square to the leaf: as soon as the
-//! latch is free it lets the lever up, and then turns about it as [`super::swivel`] says.
+//! A door that is pushed takes the hand with it into the opening, so the hand does not stay square to the leaf: as soon
+//! as the latch is free it lets the lever up, and then turns about it as [`super::swivel`] says.
 //!
 //! Source: after the fused scheme that "DCA", section 5, ascribes to its reference \[9\]; the law is that of
 //! [`super::hinge`]'s source: tangential velocity, compliance across, the estimate on line.
@@ -38,7 +39,8 @@ const PULL_SLOW: f64 = 0.3;
 /// However suddenly it comes, a pull is given way to from so far below the largest, and is gone so far above it (N).
 const SUDDEN: (f64, f64) = (5.0, 15.0);
 const SUDDEN_FIRST: (f64, f64) = (5.0, 8.0);
-/// A grasp gives by no more than this (m/N), nor is it taken for stiffer than that; what has been measured is taken for so much softer.
+/// A grasp gives by no more than the first value and is never taken for stiffer than the second (m/N). A measured
+/// compliance is multiplied by `SOFTER`.
 const SOFT: (f64, f64) = (1.0 / 3000.0, 1.0 / 20_000.0);
 const SOFTER: f64 = 1.3;
 /// A force that tells how soft it is (N).
@@ -49,7 +51,8 @@ const PULL_QUICK: f64 = 6.0;
 const BELIEVED: f64 = 0.02;
 /// A try that has moved the door by so much more than the other way (m) is the better one.
 const BETTER: f64 = 0.005;
-/// A door that may be shut for good is not torn at: so fast (m/s) until the handle has gone so far (m). Then it speeds up (m/s²).
+/// A door that may be shut for good is not torn at: so fast (m/s) until the handle has gone so far (m). Then it speeds
+/// up (m/s²).
 const FIRST: (f64, f64) = (0.02, 0.025);
 const ACCELERATION: f64 = 0.12;
 const RAMP: f64 = 1.0;
@@ -63,15 +66,16 @@ const STALL_TIME: f64 = 0.5;
 const LEVER_FREE: f64 = 0.085;
 /// A leaf that stands so far from the wall does so for sure (rad).
 const SEEN: f64 = 0.12;
-/// A handle that has not gone this far was never free (m); one that is pushed is not to be pulled shut again.
+/// A handle that has not moved this far was never free (m). A door that was pushed is not pulled shut again.
 const MOVED: f64 = 0.03;
 const MOVED_PUSHED: f64 = 0.015;
 /// The first try begins without strain the other way.
 const MOVED_FIRST: f64 = 0.015;
-/// A handle that is pushed has left its latch when it has gone this far, and is pushed so fast until the lever is up (m, m/s).
+/// A handle that is pushed has left its latch when it has gone this far, and is pushed so fast until the lever is up
+/// (m, m/s).
 const UNLATCHED: f64 = 0.025;
 const LIFT_SPEED: f64 = 0.012;
-/// The speed at which a handle is pushed (m/s): the base has to get out of the way of the jambs meanwhile.
+/// The speed at which a handle is pushed (m/s): the base has to get out of the way of the jambs in that time.
 const PUSH_SPEED: f64 = 0.09;
 
 /// The places of hand and base.
@@ -97,7 +101,7 @@ pub struct Opening {
     /// +1 if the lever points to the left, so that a door that is pulled opens clockwise seen from above.
     left: f64,
     opens: Opens,
-    /// The present try, whether it is the first, and those that are left.
+    /// The present attempt, whether it is the first one, and the remaining attempts.
     trying: (Swing, Attempt),
     is_first: bool,
     left_to_try: Vec<(Swing, Attempt)>,
@@ -134,7 +138,7 @@ pub struct Opening {
 pub struct Pull {
     /// Velocity of the hand (m/s, rad/s, tool axes).
     pub twist_in_tool: Vector6<f64>,
-    /// For the compliance beside it.
+    /// The guide for compliance across the path.
     pub guide: Guide,
     /// Of the base, as far as the hand does not notice (m/s, odometry axes).
     pub base: Vector2<f64>,
@@ -222,8 +226,7 @@ impl Opening {
         self.swing() == Swing::Push
     }
 
-    /// Returns how far the leaf is turned from what the hand faces (rad, counter-clockwise): nothing while the hand turns
-    /// with it.
+    /// Returns the angle from the hand to the leaf (rad, counter-clockwise): zero while the hand turns with the leaf.
     pub fn askew(&self) -> f64 {
         match self.swing() {
             Swing::Pull => 0.0,
@@ -235,8 +238,9 @@ impl Opening {
         self.trying.0
     }
 
-    /// Takes the angle of the leaf against the wall as it is seen (rad, counter-clockwise): a leaf that stands the other
-    /// way corrects what the hand's roll has told. And the distance of the hinge (m), if it is seen.
+    /// Takes the observed angle of the leaf against the wall (rad, counter-clockwise): a leaf on the other side
+    /// corrects the sign that the hand's roll suggested. Also takes the observed distance of the hinge (m), if there is
+    /// one.
     pub fn see(&mut self, leaf: f64, radius: Option<f64>) {
         self.seen = Some(leaf);
         if let Some(radius) = radius.filter(|_| self.pushes()) {
@@ -270,7 +274,7 @@ impl Opening {
         let up_in_tool = tool_from_odometry * Vector3::z();
         let pull = -force.dot(&tangent_in_tool);
         let [slow_pull] = self.slow.update(&[pull], dt);
-        // The lever's spring counts, too.
+        // The force of the lever's spring is included.
         let beside = (force - tangent_in_tool * force.dot(&tangent_in_tool)).norm();
         let (most, hardest) = self.limits(beside, dt);
         let fade = ((most - slow_pull) / PULL_FADE).clamp(0.0, 1.0);
@@ -312,9 +316,9 @@ impl Opening {
         }
     }
 
-    /// The way of the handle (m) with a hand that moves at a `speed` (m/s) where it was told to move `along`, with a
-    /// `pull` (N). What the wheels say counts only as far as a hand can have moved; until the door has come for sure, not what
-    /// the grasp may have given, either.
+    /// The path of the handle (m) with a hand that moves at a `speed` (m/s), was commanded to move `along`, and pulls
+    /// with `pull` (N). The wheels' motion counts only as far as the hand can have moved. Until the door has certainly
+    /// moved, the possible give of the grasp does not count either.
     fn moved(&mut self, speed: f64, along: f64, pull: f64, dt: f64) -> f64 {
         let side = if self.pushes() { -1.0 } else { 1.0 };
         let [quick] = self.quick.update(&[side * pull], dt);
@@ -340,8 +344,8 @@ impl Opening {
         if self.swing() == Swing::Pull { LEVER_FREE } else { UNLATCHED }
     }
 
-    /// The speed of the hand upwards (m/s) and its roll (rad/s): it keeps the lever down while the latch may catch, and lets it up
-    /// where it has to turn about it.
+    /// The speed of the hand upwards (m/s) and its roll (rad/s): it keeps the lever down while the latch may catch, and
+    /// lets it up where it has to turn about it.
     fn lift(&mut self, odometry_from_tool: &Isometry3<f64>, upward: f64, dt: f64) -> (f64, f64) {
         if self.travelled < self.free_at() {
             return (self.lever.hold(odometry_from_tool.translation.z, upward, dt), 0.0);
@@ -369,7 +373,7 @@ impl Opening {
         }
     }
 
-    /// The pulls at which the hand stops now, and at last (N), with so much force `beside` it (N).
+    /// The pulls at which the hand stops now and finally (N), with a force `beside` the path (N).
     fn limits(&mut self, beside: f64, dt: f64) -> (f64, f64) {
         let [beside] = self.beside.update(&[beside.min(TOTAL_MAX)], dt);
         // A door that has come is the right way.
@@ -492,13 +496,14 @@ mod tests {
             pushed = opening.sense() > 0.0;
             pull.failure.map(|failure| (at, failure))
         });
-        // Six times a second of ramp and half a second without motion, and what it takes to lean 5 N and twice 20 N harder at 15 N/s.
+        // Six times a second of ramp and half a second without motion, and the time to lean 5 N and twice 20 N harder
+        // at 15 N/s.
         assert!(failed.is_some_and(|(at, _)| (1150..1250).contains(&at)), "{failed:?}");
         assert_eq!(failed.map(|(_, failure)| failure), Some(Failure::Locked));
     }
 
-    /// A hand on a grasp of a stiffness (N/m), before a door that goes when it is pushed with `moves` (N) or more. Returns why it
-    /// fails, if it does within 20 s, and the largest pull and push (N).
+    /// A hand on a grasp of a stiffness (N/m), before a door that goes when it is pushed with `moves` (N) or more.
+    /// Returns why it fails, if it does within 20 s, and the largest pull and push (N).
     fn strained(stiffness: f64, moves: f64) -> (Option<Failure>, f64, f64) {
         let mut opening = Opening::new(&standing(&hand(Vector2::zeros(), 0.0, true)), 0.7, Opens::Either);
         let (mut at, mut handle, mut pulled, mut pushed) = (0.0, 0.0f64, 0.0f64, 0.0f64);

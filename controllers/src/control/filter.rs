@@ -25,11 +25,12 @@ impl<const N: usize> LowPass<N> {
     }
 }
 
-/// A force that is so far from the previous one (N) is a spike of the sensor, unless the next one confirms it. In 8 ms a hand at 18 mm/s
-/// presses 64 kN/m by 9 N.
+/// A force that is so far from the previous one (N) is a spike of the sensor, unless the next one confirms it. In 8 ms
+/// a hand at 18 mm/s presses 64 kN/m by 9 N.
 const JUMP: f64 = 15.0;
 
-/// Leaves out single wrong readings of a force sensor: the previous one counts in their place. A true jump is told one sample late.
+/// Leaves out single wrong readings of a force sensor: the previous one counts in their place. A true jump is told one
+/// sample late.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Despike {
     last: Option<Vector6<f64>>,
@@ -37,7 +38,7 @@ pub struct Despike {
 }
 
 impl Despike {
-    /// Takes a wrench (N, Nm); returns the one that counts.
+    /// Takes a wrench (N, Nm); returns the filtered wrench.
     pub fn update(&mut self, wrench: &Vector6<f64>) -> Vector6<f64> {
         let jumps = |last: &Vector6<f64>| (wrench - last).fixed_rows::<3>(0).norm() > JUMP;
         self.doubted = !self.doubted && self.last.as_ref().is_some_and(jumps);
@@ -84,7 +85,7 @@ mod tests {
 
     #[test]
     fn step_response() {
-        // After one time constant, 1 - 1/e, whatever the steps.
+        // After one time constant the response is 1 - 1/e, for any step size.
         let tau = 1.0 / (std::f64::consts::TAU * 5.0);
         for steps in [1, 7] {
             let mut filter = LowPass::<1>::new(5.0);

@@ -1,23 +1,24 @@
 //! The estimate of a hinge by the hand that holds the handle: the way that the handle goes, and how it curves.
 //!
-//! Fingers that hold a handle turn with it, so the way the handle goes is the same direction seen from the hand for as long
-//! as they hold it. Its angle beside the hand's axis and the curvature of its circle are adapted by the force across it and
-//! the torque about the vertical; neither odometry nor a map is used, so wheels that slip teach nothing wrong.
+//! Fingers that hold a handle turn with it, so the way the handle goes is the same direction seen from the hand for as
+//! long as they hold it. Its angle beside the hand's axis and the curvature of its circle are adapted by the force
+//! across it and the torque about the vertical; neither odometry nor a map is used, so wheels that slip teach nothing
+//! wrong.
 //!
 //! Convergence: let e be the error of the direction, k the stiffness across, g the compliance, v the speed. The force
-//! across settles at v e / g within 1/(k g), then de/dt = -rate v² / g · e: an error shrinks by exp(-rate/g · ∫v² dt), as
-//! long as the hand moves, with g from 1/2000 m/s/N to 1/600 for forces that stay ([`super::compliant`]). With c the turning compliance
-//! and s the turning stiffness the error of the curvature obeys x'' + c s x' + rate v² s x = 0, which is stable for every positive
-//! rate. Without motion nothing is learnt.
+//! across settles at v e / g within 1/(k g), then de/dt = -rate v² / g · e: an error shrinks by exp(-rate/g · ∫v² dt),
+//! as long as the hand moves, with g from 1/2000 m/s/N to 1/600 for forces that stay ([`super::compliant`]). With c the
+//! turning compliance and s the turning stiffness the error of the curvature obeys x'' + c s x' + rate v² s x = 0,
+//! which is stable for every positive rate. Without motion nothing is learnt.
 //!
-//! A hand that turns about the handle (see [`super::swivel`]) feels no such torque. It knows by how much it turns and how
-//! the way curves, so the direction is carried along, and the curvature is adapted by the force across: with k = 1/g for the
-//! compliance the errors obey e' = -rate v² k e + v c, c' = -slow v² k e, stable for all positive rates, aperiodic as long as
-//! 4 slow < rate² v k.
+//! A hand that turns about the handle (see [`super::swivel`]) feels no such torque. It knows by how much it turns and
+//! how the way curves, so the direction is carried along, and the curvature is adapted by the force across: with k =
+//! 1/g for the compliance the errors obey e' = -rate v² k e + v c, c' = -slow v² k e, stable for all positive rates,
+//! aperiodic as long as 4 slow < rate² v k.
 //!
-//! Source: after Karayiannidis, Smith, Viña, Ögren and Kragic, "An adaptive control approach for opening doors and drawers
-//! under uncertainties", IEEE Trans. Robotics 32(1), 2016: direction and axis in the frame of the hand, driven by force and
-//! torque errors times the speed. The planar form, the projection and the rates are ours.
+//! Source: after Karayiannidis, Smith, Viña, Ögren and Kragic, "An adaptive control approach for opening doors and
+//! drawers under uncertainties", IEEE Trans. Robotics 32(1), 2016: direction and axis in the frame of the hand, driven
+//! by force and torque errors times the speed. The planar form, the projection and the rates are ours.
 
 /// The rate at which the direction is adapted (rad/s per N and m/s).
 const DIRECTION_RATE: f64 = 0.036;
@@ -25,9 +26,10 @@ const DIRECTION_RATE: f64 = 0.036;
 const CURVATURE_RATE: f64 = 2.0;
 /// The same by the force across (1/m/s per N and m/s).
 const BEND_RATE: f64 = 0.06;
-/// The share by which a curvature that is seen replaces the one that is felt, each time.
+/// The share of the observed curvature that replaces the estimated one at each observation.
 const SEEN: f64 = 0.1;
-/// The direction is at most this far beside the axis of a hand that turns with the door (rad), and of one that does not.
+/// The greatest angle between the direction and the axis of the hand (rad): for a hand that turns with the door, and
+/// for one that does not.
 const BESIDE_MAX: (f64, f64) = (0.5, 1.5);
 /// Curvatures of doors (1/m): radii of 0.33 to 2 m.
 const CURVATURE: (f64, f64) = (0.5, 3.0);
@@ -46,16 +48,16 @@ impl Hinge {
         Self { beside: 0.0, curvature: (1.0 / radius.max(0.1)).clamp(CURVATURE.0, CURVATURE.1) }
     }
 
-    /// Learns from `dt` (s) of motion at `speed` (m/s) with a force (N) to the left of the way, on the hand, and a torque
-    /// (Nm) about the vertical, on the hand, positive the way the door turns.
+    /// Learns from `dt` (s) of motion at `speed` (m/s) with a force (N) to the left of the way, on the hand, and a
+    /// torque (Nm) about the vertical, on the hand, positive the way the door turns.
     pub fn update(&mut self, speed: f64, force_left: f64, torque: f64, dt: f64) {
         self.adapt(speed, force_left, dt, BESIDE_MAX.0);
         let curvature = self.curvature + CURVATURE_RATE * speed * torque * dt;
         self.curvature = curvature.clamp(CURVATURE.0, CURVATURE.1);
     }
 
-    /// Learns as [`Hinge::update`] does, with a hand that has turned by so much (rad, counter-clockwise) while the door turned
-    /// the way of `sense`, +1 counter-clockwise.
+    /// Learns as [`Hinge::update`] does, with a hand that has turned by so much (rad, counter-clockwise) while the door
+    /// turned the way of `sense`, +1 counter-clockwise.
     pub fn update_turning(&mut self, speed: f64, force_left: f64, (turned, sense): (f64, f64), dt: f64) {
         self.beside += sense * speed * self.curvature * dt - turned;
         self.adapt(speed, force_left, dt, BESIDE_MAX.1);
@@ -63,8 +65,8 @@ impl Hinge {
         self.curvature = curvature.clamp(CURVATURE.0, CURVATURE.1);
     }
 
-    /// Takes the distance of the hinge as it is seen (m), for a hand that learns by the force alone: it needs half of the way for that, and
-    /// then nobody could tell wheels that slip from what it has not learnt yet.
+    /// Takes the observed distance of the hinge (m). It is for a hand that estimates by the force alone: that takes
+    /// half of the path, during which slipping wheels could not be told from an unfinished estimate.
     pub fn see(&mut self, radius: f64) {
         if radius > 0.0 {
             self.curvature += SEEN * ((1.0 / radius).clamp(CURVATURE.0, CURVATURE.1) - self.curvature);
@@ -97,8 +99,8 @@ mod tests {
     use super::super::compliant::ACROSS;
     use super::*;
 
-    /// A handle on a circle of `radius` (m), a hand that starts askew by `askew` (rad): returns what was learnt, and the
-    /// largest force across in the last second.
+    /// A handle on a circle of `radius` (m), and a hand that starts askew by `askew` (rad): returns the estimate, and
+    /// the largest force across in the last second.
     fn open(radius: f64, askew: f64, speed: f64, seconds: f64) -> (Hinge, f64) {
         let (stiffness, turning, gain, turn_gain, dt) = (6000.0, 8.0, 1.0 / ACROSS, 0.12, 2e-3);
         // Across the way, and the hand's yaw beside the handle's.

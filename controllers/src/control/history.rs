@@ -1,4 +1,4 @@
-//! Samples of the last moments, to know what they were at one time in between.
+//! Recent samples, interpolated at a time between them.
 //!
 //! Devices measure at different times and their samples travel for different times; two of them belong together only at
 //! one stamp. Between two samples the value is taken to change evenly.
@@ -22,7 +22,7 @@ impl<const N: usize> Default for History<N> {
 }
 
 impl<const N: usize> History<N> {
-    /// Takes a sample; one that is not newer than the last is left out.
+    /// Takes a sample, unless it is not newer than the last one.
     pub fn push(&mut self, stamp: Time, value: [f64; N]) {
         if self.samples.back().is_some_and(|(last, _)| *last >= stamp) {
             return;
@@ -59,7 +59,7 @@ mod tests {
         for ms in [10, 20, 15, 30] {
             history.push(at(ms), [ms as f64, -1.0]);
         }
-        // What came late is left out, and nothing is guessed beyond the ends.
+        // A late sample is left out, and nothing is extrapolated.
         for (ms, wanted) in [(5, 10.0), (10, 10.0), (12, 12.0), (17, 17.0), (29, 29.0), (40, 30.0)] {
             let value = history.at(at(ms)).map_or(f64::NAN, |[value, _]| value);
             assert!((value - wanted).abs() < 1e-9, "{value} at {ms} ms");

@@ -1,13 +1,15 @@
-//! The hinge as a landmark: a point that does not move, seen from a base that may be moved by something else than its wheels.
+//! The hinge as a landmark: a point that does not move, seen from a base that may be moved by something else than its
+//! wheels.
 //!
-//! Where the hinge is follows from the hand at the handle, the direction of the leaf and its radius: arm and laser say so, the
-//! wheels do not. By the wheels it has to stay where it is. A base that is turned from outside by d, about its own middle, sees it
-//! move by d times its distance, so what it moves by over that distance is how far the base may have turned. Only a base that is turned
-//! about the hinge itself, with the leaf in its hand, is not noticed. Wheels of another size than believed also move it: by their error
-//! times the way, which counts against the angle likewise.
+//! The place of the hinge follows from the hand at the handle, the direction of the leaf and its radius. These come
+//! from the arm and the laser, not from the wheels. In the frame of the wheels the hinge has to stay in place. A base
+//! that is turned from outside by d, about its own middle, sees the hinge move by d times its distance. So the apparent
+//! motion divided by the distance is the possible turn of the base. Only a turn about the hinge itself, with the leaf
+//! in the hand, is not noticed. A wrong wheel size also moves the hinge, by its error times the path; this counts as a
+//! possible turn as well.
 //!
-//! Source: ours; a point landmark fixes two of the three coordinates of a pose, Thrun, Burgard, Fox, "Probabilistic Robotics", 2005,
-//! section 7.5.
+//! Source: ours; a point landmark fixes two of the three coordinates of a pose, Thrun, Burgard, Fox, "Probabilistic
+//! Robotics", 2005, section 7.5.
 
 use nalgebra::Vector2;
 
@@ -48,7 +50,8 @@ mod tests {
     use super::*;
     use nalgebra::Rotation2;
 
-    /// A base that drives for 4 s at 0.1 m/s and is turned by `rate` (rad/s) from outside, past a hinge: what it may have turned by.
+    /// A base that drives past a hinge for 4 s at 0.1 m/s and is turned by `rate` (rad/s) from outside: returns its
+    /// possible turn.
     fn turned(rate: f64, wheel_error: f64) -> f64 {
         let (hinge, mut base, mut yaw, mut believed) =
             (Vector2::new(0.8, 0.5), Vector2::zeros(), 0.0f64, Vector2::zeros());

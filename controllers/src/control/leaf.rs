@@ -1,25 +1,27 @@
 //! The angle of a door in the sweeps of a laser: the leaf against a straight line that does not move, in one sweep.
 //!
-//! Both are straight lines in the same sweep, so neither wheels that slip nor a hand that has lost the handle can make a
-//! shut door look open. The leaf is the line right before the hand that holds its handle. The other line is found before the door
-//! moves, and is then followed from sweep to sweep:
+//! Both are straight lines in the same sweep, so neither wheels that slip nor a hand that has lost the handle can make
+//! a shut door look open. The leaf is the line right before the hand that holds its handle. The other line is found
+//! before the door moves, and is then followed from sweep to sweep:
 //! - The line of a leaf that goes on to both sides, or further than any leaf does, is the wall, and the door is shut.
-//! - A wall with an opening in it, in which the leaf would fit, tells how far the leaf is open: this is how a law that begins in the
-//!   middle knows.
-//! - Any other line, as a side wall, tells only by how much the leaf turns from now on. A wall on one side of the leaf alone proves
-//!   nothing: in a corner the side wall begins at the edge of a shut leaf as the wall begins at the hinge of an open one.
+//! - A wall with an opening in it, in which the leaf would fit, tells how far the leaf is open: this is how a law that
+//!   begins in the middle knows.
+//! - Any other line, as a side wall, tells only by how much the leaf turns from now on. A wall on one side of the leaf
+//!   alone proves nothing: in a corner the side wall begins at the edge of a shut leaf as the wall begins at the hinge
+//!   of an open one.
 //!
-//! Source: lines by random samples and total least squares, as in [`super::line`]; the deviation of a line's direction is
-//! that of a straight-line fit, Bevington, "Data Reduction and Error Analysis", 1969, section 6.4.
+//! Source: lines by random samples and total least squares, as in [`super::line`]; the deviation of a line's direction
+//! is that of a straight-line fit, Bevington, "Data Reduction and Error Analysis", 1969, section 6.4.
 
 use super::angle::wrapped;
 use super::line::{self, Line, Spread, crossing, horizontal};
 use crate::sdk::Random;
 use nalgebra::{Isometry3, Rotation2, Vector2, Vector3};
 
-/// The largest distance of a wall's points from where it was a sweep ago (m): the base turns by a degree or two meanwhile.
+/// The largest distance of a wall's points from the wall of the previous sweep (m): between sweeps the base turns by a
+/// degree or two.
 const WALL_GATE: f64 = 0.06;
-/// A wall does not turn by more than this from one sweep to the next, beyond what the wheels say (rad).
+/// The greatest turn of a wall between two sweeps, beyond the turn measured by the wheels (rad).
 const WALL_TURN: f64 = 0.06;
 /// A laser that is nearer to the wall than this (m), or behind it, sees the jambs in its place.
 const WALL_NEAR: f64 = 0.20;
@@ -55,7 +57,7 @@ const BEYOND_POINTS: usize = 10;
 const REFERENCE_MIN: f64 = 0.4;
 /// Walls further away than this from the hand (m) are not the door's.
 const WALL_FAR: f64 = 2.5;
-/// Points on a leaf are no further apart than this (m).
+/// The greatest distance between neighbouring points on a leaf (m).
 const GAP: f64 = 0.15;
 /// The leaf is seen over at least this length (m).
 const LENGTH_MIN: f64 = 0.20;
@@ -158,8 +160,8 @@ impl Wall {
         })
     }
 
-    /// Returns wall and leaf as lines (base axes) in the sweep that [`Wall::update`] has just had, if both are known; the leaf's
-    /// normal looks the way the hand does.
+    /// Returns wall and leaf as lines (base axes) in the sweep that [`Wall::update`] has just had, if both are known;
+    /// the leaf's normal looks the way the hand does.
     pub fn lines(&mut self, points: &[Vector2<f64>], base_from_tool: &Isometry3<f64>) -> Option<(Line, Line)> {
         let (leaf, _) = self.leaf(points, base_from_tool)?;
         Some((self.reference?.line, leaf))
@@ -283,7 +285,8 @@ impl Side {
     }
 }
 
-/// Returns whether a wall has an opening that the leaf before the hand would shut: nothing in it, and wall on its other side.
+/// Returns whether a wall has an opening that the leaf before the hand would shut: nothing in it, and wall on its other
+/// side.
 fn has_opening(wall: &Line, leaf: &Line, on_wall: &[Vector2<f64>], sides: &[Side; 2]) -> bool {
     let Some(hinge) = crossing(wall, leaf) else { return false };
     let [near, far] = sides;
@@ -304,13 +307,13 @@ fn has_opening(wall: &Line, leaf: &Line, on_wall: &[Vector2<f64>], sides: &[Side
 }
 
 impl Reference {
-    /// Returns what it looks like after the base has moved.
+    /// Returns the reference in the axes of the base after a motion.
     fn seen_from(&self, moved: &Vector3<f64>) -> Self {
         Self { line: seen_from(&self.line, moved), door: self.door.map(|door| seen_from(&door, moved)), ..*self }
     }
 }
 
-/// A line of the last sweep as it is seen after the base has moved.
+/// A line of the last sweep, in the axes of the base after a motion.
 fn seen_from(line: &Line, moved: &Vector3<f64>) -> Line {
     let distance = line.distance - line.normal.dot(&moved.xy());
     Line { normal: Rotation2::new(-moved.z) * line.normal, distance, inliers: line.inliers }
@@ -329,8 +332,8 @@ mod tests {
     use super::*;
     use nalgebra::UnitQuaternion;
 
-    /// What a laser at the origin sees of a wall at x = 1 and a leaf that is open by `angle` about (1, 0.8), and the hand
-    /// that holds its handle.
+    /// The sweep of a laser at the origin that sees a wall at x = 1 and a leaf open by `angle` about (1, 0.8); and the
+    /// hand that holds the handle.
     fn sweep(angle: f64, with_leaf: bool, random: &mut Random) -> (Vec<Vector2<f64>>, Isometry3<f64>) {
         let hinge = Vector2::new(1.0, 0.8);
         let along = Vector2::new(-angle.sin(), -angle.cos());

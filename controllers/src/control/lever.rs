@@ -1,8 +1,8 @@
 //! The lever while the door opens: kept down until the latch is free, and let up where the hand has to turn about it.
 //!
-//! Drives give way a little to a force that stays, so a hand that only stops pressing loses 15 degrees in ten seconds; its height
-//! is held instead. A lever is let up as it was pressed: the hand rises along an arc of middling length and rolls back. A
-//! lever that is up pushes back, which ends the rise.
+//! Drives give way a little to a force that stays, so a hand that only stops pressing loses 15 degrees in ten seconds;
+//! its height is held instead. A lever is let up as it was pressed: the hand rises along an arc of middling length and
+//! rolls back. A lever that is up pushes back, which ends the rise.
 //!
 //! Source: ours.
 
@@ -12,8 +12,8 @@ use nalgebra::{UnitQuaternion, Vector3};
 /// The gain with which a height is held (1/s), and the largest speed (m/s).
 const GAIN: f64 = 3.0;
 const HOLD_MAX: f64 = 0.02;
-/// A lever that pushes harder than at first by so much (N) gives the height; it may push as hard as this, and is never held
-/// against more than that (N).
+/// A lever that pushes harder than at first by so much (N) gives the height; it may push as hard as this, and is never
+/// held against more than that (N).
 const HARDER: f64 = 8.0;
 const FORCE_MAX: (f64, f64) = (30.0, 48.0);
 /// The time over which the force at the beginning is averaged (s).
@@ -21,7 +21,7 @@ const FELT_TIME: f64 = 0.25;
 /// The speed at which the hand rises (m/s), and the force of a lever that is up (N).
 const RISE: f64 = 0.03;
 const RISE_FORCE: f64 = 12.0;
-/// A hand that leans no further is level (rad), and one that leans no further may turn about the lever.
+/// The lean below which a hand is level (rad), and the lean below which it may turn about the lever.
 const LEVEL: f64 = 0.04;
 const LEANS: f64 = 0.35;
 /// The longest time it takes (s).
@@ -45,8 +45,8 @@ impl Default for Lever {
 }
 
 impl Lever {
-    /// Returns how fast the hand at a `height` (m) has to move upwards (m/s, not positive) to keep the lever down, which pushes
-    /// it upwards with a force (N), `dt` (s) after the last call.
+    /// Returns how fast the hand at a `height` (m) has to move upwards (m/s, not positive) to keep the lever down,
+    /// which pushes it upwards with a force (N), `dt` (s) after the last call.
     pub fn hold(&mut self, height: f64, upward: f64, dt: f64) -> f64 {
         let held = self.height.get_or_insert(height);
         let (felt, time) = &mut self.felt;
@@ -60,8 +60,8 @@ impl Lever {
         (GAIN * (*held - height)).clamp(-HOLD_MAX, 0.0)
     }
 
-    /// Lets the lever up, `dt` (s) after the last call, with the hand's `rotation` and the force that pushes it upwards (N).
-    /// Returns how fast the hand rises (m/s) and rolls about its z axis (rad/s), until the lever is up.
+    /// Lets the lever up, `dt` (s) after the last call, with the hand's `rotation` and the force that pushes it upwards
+    /// (N). Returns how fast the hand rises (m/s) and rolls about its z axis (rad/s), until the lever is up.
     pub fn rise(&mut self, rotation: &UnitQuaternion<f64>, upward: f64, dt: f64) -> Option<(f64, f64)> {
         let time = self.rising? + dt;
         let (x, y) = (rotation * Vector3::x(), rotation * Vector3::y());
@@ -123,7 +123,7 @@ mod tests {
             // As far as it takes to press a lever of 0.1 m by that angle.
             assert!((up - (0.6 - LEVEL) * LEVER / ROLL).abs() < 1e-3, "{side}: {up}");
         }
-        // One that is up pushes back, and the hand rises no further.
+        // A raised lever pushes back, and the hand rises no further.
         let leaning = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 0.5)
             * UnitQuaternion::from_basis_unchecked(&[Vector3::y(), Vector3::z(), Vector3::x()]);
         let risen = Lever::default().rise(&leaning, -15.0, 0.01);

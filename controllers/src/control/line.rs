@@ -1,7 +1,7 @@
 //! A straight line among points that are not all on it.
 //!
-//! Source: Fischler and Bolles, "Random sample consensus", CACM 24(6), 1981; total least squares by the eigenvector of the
-//! scatter matrix, Pearson, Phil. Mag. 2(11), 1901.
+//! Source: Fischler and Bolles, "Random sample consensus", CACM 24(6), 1981; total least squares by the eigenvector of
+//! the scatter matrix, Pearson, Phil. Mag. 2(11), 1901.
 
 use crate::sdk::Random;
 use nalgebra::{Matrix2, Vector2, Vector3};
@@ -19,8 +19,8 @@ pub struct Line {
     pub inliers: usize,
 }
 
-/// Returns the line that most `points` (m) lie on, to within `tolerance` (m); none if that is less than a third of them,
-/// or fewer than ten.
+/// Returns the line that most `points` (m) lie on, to within `tolerance` (m); none if that is less than a third of
+/// them, or fewer than ten.
 pub fn fit(points: &[Vector2<f64>], tolerance: f64, random: &mut Random) -> Option<Line> {
     let mut best: Option<Line> = None;
     for _ in 0..TRIALS {
@@ -48,7 +48,8 @@ pub struct Spread {
     pub direction: f64,
 }
 
-/// Returns the line closest to all `points` (m), and how well it is known; none of fewer than three, nor of points that are not finite.
+/// Returns the line closest to all `points` (m), and how well it is known; none of fewer than three, nor of points that
+/// are not finite.
 pub fn through(points: &[Vector2<f64>]) -> Option<(Line, Spread)> {
     let count = points.len();
     if count < 3 {
@@ -96,7 +97,7 @@ fn pick(points: &[Vector2<f64>], random: &mut Random) -> Option<Vector2<f64>> {
     points.get(usize::try_from(random.bits() % count).ok()?).copied()
 }
 
-/// Returns the direction of a vector as it is seen from above; the x axis of one that has none.
+/// Returns the direction of a vector as seen from above; the x axis for a vertical vector.
 pub fn horizontal(v: &Vector3<f64>) -> Vector2<f64> {
     v.xy().try_normalize(1e-6).unwrap_or_else(Vector2::x)
 }

@@ -1,4 +1,4 @@
-//! Looking around for something that is out of sight: back first, for what is too near does not fit the image, then to
+//! Looking around for an object that is out of sight: first back, because a near object does not fit the image, then to
 //! both sides, further each time.
 //!
 //! Source: ours.

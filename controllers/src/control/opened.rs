@@ -1,29 +1,32 @@
-//! The proof that a door is open: what has to be measured, and the reason when it is not.
+//! The proof that a door is open: the required measurements, and the reason for a doubt.
 //!
-//! The estimate of the hinge is fed by the hand alone, and a hand that has lost the handle draws a circle in the air as
-//! well; wheels that slip draw one, too. So an opening does not end by its estimate. It ends when the laser sees the leaf
-//! at the goal in three sweeps in a row, each less two standard deviations, while the fingers hold something and the hand
-//! has turned with the leaf. The estimate only says when it is time to doubt.
+//! The estimate of the hinge is fed by the hand alone. A hand that has lost the handle also draws a circle in the air,
+//! and so do wheels that slip. So an opening does not end by its estimate. It ends when the laser sees the leaf at the
+//! goal in three sweeps in a row, each less two standard deviations, while the fingers hold something and the hand has
+//! turned with the leaf. The estimate only says when to start doubting.
 //!
-//! The angle that the laser sees has two witnesses, and each of the three may be wrong alone. The way of the handle since it was taken, by arm
-//! and wheels, is as long as a leaf needs that has turned so far; and so is the way that the hand was led by forces. A door that
-//! has not moved has neither, whatever the laser takes for its leaf or for its wall. A leaf that is no longer as far away from the hand as
-//! at first has left it, whatever the fingers say.
+//! Two independent measurements support the angle that the laser sees, and each of the three may be wrong alone. The
+//! path of the handle since the grasp, by arm and wheels, has to be as long as a leaf needs for this angle. The same
+//! holds for the path along which forces led the hand. A door that has not moved has neither, whatever the laser
+//! mistakes for its leaf or wall. A leaf whose distance from the hand has changed has left the hand, whatever the
+//! fingers report.
 //!
-//! A leaf is measured against its wall. Out of sight, the wall is where the wheels say, and those may slip in two ways. What they can
-//! have added to the angle is bounded, and counts against it: [`Watch::slip`].
+//! The angle of a leaf is measured against its wall. When the wall is out of sight, its place comes from the wheels,
+//! which may slip in two ways. The angle that slip can have added is bounded and is subtracted: [`Watch::slip`].
 //!
-//! Wheels that turn on the spot: a turn of the base that is only believed turns the wall by as much, and contradicts neither the hand
-//! nor the laser. No sensor bounds it, so all of it counts. Wheels that only drive do not change the angle; so a base that is
-//! steady, as [`super::redundancy::Motion`] has it, keeps this part small. Its hand is led astray then, and feels it.
+//! Wheels that turn on the spot: a turn of the base that is only believed turns the wall by as much, and contradicts
+//! neither the hand nor the laser. No sensor bounds it, so all of it counts. Wheels that only drive do not change the
+//! angle; so a base that is steady, as [`super::redundancy::Motion`] has it, keeps this part small. Its hand is led
+//! astray then, and feels it.
 //!
-//! Wheels that slide: a base that turns by d without its wheels turns the hand, too, so the way of the handle seems to curve by d
-//! more or less. Over an arc a of the door the hinge is felt at r in place of R, with a R / r = a + d. So d is the integral of
-//! (R / r - 1) over the arc since the wall was seen, with R as it was seen then; the arc that is seen is a + d, which is on the safe
-//! side, for the estimate of r lags. Beyond a share the wheels have slipped for sure.
+//! Wheels that slide: a base that turns by d without its wheels also turns the hand, so the path of the handle seems to
+//! curve by up to d more or less. Over an arc a of the door the estimated radius of the hinge is r instead of R, with a
+//! R / r = a + d. So d is the integral of (R / r - 1) over the arc since the wall was last seen, with the R observed at
+//! that time. The observed arc is a + d, which is on the safe side, because the estimate of r lags. Beyond a limit the
+//! wheels have certainly slipped.
 //!
-//! Source: ours. In the good runs of `tests/tests/all/false_success.rs` leaf and truth differ by at most 1 degree, hand and leaf
-//! by at most 10; the estimate is ahead by 5, with wheels that slip by up to 41.
+//! Source: ours. In the good runs of `tests/tests/all/false_success.rs` leaf and truth differ by at most 1 degree, hand
+//! and leaf by at most 10; the estimate is ahead by 5, with wheels that slip by up to 41.
 
 use super::filter::Debounce;
 use super::leaf::Leaf;
@@ -42,7 +45,8 @@ const UNSEEN: f64 = 0.35;
 const WITNESSED: f64 = 0.6;
 /// A base that may have been turned by more than this without its wheels (rad) has been.
 const MOVED_MAX: f64 = 0.25;
-/// A leaf that is nearer to the hand or further away than at first, by so much (m), has left it; "at first" is a mean of so many sweeps.
+/// A leaf that is nearer to the hand or further away than at first, by so much (m), has left it; "at first" is a mean
+/// of so many sweeps.
 const LEAVES: f64 = 0.06;
 const FIRST: u32 = 5;
 /// Below this angle (rad) the line of the leaf is partly that of the wall.
@@ -71,7 +75,8 @@ pub struct Evidence {
     pub radius: f64,
     /// The radius as it was seen (m), if it was.
     pub seen_radius: Option<f64>,
-    /// The turns of the base since the wall was seen, to either side (rad), as the wheels say; none while it is in sight.
+    /// The turns of the base since the wall was seen, to either side (rad), as the wheels say; none while it is in
+    /// sight.
     pub turned: Option<f64>,
     /// How far the base may have turned since then without its wheels (rad), by where it sees the hinge.
     pub moved: f64,
@@ -114,7 +119,7 @@ pub enum Doubt {
 }
 
 impl Expected {
-    /// Returns whether fingers this far apart (m) hold the handle; a width that is no number does not.
+    /// Returns whether fingers at this distance (m) hold the handle; false for NaN.
     pub fn holds(&self, width: f64) -> bool {
         (self.width.0..=self.width.1).contains(&width)
     }
@@ -165,7 +170,7 @@ impl Watch {
         self.turned + self.slid.abs().max(self.moved)
     }
 
-    /// Takes what is known. A number that is none is in doubt.
+    /// Takes the evidence. A value that is NaN is in doubt.
     pub fn update(&mut self, evidence: &Evidence) -> Verdict {
         if !self.expected.holds(evidence.width) {
             return Verdict::Doubt(Doubt::Handle);
@@ -208,7 +213,8 @@ impl Watch {
 }
 
 impl Watch {
-    /// Counts what the wheels may have added; returns whether the hinge is where it was seen.
+    /// Adds the angle that the wheels may have added. Returns whether the hinge is still in the place where it was
+    /// seen.
     fn is_borne(&mut self, evidence: &Evidence) -> bool {
         let Some(turned) = evidence.turned else {
             (self.turned, self.slid, self.moved) = (0.0, 0.0, 0.0);
@@ -298,7 +304,7 @@ mod tests {
         }
     }
 
-    /// Wheels that turned on the spot from 58.4 degrees on made the door look like one of 68.
+    /// Wheels that turned on the spot from 58.4 degrees on made the door look open by 68 degrees.
     #[test]
     fn all_that_the_wheels_have_turned_without_the_wall_may_be_slip() {
         let with = |turned, angle, believed| {
@@ -310,8 +316,8 @@ mod tests {
         assert_eq!(with(f64::NAN, 1.3, 1.6), Verdict::Doubt(Doubt::Wheels));
     }
 
-    /// A base that is turned by 0.235 rad for each radian of the door: the hinge seems to be at 0.664 m in place of 0.82 m. Traction 60 N,
-    /// closer 20 Nm: 8.6 degrees of 70 were not there.
+    /// A base that is turned by 0.235 rad for each radian of the door: the hinge seems to be at 0.664 m in place of
+    /// 0.82 m. Traction 60 N, closer 20 Nm: 8.6 degrees of 70 were not there.
     #[test]
     fn what_the_hinge_is_felt_nearer_than_it_was_seen_is_slip() {
         let mut watch = watch();
@@ -332,7 +338,8 @@ mod tests {
         assert_eq!(radius(0.9), Verdict::Open);
     }
 
-    /// A side wall by the latch of a shut door was taken for its wall: leaf and hand stood at 90 degrees from the first sweep on.
+    /// A side wall by the latch of a shut door was taken for its wall: leaf and hand stood at 90 degrees from the first
+    /// sweep on.
     #[test]
     fn a_leaf_at_the_goal_is_no_open_door_unless_the_handle_has_gone_there() {
         for (way, believed) in [(0.0, 0.0), (0.03, 1.3), (0.95, 0.1), (f64::NAN, 1.3), (0.95, f64::NAN)] {
@@ -377,7 +384,7 @@ mod tests {
         for believed in [1.6, 3.0, f64::NAN] {
             let none = Evidence { leaf: None, believed, ..GOOD };
             assert_eq!(verdict(&none), Verdict::Doubt(Doubt::Unseen), "{believed}");
-            // A leaf at the goal but for its uncertainty, and one that is far from it.
+            // A leaf that is at the goal except for its uncertainty, and a leaf that is far from it.
             for (angle, deviation) in [(1.23, 0.03), (0.1, 0.002), (f64::NAN, 0.002)] {
                 let leaf = Some(Leaf { angle, hand: angle, deviation, ..LEAF });
                 let found = verdict(&Evidence { leaf, believed, ..GOOD });

@@ -1,12 +1,14 @@
 //! Oscillation of a force loop, and the share of its gain that it may keep.
 //!
-//! Whether a loop is calm depends on the stiffness of what the hand holds, which nobody knows beforehand: fingers on a lever
-//! may be eight times as stiff as the budget of [`super::compliant`] has it. A loop beyond its budget swings to and fro, and
-//! grows. So swings are counted, each larger than noise and soon after the one before; one push, or a step, is no swing.
-//! From the third on each takes a part of the gain, and a loop that has been calm gets it back slowly.
+//! The stability of a loop depends on the stiffness of the object in the hand, which is not known in advance: fingers
+//! on a lever may be eight times as stiff as the budget of [`super::compliant`] assumes. A loop beyond its budget
+//! swings to and fro, and the swings grow. So swings are counted, if each is larger than noise and soon after the
+//! previous one; one push or step is not a swing. From the third swing on, each reduces the gain, and a loop that has
+//! been calm slowly recovers it.
 //!
-//! Source: Dimeas and Aspragathos, "Online stability in human-robot cooperation with admittance control", IEEE Trans. Haptics
-//! 9(2), 2016: an unstable contact is found by its oscillation, and the gain is adapted; the way of counting is ours.
+//! Source: Dimeas and Aspragathos, "Online stability in human-robot cooperation with admittance control", IEEE Trans.
+//! Haptics 9(2), 2016: an unstable contact is found by its oscillation, and the gain is adapted; the way of counting is
+//! ours.
 
 use super::filter::LowPass;
 use nalgebra::Vector3;
@@ -15,7 +17,7 @@ use nalgebra::Vector3;
 const SWING: (f64, f64) = (8.0, 4.0);
 /// The next one comes within this (s): 2 Hz and more.
 const SOON: f64 = 0.25;
-/// So many in a row are no accident.
+/// The number of swings in a row that is not a coincidence.
 const IN_A_ROW: u32 = 3;
 /// The share of the gain that each of them leaves, and the least that is always left.
 const LEFT: f64 = 0.75;
@@ -66,7 +68,7 @@ pub struct OscillationGuard {
     axes: [Swings; 3],
     filter: LowPass<3>,
     last: Option<Vector3<f64>>,
-    /// Of one axis (N²).
+    /// The variance along one axis (N²).
     variance: f64,
     share: f64,
 }

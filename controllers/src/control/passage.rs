@@ -1,21 +1,21 @@
 //! The way through an open door, and how much room it has, seen from above.
 //!
-//! Beside the leaf, where the hand has let go of the handle, one sweep shows leaf, wall and the leaf's free edge; the jamb
-//! on the side of the latch hides behind the leaf and is taken to be as far from the hinge as the leaf is wide. That is
-//! enough to drive around the edge. Before the opening both sides are in sight, and the way is the straight line that
-//! keeps furthest from every point that the laser sees.
+//! Beside the leaf, where the hand has let go of the handle, one sweep shows leaf, wall and the leaf's free edge; the
+//! jamb on the side of the latch hides behind the leaf and is taken to be as far from the hinge as the leaf is wide.
+//! That is enough to drive around the edge. Before the opening both sides are in sight, and the way is the straight
+//! line that keeps furthest from every point that the laser sees.
 //!
-//! A leaf of width w that is open by a leaves w·sin(a) between itself and the jamb, for a robot that drives beside it: a disc of
-//! radius R with a margin m needs sin(a) = 2(R + m)/w.
+//! A leaf of width w that is open by a leaves w·sin(a) between itself and the jamb. A robot that drives past it, a disc
+//! of radius R with a margin m, needs sin(a) = 2(R + m)/w.
 //!
-//! Source: ours; the widest straight corridor among points is the empty corridor problem, Houle and Maciel, "Finding the
-//! widest empty corridor through a set of points", 1988, here by trying directions.
+//! Source: ours; the widest straight corridor among points is the empty corridor problem, Houle and Maciel, "Finding
+//! the widest empty corridor through a set of points", 1988, here by trying directions.
 
 use super::clearance::{BASE_RADIUS, beside};
 use super::line::{Line, crossing};
 use nalgebra::{Isometry2, Point2, Rotation2, Vector2};
 
-/// Points on a leaf are no further apart than this (m).
+/// The greatest distance between neighbouring points on a leaf (m).
 const GAP: f64 = 0.15;
 /// Points this close to a line lie on it (m).
 const TOLERANCE: f64 = 0.02;
@@ -31,7 +31,7 @@ const TURN_STEP: f64 = 0.01;
 const BESIDE: f64 = 0.25;
 /// The least room on each side of the centre (m): anything narrower is a gap between two points of one side.
 const ROOM_MIN: f64 = 0.10;
-/// Sides of a corridor that are further away than this (m) are no door's.
+/// Sides of a corridor further away than this (m) do not belong to a door.
 const SIDE_MAX: f64 = 1.5;
 
 /// A straight way: a place on it (m), and its direction (rad).
@@ -84,8 +84,9 @@ impl Way {
 }
 
 impl Doorway {
-    /// Returns the door whose leaf is before the hand, by one sweep as `points` (m, base axes): `wall` and `leaf` are lines in
-    /// it, the leaf's normal the way the hand at `hand` (m) looks. None if the two are parallel, or the leaf is not seen.
+    /// Returns the door whose leaf is before the hand, by one sweep as `points` (m, base axes): `wall` and `leaf` are
+    /// lines in it, the leaf's normal the way the hand at `hand` (m) looks. None if the two are parallel, or the leaf
+    /// is not seen.
     pub fn measured(points: &[Vector2<f64>], wall: &Line, leaf: &Line, hand: &Vector2<f64>) -> Option<Self> {
         let hinge = crossing(wall, leaf)?;
         let along = Vector2::new(-leaf.normal.y, leaf.normal.x);
@@ -97,7 +98,8 @@ impl Doorway {
         out.retain(|at| *at > from - GAP);
         out.sort_by(f64::total_cmp);
         let width = out.iter().fold(from, |end, at| if at - end < GAP { end.max(*at) } else { end });
-        // Lines have their normals away from the robot. Shut, the leaf's other face looks out, and its edge is at the latch.
+        // Lines have their normals away from the robot. Shut, the leaf's other face looks out, and its edge is at the
+        // latch.
         let (face, out) = (-leaf.normal, -wall.normal);
         let quarter = face.perp(&to_edge).signum() * std::f64::consts::FRAC_PI_2;
         let latch = hinge + Rotation2::new(quarter) * out * width;
@@ -115,14 +117,14 @@ impl Doorway {
         shut.perp(&open).abs().atan2(shut.dot(&open))
     }
 
-    /// Returns how far it has to be open (rad) for a disc of `radius` (m) to pass with a `margin` (m) on both sides; none if it
-    /// is too narrow for that.
+    /// Returns how far it has to be open (rad) for a disc of `radius` (m) to pass with a `margin` (m) on both sides;
+    /// none if it is too narrow for that.
     pub fn angle_needed(&self, radius: f64, margin: f64) -> Option<f64> {
         let sine = 2.0 * (radius + margin) / self.width();
         (sine <= 1.0).then(|| sine.asin())
     }
 
-    /// Returns the half of what is free between leaf and latch (m).
+    /// Returns half of the free width between leaf and latch (m).
     pub fn room(&self) -> f64 {
         0.5 * self.width() * self.angle().min(std::f64::consts::FRAC_PI_2).sin()
     }
@@ -135,8 +137,8 @@ impl Doorway {
         Self { hinge, edge, latch, out: frame.rotation * self.out }
     }
 
-    /// Returns the way through it, from before the leaf's edge on: beside the leaf, or square to the wall if the leaf is
-    /// further open than that.
+    /// Returns the way through it, from before the leaf's edge on: beside the leaf, or square to the wall if the leaf
+    /// is further open than that.
     pub fn way(&self) -> Way {
         let to_edge = (self.edge - self.hinge) / self.width();
         let is_wide = self.angle() > std::f64::consts::FRAC_PI_2;
@@ -169,8 +171,8 @@ impl Doorway {
         ends.into_iter().chain(edges).map(|(point, a, b)| beside(point, a, b)).fold(f64::INFINITY, f64::min)
     }
 
-    /// Returns by how much the leaf has turned since (rad), by a sweep as `points` (m, this door's frame); none if it is out of
-    /// sight, or turned by more than 30 degrees.
+    /// Returns by how much the leaf has turned since (rad), by a sweep as `points` (m, this door's frame); none if it
+    /// is out of sight, or turned by more than 30 degrees.
     pub fn turned(&self, points: &[Vector2<f64>]) -> Option<f64> {
         const SPAN: f64 = 0.5;
         let (to_edge, width) = ((self.edge - self.hinge) / self.width(), self.width());
@@ -185,8 +187,8 @@ impl Doorway {
     }
 }
 
-/// Returns the widest straight corridor among `points` (m) near `guess`, over a `length` (m) from where that begins; none if it
-/// has not two sides.
+/// Returns the widest straight corridor among `points` (m) near `guess`, over a `length` (m) from where that begins;
+/// none if it has not two sides.
 pub fn corridor(points: &[Vector2<f64>], guess: &Way, length: f64) -> Option<Corridor> {
     let turns = 0..=lossless(2.0 * TURN / TURN_STEP);
     let all = turns.filter_map(|step| {
@@ -218,8 +220,8 @@ pub(super) mod tests {
     use super::*;
     use std::f64::consts::FRAC_PI_2;
 
-    /// A door in the wall x = 0, hinge at (0, 0.8), `width` wide (m), open by `angle` (rad) towards negative x. With `mirror`
-    /// -1 the hinge is on the right.
+    /// A door in the wall x = 0, hinge at (0, 0.8), `width` wide (m), open by `angle` (rad) towards negative x. With
+    /// `mirror` -1 the hinge is on the right.
     pub(in crate::control) fn doorway(angle: f64, width: f64, mirror: f64) -> Doorway {
         let p = |x: f64, y: f64| Vector2::new(x, mirror * y);
         let edge = p(-width * angle.sin(), 0.8 - width * angle.cos());
@@ -313,11 +315,11 @@ pub(super) mod tests {
             let wrong = Isometry2::new(Vector2::new(0.0, 0.08), 0.1);
             let guess = Way { at: way.at + wrong.translation.vector, heading: way.heading + wrong.rotation.angle() };
             let found = corridor(&seen(&door), &guess, door.length(&way)).unwrap();
-            // The leaf is not the only side: a slanted way is a little wider than the one beside it.
+            // The leaf is not the only side: a slanted path is a little wider than the straight one.
             assert!(found.room >= door.room() - 0.005 && found.room < door.room() + 0.03, "{found:?} {}", door.room());
             let middle = door.latch + (door.hinge - door.latch) * 0.5;
             assert!(found.way.coordinates(&middle).y.abs() < 0.08, "{found:?}");
-            // One side alone is no corridor.
+            // One side alone is not a corridor.
             assert_eq!(corridor(&points(&[(door.hinge, door.edge)]), &guess, 2.0), None);
         }
     }

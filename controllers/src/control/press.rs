@@ -1,10 +1,10 @@
 //! Pressing a lever handle that the hand already holds, until it yields.
 //!
-//! The hand goes straight down first; the lever turns meanwhile and twists the hand, which tells to which side it points.
-//! Then the hand follows the arc of a lever of middling length and rolls with it, giving way to every force but the
-//! vertical one, so that neither the lever's length nor the angle of its latch has to be known. The lever is down when it
-//! meets its stop, a force against its way that rises steeply, or when the force that it costs drops. Only the force along the arc
-//! counts: a base that slips or catches up pulls at the lever from the side, which presses nothing.
+//! The hand goes straight down first. As the lever turns, it twists the hand, which shows the side to which the lever
+//! points. Then the hand follows the arc of a lever of medium length and rolls with it. It gives way to every force
+//! except the vertical one, so neither the lever's length nor the angle of its latch has to be known. The lever is down
+//! when it meets its stop, a force against the motion that rises steeply, or when the force drops. Only the force along
+//! the arc counts: a base that slips or catches up pulls at the lever from the side, which presses nothing.
 //!
 //! Source: ours; constants found with the door model, for levers of 0.05 to 0.16 m that stop beyond 20 degrees.
 
@@ -21,13 +21,15 @@ pub const LEVER: f64 = 0.10;
 pub const DEPTH_MAX: f64 = 0.16;
 /// A twist of the hand (Nm) that tells to which side the lever points, and one that tells that it was the other.
 const TWIST: (f64, f64) = (0.2, 0.8);
-/// First the hand gives way to what closing the fingers has left, until that is so small (N), or for so long (s).
+/// First the hand gives way to the force left from closing the fingers, until it is below this (N), or for this time
+/// (s).
 const RELAX: (f64, f64) = (5.0, 1.0);
 /// A lever that resists before this depth (m) does not go down.
 const MOVES: f64 = 0.015;
-/// The force that nobody presses a lever with (N).
+/// A force above any that pressing a lever needs (N).
 const FORCE_MAX: f64 = 45.0;
-/// The force of a stop grows faster than this (N/m): a lever's spring has some 400, its stop and the fingers 2800 or more.
+/// The force of a stop grows faster than this (N/m): a lever's spring has some 400, its stop and the fingers 2800 or
+/// more.
 const STOP_SLOPE: f64 = 1700.0;
 /// The slope of a lever's spring stays below this (N/m).
 const SPRING_SLOPE: f64 = 600.0;
@@ -178,15 +180,16 @@ impl Press {
         (if is_easy { State::Down } else { State::Pressing }, -EASE_SPEED)
     }
 
-    /// The way the lever's end goes at a depth (m), a unit vector: straight down until it is known to which side it points.
+    /// The way the lever's end goes at a depth (m), a unit vector: straight down until it is known to which side it
+    /// points.
     fn along(&self, depth: f64) -> Vector3<f64> {
         let Some(lever) = self.lever else { return -Vector3::z() };
         let (s, c) = (depth / LEVER).clamp(0.0, 0.9).asin().sin_cos();
         -Vector3::z() * c - lever * s
     }
 
-    /// The way (m) that tells the slope of a stop from that of a spring, with samples so far apart (m): that of a line's
-    /// slope, deviation / way / sqrt(samples / 12), is to be small enough.
+    /// The way (m) that tells the slope of a stop from that of a spring, with samples so far apart (m): that of a
+    /// line's slope, deviation / way / sqrt(samples / 12), is to be small enough.
     fn slope_way(&self, apart: f64) -> f64 {
         let enough = (STOP_SLOPE - SPRING_SLOPE) / SURE;
         let way = ((12.0 * apart * self.variance).sqrt() / enough).powf(2.0 / 3.0);
@@ -302,7 +305,7 @@ mod tests {
                 for stop in [0.6, 0.8] {
                     let (state, depth, peak) = Lever { length, left, stop, yields: 9.0, slips: 9.0 }.press();
                     assert_eq!(state, State::Down, "{length} {left} {stop}");
-                    // At the stop but for what the fingers give, 45 N at 6 kN/m.
+                    // At the stop, except for the give of the fingers, 45 N at 6 kN/m.
                     let wanted = length * f64::sin(stop);
                     assert!((wanted - 0.004..wanted + 0.012).contains(&depth), "{depth} of {wanted}");
                     assert!(peak < 60.0, "{peak} N: {length} {left} {stop}");
@@ -311,7 +314,7 @@ mod tests {
         }
     }
 
-    /// The stop is found with 40 N and more, which nobody needs to keep a lever down.
+    /// The stop is found with 40 N and more; holding the lever down needs less.
     #[test]
     fn a_lever_at_its_stop_is_held_with_hardly_more_than_its_spring() {
         for length in [0.07, 0.09, 0.12] {

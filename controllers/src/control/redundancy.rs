@@ -1,17 +1,18 @@
 //! Redundancy resolution: one hand velocity to nine rates of base and arm.
 //!
-//! A weighted, damped pseudo-inverse with a null-space motion. The base is heavier than the arm; a joint that moves
-//! towards its limit gets heavier; near a singularity the damping grows; a command that is too fast is scaled as a whole,
-//! so that the hand keeps its direction; accelerations are limited; last, the quick arm makes up for the slow base: what
-//! a model of the base's lag says is missing at the hand is added to the arm. Without that a stop at the handle overran by
-//! 2 mm, which cost 19 N.
+//! A weighted, damped pseudo-inverse with a null-space motion. The base is heavier than the arm, and a joint that moves
+//! towards its limit gets heavier. Near a singularity the damping grows. A command that is too fast is scaled as a
+//! whole, so the hand keeps its direction. Accelerations are limited. Finally the quick arm compensates for the slow
+//! base: a model of the base's lag gives the motion that is missing at the hand, and the arm adds it. Without this, a
+//! stop at the handle overran by 2 mm, which cost 19 N.
 //!
-//! The arm stands in the middle of the base, so base and joint 1 turn about one axis. A base that shall be steady gives its turn to
-//! joint 1, and neither the hand nor the outline of the robot notices.
+//! The arm stands in the middle of the base, so base and joint 1 turn about one axis. A base that shall be steady gives
+//! its turn to joint 1, and neither the hand nor the outline of the robot notices.
 //!
-//! Source: Chan and Dubey, IEEE Trans. Robotics and Automation 11(2), 1995 (joint-limit weights; ours are a sixth of theirs,
-//! the mean over the joints); Maciejewski and Klein, J. Robotic Systems 5(6), 1988, in the form of Chiaverini, Siciliano and
-//! Egeland, IEEE Trans. Control Systems Technology 2(2), 1994 (damping by the smallest singular value); Petersson, Austin, Christensen, "DCA", section 5 (the module's place).
+//! Source: Chan and Dubey, IEEE Trans. Robotics and Automation 11(2), 1995 (joint-limit weights; ours are a sixth of
+//! theirs, the mean over the joints); Maciejewski and Klein, J. Robotic Systems 5(6), 1988, in the form of Chiaverini,
+//! Siciliano and Egeland, IEEE Trans. Control Systems Technology 2(2), 1994 (damping by the smallest singular value);
+//! Petersson, Austin, Christensen, "DCA", section 5 (the module's place).
 
 use super::puma560::{self, Forward, Joints};
 use super::ramp::towards_together;
@@ -53,13 +54,14 @@ pub struct Resolved {
 pub struct Motion {
     /// Velocity of the hand (m/s, rad/s, tool axes, at the grasp point).
     pub twist_in_tool: Vector6<f64>,
-    /// A wish for what the hand does not notice.
+    /// A desired motion in the null space: it does not move the hand.
     pub null: Rates,
     /// The base does not turn.
     pub steady: bool,
 }
 
-/// Remembers the last command, for the joint-limit weights and the acceleration limits, and what the base makes of it.
+/// Remembers the last command, for the joint-limit weights and the acceleration limits, and the modelled response of
+/// the base.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Resolver {
     previous: Rates,
@@ -212,7 +214,8 @@ mod tests {
 
     #[test]
     fn the_arm_makes_up_for_the_base() {
-        // The hand shall start to move at once, though the base cannot: ten steps of 10 ms, a base with the model's lag.
+        // The hand shall start to move at once, though the base cannot: ten steps of 10 ms, a base with the model's
+        // lag.
         let (q, twist) = (puma560::door_posture(), Vector6::new(0.0, 0.0, 0.03, 0.0, 0.0, 0.0));
         let (mut resolver, mut base) = (Resolver::default(), Vector3::zeros());
         let mut rates = Rates::zeros();

@@ -53,7 +53,8 @@ pub struct Servo {
     pub error: f64,
 }
 
-/// Returns where a point of the camera frame (m) appears at a focal length (px), if it is in front and within the image.
+/// Returns where a point of the camera frame (m) appears at a focal length (px), if it is in front and within the
+/// image.
 pub fn project(point_in_camera: &Vector3<f64>, focal: f64) -> Option<Mark> {
     let (x, y, depth) = (point_in_camera.x, point_in_camera.y, point_in_camera.z);
     if depth < 0.02 {
@@ -98,8 +99,8 @@ pub fn errors(seen: &[Mark; 4], way: Way, calibration: &Calibration) -> SVector<
     })
 }
 
-/// Returns the velocity that brings the four marks to where they belong. Marks with numbers that are not finite, or too large to
-/// calculate with, move nothing, and their error is infinite.
+/// Returns the velocity that brings the four marks to where they belong. Marks with numbers that are not finite, or too
+/// large to calculate with, move nothing, and their error is infinite.
 pub fn servo(seen: &[Mark; 4], way: Way, calibration: &Calibration) -> Servo {
     let focal = calibration.focal;
     let mut interaction = SMatrix::<f64, 8, 6>::zeros();
@@ -138,8 +139,8 @@ mod tests {
     use super::*;
     use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 
-    /// Where the hand stands after 20 s (m, rad, handle frame), from some 0.8 m away, with a camera of `focal` (px) and what is
-    /// believed of it; the largest error in the image (px).
+    /// The pose of the hand after 20 s (m, rad, handle frame), from about 0.8 m away, with a camera of `focal` (px) and
+    /// the `believed` calibration. Also returns the largest error in the image (px).
     fn converged(focal: f64, believed: &Calibration) -> (Isometry3<f64>, f64) {
         let camera_from_tool = Translation3::new(0.0, 0.0, CAMERA_BEHIND);
         let turn = UnitQuaternion::from_euler_angles(0.05, -0.1, 0.1);
@@ -184,7 +185,8 @@ mod tests {
         }
     }
 
-    /// A pinhole: a lever looks as large from further away through a longer lens. Whoever measures his lens is right.
+    /// A pinhole camera: through a longer lens a lever looks as large from further away. A measured focal length gives
+    /// the right distance.
     #[test]
     fn a_focal_length_that_is_not_measured_is_a_wrong_distance() {
         for focal in [540.0, 660.0] {

@@ -4,7 +4,7 @@
 pub const PULL_MAX: (f64, f64) = (50.0, 70.0);
 /// The most that pull and lever may come to together (N).
 pub const TOTAL_MAX: f64 = 72.0;
-/// One after the other, while nobody knows which way the door opens (N).
+/// Tried in this order while the opening direction is unknown (N).
 const GENTLE: [Attempt; 4] = [
     Attempt { pull: 40.0, total: 48.0 },
     Attempt { pull: 40.0, total: 50.0 },
@@ -17,7 +17,7 @@ pub const HARD: Attempt = Attempt { pull: PULL_MAX.1, total: TOTAL_MAX };
 /// The forces of one try (N).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Attempt {
-    /// The pull at which the hand stops at last.
+    /// The pull at which the hand finally stops.
     pub pull: f64,
     /// The most that pull and lever may come to together (N).
     pub total: f64,
@@ -32,7 +32,7 @@ pub enum Swing {
     Push,
 }
 
-/// The direction in which the door opens, as far as it is known.
+/// The direction in which the door opens, as far as known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Opens {
     /// The hand finds it out.

@@ -1,9 +1,10 @@
 //! The stance of a robot that pushes a door open: its base goes into the opening, not into the jambs.
 //!
-//! A hand that stays square to the leaf would drive the forearm through the jamb on the side of the latch at 10 degrees. So the
-//! hand turns about the handle, which turns between the fingers, by as much as it takes for the base to be in the opening when
-//! it gets there. Base and arm are taken as one rigid body that turns about the handle; what the arm's redundancy allows besides is
-//! asked of the base alone. All lengths are measured from where the handle was at first, towards the hinge and into the wall.
+//! A hand that stays square to the leaf would drive the forearm through the jamb on the side of the latch at 10
+//! degrees. So the hand turns about the handle, which turns between the fingers, until the base is in the opening when
+//! it arrives there. Base and arm are treated as one rigid body that turns about the handle. Additional motion within
+//! the arm's redundancy is only requested from the base. All lengths are measured from the first position of the
+//! handle, towards the hinge and into the wall.
 //!
 //! Source: ours; the margins are those of `specs/door_through.dca`.
 
@@ -16,8 +17,8 @@ const MARGIN: f64 = 0.06;
 /// From the handle to the latch's jamb, and from the hinge to its own (m); the first is that of a narrow frame.
 const LATCH: f64 = 0.09;
 const JAMB: f64 = 0.01;
-/// Hand and leaf are turned against each other by no more than this if the opening leaves a choice (rad), and never by more than
-/// that: the wrist would meet the leaf.
+/// Hand and leaf are turned against each other by no more than this if the opening leaves a choice (rad), and never by
+/// more than that: the wrist would meet the leaf.
 const ASKEW: (f64, f64) = (0.70, 1.25);
 /// The hand begins to turn at this angle of the door (rad), and has to be on its way by that.
 const FROM: (f64, f64) = (0.03, 0.28);
@@ -47,7 +48,7 @@ pub struct Stance {
 pub struct Turn {
     /// Of the hand about the vertical (rad/s), counter-clockwise.
     pub rate: f64,
-    /// The share of its speed that the door may go with meanwhile, at most 1.
+    /// The share of its speed that the door may use during the turn, at most 1.
     pub pace: f64,
     /// The angle of the door by the way the handle goes (rad).
     pub angle: f64,
@@ -75,8 +76,8 @@ impl Swivel {
         Vector2::new(self.ahead.dot(vector), self.side * self.ahead.perp(vector))
     }
 
-    /// Takes the stance, how far the handle's way goes counter-clockwise beside the hand's axis (rad), and the distance of
-    /// the hinge (m).
+    /// Takes the stance, how far the handle's way goes counter-clockwise beside the hand's axis (rad), and the distance
+    /// of the hinge (m).
     pub fn turn(&self, now: &Stance, beside: f64, radius: f64) -> Turn {
         let ahead = self.seen(&now.ahead);
         let turned = ahead.y.atan2(ahead.x);

@@ -1,7 +1,9 @@
-//! The drive through an open door: back from the handle, fold the arm, around the leaf's edge, look, and straight through.
+//! The drive through an open door: back from the handle, fold the arm, around the leaf's edge, look, and straight
+//! through.
 //!
-//! The door is measured twice: beside the leaf, for the way around it, and before the opening, at rest, for the way through. On
-//! the way through each sweep corrects the line until the jambs are beside the laser; the last half metre is straight on.
+//! The door is measured twice: beside the leaf, for the way around it, and before the opening, at rest, for the way
+//! through. On the way through each sweep corrects the line until the jambs are beside the laser; the last half metre
+//! is straight on.
 //!
 //! Source: ours.
 
@@ -16,13 +18,13 @@ use nalgebra::{Isometry2, Isometry3, Point2, Rotation2, Vector2, Vector3};
 
 /// The distance by which the hand backs away from the handle (m).
 const BACK: f64 = 0.25;
-/// The arm above the base's disc (deg): upper arm up, forearm above it, 1.9 m high. Joint 6 stays as it is.
+/// The arm above the base's disc (deg): upper arm up, forearm above it, 1.9 m high. Joint 6 keeps its angle.
 const FOLDED_DEG: [f64; 5] = [0.0, 110.0, -140.0, 0.0, -95.0];
 const FOLD_SPEED: f64 = 0.7;
 const FOLD_GAIN: f64 = 2.0;
 /// Joints this near their goal are there (rad).
 const FOLDED: f64 = 0.03;
-/// Of the base: how fast (m/s, rad/s), how it approaches a place (1/s), and what share of its acceleration it uses.
+/// The base: its speed (m/s, rad/s), its gain towards a place (1/s), and the share of its acceleration that it uses.
 const SPEED: f64 = 0.25;
 const SLOW: f64 = 0.15;
 const TURN_SPEED: f64 = 0.40;
@@ -40,12 +42,13 @@ const LOOKS: u32 = 10;
 const SHARE: f64 = 0.2;
 /// The largest growth of the opening from one sweep to the next (m).
 const TOLERANCE: f64 = 0.02;
-/// The jambs are beside the laser when it has so far to go (m); from then on it drives straight on.
+/// The remaining distance (m) at which the jambs are beside the laser. From there the base drives straight on.
 const BLIND: f64 = 1.05;
-/// A leaf that has turned by more than this since the hand let go does not stay (rad), nor does one that is out of sight so often.
+/// The greatest turn (rad) of a leaf that stays in place after the hand has let go, and the number of sweeps that it
+/// may be out of sight.
 const STAYS: f64 = 0.10;
 const UNSEEN_MAX: u32 = 10;
-/// The first measure does not see the latch: what it says is too narrow by more than this (m) is.
+/// The first measurement does not see the latch. It reports "too narrow" only if more than this is missing (m).
 const GUESS: f64 = 0.03;
 
 /// The measurements of one sweep of the laser.
@@ -109,8 +112,8 @@ pub struct Drive {
 }
 
 impl Drive {
-    /// Returns the drive through `door` (m, odometry frame) from a base at `base`, with the hand at `base_from_tool`, that
-    /// keeps `margin` (m) to each side.
+    /// Returns the drive through `door` (m, odometry frame) from a base at `base`, with the hand at `base_from_tool`,
+    /// that keeps `margin` (m) to each side.
     ///
     /// # Errors
     /// If the door is certainly too narrow, or not open far enough.
@@ -124,7 +127,7 @@ impl Drive {
         Ok(Self { margin, door, way: door.way(), stage, room: None, unseen: 0, base: [0.0; 3] })
     }
 
-    /// Returns what is free on each side of the base on its way through (m), once that is measured.
+    /// Returns the free width on each side of the base on its way through (m), once it is measured.
     pub fn clearance(&self) -> Option<f64> {
         self.room.map(|room| room - BASE_RADIUS)
     }
@@ -141,8 +144,8 @@ impl Drive {
         }
     }
 
-    /// Takes where the base is in the odometry frame, the joints (rad), and a sweep if there is a new one, `dt` (s) after the
-    /// last call.
+    /// Takes where the base is in the odometry frame, the joints (rad), and a sweep if there is a new one, `dt` (s)
+    /// after the last call.
     pub fn update(&mut self, base: &Pose, joints: &Joints, sweep: Option<&Sweep>, dt: f64) -> Step {
         if let Some(failure) = sweep.and_then(|sweep| self.look(sweep)) {
             return Step::Failed(failure);
@@ -256,7 +259,7 @@ impl Drive {
     }
 }
 
-/// The folded arm, its last joint as it is.
+/// The folded arm; its last joint keeps its angle.
 fn folded(joints: &Joints) -> Joints {
     Joints::from_fn(|i, _| FOLDED_DEG.get(i).map_or(joints[i], |angle| angle.to_radians()))
 }
@@ -306,8 +309,9 @@ mod tests {
         (0..=360).filter_map(ray).collect()
     }
 
-    /// Drives through a door whose truth is another than what the drive was told; the base does what it is told with a lag, and
-    /// its odometry counts `wheels` times the way. Returns how it ended, where, and how near it came to anything.
+    /// Drives through a door `truth` that differs from the door `told` to the drive. The base follows commands with a
+    /// lag, and its odometry counts `wheels` times the way. Returns the end, the final pose, and the least distance to
+    /// anything.
     fn drive(told: &Doorway, truth: &Doorway, wheels: f64) -> (Step, Pose, f64) {
         let angle = truth.angle();
         let mirror = (truth.hinge.y).signum();
@@ -356,7 +360,7 @@ mod tests {
                 let (end, base, nearest) = drive(&door, &door, wheels);
                 assert_eq!(end, Step::Through, "{angle} {width} {wheels} {base}");
                 assert!(base.x > BASE_RADIUS, "{base}");
-                // What the measured room leaves, but for 1 cm beside the line.
+                // The measured room, except for 1 cm on each side of the line.
                 assert!(nearest > (door.room() - BASE_RADIUS).min(0.15) - 0.015, "{nearest} of {}", door.room());
             }
         }
@@ -385,7 +389,7 @@ mod tests {
             panic!("it passes")
         };
         assert!((missing - (0.72 - 0.9 * 0.7f64.sin())).abs() < 1e-6 && (needed - 0.8f64.asin()).abs() < 1e-6);
-        // By what is seen before the opening: a jamb that nobody could see from behind the leaf.
+        // The measurement just before the opening decides: a jamb that could not be seen from behind the leaf.
         let told = door(1.3, 0.9, 1.0);
         let mut truth = told;
         truth.latch.y += 0.20;

@@ -1,13 +1,13 @@
 //! A force that rises by more than its own noise.
 //!
-//! A fixed number of samples above a threshold sees touches that are noise: with 3.6 N of noise on each axis, three samples
-//! in a row are beyond 5 N many times a second. So the noise is measured, from how samples differ from the ones before, and
-//! means over longer and longer windows are each held against the threshold and against what noise makes of such a mean. A
-//! stiff touch rises so quickly that the shortest window sees it; a soft one waits for a longer. A touch stays: a mean that
-//! vanishes without its largest samples is a spike of the sensor.
+//! A fixed number of samples above a threshold sees touches that are noise: with 3.6 N of noise on each axis, three
+//! samples in a row are beyond 5 N many times a second. So the noise is measured, from how samples differ from the ones
+//! before, and means over longer and longer windows are each held against the threshold and against what noise makes of
+//! such a mean. A stiff touch rises so quickly that the shortest window sees it; a soft one waits for a longer. A touch
+//! stays: a mean that vanishes without its largest samples is a spike of the sensor.
 //!
-//! Source: sliding windows of a generalised likelihood ratio, Basseville and Nikiforov, "Detection of Abrupt Changes", 1993,
-//! section 2.4; the windows are ours.
+//! Source: sliding windows of a generalised likelihood ratio, Basseville and Nikiforov, "Detection of Abrupt Changes",
+//! 1993, section 2.4; the windows are ours.
 
 use nalgebra::Vector3;
 use std::collections::VecDeque;
@@ -32,12 +32,12 @@ const VARIANCE_MIN: f64 = 1e-4;
 /// Watches the samples of a force.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Touch {
-    /// The time after which a force counts as one that was always there (s); none if it never does.
+    /// The time after which a force counts as part of the background (s); none if it never does.
     forgets: Option<f64>,
     usual: Vector3<f64>,
     last: Option<Vector3<f64>>,
     before: Option<Vector3<f64>>,
-    /// Of one axis (N²).
+    /// The variance along one axis (N²).
     variance: f64,
     count: u32,
     recent: VecDeque<Vector3<f64>>,
@@ -45,7 +45,7 @@ pub struct Touch {
 }
 
 impl Touch {
-    /// Begins; forces that stay for longer than `forgets` (s) are what is usual.
+    /// Begins. A force that stays for longer than `forgets` (s) becomes part of the background.
     pub fn new(forgets: Option<f64>) -> Self {
         Self {
             forgets,
@@ -59,8 +59,9 @@ impl Touch {
         }
     }
 
-    /// Takes a sample (N), `dt` (s) after the last one. Returns the mean force beyond what is usual, if it is larger than
-    /// `threshold` (N) and more than noise. A sample that is not finite is none: its noise would hide every touch after it.
+    /// Takes a sample (N), `dt` (s) after the last one. Returns the mean force above the background, if it is larger
+    /// than `threshold` (N) and more than noise. A sample that is not finite is skipped: its noise would hide every
+    /// later touch.
     pub fn update(&mut self, force: &Vector3<f64>, threshold: f64, dt: f64) -> Option<Vector3<f64>> {
         if !force.norm_squared().is_finite() {
             return None;
@@ -97,7 +98,8 @@ impl Touch {
         })
     }
 
-    /// Takes what is usual, and the noise, from the first samples: their medians, so that no spike among them counts.
+    /// Estimates the background and the noise from the first samples: their medians, so that no spike among them
+    /// counts.
     fn begin(&mut self) {
         let first = std::mem::take(&mut self.first);
         if self.forgets.is_some() {
@@ -109,7 +111,7 @@ impl Touch {
         (self.before, self.last) = (first.iter().rev().nth(1).copied(), first.last().copied());
     }
 
-    /// The middle one of a sample and the two before it, along each axis: a spike is not what is usual.
+    /// The median of a sample and the two before it, along each axis: a spike does not belong to the background.
     fn middle(&self, force: &Vector3<f64>) -> Vector3<f64> {
         let (Some(last), Some(before)) = (self.last, self.before) else { return *force };
         Vector3::from_fn(|i, _| {
@@ -149,7 +151,7 @@ mod tests {
     /// A free hand for 12 s, then a touch that grows by so much (N/s): when it is noticed after that (s), if it is.
     fn noticed(noise: f64, slope: f64, seed: u64) -> Result<f64, &'static str> {
         let (mut touch, mut random) = (Touch::new(Some(1.5)), Random::new(seed));
-        // A hand that nobody has told its payload.
+        // A hand that does not know its payload.
         let weight = Vector3::new(2.0, -14.0, 1.0);
         for i in 0..3000 {
             let time = f64::from(i) * DT - 12.0;

@@ -1,11 +1,11 @@
 //! Unloading: a hand that stops lets go of the force that it had.
 //!
-//! An arm that only stops stays wound up against what it holds: after a locked door it pressed on with 64 N. So it gives way
-//! until it feels next to nothing. What it has wound up, a stiff grasp or a lever that is down, pushes it less and less on the
-//! way. A door closer keeps pushing, and giving way to it only shuts the door. So the hand then goes back to where
+//! An arm that only stops stays tensioned against the held object: after a locked door it still pressed with 64 N. So
+//! the arm gives way until the force is nearly zero. A stiff grasp or a pressed lever pushes less and less on the way.
+//! A door closer keeps pushing, and giving way to it only shuts the door. So the hand then returns to the place where
 //! its force had last fallen, and holds the door there.
 //!
-//! Source: ours; an admittance as of [`super::compliant`], which says why its gain is what it is.
+//! Source: ours; an admittance as in [`super::compliant`], which explains the value of its gain.
 
 use super::filter::Debounce;
 use super::oscillation::OscillationGuard;
@@ -16,8 +16,8 @@ const GAIN: f64 = 1.0 / 450.0;
 const TURN: f64 = 0.06;
 const SPEED_MAX: f64 = 0.04;
 const TURN_MAX: f64 = 0.2;
-/// A hand that feels less than the first at the beginning has nothing to let go of (N); it has let go once it feels less than the second
-/// so many times in a row.
+/// A hand that feels less than the first at the beginning has nothing to let go of (N); it has let go once it feels
+/// less than the second so many times in a row.
 const LOADED: f64 = 7.0;
 const AT_EASE: f64 = 3.5;
 const IN_A_ROW: u32 = 5;
@@ -29,8 +29,9 @@ const WAY_MAX: f64 = 0.06;
 const TIME_MAX: f64 = 2.6;
 /// A force that is smaller than before by so much has fallen (N): more than noise.
 const FALLEN: f64 = 1.0;
-/// The gain and the largest speed with which the hand goes back (1/s, m/s), and how near is there (m). It goes back more slowly the more
-/// its force is greater than it was at first, and not at all with so much more (N): friction and the leaf's inertia.
+/// The gain and the largest speed with which the hand goes back (1/s, m/s), and how near is there (m). It goes back
+/// more slowly the more its force is greater than it was at first, and not at all with so much more (N): friction and
+/// the leaf's inertia.
 const BACK_GAIN: f64 = 12.0;
 const BACK_MAX: f64 = 0.05;
 const BACK_AT: f64 = 0.001;
@@ -69,8 +70,8 @@ impl Default for Unloading {
 }
 
 impl Unloading {
-    /// Returns the velocity (m/s, rad/s, tool axes) that takes the load off a hand that feels `wrench_in_tool` (N, Nm), `dt` (s) after the
-    /// last call; none once it is over.
+    /// Returns the velocity (m/s, rad/s, tool axes) that takes the load off a hand that feels `wrench_in_tool` (N, Nm),
+    /// `dt` (s) after the last call; none once it is over.
     pub fn update(&mut self, wrench_in_tool: &Vector6<f64>, dt: f64) -> Option<Vector6<f64>> {
         let force: Vector3<f64> = wrench_in_tool.fixed_rows::<3>(0).into();
         let torque: Vector3<f64> = wrench_in_tool.fixed_rows::<3>(3).into();
@@ -123,8 +124,8 @@ mod tests {
     /// From the sensor to the motion of the hand (steps).
     const DELAY: usize = 4;
 
-    /// A hand against a spring of so much stiffness (N/m) and with a force that pushes whatever it does (N): the force that is left, the
-    /// way (m) and the time (s).
+    /// A hand against a spring of `stiffness` (N/m) and a `constant` force (N): returns the remaining force, the
+    /// distance (m) and the time (s).
     fn unloaded(stiffness: f64, load: f64, constant: f64) -> (f64, f64, f64) {
         let (mut unloading, mut felt) = (Unloading::default(), vec![load + constant; DELAY]);
         let (mut at, mut time) = (0.0, 0.0);
@@ -154,7 +155,7 @@ mod tests {
         for (load, wound_up) in [(0.0, 0.0), (18.0, 0.003), (30.0, 0.005)] {
             let (left, way, time) = unloaded(6000.0, load, 12.0);
             assert!((left - 12.0).abs() < 2.5, "{load} N: {left} N");
-            // The delay adds what the hand goes in it.
+            // The delay adds the distance that the hand covers in it.
             assert!((way - wound_up).abs() < 0.003 && time < TIME_MAX, "{load} N: {way} m, {time} s");
         }
     }

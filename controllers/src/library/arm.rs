@@ -20,7 +20,8 @@ const SETTLING: Duration = Duration::from_millis(100);
 const LIMIT_MARGIN: f64 = 0.03;
 /// The longest stop, in which the hand lets go of its force.
 const STOP_WITHIN: Duration = Duration::from_millis(3500);
-/// A force on the hand ends everything, whatever moves the arm, if so many samples in a row say so: single ones may be wrong.
+/// A force on the hand ends everything, whatever moves the arm, if so many samples in a row say so: single ones may be
+/// wrong.
 const FORCE_IN_A_ROW: u32 = 4;
 /// After a gap this long the drives have stopped by themselves.
 const GAP: f64 = 0.08;
@@ -66,7 +67,7 @@ struct Servo {
     grant: Grant,
 }
 
-/// The parameters of who moves the arm.
+/// The parameters of a controller that moves the arm.
 const PARAMETERS: &[Parameter] = &[PRIORITY];
 
 impl Servo {
@@ -84,7 +85,8 @@ impl Servo {
         self.grant.begin()
     }
 
-    /// Takes a new sample of the wrist sensor, if there is one; returns why the arm has to stop, and let go, if it must.
+    /// Takes a new sample of the wrist sensor, if there is one; returns why the arm has to stop, and let go, if it
+    /// must.
     fn overloaded(&mut self, force: Option<&FtState>) -> Option<String> {
         let size = Vector3::from(force?.force).norm();
         self.overload.update(size > FORCE_MAX).then(|| format!("the force on the hand exceeds {FORCE_MAX:.0} N"))

@@ -13,15 +13,15 @@ use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use std::time::Duration;
 
-/// A base whose bumper is pressed goes back the way it came with this speed (m/s), for at most this time. A base that was slower than
-/// the minimum (m/s) was hit and stays.
+/// A base whose bumper is pressed goes back the way it came with this speed (m/s), for at most this time. A base that
+/// was slower than the minimum (m/s) was hit and stays.
 const RETREAT: f64 = 0.06;
 const RETREAT_MAX: Duration = Duration::from_millis(1000);
 const SPEED_MIN: f64 = 0.01;
 /// Five time constants of the drives: then the base stands.
 const SETTLING: Duration = Duration::from_millis(400);
-/// The largest part of an encoder's step that no motion of the base explains (rad): good wheels leave less than half of it, also after a
-/// gap of 60 ms.
+/// The largest part of an encoder's step that no motion of the base explains (rad): good wheels leave less than half of
+/// it, also after a gap of 60 ms.
 const RESIDUAL_MAX: f64 = 0.12;
 
 /// The inputs of [`Xr4000Ctrl`].
@@ -121,7 +121,7 @@ impl Controller for Xr4000Ctrl {
         let fence = match self.grant.ask(tick.now, &mut outputs.lock) {
             Right::Command(fence) => fence,
             Right::Wait => {
-                // The watchdog has stopped it meanwhile.
+                // By then the watchdog has stopped it.
                 self.command = [0.0; 3];
                 return Progress::Continue;
             }

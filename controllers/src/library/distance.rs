@@ -28,8 +28,8 @@ const ARRIVED: f64 = 5.0;
 /// Of the newest image in that average: over some 20 images.
 const IMAGE_SHARE: f64 = 0.05;
 
-/// The least room to a wall that is taken to go on where the laser does not see it (m): a base that stands before the handle of a door in a
-/// corner has 36 mm, and a sweep is off by up to 10 mm there.
+/// The least room to a wall that is taken to go on where the laser does not see it (m): a base that stands before the
+/// handle of a door in a corner has 36 mm, and a sweep is off by up to 10 mm there.
 const ROOM_BESIDE: f64 = 0.015;
 
 /// The inputs of [`LaserSensor`].
@@ -48,7 +48,7 @@ pub(super) struct SensorOutputs {
     scan: Out<LaserScan>,
 }
 
-/// Tells what the laser sees.
+/// Publishes the sweeps of the laser.
 #[derive(Debug, Default)]
 pub(super) struct LaserSensor {
     stuck: StuckLaser,
@@ -88,7 +88,7 @@ impl Controller for LaserSensor {
     }
 }
 
-/// Returns what a sweep has hit within `sector` (rad) to each side of straight ahead, in base axes (m).
+/// Returns the points of a sweep within `sector` (rad) to each side of straight ahead, in base axes (m).
 pub(super) fn points(ranges: &[f64], sector: f64) -> Vec<Vector2<f64>> {
     ranges
         .iter()
@@ -131,7 +131,8 @@ impl DistanceThreshold {
         let Some([Some(a), Some(b), Some(c), Some(d)]) = image.map(|image| image.marks) else { return };
         let seen = [a, b, c, d].map(|[u, v, depth]| Mark { pixel: [u, v], depth });
         let errors = servoing::errors(&seen, Way::nearer(&seen), &self.calibration);
-        // It begins at the first image rather than at none. Means of columns and rows: noise is no distance.
+        // The mean begins at the first image, not at zero. It is a mean of columns and rows, because the noise of an
+        // image is not a distance.
         let lately = self.image.get_or_insert(errors);
         *lately += (errors - *lately) * IMAGE_SHARE;
     }
@@ -201,7 +202,7 @@ impl Controller for DistanceThreshold {
         if clearance(&around, &q).is_some_and(|room| room < ROOM_MIN) {
             return Progress::Aborted("no room: something is less than 30 mm from the robot".to_owned());
         }
-        // A base that goes aside meets a wall beside it, where the laser does not see it.
+        // A base that moves sideways may meet a wall beside it that its laser does not see.
         if clearance(&going_on(&around), &q).is_some_and(|room| room < ROOM_BESIDE) {
             return Progress::Aborted(
                 "no room: a wall that goes on beside the robot is less than 15 mm from it".to_owned(),
@@ -214,7 +215,7 @@ impl Controller for DistanceThreshold {
         self.recent.push(distance);
         let (before, after) = self.recent.split_at(self.recent.len() / 2);
         let mean = |distances: &[f64]| distances.iter().sum::<f64>() / distances.len().max(1) as f64;
-        // The means of ten sweeps are quieter than one of them, whatever the laser is like.
+        // The means of ten sweeps are quieter than a single sweep, for any laser.
         let settled = self.recent.len() == SETTLE && (mean(before) - mean(after)).abs() < SETTLED;
         let arrived = self.image.is_some_and(|errors| errors.amax() < ARRIVED);
         if self.debounce.update(distance < self.threshold && settled && arrived) {

@@ -1,4 +1,4 @@
-//! The wrist sensor and what watches it.
+//! The wrist sensor, and the controllers that watch it.
 
 use super::{StuckForce, Watch, seconds};
 use crate::control::filter::Despike;
@@ -29,13 +29,13 @@ pub(super) struct Outputs {
     command: Out<FtCommand>,
 }
 
-/// The largest median of the force on a free hand after the sensor was set to zero (N), over so many samples: nominal drifts are 6 N. With a
-/// sensor that is off by 23 N the laws pulled with 105 N.
+/// The largest median of the force on a free hand after the sensor was set to zero (N), over so many samples: nominal
+/// drifts are 6 N. With a sensor that is off by 23 N the laws pulled with 105 N.
 const DRIFT_MAX: f64 = 12.0;
 const DRIFT_SAMPLES: usize = 25;
 
-/// Tells the wrench on the hand; with `"zero"` it sets the sensor to zero first, which is for a free hand, and then refuses one that
-/// is not at zero.
+/// Publishes the wrench on the hand. With `"zero"` it first sets the sensor to zero, which needs a free hand, and then
+/// refuses a sensor that is not at zero.
 #[derive(Debug)]
 pub(super) struct ForceTorque {
     zero: bool,
@@ -63,7 +63,7 @@ impl Controller for ForceTorque {
         About::service(
             "Tells the wrench on the hand, forces below a threshold [N] as none; \"zero\" first zeroes the sensor.",
         )
-        // That the sensor is zeroed: a hand that holds something is no free hand.
+        // Remembers that the sensor is zeroed: a hand that holds an object is not free.
         .remembers()
         .every(Duration::from_millis(50))
         .triggered_by("ft/state")
@@ -115,7 +115,8 @@ impl Controller for ForceTorque {
 }
 
 impl ForceTorque {
-    /// Takes a force (N) on a hand that is free; returns the median of the first ones (N) if a sensor at zero does not say so.
+    /// Takes a force (N) on a hand that is free; returns the median of the first ones (N) if a sensor at zero does not
+    /// say so.
     fn drifted(&mut self, force: &Vector3<f64>) -> Option<f64> {
         if !self.zero || self.first.len() >= DRIFT_SAMPLES {
             return None;
@@ -190,7 +191,7 @@ impl Controller for ForceSensor {
 #[derive(Debug)]
 struct Threshold {
     threshold: f64,
-    /// The time after which a force counts as one that was always there (s); none if it never does.
+    /// The time after which a force counts as part of the background (s); none if it never does.
     forgets: Option<f64>,
     touch: Touch,
     watch: Watch,
@@ -232,8 +233,8 @@ pub(super) struct ThresholdInputs {
     wrench: In<Wrench>,
 }
 
-/// Ends when a force exceeds a threshold and its own noise; told to forget, it does not count forces that have stayed: a
-/// sensor that drifts, or a weight that nobody has told it.
+/// Ends when a force exceeds a threshold and its own noise. If `forgets` is set, constant forces do not count: a sensor
+/// that drifts, or an unknown payload.
 #[derive(Debug)]
 pub(super) struct ForceThreshold(Threshold);
 
@@ -251,7 +252,7 @@ impl Controller for ForceThreshold {
             "Ends when a force exceeds a threshold [N] and its own noise, leaving it; forces that stay are forgotten after \
             some time [s], unless that is 0.",
         )
-        // What it felt while the hand was free, and its noise.
+        // Remembers the force and the noise of the free hand.
         .remembers()
         .every(Duration::from_millis(50))
         .triggered_by("In")

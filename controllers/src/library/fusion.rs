@@ -79,7 +79,7 @@ pub(super) struct AddInputs {
     third: In<Velocity>,
 }
 
-/// Adds velocities; one that has fallen silent counts as zero. The base is steady if one of them asks for it.
+/// Adds velocities; an input without recent values counts as zero. The base is steady if one input asks for it.
 #[derive(Debug)]
 pub(super) struct AddVelocity;
 
@@ -112,7 +112,7 @@ impl Controller for AddVelocity {
     }
 
     fn stop(&mut self, _: Tick, _: &AddInputs, outputs: &mut Outputs) -> Stopping {
-        // Whoever moves the hand learns at once, rather than when the last velocity has grown old.
+        // The controller that moves the hand learns of the end at once, instead of after the last velocity has expired.
         outputs.velocity.send(Velocity::REST);
         Stopping::Finished
     }

@@ -1,25 +1,26 @@
-//! The right to command a device, as a controller has it: by the lock of the device where the spec connects that, else by its name alone.
+//! The right to command a device, as a controller has it: by the lock of the device where the spec connects that, else
+//! by its name alone.
 //!
-//! A controller that has the lock stamps each command with the fencing number of its grant. One that loses the lock ends: whoever has it
-//! now may have moved the device.
+//! A controller that has the lock stamps each command with the fencing number of its grant. A controller that loses the
+//! lock ends, because the new holder may have moved the device.
 
 use crate::sdk::messaging::{Denied, LockAnswer, LockRequest, LockUser};
 use crate::sdk::{Arguments, Calls, Kind, Parameter};
 use comms::logic::time::Time;
 use std::time::Duration;
 
-/// How long a device may be somebody else's before its user gives up: longer than the lease of one who has died.
+/// How long a user waits for a device that another client holds: longer than the lease of a client that has died.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// How long a stop waits until the server knows that its lock is free again; after that the lease ends it.
 const RELEASE_WITHIN: Duration = Duration::from_millis(100);
 
-/// Who goes first where several want one device: a greater number before a smaller one.
+/// The order of clients that want one device: a greater number goes first.
 pub(super) const PRIORITY: Parameter = Parameter::new("priority", Kind::Number(0.0, 255.0)).or("0");
 
 /// The calls of the lock of a device.
 pub(super) type LockCalls = Calls<LockRequest, LockAnswer>;
 
-/// What may be sent to a device now.
+/// The commands that may be sent to a device now.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Right {
     /// Commands with this fencing number; without one where the spec connects no lock.
@@ -48,7 +49,7 @@ pub(super) struct Grant {
 }
 
 impl Grant {
-    /// Returns a user that has asked for nothing yet; `device` is for people.
+    /// Returns a user that has not yet asked for the lock; `device` is for messages.
     ///
     /// # Errors
     /// If the system gives no random number for it.
@@ -60,7 +61,7 @@ impl Grant {
         Ok(Self { device, name, priority, user, waiting: None, fence: None, has_said_all: false, released: None })
     }
 
-    /// Begins anew: what was held in an earlier activation counts no more.
+    /// Begins an activation: a grant from an earlier activation does not count.
     ///
     /// # Errors
     /// As of [`Grant::new`].
@@ -70,7 +71,7 @@ impl Grant {
         Ok(())
     }
 
-    /// Takes the lock, keeps it, and says what may be sent in this calculation.
+    /// Acquires or renews the lock. Returns the commands that may be sent in this calculation.
     pub(super) fn ask(&mut self, now: Time, calls: &mut LockCalls) -> Right {
         if !calls.is_connected() {
             return Right::Command(None);
@@ -81,7 +82,7 @@ impl Grant {
                 Some(why @ (Denied::Preempted | Denied::TooManyWait)) => {
                     return Right::Lost(format!("lost the {device}: {why}"));
                 }
-                // Nobody else may have had it meanwhile: the next number says so.
+                // No other client may have had the device in between: the next number shows this.
                 Some(Denied::Expired | Denied::Released | Denied::NotHeld) | None => self.user.want(self.priority),
             }
         }
@@ -97,8 +98,8 @@ impl Grant {
         Right::Command(Some(fence))
     }
 
-    /// Keeps the lock while its user comes to rest, and says what may be sent in this calculation of a stop. What was lost is not
-    /// taken again: the watchdog brings the device to rest.
+    /// Renews the lock while the device comes to rest. Returns the commands that may be sent in this calculation of a
+    /// stop. A lost lock is not acquired again: the watchdog brings the device to rest.
     pub(super) fn keep(&mut self, now: Time, calls: &mut LockCalls) -> Right {
         if !calls.is_connected() {
             return Right::Command(None);
@@ -110,8 +111,8 @@ impl Grant {
         self.user.held(now).map_or(Right::Wait, |fence| Right::Command(Some(fence)))
     }
 
-    /// Lets go of the lock once its user `rests`; returns whether the stop is over. The last command has one calculation to arrive
-    /// before its number is over.
+    /// Lets go of the lock once its user `rests`; returns whether the stop is over. The last command has one
+    /// calculation to arrive before its number is over.
     pub(super) fn is_over(&mut self, now: Time, rests: bool, calls: &mut LockCalls) -> bool {
         if !calls.is_connected() {
             return rests;

@@ -14,10 +14,10 @@ const OPEN_ENOUGH: f64 = 0.075;
 /// Fingers this close together hold nothing (m).
 const EMPTY: f64 = 0.006;
 const HOLD_FORCE: f64 = 20.0;
-/// Fingers that press with this hold whatever they hold (N).
+/// Fingers that press with this force hold any object (N).
 const FIRM: f64 = 40.0;
-/// Fingers that meet something aside pull the hand there with what they press with, so they first press gently (N), until
-/// the hand has given way and feels less than this (N), or for so long.
+/// Fingers that meet an object off their centre pull the hand towards it with their force. So they first press gently
+/// (N), until the hand has given way and feels less than this (N), or until this time has passed.
 const GENTLE: f64 = 14.0;
 const AT_EASE: f64 = 6.0;
 const GENTLE_FOR: Duration = Duration::from_millis(1500);

@@ -78,7 +78,7 @@ impl Controller for LookAround {
     }
 
     fn stop(&mut self, _: Tick, _: &Inputs, outputs: &mut Outputs) -> Stopping {
-        // Whoever moves the hand learns at once, rather than when the last velocity has grown old.
+        // The controller that moves the hand learns of the end at once, instead of after the last velocity has expired.
         outputs.velocity.send(Velocity::REST);
         Stopping::Finished
     }

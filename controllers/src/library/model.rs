@@ -26,13 +26,14 @@ const TIMEOUT: Duration = Duration::from_secs(55);
 const BRAKE: f64 = 0.2;
 const PACE_MIN: f64 = 0.25;
 const PUSH_PACE_MIN: f64 = 0.6;
-/// The room above the least one at which the robot slows down (m): a sweep is 50 ms old and a base takes 200 ms to stop. And the longest
-/// search for the wall.
+/// The room above the least one at which the robot slows down (m): a sweep is 50 ms old and a base takes 200 ms to
+/// stop. And the longest search for the wall.
 const ROOM_SLOW: f64 = 0.04;
 const LOOK: Duration = Duration::from_secs(2);
 /// A remembered wall is taken to be so much nearer (m): wheels are wrong by a few per cent.
 const REMEMBERED: f64 = 0.03;
-/// From so much askew on (rad) the leaf behind the fingers, so deep and to each side (m), is what they hold.
+/// From this angle (rad) on, the fingers hold the part of the leaf behind them, of this depth and width to each side
+/// (m).
 const HELD: f64 = 0.3;
 const HELD_DEPTH: f64 = 0.16;
 const HELD_BESIDE: f64 = 0.3;
@@ -70,8 +71,8 @@ pub(super) struct Outputs {
     guide: Out<Constraint>,
 }
 
-/// Pulls or pushes a door open about its hinge, which it finds meanwhile; ends when the laser sees the leaf at an angle, or when
-/// nothing moves.
+/// Pulls or pushes a door open about its hinge, whose position it estimates on the way. Ends when the laser sees the
+/// leaf at an angle, or when nothing moves.
 #[derive(Debug)]
 pub(super) struct ModelBasedCtrl {
     goal: f64,
@@ -94,14 +95,14 @@ pub(super) struct ModelBasedCtrl {
     effort: [f64; 3],
     /// As seen last.
     leaf: Option<Leaf>,
-    /// From the robot to what is nearest, as seen last (m).
+    /// The last observed distance from the robot to the nearest obstacle (m).
     room: Option<f64>,
     /// The time since every input was fresh.
     blind: Duration,
     spent: Duration,
 }
 
-/// Keeps poses of the odometry together when it begins anew.
+/// Keeps poses of the odometry consistent when the odometry restarts.
 #[derive(Clone, Copy, Debug, Default)]
 struct Anchor {
     ours_from_odometry: Option<Isometry3<f64>>,
@@ -139,8 +140,7 @@ struct Known {
 }
 
 impl ModelBasedCtrl {
-    /// Returns what the inputs say, while everything is fresh: arm and base as they were when the older of them was
-    /// measured.
+    /// Returns the state from the inputs while all of them are fresh: arm and base at the time of the older of the two.
     fn known(&mut self, tick: Tick, inputs: &Inputs) -> Option<Known> {
         let width = inputs.gripper.fresh_within(tick.now, SENSED)?.width;
         let wrench = inputs.wrench.fresh_within(tick.now, SENSED)?;
@@ -161,8 +161,8 @@ impl ModelBasedCtrl {
         Some((planar(&pose), puma560::forward(&angles.into()).base_from_tool))
     }
 
-    /// Looks at a new sweep, if there is one, for the leaf, which is turned by `askew` (rad) from what the hand faces; angles
-    /// are positive the way a door opens with `sense`.
+    /// Searches a new sweep, if there is one, for the leaf, which is turned by `askew` (rad) from the direction of the
+    /// hand. Angles are positive in the direction in which a door opens with `sense`.
     fn look(&mut self, inputs: &Inputs, (sense, askew): (f64, f64)) -> Option<Leaf> {
         let sweep = inputs.laser.fresh()?;
         let (at, base_from_tool) = self.at(inputs.laser.measured()?)?;

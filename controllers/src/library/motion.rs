@@ -29,8 +29,8 @@ pub(super) struct Outputs {
     velocity: Out<Velocity>,
 }
 
-/// Moves the hand straight along its approach axis: quickly at first, slowly where it may meet something. A hand that is to touch
-/// something moves only while it feels, and has failed if it comes to the end of its way.
+/// Moves the hand straight along its approach axis: quickly at first, slowly where it may meet something. A hand that
+/// is to touch something moves only while it feels, and has failed if it comes to the end of its way.
 #[derive(Debug)]
 pub(super) struct LinearTrajectory {
     way: Approach,
@@ -118,7 +118,7 @@ impl Controller for LinearTrajectory {
     }
 
     fn stop(&mut self, _: Tick, _: &Inputs, outputs: &mut Outputs) -> Stopping {
-        // Whoever moves the hand learns at once, rather than when the last velocity has grown old.
+        // The controller that moves the hand learns of the end at once, instead of after the last velocity has expired.
         outputs.velocity.send(Velocity::REST);
         Stopping::Finished
     }

@@ -1,4 +1,5 @@
-//! A source with a fixed rate and a monitor for it. They show what a connection does to a rhythm, on any network, at any load.
+//! A source with a fixed rate, and a monitor for it. They show the effect of a connection on a rhythm, on any network,
+//! at any load.
 
 use crate::sdk::{
     About, Arguments, Controller, In, Inputs, Kind, Message, Out, Outputs, Parameter, Progress, Quantity, Tick,
@@ -83,7 +84,8 @@ pub(super) struct RateMonitor {
     last: Option<(u64, Time)>,
     received: u64,
     lost: u64,
-    /// When the present window ends, and the largest gap in it and in the one before, so that no recorder misses one.
+    /// The end of the present window, and the largest gap in it and in the previous window, so that no recorder misses
+    /// one.
     window_end: Time,
     gaps: [Duration; 2],
 }

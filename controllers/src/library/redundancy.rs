@@ -33,7 +33,7 @@ pub(super) struct Outputs {
     arm: Out<JointVelocity>,
 }
 
-/// Shares the velocity of the hand out to base and arm; brings both to rest when nobody commands.
+/// Distributes the velocity of the hand over base and arm; brings both to rest without a command.
 #[derive(Debug, Default)]
 pub(super) struct RedundancyResolution {
     resolver: Resolver,

@@ -1,4 +1,4 @@
-//! VisualServoing: brings the hand before the handle by what the camera on it sees.
+//! VisualServoing: brings the hand in front of the handle with the camera on the hand.
 
 use crate::control::servoing::{self, Calibration, Mark, Way};
 use crate::message::{CameraState, Velocity};
@@ -20,7 +20,7 @@ pub(super) const CALIBRATION: [Parameter; 2] = [
     Parameter::new("standoff", Kind::Quantity(Quantity::Length, 0.2, 0.6)).or("0.3"),
 ];
 
-/// Returns what the arguments say of the camera.
+/// Returns the calibration of the camera from the arguments.
 pub(super) fn calibration(arguments: &Arguments) -> Calibration {
     Calibration { focal: arguments.number("focal"), standoff: arguments.number("standoff") }
 }
@@ -41,7 +41,8 @@ pub(super) struct Outputs {
     velocity: Out<Velocity>,
 }
 
-/// Brings the hand before the lever and keeps it there; stands still when the lever is out of sight, gives up after 5 s.
+/// Brings the hand before the lever and keeps it there; stands still when the lever is out of sight, gives up after 5
+/// s.
 #[derive(Debug, Default)]
 pub(super) struct VisualServoing {
     calibration: Calibration,
@@ -103,7 +104,7 @@ impl Controller for VisualServoing {
     }
 
     fn stop(&mut self, _: Tick, _: &Inputs, outputs: &mut Outputs) -> Stopping {
-        // Whoever moves the hand learns at once, rather than when the last velocity has grown old.
+        // The controller that moves the hand learns of the end at once, instead of after the last velocity has expired.
         outputs.velocity.send(Velocity::REST);
         Stopping::Finished
     }

@@ -187,7 +187,7 @@ impl Controller for DriveThrough {
         };
         match step {
             Step::Move(rates) => {
-                // All nine rates are wanted as they are: the hand shall do what they make of it.
+                // All nine rates have to stay unchanged: the hand follows from them.
                 let forward = puma560::forward(&joints);
                 let twist = jacobian_in_base(&forward) * rates;
                 let tool = forward.base_from_tool.rotation.inverse();
@@ -209,7 +209,7 @@ impl Controller for DriveThrough {
     }
 
     fn stop(&mut self, _: Tick, _: &Inputs, outputs: &mut Outputs) -> Stopping {
-        // Whoever moves the base learns at once, rather than when the last velocity has grown old.
+        // The controller that moves the base learns of the end at once, instead of after the last velocity has expired.
         outputs.velocity.send(Velocity::REST);
         Stopping::Finished
     }

@@ -78,7 +78,7 @@ pub(super) struct DoorWorld {
     /// The time at which a visitor begins to push the hand (s), never if negative, and the final force (N).
     push: (f64, f64),
     failing: Failing,
-    /// Who may command what: it outlives what the plant does.
+    /// The locks and queues of the devices. They outlive a restart of the plant.
     servers: Servers,
     state: Option<Box<State>>,
 }
@@ -204,7 +204,7 @@ impl State {
         }
     }
 
-    /// Takes what has come in, and does what has reached its device.
+    /// Takes new commands, and applies the commands that have reached their device.
     fn obey(&mut self, now: Time, inputs: &Inputs, servers: &mut Servers) {
         let orders = [
             inputs.arm.fresh().cloned().map(Order::Arm),
@@ -262,7 +262,7 @@ impl State {
         }
     }
 
-    /// Measures what is due, and publishes what has arrived.
+    /// Measures the due samples, and publishes those that have arrived.
     fn publish(&mut self, now: Time, outputs: &mut Outputs) {
         self.measure(now);
         let samples = &mut self.samples;

@@ -1,11 +1,11 @@
-//! The robot's body: what it runs into, and what forces on it do to its drives.
+//! The robot's body: its collisions, and the effect of forces on its drives.
 //!
-//! From above: the base is a disc, the arm three capsules, and leaf, jambs and walls are stretches. All are as high as the
-//! robot. The fingers are left out, for they are there to touch. A drive is a velocity servo of finite stiffness: a force
-//! makes it slower or faster by a little (its droop), and beyond the torque that its motor has it gives way.
+//! From above: the base is a disc, the arm three capsules, and leaf, jambs and walls are stretches. All are as high as
+//! the robot. The fingers are left out, for they are there to touch. A drive is a velocity servo of finite stiffness: a
+//! force makes it slower or faster by a little (its droop), and beyond the torque that its motor has it gives way.
 //!
-//! Source: torques of Armstrong, Khatib, Burdick, "The explicit dynamic model and inertial parameters of the PUMA 560 arm",
-//! ICRA 1986, table of maximum torques; all else is a choice of ours. What the arm weighs itself is left out.
+//! Source: torques of Armstrong, Khatib, Burdick, "The explicit dynamic model and inertial parameters of the PUMA 560
+//! arm", ICRA 1986, table of maximum torques; all other numbers are our choice. The arm's own weight is left out.
 
 use super::setup::Machine;
 use crate::control::caster::Pose;
@@ -22,7 +22,7 @@ const TORQUES_MAX: [f64; 6] = [97.6, 186.4, 89.4, 24.2, 20.1, 21.3];
 const YAW_ARM: f64 = 0.3;
 /// The rate that a newton or newton metre adds to a drive: base x, y (m/s), yaw (rad/s), joints (rad/s).
 const DROOP: [f64; 9] = [5e-5, 5e-5, 1e-4, 1e-4, 1e-4, 1e-4, 5e-4, 5e-4, 5e-4];
-/// The same for what is beyond the motor's torque.
+/// The same for the part beyond the motor's torque.
 const YIELD: [f64; 9] = [2e-3, 2e-3, 1e-2, 2e-2, 2e-2, 2e-2, 0.2, 0.2, 0.2];
 const BASE_RADIUS: f64 = 0.31;
 /// Of upper arm, forearm and wrist (m).
@@ -96,7 +96,7 @@ impl Body {
         Self { base: *base, axes, points: [origins[0], origins[1], origins[3], fingers] }
     }
 
-    /// Returns how far the base's disc is from what is nearest (m).
+    /// Returns the distance from the base's disc to the nearest wall (m).
     pub fn base_room(&self, walls: &[Wall]) -> f64 {
         let middle = self.base.xy();
         let room = |wall: &Wall| (middle - nearest(&(middle, middle), wall).1).norm() - BASE_RADIUS;

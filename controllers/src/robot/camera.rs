@@ -1,6 +1,6 @@
 //! A camera on the hand that finds the marks on the lever.
 //!
-//! Its mounting and its focal length are its own: what a controller believes of them is the controller's affair.
+//! Its mounting and its focal length are the true ones. The values that a controller believes belong to the controller.
 
 use super::door::Handle;
 use crate::control::servoing::MARKS;
@@ -14,7 +14,7 @@ const DEPTH_MIN: f64 = 0.02;
 /// Width and height of the image (px); its centre is the principal point.
 const IMAGE: [f64; 2] = [640.0, 480.0];
 
-/// A camera, as it is mounted.
+/// A camera with its true mounting.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
     /// Pose of the camera in the tool frame, z along the optical axis.
@@ -28,7 +28,8 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// Returns column, row (px) and depth (m) of each mark in view: in front, within the image, on the side that faces it.
+    /// Returns column, row (px) and depth (m) of each mark in view: in front, within the image, on the side that faces
+    /// it.
     pub fn look(
         &self,
         world_from_tool: &Isometry3<f64>,

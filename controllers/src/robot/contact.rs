@@ -122,8 +122,8 @@ impl Grasp {
         self.held = Some(Held { offset, centred: offset.component_mul(&CENTRED), rotation: pose.rotation });
     }
 
-    /// Lets the fingers centre a held lever as far as they can while they press with `force` (N): fully across, partly along
-    /// the approach. What they have centred stays so.
+    /// Lets the fingers centre a held lever as far as they can while they press with `force` (N): fully across, partly
+    /// along the approach. The lever stays where they have centred it.
     pub fn centre(&mut self, hand: &Hand, handle: &Handle, force: f64) {
         let Some(held) = &mut self.held else { return };
         let here = handle.world_from_handle.inv_mul(&hand.world_from_tool).translation.vector;
@@ -140,7 +140,7 @@ impl Grasp {
         self.held = None;
     }
 
-    /// Returns what the door does to the hand; above a certain force the lever slips out.
+    /// Returns the push of the door on the hand. Above a certain force the lever slips out.
     pub fn push(&mut self, hand: &Hand, handle: &Handle) -> Push {
         let Some(Held { offset, rotation, .. }) = &mut self.held else { return self.touch(hand, handle) };
         let Description { stiffness, damping, turn_stiffness, turn_damping, slip_force, turn_slip, .. } =
@@ -150,7 +150,7 @@ impl Grasp {
         let world_from_held = handle.world_from_handle.rotation * *rotation;
         let twist = (hand.world_from_tool.rotation * world_from_held.inverse()).scaled_axis();
         let mut twist_in_handle = handle.world_from_handle.rotation.inverse() * twist;
-        // What is more than the pads hold turns between them, and stays turned.
+        // Beyond the torque that the pads hold, the lever turns between them and stays turned.
         let most = turn_slip / turn_stiffness[1];
         let slipped = twist_in_handle.y - twist_in_handle.y.clamp(-most, most);
         *rotation = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), slipped) * *rotation;
@@ -172,7 +172,8 @@ impl Grasp {
         let offset = hand.world_from_tool.translation.vector - handle.world_from_handle.translation.vector;
         let beyond = -offset.dot(&handle.outward);
         let beside = offset + handle.outward * beyond;
-        // A lever that comes back from beside the fingers once met them with 725 N, as if they had been pressed 60 mm into it.
+        // A lever that comes back from beside the fingers once met them with 725 N, as if they had been pressed 60 mm
+        // into it.
         self.is_beside = beyond > 0.0 && (self.is_beside || beside.norm() > is.touch_reach);
         if beyond <= 0.0 || self.is_beside {
             return Push::default();
@@ -209,8 +210,8 @@ mod tests {
         }
     }
 
-    /// The fingers pull hand and lever together with what they press with, and no more: a lever that lies aside in a stiff
-    /// grasp (48 kN/m x 12 mm = 576 N) is not hit with that.
+    /// The fingers pull hand and lever together only with the force of their press. Without that limit, a lever off
+    /// centre in a stiff grasp (48 kN/m x 12 mm = 576 N) would be hit.
     #[test]
     fn fingers_centre_a_lever_with_no_more_than_their_force() {
         let handle = Door::new(door::Description::default()).handle();
@@ -254,7 +255,7 @@ mod tests {
             let push = grasp.push(&hand(&handle, Vector3::zeros(), turn), &handle);
             handle.world_from_handle.rotation.inverse() * push.torque
         };
-        // 8 Nm/rad: a quarter of a radian is what the pads hold.
+        // At 8 Nm/rad the pads hold a quarter of a radian.
         for (turn, felt) in [(0.2, -1.6), (0.25, -2.0), (0.5, -2.0), (1.0, -2.0), (0.9, -1.2), (0.75, 0.0), (0.0, 2.0)]
         {
             assert!((torque(Vector3::y() * turn) - Vector3::y() * felt).norm() < 1e-9, "{turn}");

@@ -85,7 +85,7 @@ impl Default for Description {
 /// The side of the hinge, as the robot sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
-    /// On the left; the lever points to the left, too.
+    /// Hinged on the left; the lever points to the left as well.
     Left,
     /// On the right.
     Right,
@@ -142,7 +142,7 @@ impl Door {
         Self { description, angle: 0.0, rate: 0.0, lever: 0.0, lever_rate: 0.0 }
     }
 
-    /// Returns what the door is like.
+    /// Returns the description of the door.
     pub fn description(&self) -> &Description {
         &self.description
     }
@@ -267,7 +267,8 @@ mod tests {
 
     #[test]
     fn latch_and_lock_hold() {
-        // 30 N at 0.82 m less the closer's 8 Nm turn 6.75 kg m² by about a radian in 2 s; the latch yields 0.01 degrees.
+        // 30 N at 0.82 m less the closer's 8 Nm turn 6.75 kg m² by about a radian in 2 s; the latch yields 0.01
+        // degrees.
         assert!(pulled(Lock::Unlocked, 0.6) > 40.0);
         assert!(pulled(Lock::Unlocked, 0.1).abs() < 0.1);
         assert!(pulled(Lock::Locked, 0.6).abs() < 0.1);
@@ -293,7 +294,7 @@ mod tests {
 
     #[test]
     fn work_on_the_handle_is_the_energy_of_the_leaf() {
-        // Without closer and friction, what a force does along the handle's way is 1/2 I w².
+        // Without closer and friction, the work of a force along the handle's path is 1/2 I w².
         for (side, swing) in EVERY_WAY {
             let free = Description {
                 side,

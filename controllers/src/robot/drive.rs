@@ -15,7 +15,8 @@ pub struct Owner {
 }
 
 impl Owner {
-    /// Returns whether a word of `name` at `now` counts: nobody else's does until 100 ms after the owner's last.
+    /// Returns whether a command of `name` at `now` counts. Commands of other senders do not until 100 ms after the
+    /// owner's last.
     pub fn admit(&mut self, name: &str, now: Time) -> bool {
         let free = self.name.as_deref().is_none_or(|owner| owner == name) || now.since(self.heard) > WATCHDOG;
         if free {

@@ -23,7 +23,7 @@ const MIRRORS: u32 = 2;
 /// The errors of its ranges.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Errors {
-    /// Of one ray (m, standard deviation).
+    /// The noise of one ray (m, standard deviation).
     pub noise: f64,
     /// Of all (m).
     pub bias: f64,

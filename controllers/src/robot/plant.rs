@@ -76,7 +76,7 @@ pub struct Plant {
     /// The largest force of the last step between the robot and leaf, jambs or walls (N), and that on its bumper.
     collision: f64,
     bumper: f64,
-    /// Of the hand in the step before (m/s), for what a payload's inertia does.
+    /// The velocity of the hand in the previous step (m/s), for the inertia of a payload.
     hand_velocity: Option<Vector3<f64>>,
     limits_hit: u32,
 }
@@ -134,7 +134,7 @@ impl Plant {
         &self.base
     }
 
-    /// Returns what the encoders of the arm say (rad).
+    /// Returns the angles from the encoders of the arm (rad).
     pub fn encoders(&self) -> Joints {
         self.joints + self.joint_offsets
     }
@@ -145,7 +145,7 @@ impl Plant {
         laser::sweep(&self.base, &room, &self.setup.sensors.laser(), &mut self.random)
     }
 
-    /// Returns what the camera finds in one image: column, row (px) and depth (m) of each mark.
+    /// Returns the marks that the camera finds in one image: column, row (px) and depth (m) of each.
     pub fn look(&mut self) -> [Option<[f64; 3]>; 4] {
         self.camera.look(&self.hand().world_from_tool, &self.door.handle(), &mut self.random)
     }
@@ -165,7 +165,7 @@ impl Plant {
         walls(&self.setup.room, &self.door, self.time())
     }
 
-    /// Returns what the encoders of the casters say (rad).
+    /// Returns the readings of the casters' encoders (rad).
     pub fn casters(&self) -> Casters {
         let mut casters = self.casters;
         casters[0] += if self.jumped { self.setup.faults.jump.by } else { 0.0 };
@@ -183,7 +183,7 @@ impl Plant {
         (self.grip, self.grip_force)
     }
 
-    /// Returns the force on the hand by what it touches and by who pushes it (N), world axes.
+    /// Returns the force on the hand from contacts and from a person who pushes it (N), world axes.
     pub fn force(&self) -> Vector3<f64> {
         self.push.force + self.visitor
     }
@@ -208,7 +208,7 @@ impl Plant {
         std::array::from_fn(|i| self.rates()[i + 3])
     }
 
-    /// The rates of the axes: what the drives command, and what forces add.
+    /// The rates of the axes: the commands of the drives, and the effect of forces.
     fn rates(&self) -> redundancy::Rates {
         let driven = redundancy::Rates::from_fn(|i, _| {
             if i < 3 { self.base_drive.velocity[i] } else { self.arm_drive.velocity[i - 3] }
@@ -245,8 +245,8 @@ impl Plant {
         }
     }
 
-    /// Lets one millisecond pass, while a visitor pushes the hand with a force (N), world axes. The sensor feels it, and
-    /// the robot gives way as far as its drives do.
+    /// Lets one millisecond pass, while a visitor pushes the hand with a force (N), world axes. The sensor feels it,
+    /// and the robot gives way as far as its drives do.
     pub fn step(&mut self, visitor: &Vector3<f64>) {
         self.now = self.now + STEP;
         let (hand, handle) = (self.hand(), self.door.handle());
@@ -352,7 +352,7 @@ impl Plant {
     fn step_grip(&mut self, hand: &Hand, handle: &Handle) {
         let next = towards(self.grip, self.grip_target, self.setup.machine.grip_speed * DT);
         let thickness = self.setup.door.lever_thickness;
-        // Fingers that a lever has slipped out of are as close as it is thick: they meet it again only once they have opened.
+        // Fingers that have lost a lever close to its thickness; they can hold it again only once they have opened.
         let closes = self.grip > thickness && next <= thickness || self.grasp.holds() && next < thickness;
         if closes && !self.lost && (self.grasp.holds() || self.grasp.reaches(hand, handle)) {
             if !self.grasp.holds() {
@@ -411,7 +411,7 @@ mod tests {
             let truth = (plant.base().xy() - start.xy()).norm();
             // The casters swing round first, which adds a little.
             assert!((odometry.pose().xy().norm() / truth - 1.0 - wheel_error).abs() < 0.005);
-            // Whoever measures his wheels is right.
+            // Measured wheel sizes give the right distance.
             assert!((calibrated.pose().xy().norm() / truth - 1.0).abs() < 0.005);
         }
     }
@@ -441,7 +441,8 @@ mod tests {
             taken += torques.dot(&plant.rates()) * DT;
         }
         let moved = plant.hand().world_from_tool.translation.vector - before;
-        // By the same force: what the hand went times the force is what the axes went times their torques.
+        // The same force acts on both: the path of the hand times the force equals the paths of the axes times their
+        // torques.
         assert!(moved.y > 2e-3, "{moved}");
         assert!((force.dot(&moved) / taken - 1.0).abs() < 0.01, "{} {taken}", force.dot(&moved));
     }
@@ -454,8 +455,8 @@ mod tests {
             plant.base_drive.command(Some(&[0.0, 0.3, 0.0]), plant.now);
             plant.step(&Vector3::zeros());
         }
-        // The side wall is at 2.5 m, the base's radius 0.31 m: its bumper is pressed by the force that slides its wheels, 200 N and
-        // what 0.3 m/s of sliding takes on top, 150 N: 45 mm at 2 N/mm, and 12 mm more at 22 N/mm.
+        // The side wall is at 2.5 m, and the base's radius is 0.31 m. Its bumper is pressed by the force that slides
+        // its wheels: 200 N, and 150 N for sliding at 0.3 m/s. This gives 45 mm at 2 N/mm, and 12 mm more at 22 N/mm.
         assert!((plant.base().y - (2.5 - 0.31 + 0.0568)).abs() < 2e-3, "{}", plant.base());
         assert!((plant.collision() - 350.0).abs() < 25.0, "{}", plant.collision());
     }

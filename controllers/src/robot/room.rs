@@ -1,7 +1,7 @@
 //! The room around the door, seen from above: its walls, what stands in it, and which of its surfaces a laser sees.
 //!
-//! Corners, corridors and niches are side walls near the jambs. A surface has an echo, or none (glass, black paint), or it is a
-//! mirror, in which a laser sees the room once more.
+//! Corners, corridors and niches are side walls near the jambs. A surface has an echo, or none (glass, black paint), or
+//! it is a mirror, in which a laser sees the room once more.
 
 use super::body::Wall;
 use super::door::{Door, Side};
@@ -104,7 +104,8 @@ pub struct Stretch {
 /// The index of the leaf in [`stretches`].
 pub const LEAF: usize = 6;
 
-/// Returns what is in the room (m) at a time after the start (s): walls, jambs of 5 cm, side walls, the leaf, and all else.
+/// Returns the surfaces in the room (m) at a time after the start (s): walls, jambs of 5 cm, side walls, the leaf, and
+/// all other obstacles.
 pub fn stretches(room: &Description, door: &Door, time: f64) -> Vec<Stretch> {
     let (hinge, mirror) = (door.hinge(), door.mirror());
     let (edge, beside) = (door.description().leaf_beyond + 0.01, door.description().radius + 0.01);
@@ -156,14 +157,14 @@ pub fn stretches(room: &Description, door: &Door, time: f64) -> Vec<Stretch> {
     all
 }
 
-/// Returns the same without what a laser makes of it.
+/// Returns the same without the errors of a laser.
 pub fn walls(room: &Description, door: &Door, time: f64) -> Vec<Wall> {
     stretches(room, door, time).into_iter().map(|stretch| stretch.ends).collect()
 }
 
 impl Door {
-    /// Returns hinge and free edge (m) of a second leaf, as wide as the first, that meets it at the latch and is open by `angle` (rad)
-    /// the same way.
+    /// Returns hinge and free edge (m) of a second leaf, as wide as the first, that meets it at the latch and is open
+    /// by `angle` (rad) the same way.
     fn second_leaf(&self, angle: f64) -> Wall {
         let is = self.description();
         let width = is.radius + is.leaf_beyond;

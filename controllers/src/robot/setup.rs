@@ -6,7 +6,7 @@ use crate::control::puma560::Joints;
 use crate::sdk::Random;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-/// A world: the robot, its door, its sensors, and what goes wrong.
+/// A world: the robot, its door, its sensors, and its faults.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Setup {
     /// Moves the start a little, draws the signs of all errors, and makes the noise.
@@ -36,7 +36,7 @@ pub struct Machine {
     pub arm_lag: f64,
     /// By which share the odometry believes too much, because the wheels are smaller than it believes.
     pub wheel_error: f64,
-    /// Mass beyond the wrist sensor that nobody has told it (kg).
+    /// The mass beyond the wrist sensor that the robot does not know (kg).
     pub payload: f64,
     /// A force makes the drives so many times as much slower or faster as ours.
     pub droop: f64,
@@ -81,7 +81,7 @@ impl Default for Machine {
 /// The errors of the sensors: noise, and calibrations that do not hold.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sensors {
-    /// All noise is so many times what it says here.
+    /// A factor for all noise in this setup.
     pub noise: f64,
     /// The wrist sensor.
     pub force: force_torque::Errors,
@@ -132,7 +132,7 @@ const FOCAL: f64 = 600.0;
 const CAMERA_BEHIND: f64 = 0.12;
 
 impl Sensors {
-    /// Returns the camera as it is mounted; `random` draws where its place and its direction are wrong.
+    /// Returns the camera with its true mounting; `random` draws the errors of its place and direction.
     pub fn camera(&self, random: &mut Random) -> Camera {
         let mut within = |span: f64| Vector3::from_fn(|_, _| random.between(-span, span));
         let shift = Vector3::new(0.0, 0.0, -CAMERA_BEHIND) + within(self.camera_shift);

@@ -62,7 +62,8 @@ impl Ear {
         Self { session, beats, dir }
     }
 
-    /// Hears so many beats: none is missing since the last one, and they come at their rate. Returns the number of the last.
+    /// Hears so many beats: none is missing since the last one, and they come at their rate. Returns the number of the
+    /// last.
     #[track_caller]
     fn hear(&self, last: Option<u64>, count: u32) -> u64 {
         let begin = now();
@@ -83,7 +84,8 @@ impl Ear {
     }
 }
 
-/// The node is killed with an order on its way, and another one comes after a while; the controller calculates all along.
+/// The node is killed with an order on its way, and another one comes after a while; the controller calculates all
+/// along.
 #[test]
 fn a_controller_goes_on_without_its_node() {
     let (program, listener, mut channel, hello) = Program::start(&[]);
@@ -164,7 +166,8 @@ fn a_channel_breaks_in_the_middle_of_a_frame() {
     assert_eq!(program.leave(), (Some(0), String::new()));
 }
 
-/// A node as it survives its own death: what it wants, what of that it has said, and what it has heard.
+/// The memory of a node that survives its own death: the orders to give, how many of them were sent, and the notices
+/// received.
 struct Machine {
     script: Vec<Order>,
     said: usize,
@@ -196,11 +199,11 @@ impl Machine {
 
     /// Returns how many notices are to come.
     fn waiting(&self) -> usize {
-        // The first is no answer.
+        // The first notice is not an answer.
         self.said + 1 - self.heard.len()
     }
 
-    /// Does one thing of those that are possible.
+    /// Takes one of the possible steps.
     fn step(&mut self, channel: &mut Channel, random: &mut Random) {
         match self.next() {
             Some(order) if self.waiting() == 0 || random.below(2) == 0 => {
@@ -230,9 +233,9 @@ impl Machine {
         }
     }
 
-    /// Takes the program over; none if this node dies over it, too.
+    /// Resumes the channel to the program; none if this node dies during it as well.
     fn resume(&self, listener: &UnixListener, random: &mut Random) -> Option<Channel> {
-        // What was written whole has arrived.
+        // Every order that was written completely has arrived.
         let mut channel = Channel::resumed(listener, self.said as u64);
         if random.below(5) == 0 {
             return None;

@@ -1,4 +1,4 @@
-//! In-process groups on virtual time: what a turn is, how they end, and what is refused.
+//! In-process groups on virtual time: the definition of a turn, how groups end, and which ones are refused.
 
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
@@ -95,7 +95,7 @@ impl Controller for Head {
     }
 }
 
-/// Passes on the last of what it gets.
+/// Passes on the last value that it gets.
 struct Stage;
 
 impl Controller for Stage {
@@ -314,7 +314,7 @@ impl Controller for Metronome {
 #[derive(Default)]
 struct Person {
     looks_at: Vec<usize>,
-    /// The outputs, the numbers of their values, and what the head had counted then.
+    /// The outputs, the numbers of their values, and the head's count at that time.
     seen: Vec<(usize, u64, u64)>,
 }
 
@@ -334,7 +334,8 @@ impl Outlets for Person {
     }
 }
 
-/// Only outputs that lead to other members are inside, and only those that somebody looks at are shown. All are counted.
+/// Only outputs that lead to other members are inner wires. Their values are shown only while a client watches them,
+/// and all are counted.
 #[test]
 fn what_is_sent_inside_is_shown_while_somebody_looks() {
     let mut group = create(caterpillar(2, false).expose(("stage2", "Out"), "Out"), &[]);
@@ -359,7 +360,7 @@ fn what_is_sent_inside_is_shown_while_somebody_looks() {
         group.drain_to(person);
         std::mem::take(&mut person.seen)
     };
-    // Who comes during a turn sees the next one, who goes does not see it any more.
+    // A client that starts watching during a turn sees the next turn; a client that stops sees no more.
     assert_eq!(turn(&mut person, &[]), []);
     assert_eq!(turn(&mut person, &[1]), []);
     assert_eq!(turn(&mut person, &[0, 1, 2]), [(1, 3, 3)]);

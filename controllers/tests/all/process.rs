@@ -129,7 +129,7 @@ impl End {
         heard
     }
 
-    /// Publishes on a key that somebody hears.
+    /// Publishes on a key that has a subscriber.
     fn publisher(&self, key: &str) -> Publisher {
         let publisher = self.session.publisher(key, Priority::Wire).unwrap();
         assert!(publisher.wait_heard(SOON), "nobody hears `{key}`");
@@ -148,8 +148,8 @@ fn beat(bytes: &[u8]) -> u64 {
     postcard::from_bytes::<(u64, Vec<u8>)>(bytes).unwrap().0
 }
 
-/// Waits until a `RateMonitor` has heard of so many beats, those included that were lost; returns how many arrived. After
-/// each look in vain it does something else.
+/// Waits until a `RateMonitor` has heard of so many beats, those included that were lost; returns how many arrived.
+/// After each look in vain it does something else.
 fn heard_of(signals: &Receiver<Vec<u8>>, count: f64, mut in_vain: impl FnMut()) -> f64 {
     // It publishes ten times in a second.
     for _ in 0..10 * SOON.as_secs() {
@@ -181,7 +181,8 @@ fn connect(incoming: Vec<Incoming>, outgoing: Vec<Outgoing>) -> Order {
     Order::Connect { robot: "test".to_owned(), incoming, outgoing, devices: vec![] }
 }
 
-/// One source, three wires: as ever, latched, and with one value an hour. The first says when it is time to look at the others.
+/// One source with three wires: an ordinary one, a latched one, and one with one value an hour. The first shows when to
+/// check the others.
 #[test]
 fn a_producer_keeps_to_what_its_wires_say() {
     let mut source = Program::start(&["RateSource"]);
@@ -200,7 +201,7 @@ fn a_producer_keeps_to_what_its_wires_say() {
     assert!(beats.is_sorted(), "{beats:?}");
     source.order(&Order::Stop { activation: 1 });
     source.expect(&Notice::Stopped { activation: 1 });
-    // What was sent before has arrived once the latched value has: one link, one priority.
+    // Once the latched value has arrived, everything sent earlier has arrived: there is one link and one priority.
     source.order(&Order::Open { wires: vec![1], generation: 2 });
     source.expect(&Notice::Switched { generation: 2 });
     let last = beat(&latched.recv_timeout(SOON).unwrap());
@@ -236,7 +237,7 @@ fn links_are_made_and_dropped_while_data_flows() {
     source.order(&connect(vec![], outgoing(&[1])));
     source.expect(&Notice::Connected);
     others.extend((0..20).map(|_| beat(&second.recv_timeout(SOON).unwrap())));
-    // What was under way has arrived with the first value after it.
+    // All values in transit have arrived before the first value after the switch.
     beats.extend(first.try_iter().map(|bytes| beat(&bytes)));
     let last = *beats.last().unwrap();
     others.extend((0..20).map(|_| beat(&second.recv_timeout(SOON).unwrap())));
@@ -304,7 +305,8 @@ fn a_consumer_keeps_to_what_its_wires_say() {
     }
 }
 
-/// A source is killed and started again: it waits for nobody for long, and who is told where it is now hears it on.
+/// A source is killed and restarted. It does not wait long for an absent consumer, and a consumer that is told its new
+/// address keeps receiving.
 #[test]
 fn a_program_that_was_started_again_is_found() {
     let mut monitor = Program::start(&["RateMonitor"]);
@@ -336,7 +338,7 @@ fn a_program_that_was_started_again_is_found() {
     let before = heard_of(&signals, 0.0, || {});
     source.activate(1);
     heard_of(&signals, before + 20.0, || {});
-    // A consumer that is started again, and whose producer is gone, is there all the same.
+    // A restarted consumer whose producer is gone is ready as well.
     let nowhere = Dial { session: "1".to_owned(), locators: vec!["unixsock-stream//no/such/socket".to_owned()] };
     let mut other = Program::start(&["RateMonitor"]);
     other.order(&Order::Rejoin);

@@ -5,7 +5,7 @@ use comms::logic::time::Time;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// The delays of samples and commands between a device and its bus, beyond those of the network.
+/// The delays of samples and commands between a device and its bus, in addition to those of the network.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Delays {
     /// Of the samples of arm, base, wrist, gripper, laser and camera.
@@ -16,7 +16,7 @@ pub(super) struct Delays {
     pub(super) jitter: Duration,
 }
 
-/// The most that is on its way at once; what is older is lost then.
+/// The most values in transit at once; beyond it the oldest is lost.
 const CAPACITY: usize = 1000;
 
 /// Things on their way, in order: none overtakes another.

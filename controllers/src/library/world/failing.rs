@@ -24,14 +24,15 @@ pub(super) struct Failing {
     /// Its place in [`DEVICES`]; none fails if there is none.
     device: Option<usize>,
     how: How,
-    /// So long after the start (s), or when the door is so far open (rad), whatever comes first; never if negative.
+    /// The start of the failure: a time after the start (s) or an angle of the door (rad), whichever comes first; never
+    /// if negative.
     at: (f64, f64),
     /// The duration (s).
     span: f64,
 }
 
 impl Failing {
-    /// Returns what the arguments of a world say.
+    /// Returns the failures from the arguments of a world.
     pub(super) fn new(arguments: &Arguments) -> Self {
         let device = DEVICES.iter().position(|device| *device == arguments.text("fails"));
         let how = match arguments.text("fails_how") {
@@ -91,7 +92,7 @@ impl Failure {
         }
     }
 
-    /// Returns what device number `device` sends in place of the sample that it would have measured; `last` is what it sent last.
+    /// Returns the sample that device number `device` sends instead of the measured one; `last` is its last sample.
     pub(super) fn of<T: Stamped>(&self, device: usize, measured: T, last: &mut Option<T>) -> Option<T> {
         let fails =
             self.failing.device == Some(device) && self.since.is_some_and(|since| self.now - since < self.failing.span);
@@ -117,7 +118,7 @@ mod tests {
         GripperState { stamp: Time::ZERO + Duration::from_millis(ms), width: ms as f64, force: 0.0 }
     }
 
-    /// What a gripper that fails from 0.2 s to 0.4 s sends at 100, 200, 300, 400 and 500 ms: value and stamp (ms).
+    /// The samples of a gripper that fails from 0.2 s to 0.4 s at 100, 200, 300, 400 and 500 ms: value and stamp (ms).
     fn sent(how: &str) -> Vec<Option<(f64, u128)>> {
         let given = ["fails=gripper", how, "fails_at=0.2", "fails_for=0.2"];
         let arguments = Arguments::parse(PARAMETERS, &given).unwrap();

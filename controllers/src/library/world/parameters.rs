@@ -10,7 +10,7 @@ use std::time::Duration;
 /// Makes the parameters, and the table of their units and meanings for people.
 macro_rules! parameters {
     ($($name:literal: $kind:expr, $default:literal, $unit:literal, $meaning:literal;)+) => {
-        /// What the process takes, in the order of a spec's arguments.
+        /// The parameters of the process, in the order of a spec's arguments.
         pub(super) const PARAMETERS: &[Parameter] = &[$(Parameter::new($name, $kind).or($default),)+];
         #[cfg(test)]
         const MEANINGS: &[(&str, &str)] = &[$(($unit, $meaning),)+];

@@ -1,7 +1,7 @@
-//! The devices as others command them: a lock in front of each, a queue of commands beside its port, and what was refused.
+//! The command side of the devices: a lock for each, a queue of commands beside its port, and the count of refusals.
 //!
-//! Each command is checked where it is obeyed: what was sent under a grant of the lock that has ended since is refused, however long it
-//! was on its way.
+//! Each command is checked at its device. A command sent under a grant that has ended since is refused, however long it
+//! was in transit.
 
 use crate::message::{BaseVelocity, Grip, JointVelocity};
 use crate::robot::drive::Owner;
@@ -12,18 +12,19 @@ use crate::sdk::{Arguments, Message, Reply};
 use comms::logic::time::Time;
 use std::time::Duration;
 
-/// A grant lasts so long without a renewal; who has a greater priority waits so long for the holder to come to rest.
+/// The lease of a grant without renewal, and the time that a client with a greater priority waits for the holder to
+/// come to rest.
 const LOCK: LockSettings =
     LockSettings { lease: Duration::from_millis(500), preempt_after: Some(Duration::from_millis(300)), waiting_max: 8 };
 /// How many commands wait for the next calculation; the newest count.
 const COMMANDS_MAX: usize = 4;
 
-/// Whose commands count while nobody holds the lock of a device.
+/// The commands that count while no client holds the lock of a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Unlocked {
-    /// Anyone's, one speaker at a time.
+    /// Any sender's, one sender at a time.
     Anyone,
-    /// Nobody's.
+    /// None.
     Nobody,
 }
 
@@ -60,7 +61,7 @@ impl<T: Message> Server<T> {
         self.lock.ask(request, reply);
     }
 
-    /// Takes a command into the queue, from who holds the lock alone.
+    /// Takes a command into the queue, only from the holder of the lock.
     pub(super) fn receive(&mut self, message: QueueMessage) -> Receipt {
         let receipt = self.commands.receive_under(&mut self.lock, message);
         if matches!(receipt, Receipt::Rejected(Rejected::Fenced(_) | Rejected::WrongType { .. })) {
@@ -69,7 +70,8 @@ impl<T: Message> Server<T> {
         receipt
     }
 
-    /// Returns the next command of the queue. Called in each calculation until there is none: it looks after the lock, too.
+    /// Returns the next command of the queue. Each calculation calls this until there is none; the call also maintains
+    /// the lock.
     pub(super) fn take(&mut self, now: Time) -> Option<Taken<T>> {
         self.commands.take_under(&mut self.lock, now)
     }
@@ -91,18 +93,19 @@ impl<T: Message> Server<T> {
         self.not_finite = not_finite;
     }
 
-    /// Lets somebody else speak who uses no lock.
+    /// Lets another sender command the device without the lock.
     pub(super) fn release(&mut self) {
         self.owner.release();
     }
 
-    /// Returns when a command was obeyed last (s since the host was started, 0 if none was), how many were refused, and who holds the lock.
+    /// Returns the time of the last obeyed command (s since the host was started, 0 if there was none), the number of
+    /// refusals, and the holder of the lock.
     pub(super) fn status(&self) -> (f64, f64, String) {
         let commanded = self.commanded.map_or(0.0, super::super::seconds);
         (commanded, (self.refused + self.not_finite) as f64, self.holder().unwrap_or_default())
     }
 
-    /// Returns what people see of the queue.
+    /// Returns the status of the queue.
     pub(super) fn queue(&self) -> QueueStatus {
         self.commands.status()
     }
@@ -121,20 +124,20 @@ pub(super) struct Servers {
 }
 
 impl Servers {
-    /// Returns servers of devices that nobody holds.
+    /// Returns the servers of devices without a holder.
     pub(super) fn new(arguments: &Arguments) -> Self {
         let unlocked = if arguments.text("commands") == "holder" { Unlocked::Nobody } else { Unlocked::Anyone };
         Self { base: Server::new(unlocked), arm: Server::new(unlocked), gripper: Server::new(unlocked) }
     }
 
-    /// Lets anybody speak who uses no lock; who holds one goes on.
+    /// Lets any sender command the devices without the lock; a holder of a lock keeps it.
     pub(super) fn begin(&mut self) {
         self.base.release();
         self.arm.release();
         self.gripper.release();
     }
 
-    /// Returns a device that somebody holds, and who that is.
+    /// Returns a device whose lock is held, and the holder.
     pub(super) fn held(&self) -> Option<(&'static str, String)> {
         let all = [("base", self.base.holder()), ("arm", self.arm.holder()), ("gripper", self.gripper.holder())];
         all.into_iter().find_map(|(device, holder)| Some((device, holder?)))

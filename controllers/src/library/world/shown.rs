@@ -1,4 +1,4 @@
-//! What the plant exports: the hardware level of the door, as procedures and states.
+//! The exports of the plant: the hardware level of the door, as procedures and states.
 
 use super::super::seconds;
 use super::{DoorWorld, State};
@@ -98,7 +98,7 @@ impl DoorWorld {
         GripperStatus { width, force, commanded, refused, holder }
     }
 
-    /// What the wrist sensor said last.
+    /// The last sample of the wrist sensor.
     fn wrench(&self) -> Wrench {
         let last = self.plant(|state| state).and_then(|state| state.samples.force.last.as_ref());
         let none = Wrench { measured: 0.0, force: [0.0; 3], torque: [0.0; 3] };

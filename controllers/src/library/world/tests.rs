@@ -1,4 +1,4 @@
-//! The hardware level on virtual time: who is obeyed, what is refused, and when the wheels stop.
+//! The hardware level on virtual time: whose commands are obeyed, which are refused, and when the wheels stop.
 
 use super::super::registry;
 use crate::message::{BaseCommand, BaseStatus, BaseVelocity};
@@ -21,7 +21,7 @@ struct Bench {
 }
 
 impl Bench {
-    /// Returns one that grants locks already.
+    /// Returns a world that already grants locks.
     fn new(commands: &str) -> Self {
         let mut world = registry().create("DoorWorld", &[&format!("commands={commands}")]).unwrap();
         let now = Time::ZERO + Duration::from_secs(7);
@@ -102,7 +102,8 @@ fn is(value: f64, expected: f64) -> bool {
     (value - expected).abs() < 1e-9
 }
 
-/// Over the port and over the queue: without the lock, with a number that was never granted, and with one that is over, nothing moves.
+/// Over the port and over the queue, nothing moves without the lock, with a number that was never granted, or with a
+/// number whose grant has ended.
 #[test]
 fn only_who_holds_the_base_is_obeyed() {
     let mut bench = Bench::new("holder");
@@ -126,7 +127,8 @@ fn only_who_holds_the_base_is_obeyed() {
     assert!(is(bench.base().refused, 6.0));
 }
 
-/// A holder of which nothing is heard any more: the wheels stop by themselves, and after the lease the next one has them.
+/// A holder of which nothing is heard any more: the wheels stop by themselves, and after the lease the next one has
+/// them.
 #[test]
 fn the_wheels_stop_when_the_holder_is_gone_and_the_next_one_has_them() {
     let mut bench = Bench::new("holder");
@@ -173,7 +175,7 @@ fn a_greater_priority_has_the_base_after_300_ms() {
     assert!(is(bench.base().refused, 1.0));
 }
 
-/// In a spec that connects no lock one speaker at a time is obeyed, unless somebody holds the device.
+/// In a spec that connects no lock, one sender at a time is obeyed, unless a client holds the device.
 #[test]
 fn without_a_lock_anyone_is_obeyed_as_long_as_nobody_holds_the_base() {
     let mut bench = Bench::new("anyone");
@@ -242,7 +244,8 @@ impl Driver {
     }
 }
 
-/// Two missions want the base: the second one is refused with the name of the holder, and has it as soon as the first one has stopped.
+/// Two missions want the base: the second one is refused with the name of the holder, and has it as soon as the first
+/// one has stopped.
 #[test]
 fn a_second_mission_is_refused_with_the_name_of_the_first() {
     let mut bench = Bench::new("holder");
@@ -306,7 +309,8 @@ fn a_mission_with_a_greater_priority_takes_the_base_and_the_first_one_says_so() 
     assert!(ends && base.holder == "rescue:main/xr4000" && base.velocity[0] > 0.0, "{base:?}");
 }
 
-/// A controller that was suspended for longer than its lease goes on only if nobody else has had the base meanwhile.
+/// A controller that was suspended for longer than its lease goes on only if no other client has driven the base in
+/// that time.
 #[test]
 fn a_controller_that_wakes_up_goes_on_only_if_nobody_else_has_driven() {
     for has_driven in [false, true] {

@@ -25,7 +25,8 @@ pub(super) fn folder() -> PathBuf {
 }
 
 impl Program {
-    /// Starts a source, by way of `command`; returns it with its node's listener and its channel, on which it has said hello.
+    /// Starts a source, by way of `command`; returns it with its node's listener and its channel, on which it has said
+    /// hello.
     pub(super) fn start(command: &[&str]) -> (Self, UnixListener, Channel, Notice) {
         let dir = folder();
         let listener = UnixListener::bind(dir.join("control.sock")).unwrap();
@@ -65,7 +66,7 @@ impl Program {
         assert!(Command::new("kill").arg(self.child.id().to_string()).status().unwrap().success());
     }
 
-    /// Waits for the end of the program; returns its exit code, and what it said on standard error.
+    /// Waits for the end of the program. Returns its exit code and its standard error.
     pub(super) fn leave(mut self) -> (Option<i32>, String) {
         let mut said = String::new();
         self.child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
@@ -131,7 +132,7 @@ impl Channel {
         self.expect(&Notice::Running { activation });
     }
 
-    /// Switches no wire at all; the program answers all the same.
+    /// Sends an order that switches no wire; the program answers it like any other.
     #[track_caller]
     pub(super) fn switch(&mut self, generation: u64) {
         self.order(&open(generation));

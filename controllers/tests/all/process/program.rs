@@ -106,7 +106,7 @@ impl Program {
         self.expect(&Notice::Running { activation });
     }
 
-    /// Waits for the end of the program; returns its exit code, and what it said on standard error.
+    /// Waits for the end of the program. Returns its exit code and its standard error.
     pub(super) fn leave(mut self) -> (Option<i32>, String) {
         let mut said = String::new();
         self.child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
