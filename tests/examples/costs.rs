@@ -1,5 +1,5 @@
-//! What the keys of a team cost, beside the same without: `cargo run --release -p dca-tests --example costs`, as root. One run prints
-//! all figures; what is measured with and without keys is measured in turn.
+//! The cost of a team's keys, compared with a network without them: `cargo run --release -p dca-tests --example costs`,
+//! as root. One run prints all figures; measurements with and without keys alternate.
 
 use anyhow::{Context as _, Result, bail, ensure};
 use comms::io::clock::now;
@@ -120,16 +120,16 @@ fn requests() -> Result<()> {
     Ok(())
 }
 
-/// Two data sessions as two programs have them; one sends back what it hears.
+/// Two data sessions like those of programs; one of them sends back its samples.
 struct Pair {
     ping: DataSession,
     echo: DataSession,
     name: &'static str,
-    /// What the seals of both directions cover, in a team.
+    /// The bytes that the seals of both directions cover, in a team.
     cover: Option<Cover>,
 }
 
-/// Returns both ends of a direction with a key of its own.
+/// Returns both ends of a direction with its own key.
 fn seals(secret: u8, cover: Cover) -> (Arc<Sealer>, Arc<Opener>) {
     let key = || Some(SealKey::new(&Zeroizing::new([secret; 32]), cover));
     let (sealer, opener) = (Sealer::new(&SealCounter::default()), Opener::new(|_, _| ()));
@@ -188,7 +188,7 @@ impl Pair {
     }
 }
 
-/// Returns the seals of a key: those of one way are not those of the other.
+/// Returns the seals of a key. Each direction has different seals.
 fn of_way(key: &str, cover: Cover) -> (Arc<Sealer>, Arc<Opener>) {
     seals(if key == "hop/0" { 1 } else { 2 }, cover)
 }
@@ -215,7 +215,8 @@ fn hear(
     })
 }
 
-/// Measures a hop over TCP with TLS and without, and with seals, and over a Unix socket, which has no TLS in either case.
+/// Measures a hop over TCP with TLS and without, and with seals, and over a Unix socket, which has no TLS in either
+/// case.
 fn hops() -> Result<()> {
     let (cluster, team) = (Cluster::new(), MadeTeam::default());
     let socket = |name: &str| cluster.folder().join(name);

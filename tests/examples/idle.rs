@@ -1,4 +1,4 @@
-//! What nodes take that have nothing to do: on a network of their own, and with programs that sleep.
+//! The cost of idle nodes: on their own network, and with programs that sleep.
 
 use anyhow::{Context as _, Result, ensure};
 use clap::Parser;
@@ -12,11 +12,12 @@ use std::time::Duration;
 
 /// How long nodes have to find each other and to grow quiet.
 const SETTLED_AFTER: Duration = Duration::from_secs(15);
-/// Clock ticks of `/proc/PID/stat` in a second. Source: proc_pid_stat(5); `sysconf(_SC_CLK_TCK)` is 100 on every Linux of today.
+/// Clock ticks of `/proc/PID/stat` in a second. Source: proc_pid_stat(5); `sysconf(_SC_CLK_TCK)` is 100 on every Linux
+/// of today.
 const TICKS: f64 = 100.0;
 
-/// Starts nodes in network namespaces, without a mission, and prints what each sends and how much processor time it takes; then one node
-/// with programs that sleep. Needs root.
+/// Starts nodes in network namespaces, without a mission, and prints what each sends and how much processor time it
+/// takes; then one node with programs that sleep. Needs root.
 #[derive(Debug, Parser)]
 #[command(name = "idle")]
 struct Options {
@@ -128,7 +129,7 @@ fn pid(process: &dca_tests::cluster::Process) -> u32 {
     process.pid.unsigned_abs()
 }
 
-/// Returns what a namespace has sent over its cable, in bytes.
+/// Returns the number of bytes that a namespace has sent over its cable.
 fn sent_bytes(namespace: &str) -> Result<f64> {
     let asked = std::process::Command::new("ip")
         .args(["netns", "exec", namespace, "cat", "/sys/class/net/eth0/statistics/tx_bytes"])

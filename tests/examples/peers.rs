@@ -1,4 +1,5 @@
-//! The same work by DCA, supervisord and dora: programs start, one is killed, the supervisor is killed, all are stopped.
+//! The same work by DCA, supervisord and dora: programs start, one is killed, the supervisor is killed, all are
+//! stopped.
 
 use anyhow::{Context as _, Result, bail, ensure};
 use clap::Parser;
@@ -17,15 +18,15 @@ use std::time::Duration;
 const WITHIN: Duration = Duration::from_secs(60);
 /// How long programs are watched once their supervisor is gone, and once another one has come.
 const WATCHED: Duration = Duration::from_secs(5);
-/// Whoever is compared. A program counts once it runs, whatever else its supervisor waits for.
+/// The systems that are compared. A program counts once it runs, even if its supervisor still waits for something.
 const KINDS: [Kind; 3] = [Kind::Dca, Kind::Supervisord, Kind::Dora];
 
-/// Has DCA, supervisord and dora run the same programs in turn, in a network namespace, and prints what each takes. What is not installed
-/// is left out, with a word. Needs root.
+/// Has DCA, supervisord and dora run the same programs in turn, in a network namespace, and prints what each takes.
+/// What is not installed is left out, with a word. Needs root.
 ///
-/// A line: from nothing to all programs running; from a `kill -9` of one to its successor; how many still run 5 s after a `kill -9` of
-/// all processes of the supervisor; how many of these are the same 5 s after it was started again, and how many run then; from the order
-/// to stop to none left.
+/// A line: from nothing to all programs running; from a `kill -9` of one to its successor; how many still run 5 s after
+/// a `kill -9` of all processes of the supervisor; how many of these are the same 5 s after it was started again, and
+/// how many run then; from the order to stop to none left.
 #[derive(Debug, Parser)]
 #[command(name = "peers")]
 struct Options {
@@ -99,7 +100,7 @@ fn median<T, V: Copy + Default + Ord>(of: &[T], value: fn(&T) -> V) -> V {
     values.get(values.len() / 2).copied().unwrap_or_default()
 }
 
-/// What one round has shown.
+/// The result of one round.
 #[derive(Clone, Debug)]
 struct Round {
     started: Duration,
@@ -140,7 +141,7 @@ impl Kind {
     }
 }
 
-/// A folder and a namespace in which one supervisor runs. Dropped, what is left is killed.
+/// A folder and a namespace in which one supervisor runs. Dropping it kills the remaining processes.
 struct Place {
     kind: Kind,
     folder: PathBuf,
@@ -176,7 +177,7 @@ impl Place {
         for process in self.supervisors()? {
             kill(process)?;
         }
-        // What happens to programs without a supervisor has no sign of its own.
+        // No event shows the fate of programs without a supervisor, so the test waits.
         pass(WATCHED);
         let alone = self.running().intersection(&before).count();
         commands.extend(self.start()?);
@@ -206,7 +207,8 @@ impl Place {
         pids(|_, command| is_program(&command.split_terminator('\0').collect::<Vec<_>>()))
     }
 
-    /// Returns the processes of the supervisor: not its programs, and not the parents that DCA gives these so that they outlive it.
+    /// Returns the processes of the supervisor: not its programs, and not the parents that DCA gives these so that they
+    /// outlive it.
     fn supervisors(&self) -> Result<BTreeSet<u32>> {
         let (folder, programs) = (self.folder.display().to_string(), self.running());
         let name = match self.kind {
@@ -265,7 +267,8 @@ impl Place {
         Ok(fs::write(self.folder.join(name), text)?)
     }
 
-    /// Starts the supervisor, and has it start the programs. After a `kill -9` of it this is what a person would type again.
+    /// Starts the supervisor, and has it start the programs. After a `kill -9` of the supervisor a person would type
+    /// the same command.
     fn start(&self) -> Result<Vec<Child>> {
         let run = self.folder.join("n").display().to_string();
         match self.kind {
@@ -315,7 +318,7 @@ impl Place {
         command
     }
 
-    /// Runs a command to its end. How it ends is told by what runs then.
+    /// Runs a command to its end. The caller learns its result from the programs that run afterwards.
     fn run(&self, program: &str, arguments: &[&str]) -> Result<()> {
         let mut child = self.command(program).args(arguments).spawn()?;
         if wait_until(WITHIN, || !matches!(child.try_wait(), Ok(None))).is_none() {

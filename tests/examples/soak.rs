@@ -1,4 +1,5 @@
-//! The soak: hosts on a network run one mission for hours, while programs are killed, cables are pulled and nodes are killed.
+//! The soak: hosts on a network run one mission for hours, while programs are killed, cables are pulled and nodes are
+//! killed.
 
 use anyhow::{Result, bail, ensure};
 use clap::Parser;
@@ -14,30 +15,31 @@ use std::io::Write;
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// Cuts that nobody may feel, and every fifth one that loses a host.
+/// Short cuts, which must have no effect, and every fifth one so long that a host is lost.
 const CUT_SHORT: Duration = Duration::from_secs(2);
 const CUT_LONG: Duration = Duration::from_secs(9);
 /// How long the node that was killed stays away at the most.
 const AWAY_MAX_MS: u64 = 1500;
-/// How long everything may take to run again after a disturbance: a lost host is found again, and its group pauses for 5 s.
+/// How long everything may take to run again after a disturbance: a lost host is found again, and its group pauses for
+/// 5 s.
 const RECOVERED_WITHIN: Duration = Duration::from_secs(45);
 /// How often sizes are written down.
 const SIZES_EVERY: Duration = Duration::from_secs(120);
 /// How much the largest size of the last quarter may exceed that of the second one.
 const GROWTH_MAX: f64 = 1.15;
 
-/// Runs a mission on namespaces for a long time. Each second a program is killed, each minute a cable is pulled (for 2 s, each fifth
-/// time for 9 s, so that its host is lost), every five minutes a node is killed and started again.
+/// Runs a mission on namespaces for a long time. Each second a program is killed, each minute a cable is pulled (for 2
+/// s, each fifth time for 9 s, so that its host is lost), every five minutes a node is killed and started again.
 ///
-/// It ends at once, with exit code 1, when a program runs twice, when not all run again after a disturbance, or when something is left
-/// after the stop; and at the end when memory or descriptors of nodes have grown. Needs root.
+/// It ends at once, with exit code 1, when a program runs twice, when not all run again after a disturbance, or when
+/// something is left after the stop; and at the end when memory or descriptors of nodes have grown. Needs root.
 #[derive(Debug, Parser)]
 #[command(name = "soak")]
 struct Options {
     /// How long
     #[arg(long, default_value_t = 120, value_parser = clap::value_parser!(u64).range(1..=10_000))]
     minutes: u64,
-    /// What draws the victims
+    /// The seed that draws the victims
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Hosts; the groups of their programs are a tree, three below each
@@ -87,7 +89,7 @@ struct Counts {
     kills: u32,
 }
 
-/// What a process takes, at a moment.
+/// The resources that a process uses at a moment.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sizes {
     memory: u64,
@@ -106,7 +108,7 @@ struct Soak {
     options: Options,
     /// The instance path of the group on each host.
     parts: Vec<String>,
-    /// The programs that are still to be killed in this round, so that none is killed more often than it is started again.
+    /// The programs that are still to be killed in this round, so that each is killed only as often as it is restarted.
     victims: Vec<String>,
     paths: Vec<String>,
     counts: Counts,
@@ -201,7 +203,7 @@ impl Soak {
         self.network.heal(number);
         self.counts.losses += u32::from(is_long);
         self.expect_all(&format!("the cut of {}", name(number)))?;
-        // What runs below a group whose host was lost has begun anew.
+        // The programs below a group whose host was lost have been restarted.
         let lost = format!("{}/", self.parts[number - 1]);
         let after = self.programs()?;
         let again =
@@ -239,7 +241,7 @@ impl Soak {
         for process in self.cluster.left() {
             let Some(path) = path(&process) else { continue };
             if let Some(other) = programs.insert(path.clone(), process.pid) {
-                // What was just read may have ended in between.
+                // A process that was just read may have ended in between.
                 let both =
                     [other, process.pid].iter().all(|pid| std::path::Path::new(&format!("/proc/{pid}/exe")).exists());
                 ensure!(!both, "{path} runs twice: {other} and {}", process.pid);
@@ -353,7 +355,8 @@ fn mebibytes(bytes: u64) -> f64 {
     bytes as f64 / f64::from(1 << 20)
 }
 
-/// Returns a mission of a group on each host, whose programs are started again when they die. A group whose host is lost begins anew.
+/// Returns a mission of a group on each host, whose programs are restarted when they die. A group whose host is lost is
+/// restarted.
 fn spec(options: &Options) -> String {
     let mut text = "module Idle(host) { exec \"sleep 1000000\"; plain; done; }\n".to_owned();
     let hosts = usize::from(options.hosts);

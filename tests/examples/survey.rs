@@ -16,10 +16,9 @@ use std::time::Duration;
 /// draws the same worlds, and a row draws the same worlds whatever rows are flown beside it.
 ///
 /// success: DONE, and the door really at 60 degrees or more. strict: success, at most 30 N from the approach to the
-/// grasp, and at most 60 N while the door opens. FALSE: DONE with the door below 60 degrees; done deg: the least angle of
-/// all that were DONE. Forces are the largest
-/// true contact forces of all runs of a row: hit while the hand comes and closes, open while the door opens, worst at
-/// any time.
+/// grasp, and at most 60 N while the door opens. FALSE: DONE with the door below 60 degrees; done deg: the least angle
+/// of all that were DONE. Forces are the largest true contact forces of all runs of a row: hit while the hand comes and
+/// closes, open while the door opens, worst at any time.
 ///
 /// Exit codes: 0 if there was no FALSE, 1 if there was one or a mission could not be flown, 2 usage.
 #[derive(Debug, Parser)]
@@ -28,7 +27,7 @@ struct Options {
     /// Worlds a row; a row of restarts or kills has at least one for each controller
     #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     worlds: u32,
-    /// What draws the worlds
+    /// The seed that draws the worlds
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Only rows whose group or name contains one of these: `--only radius --only trigger`
@@ -164,7 +163,7 @@ fn one(mission: &Mission, options: &Options, (text, limit): (&str, Duration)) ->
     Ok(if outcome.is_false() { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
-/// Writes a line; whoever has closed the other end does not want it.
+/// Writes a line. A closed output is not an error.
 fn say(to: &mut dyn Write, text: &str) {
     let _closed = writeln!(to, "{text}");
 }

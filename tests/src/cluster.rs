@@ -1,4 +1,4 @@
-//! Real processes: the workspace's own programs, started by a test in a folder of its own.
+//! Real processes: the workspace's own programs, each started by a test in its own folder.
 //!
 //! A [`Cluster`] is that folder. A [`Host`] is a place in it where commands and nodes are started: this machine, or one
 //! end of a [`Network`]. A [`Program`] is a started command with its output. Everything that descends from a test works
@@ -37,11 +37,11 @@ use std::time::Duration;
 
 /// How long a command has that answers at once; a machine that builds something else at the same time is slow.
 pub const SOON: Duration = Duration::from_secs(30);
-/// How often a condition is looked at that nobody announces.
+/// How often a condition is checked that no event announces.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 
-/// Waits until `condition` holds, for what no event announces: processes and files of others. Returns how long it took;
-/// none when it did not hold within `within`.
+/// Waits until `condition` holds, for changes without an event: other processes and files. Returns how long it took, or
+/// none if `condition` did not hold within `within`.
 pub fn wait_until(within: Duration, mut condition: impl FnMut() -> bool) -> Option<Duration> {
     let (began, pause) = (now(), Wakeup::default());
     loop {
@@ -55,14 +55,14 @@ pub fn wait_until(within: Duration, mut condition: impl FnMut() -> bool) -> Opti
     }
 }
 
-/// Returns how often a test does something: `usual`, or what `DCA_TEST_ROUNDS` says.
+/// Returns how often a test repeats: `usual`, or the value of `DCA_TEST_ROUNDS`.
 pub fn rounds<T: FromStr>(usual: T) -> T {
     std::env::var("DCA_TEST_ROUNDS").ok().and_then(|rounds| rounds.parse().ok()).unwrap_or(usual)
 }
 
-/// Returns whether the calling process is the one for `test` alone; if not, runs that test in such a process first. Zenoh's threads belong
-/// to the process and stay in the network namespace in which the first session was opened, so a test that opens a session in a namespace
-/// begins with `if !alone("module::name") { return }`.
+/// Returns whether the calling process is the one for `test` alone; if not, runs that test in such a process first.
+/// Zenoh's threads belong to the process and stay in the network namespace in which the first session was opened, so a
+/// test that opens a session in a namespace begins with `if !alone("module::name") { return }`.
 ///
 /// # Panics
 /// The test has failed there.
@@ -84,7 +84,7 @@ pub fn alone(test: &str) -> bool {
     false
 }
 
-/// Lets `time` pass, for a test that measures what happens meanwhile.
+/// Lets `time` pass, for a test that measures during this time.
 pub fn pass(time: Duration) {
     Wakeup::default().wait(Some(now() + time));
 }
@@ -107,7 +107,8 @@ pub fn executable(name: &str) -> PathBuf {
     path
 }
 
-/// The folder of one test, with everything that was started from it. Dropped, it ends what is left and removes itself.
+/// The folder of one test, with all processes started from it. Dropping it ends the remaining processes and removes the
+/// folder.
 #[derive(Debug)]
 pub struct Cluster {
     folder: PathBuf,
@@ -161,7 +162,7 @@ impl Cluster {
         }
     }
 
-    /// Returns host `number` of a network, with a folder for sockets of its own as on a machine of its own.
+    /// Returns host `number` of a network, with its own folder for sockets, like a separate machine.
     ///
     /// # Panics
     /// The folders cannot be made.
@@ -198,14 +199,14 @@ impl Cluster {
         took.unwrap_or_else(|| panic!("left after {within:?}: {:#?}", self.left()))
     }
 
-    /// Returns the program that a node has started for `path`, which is the one that bears its mark.
+    /// Returns the program that a node has started for `path`, recognised by its mark.
     pub fn leaf(&self, path: &str) -> Option<Process> {
         let mark = format!("DCA_INSTANCE={path}");
         self.left().into_iter().find(|process| process.environment.contains(&mark))
     }
 
-    /// Returns the program that a node has started for `path`, once it can be seen: while a program makes way for another, the
-    /// system shows neither its arguments nor its environment.
+    /// Returns the program that a node has started for `path`, once it can be seen: while a program makes way for
+    /// another, the system shows neither its arguments nor its environment.
     ///
     /// # Panics
     /// There is none within `SOON`.
@@ -219,7 +220,8 @@ impl Cluster {
         found.unwrap_or_else(|| panic!("`{path}` does not run: {:#?}", self.left()))
     }
 
-    /// Returns the runs of numbers that a sink of `dca-counting` has written into the file of this name, the first and last number of each.
+    /// Returns the runs of numbers that a sink of `dca-counting` has written into the file of this name, the first and
+    /// last number of each.
     ///
     /// # Panics
     /// It has not stopped.
@@ -238,7 +240,7 @@ impl Drop for Cluster {
         for process in self.left() {
             process.signal(Signal::KILL);
         }
-        // A process that is being killed may still write; what it leaves is for the next cleaning of temporary files.
+        // A process that is being killed may still write. Its files stay until temporary files are next cleaned.
         drop(std::fs::remove_dir_all(&self.folder));
     }
 }
@@ -256,7 +258,7 @@ pub struct Host {
     log: Option<String>,
     /// The file systems that are not mounted there.
     unmounted: Vec<String>,
-    /// How many seconds its clock is ahead that nobody sets.
+    /// By how many seconds its boot-time clock is ahead.
     ahead: Option<u64>,
 }
 
@@ -279,13 +281,14 @@ impl Host {
         Self { unmounted: mounts.iter().map(|mount| (*mount).to_owned()).collect(), ..self }
     }
 
-    /// Returns a host of a network whose clock that nobody sets is ahead by so many seconds, as on a machine that has run for longer.
+    /// Returns a host of a network whose boot-time clock is ahead by so many seconds, like a machine that has run for
+    /// longer.
     #[must_use]
     pub fn with_clock_ahead(self, seconds: u64) -> Self {
         Self { ahead: Some(seconds), ..self }
     }
 
-    /// Returns this machine as it is when the disk with the states of its nodes can only be read. Needs root.
+    /// Returns this machine with a read-only disk for the states of its nodes. Needs root.
     #[must_use]
     pub fn with_read_only_state(self) -> Self {
         Self { sealed: Some(self.state()), ..self }
@@ -307,11 +310,11 @@ impl Host {
         Program::start(self.dca_command(arguments))
     }
 
-    /// Runs `dca` to its end on a terminal of so many columns, with these variables in its environment. Returns its exit code
-    /// and all that came to the terminal.
+    /// Runs `dca` to its end on a terminal of so many columns, with these variables in its environment. Returns its
+    /// exit code and all that came to the terminal.
     ///
     /// # Panics
-    /// It has not ended `SOON`, or there are no terminals.
+    /// Panics if the command has not ended `SOON`, or if there are no terminals.
     pub fn on_terminal(&self, columns: u16, environment: &[(&str, &str)], arguments: &[&str]) -> (Option<i32>, String) {
         let mut command = self.dca_command(arguments);
         command.env_remove("NO_COLOR").env("TERM", "xterm").envs(environment.iter().copied());
@@ -350,7 +353,7 @@ impl Host {
     /// Runs `dca` to its end with this on its standard input, which fits into a pipe.
     ///
     /// # Panics
-    /// There are no pipes.
+    /// Panics if there are no pipes.
     pub fn ask_given(&self, arguments: &[&str], input: &[u8]) -> Ended {
         let (reader, mut writer) = std::io::pipe().expect("Linux has pipes");
         writer.write_all(input).expect("it fits");
@@ -365,7 +368,7 @@ impl Host {
         mission
     }
 
-    /// Starts a node, whatever becomes of it.
+    /// Starts a node, without waiting for it to be ready.
     pub fn start_node(&self, name: &str, arguments: &[&str]) -> Program {
         let mut command = self.command("dca-node");
         command.arg("--name").arg(name).arg("--run-dir").arg(&self.run_dir).args(arguments);
@@ -450,8 +453,9 @@ impl Host {
             }
             (Some((namespace, others)), _) => {
                 let mut command = Command::new("ip");
-                // Hosts share no files: a socket of another would be a way around the network. What is mounted here is
-                // seen by this program alone. Each executes the next in its own place, so the process id stays.
+                // Hosts share no files: a socket of another host would be a way around the network. Only this program
+                // sees the file systems mounted here. Each command replaces itself by the next one, so the process id
+                // stays.
                 const HIDE: &str =
                     "while [ \"$1\" != -- ]; do mount -t tmpfs none \"$1\"; shift; done; shift; exec \"$@\"";
                 command.args(["netns", "exec", namespace]);

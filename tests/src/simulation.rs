@@ -89,7 +89,7 @@ impl Simulation {
         for wire in &plan.wires {
             let from = (modules[wire.from.leaf as usize], wire.from.port.as_str());
             let to = (modules[wire.to.leaf as usize], wire.to.port.as_str());
-            // What is called is not simulated.
+            // Calls are not simulated.
             let is_data = wire.transfer != Transfer::Call;
             wires.push(is_data.then(|| harness.connect(from, to)).transpose().map_err(|error| error.to_string())?);
         }

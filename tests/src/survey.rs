@@ -1,8 +1,8 @@
-//! The door survey: the door mission in many worlds, on virtual time, and what came of it.
+//! The door survey: the door mission in many worlds, on virtual time, and its results.
 //!
 //! A *row* is a kind of world: one dimension drawn from its range, all dimensions at once, or a trigger, something that
-//! goes wrong in the middle. Each row is flown in so many worlds; the same seed draws the same worlds. The table says how
-//! each row ended, the page shows where in its range it did.
+//! goes wrong in the middle. Each row is flown in so many worlds; the same seed draws the same worlds. The table says
+//! how each row ended, the page shows where in its range it did.
 
 mod far;
 pub mod page;
@@ -29,7 +29,7 @@ const THROUGH_LIMIT: Duration = Duration::from_secs(200);
 /// The task that is tried again, and how long it may take.
 const RECOVERY: &str = include_str!("../../specs/door_recovery.dca");
 const RECOVERY_LIMIT: Duration = Duration::from_secs(240);
-/// The place for those of the law that opens the door.
+/// The place for arguments of the law that opens the door.
 const LAW: &str = "ModelBasedCtrl(host1";
 /// A mission that ended well below this angle is a false success (deg).
 pub const OPEN: f64 = 60.0;
@@ -43,14 +43,15 @@ pub const BEYOND: f64 = 0.31;
 const SEEN_FROM: f64 = 15.0;
 /// The period at which a mission is looked at: half a window of the world's peaks, so none is missed.
 const LOOK: Duration = Duration::from_millis(20);
-/// The phases of the mission, by a part of the paths of what is active in them, and how far into them it is meddled (s).
+/// The phases of the mission, each with a part of the paths of its active processes, and the time of the disturbance
+/// after its start (s).
 pub const PHASES: [(&str, f64); 5] =
     [("/visualserv", 5.0), ("/approach", 3.0), ("/closegrip", 0.4), ("/presshandle", 1.2), ("/dooropen/", 6.0)];
 
 /// A phase of the mission.
 #[derive(Clone, Debug)]
 pub struct Phase {
-    /// A part of the paths of what makes it.
+    /// A part of the path of the process that marks it.
     pub part: &'static str,
     /// The longest time into it at which things are done to it (s).
     pub span: f64,
@@ -158,7 +159,7 @@ impl Outcome {
         self.finish == Finish::Done && !self.is_there()
     }
 
-    /// Returns how it ended, for people.
+    /// Returns the reason of the end, for people.
     pub fn reason(&self) -> String {
         match &self.finish {
             Finish::Done if self.is_false() => "FALSE".to_owned(),
@@ -267,7 +268,7 @@ impl Outcome {
             self.pull = self.pull.max(simulation.signal(WORLD, "contact force"));
             let angle = simulation.signal(WORLD, "door angle");
             if angle > SEEN_FROM {
-                // What has not been seen yet is no number, and `max` passes over it.
+                // An angle that has not been seen yet is NaN, which `max` passes over.
                 self.wrong = self.wrong.max((simulation.signal("/dooropen/model", "seen angle") - angle).abs());
             }
         } else if is_active("/approach") || is_active("/closegrip") {
@@ -276,7 +277,8 @@ impl Outcome {
     }
 }
 
-/// Returns the paths of what is active in each phase of [`PHASES`], by one nominal mission; the world is left out.
+/// Returns the paths of the active processes in each phase of [`PHASES`], from one nominal mission; the world is left
+/// out.
 ///
 /// # Errors
 /// As [`Mission::fly`].

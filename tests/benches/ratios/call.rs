@@ -1,5 +1,5 @@
-//! A call to what a program exports, there and back, and a message to its queue, up to the receipt, beside a query of zenoh alone and
-//! beside a Unix socket.
+//! A call to an exported procedure and its answer, and a message to its queue with its receipt, compared with a query
+//! of zenoh alone and with a Unix socket.
 
 use crate::figures::{Round, Subject, Table, cell};
 use crate::raw::{self, Transport};
@@ -11,7 +11,7 @@ use std::path::Path;
 const ROUNDS: u32 = 9;
 /// The messages: bytes, calls that are timed, and calls before those.
 const SIZES: [(&str, u32, u32, u32); 2] = [("64 B", 64, 1000, 150), ("64 KiB", 64 << 10, 200, 30)];
-/// The most that a call may cost of what zenoh alone costs.
+/// The greatest allowed cost of a call, as a multiple of zenoh alone.
 const TARGET: f64 = 1.5;
 
 /// Measures, and adds its lines.

@@ -1,5 +1,5 @@
-//! A source at 1 kHz, eight stages one behind the other, and a sink at each: 17 programs, started by a node from a spec, and once more one
-//! program with all of them as an in-process group. Nothing may be missed.
+//! A source at 1 kHz, eight stages one behind the other, and a sink at each: 17 programs, started by a node from a
+//! spec, and once more one program with all of them as an in-process group. Nothing may be missed.
 
 use crate::figures::{Round, Subject, Table, cell};
 use crate::node::{HOST, Node};
@@ -75,7 +75,7 @@ impl<const IN_GROUP: bool> Controller for Head<IN_GROUP> {
     }
 }
 
-/// Passes on what it gets.
+/// Passes on its input.
 struct Stage;
 
 impl Controller for Stage {

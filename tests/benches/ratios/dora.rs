@@ -1,5 +1,6 @@
-//! A hop from node to node of dora, as its package for Python has it: the same bytes there and back, measured in one run and in turn with
-//! the rest. Its nodes are programs in Python, so what the interpreter takes is in the figures.
+//! A hop from node to node of dora, with its Python package: the same bytes there and back, measured in one run and in
+//! turn with the other measurements. Its nodes are programs in Python, so the figures include the time of the
+//! interpreter.
 
 use crate::figures::Round;
 use anyhow::{Context, bail};

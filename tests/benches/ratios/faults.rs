@@ -1,4 +1,5 @@
-//! What a supervisor notices, and how soon: the end of a program, and its successor; and how even the ticks of a controller come.
+//! Reaction times of a supervisor: how soon it notices the end of a program and starts its successor, and how regular
+//! the ticks of a controller are.
 
 use crate::figures::{Round, Subject, Table, cell};
 use crate::node::{Deployment, HOST, Node};

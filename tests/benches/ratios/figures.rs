@@ -68,7 +68,7 @@ pub(crate) struct Table {
 }
 
 impl Table {
-    /// Adds a heading; the two last words say what the two ratios are taken of.
+    /// Adds a heading. The two last words name the references of the two ratios.
     pub(crate) fn heading(&mut self, text: &str, first: &str, second: &str) {
         let (p50, p99) = ("p50".to_owned(), "p99".to_owned());
         self.lines.push(Default::default());

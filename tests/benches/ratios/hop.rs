@@ -1,4 +1,5 @@
-//! One hop from controller to controller, beside zenoh alone, a Unix socket, shared memory, and dora if it is installed.
+//! One hop from controller to controller, beside zenoh alone, a Unix socket, shared memory, and dora if it is
+//! installed.
 
 use crate::dora;
 use crate::figures::{Round, Subject, Table, cell};
@@ -18,10 +19,10 @@ const SIZES: [(&str, u32, u32, u32); 6] = [
     ("1 MiB", 1 << 20, 60, 10),
     ("8 MiB", 8 << 20, 12, 2),
 ];
-/// The most that a hop may cost of what zenoh alone costs, and of what a Unix socket costs.
+/// The greatest allowed cost of a hop, as a multiple of zenoh alone and of a Unix socket.
 const TARGET: f64 = 1.15;
 const TARGET_OF_SOCKET: f64 = 3.0;
-/// The most that it may cost of what shared memory costs, and from how many bytes on.
+/// The greatest allowed cost as a multiple of shared memory, and the number of bytes from which it holds.
 const TARGET_OF_MEMORY: f64 = 1.2;
 const MEMORY_FROM: u32 = 1 << 20;
 

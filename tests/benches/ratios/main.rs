@@ -1,8 +1,10 @@
 //! The cost of DCA beside the cost of the same work without it, measured side by side in one run: `cargo bench -p
 //! dca-tests`.
 //!
-//! A hop between two controllers, one to many, as fast as it goes, a call and a message to a queue, a row of stages, the way from the end
-//! of one process to the run of the next, what becomes of a program that is killed, and the start of a whole deployment. The programs that are measured are this executable again, started with other arguments.
+//! Measured are: a hop between two controllers, one writer with many readers, the greatest rate, a call and a message
+//! to a queue, a row of stages, the time from the end of one process to the run of the next, the end of a program that
+//! is killed, and the start of a whole deployment. The measured programs are this executable again, started with other
+//! arguments.
 
 mod call;
 mod caterpillar;
@@ -46,7 +48,8 @@ fn main() -> ExitCode {
     }
 }
 
-/// Measures everything, or only what is named: `hop`, `fan`, `rate`, `call`, `caterpillar`, `event`, `faults` or `start`.
+/// Measures everything, or only the named benchmark: `hop`, `fan`, `rate`, `call`, `caterpillar`, `event`, `faults` or
+/// `start`.
 fn bench(only: Option<&str>) -> anyhow::Result<()> {
     let folder = Folder::new()?;
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
@@ -97,7 +100,7 @@ fn say(text: &str) -> anyhow::Result<()> {
 /// Where a machine with Linux has files in memory, as `/run` is, where a node of a service has its own.
 const MEMORY: &str = "/dev/shm";
 
-/// A folder for sockets and what nodes write down, in memory if there is any; removed at the end.
+/// A folder for sockets and the records of nodes, in memory if possible; removed at the end.
 struct Folder(PathBuf);
 
 impl Folder {

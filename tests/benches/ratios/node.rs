@@ -92,10 +92,10 @@ impl Node {
         Ok(Deployment { replies: self.client.call_stream(&key::rpc(HOST, "request"), bytes, WITHIN)?, asked })
     }
 
-    /// Ends the deployment, and waits until nothing of it is left.
+    /// Ends the deployment, and waits until all of its processes are gone.
     pub(crate) async fn stop(&self, mut deployment: Deployment) -> anyhow::Result<()> {
         let (request, key) = (codec::encode(&Request::Stop { name: "bench".into() })?, key::rpc(HOST, "request"));
-        // Both go on at once: reports that nobody takes would be an overrun.
+        // Both run concurrently: unread reports would be an overrun.
         let stopping = self.client.call(&key, request, WITHIN);
         let finishing = async {
             while deployment.next().await?.is_some() {}

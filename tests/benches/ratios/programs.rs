@@ -16,7 +16,7 @@ use std::time::Duration;
 /// How long a ping waits before it counts as lost and is sent again.
 const LOST_AFTER: Duration = Duration::from_secs(1);
 
-/// Bytes of any length: what an image or a scan is to the one who carries it. A clone is no copy.
+/// Bytes of any length, like an image or a scan for its carrier. A clone is not a copy.
 #[derive(Clone, Debug)]
 pub(crate) struct Blob(Arc<Bytes>);
 
@@ -167,8 +167,8 @@ impl Controller for Echo {
 /// How long a [`Turn`] that rests takes.
 pub(crate) const REST: Duration = Duration::from_millis(8);
 
-/// Is done at once, or after a rest, and leaves the time of its last calculation. What the one before it left tells how
-/// long it took from there to here. Writes all it has seen to a file when its program ends.
+/// Is done at once, or after a rest, and leaves the time of its last calculation. The value of the previous process
+/// gives the time from there to here. Writes all measured times to a file when its program ends.
 #[derive(Debug)]
 pub(crate) struct Turn {
     file: PathBuf,
@@ -225,7 +225,8 @@ impl Drop for Turn {
 /// The period of a [`Beat`].
 pub(crate) const TICK: Duration = Duration::from_millis(1);
 
-/// Calculates at 1 kHz. Writes by how much each interval between two calculations differs from its period to a file when its program ends.
+/// Calculates at 1 kHz. Writes by how much each interval between two calculations differs from its period to a file
+/// when its program ends.
 #[derive(Debug)]
 pub(crate) struct Beat {
     file: PathBuf,
@@ -283,7 +284,7 @@ impl Controller for Link {
     }
 }
 
-/// Answers a call with what it was called with, and has a queue, of which it takes nothing.
+/// Answers a call with its argument, and has a queue from which it takes nothing.
 struct Callee {
     queue: Queue<Blob>,
 }
@@ -363,7 +364,7 @@ pub(crate) struct HearsAll {
     heard: Every<Blob>,
 }
 
-/// Keeps what it hears, and is done when nothing more comes.
+/// Keeps its samples, and is done when no more arrive.
 #[derive(Debug, Default)]
 struct Hear(Tally);
 

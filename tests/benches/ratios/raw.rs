@@ -19,7 +19,7 @@ use zenoh::qos::{CongestionControl, Priority};
 pub(crate) enum Transport {
     /// A Unix socket, read and written by blocking calls.
     Socket,
-    /// Zenoh, samples handed to a thread at both ends, as a program does that has a loop of its own.
+    /// Zenoh, with samples handed to a thread at both ends, as in a program with its own loop.
     Zenoh,
     /// The same, each message made from bytes of one's own and taken as such, as anything typed has to.
     ZenohBytes,
@@ -60,7 +60,7 @@ impl Transport {
     }
 }
 
-/// Two processes, one of which measures round trips when it is asked to.
+/// Two processes, one of which measures round trips on request.
 #[derive(Debug)]
 pub(crate) struct Pair {
     ping: Child,
@@ -115,7 +115,7 @@ impl Pair {
     }
 }
 
-/// Runs one side of a pair: what a child of the benchmark does.
+/// Runs one side of a pair, in a child process of the benchmark.
 pub(crate) fn side(arguments: &[String]) -> anyhow::Result<()> {
     let [side, transport, path] = arguments else { anyhow::bail!("a side, a transport and a path are needed") };
     let (transport, path) = (Transport::parse(transport).context("no such transport")?, PathBuf::from(path));
@@ -308,7 +308,7 @@ fn ping_query(path: &Path) -> anyhow::Result<()> {
             let sent = now();
             let asking = session.get("raw/query").payload(bytes.clone()).congestion_control(CongestionControl::Block);
             let answers = asking.priority(Priority::InteractiveLow).express(true).wait().map_err(failed)?;
-            // Before the link stands nobody answers.
+            // Before the link is up, queries have no answer.
             if let Ok(answer) = answers.recv()
                 && answer.result().is_ok_and(|answer| answer.payload().len() == size)
             {

@@ -1,4 +1,4 @@
-//! Shared memory without DCA: each side has a buffer that the other one reads, and a Unix socket says what is in it.
+//! Shared memory without DCA: each side has a buffer that the other one reads, and a Unix socket announces its content.
 
 use crate::raw::{obey, ready};
 use anyhow::{Context, ensure};
@@ -16,7 +16,7 @@ use std::path::Path;
 /// The longest message.
 const SIZE_MAX: usize = 16 << 20;
 
-/// One side: what it fills, what the other one fills, and where each says so.
+/// One side: the buffer it fills, the buffer the other side fills, and the socket for announcements.
 struct Side {
     own: Buffer,
     other: Mapping,

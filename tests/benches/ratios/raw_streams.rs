@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use zenoh::Wait;
 
-/// How long what was sent has to arrive, and declarations to be known.
+/// The time for sent values to arrive, and for declarations to become known.
 const SETTLE: Duration = Duration::from_millis(500);
 
 /// How they are connected.
@@ -74,7 +74,7 @@ fn result(mut child: Child, mut out: BufReader<impl Read>) -> anyhow::Result<Tal
     Tally::of(&bytes)
 }
 
-/// Runs one side: what a child of the benchmark does.
+/// Runs one side, in a child process of the benchmark.
 pub(crate) fn side(arguments: &[String]) -> anyhow::Result<()> {
     let [side, transport, path, numbers @ ..] = arguments else { bail!("a side, a transport and a path are needed") };
     let numbers = numbers.iter().map(|number| Ok(number.parse()?)).collect::<anyhow::Result<Vec<u32>>>()?;
@@ -162,7 +162,7 @@ fn listen_zenoh(path: &Path) -> anyhow::Result<()> {
     session.close().wait().map_err(failed)
 }
 
-/// Says what has come, once somebody wants to know.
+/// Prints the samples received, on request.
 fn say(tally: &Mutex<Tally>) -> anyhow::Result<()> {
     std::io::stdin().read_to_end(&mut Vec::new())?;
     let bytes = tally.lock().unwrap_or_else(PoisonError::into_inner).bytes();

@@ -95,7 +95,7 @@ impl Program {
     }
 }
 
-/// A program that exports what is called, and a session that calls it.
+/// A program with an exported procedure, and a session that calls it.
 pub(crate) struct Callee {
     program: Program,
     child: Child,

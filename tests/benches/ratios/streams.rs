@@ -1,4 +1,5 @@
-//! One controller that sends to 20 others, and one that sends as fast as it can, beside zenoh alone and beside Unix sockets.
+//! A controller that sends to 20 others, and a controller that sends as fast as it can, compared with zenoh alone and
+//! with Unix sockets.
 
 use crate::figures::{Round, Subject, Table, cell};
 use crate::raw_streams::{self, Transport};
@@ -19,10 +20,10 @@ const SIZES: [(&str, u32); 6] =
 /// As many bytes of them in a round, and as many messages.
 const BYTES_MAX: u32 = 64 << 20;
 const COUNT_MAX: u32 = 20_000;
-/// The most that either may cost of what zenoh alone costs.
+/// The greatest allowed cost of either, as a multiple of zenoh alone.
 const TARGET: f64 = 1.15;
 
-/// What is sent.
+/// The values to send.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Load {
     /// How many have it.
@@ -34,7 +35,7 @@ pub(crate) struct Load {
     pub(crate) pause: Duration,
 }
 
-/// What one listener has had. As bytes, a number of eight bytes for each.
+/// The samples of one listener. Encoded as one number of eight bytes for each.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tally {
     count: u64,

@@ -1,5 +1,6 @@
-//! Controllers for tests that count: a source of numbers at 1 kHz, a sink that writes down which of them it has got, a filter in
-//! between, and one that is done after a while. Others beat at 100 Hz and write down when, or what they have heard of that.
+//! Controllers for tests that count: a source of numbers at 1 kHz, a sink that writes down the numbers it receives, a
+//! filter in between, and one that is done after a while. Others send beats at 100 Hz and write down the times of their
+//! own beats or the beats they hear.
 
 use comms::logic::time::Time;
 use controllers::sdk::{
@@ -131,7 +132,7 @@ struct PassOutputs {
     out: Out<Numbers>,
 }
 
-/// Passes on what it gets.
+/// Passes on its input.
 struct Pass {
     fails_at: u64,
 }
@@ -198,7 +199,7 @@ impl Controller for Pulse {
 const BEAT: Duration = Duration::from_millis(10);
 /// So many bytes fill the buffers of a link whose reader is suspended in less than a second.
 const PADDING: usize = 4096;
-/// As many as make a beat one that travels in shared memory.
+/// The padding with which a beat travels in shared memory.
 const LONG_PADDING: usize = 100_000;
 
 /// One beat.
@@ -214,7 +215,7 @@ impl Message for Beat {
     const TYPE: &'static str = "Beat";
 }
 
-/// A file of lines, each of which is there once it was written. Whoever is started again goes on behind the line `begins`.
+/// A file of lines, each complete once it was written. A restarted program appends after the line `begins`.
 struct Log {
     path: PathBuf,
     file: Option<File>,
@@ -282,7 +283,8 @@ impl<const SIZE: usize> Controller for Heart<SIZE> {
     }
 }
 
-/// A line of who hears: the time and how old the beat was, in nanoseconds, whose it was, its number, and how many were lost so far.
+/// A line of a reader: the time and the age of the beat, in nanoseconds, the sender of the beat, its number, and the
+/// count of lost beats so far.
 fn line(now: Time, beat: &Beat, lost: u64) -> String {
     let age = now.since(beat.sent).as_nanos();
     format!("{} {age} {} {} {lost}\n", now.nanos(), beat.from, beat.number)

@@ -1,9 +1,10 @@
-//! Stand-ins for every controller of the library, for tests of what supervisors do: the same interfaces, no physics.
+//! Stand-ins for every controller of the library, for tests of supervisors: the same interfaces, no physics.
 //!
-//! In the folder where a program is started, `fakes/journal` says what becomes of each: a line `TIME PATH active`, `… ended` or
-//! `… stopped`, TIME on the machine's clock in nanoseconds. A file `fakes/orders/PATH`, with `+` for `/`, orders it about: `done`,
-//! `done found`, `abort why`, or `hang`: it goes on, sends nothing and never ends. `fakes/heard/PATH` counts the
-//! samples that it gets, a line `PORT COUNT` for each input.
+//! In the folder where a program is started, `fakes/journal` lists the changes of each stand-in: a line
+//! `TIME PATH active`, `… ended` or `… stopped`, with TIME on the machine's clock in nanoseconds. A file
+//! `fakes/orders/PATH`, with `+` for `/`, gives it an order: `done`, `done found`, `abort why`, or `hang`. A hanging
+//! stand-in goes on, sends nothing and never ends. `fakes/heard/PATH` counts its samples, with a line `PORT COUNT` for
+//! each input.
 
 use comms::io::clock::now;
 use comms::logic::time::Time;
@@ -19,7 +20,7 @@ use std::time::Duration;
 
 /// From one look for orders to the next.
 const PERIOD: Duration = Duration::from_millis(20);
-/// After so many looks it says what it has heard.
+/// The number of looks after which it writes its counts.
 const TELL_EVERY: u32 = 5;
 
 struct Fake {
@@ -35,7 +36,7 @@ impl Fake {
     fn note(&self, word: &str) {
         let line = format!("{} {} {word}\n", now().nanos(), self.path);
         let journal = OpenOptions::new().append(true).create(true).open("fakes/journal");
-        // Who reads the journal misses the line, and says so.
+        // The test that reads the journal reports the missing line.
         journal.and_then(|mut journal| journal.write_all(line.as_bytes())).unwrap_or_default();
     }
 
@@ -110,7 +111,7 @@ impl Module for Fake {
                 .ports
                 .iter()
                 .filter(|port| (port.direction, port.binding) == (Direction::Out, Binding::Wire));
-            // Nobody here reads what is in it.
+            // The content is not read in these tests.
             outputs.for_each(|port| send(port.name, vec![0]));
         }
     }

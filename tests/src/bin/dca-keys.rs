@@ -1,5 +1,5 @@
-//! Controllers for tests that use the database: one writes keys at 100 Hz, one watches them, one counts at a key that others
-//! count at, too, and one has a secret. Each writes down what it was answered.
+//! Controllers for tests that use the database: one writes keys at 100 Hz, one watches them, one counts at a shared
+//! key, and one has a secret. Each writes down the answers it gets.
 
 use controllers::sdk::{
     About, Arguments, Configured, Controller, Database, DatabaseError, DatabaseRefusal, Entry, Every, Expected, Inputs,
@@ -89,8 +89,8 @@ fn told(result: &Result<TxnId, DatabaseError>) -> String {
     }
 }
 
-/// Writes down what it is told of the keys below a prefix: `begin`, `present 3`, `complete`, and for each change
-/// `changed 1234 5 9b01c34e5f6a7788:3`: when, how many keys, and the transaction, then for each key its value.
+/// Writes down the news about the keys below a prefix: `begin`, `present 3`, `complete`, and for each change
+/// `changed 1234 5 9b01c34e5f6a7788:3`: the time, the number of keys, and the transaction, then for each key its value.
 struct Watcher {
     prefix: String,
     log: Log,
@@ -136,7 +136,8 @@ fn shown(entry: &Entry) -> String {
     number.map_or("-".to_owned(), |number| number.to_string())
 }
 
-/// Counts at a key, one more each time, so often; then it is done. Others may count there, too: `committed 3` or `unmet`.
+/// Adds one to a key a number of times; then it is done. Other programs may count at the same key: `committed 3` or
+/// `unmet`.
 struct Counter {
     key: String,
     left: u64,
@@ -144,7 +145,7 @@ struct Counter {
     next: Next,
 }
 
-/// What a counter does next.
+/// The next step of a counter.
 enum Next {
     Read,
     Wait,
@@ -206,10 +207,10 @@ impl Controller for Counter {
 
 #[derive(Inputs)]
 struct Hears {
-    /// Who has claimed what.
+    /// The claims of all claimers.
     #[port("Claims")]
     claims: Every<KeyNews>,
-    /// What has become of its own claims.
+    /// The answers to its own claims.
     #[port("Answers")]
     answers: Every<KeyAnswer>,
 }
@@ -220,8 +221,8 @@ struct Claims {
     claim: Out<KeyPut>,
 }
 
-/// Claims numbered keys, one after the other, each if nobody has: `committed 3`, `refused 3`. All of it through its ports. Writes down
-/// what it is told, too: `complete`, `changed 3`. Is done when it has heard of all.
+/// Claims numbered keys, one after the other, each if it is free: `committed 3`, `refused 3`. It does so through its
+/// ports. It also writes down the news: `complete`, `changed 3`. It is done when it has heard of all keys.
 struct Claimer {
     count: u64,
     next: u64,

@@ -24,7 +24,7 @@ pub struct Capture {
 }
 
 impl Capture {
-    /// Begins: whatever is sent after this is seen.
+    /// Begins the capture: every later packet is seen.
     ///
     /// # Panics
     /// The kernel shows no packets.
@@ -65,7 +65,7 @@ fn open(opened: &SyncSender<()>) -> OwnedFd {
 fn all(socket: &OwnedFd, is_over: &AtomicBool) -> Vec<Vec<u8>> {
     let (mut packets, mut bytes) = (Vec::new(), vec![0; PACKET_MAX]);
     loop {
-        // What had come before the end is read to its last packet.
+        // Packets that arrived before the end are read to the last one.
         let is_last = is_over.load(Ordering::Relaxed);
         match read(socket, &mut bytes) {
             Ok(size) => packets.push(bytes[..size].to_vec()),

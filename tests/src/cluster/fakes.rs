@@ -1,4 +1,4 @@
-//! The stand-ins of `dca-fakes`: what they say of themselves, and how they are ordered about.
+//! The stand-ins of `dca-fakes`: their journal, and the orders they take.
 
 use super::{Cluster, executable};
 use comms::logic::time::Time;
@@ -10,7 +10,7 @@ pub struct Fakes<'c> {
     cluster: &'c Cluster,
 }
 
-/// What a stand-in has last said of itself.
+/// The last journal entry of a stand-in.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Said {
     /// `active`, `ended` or `stopped`.
@@ -50,7 +50,7 @@ impl<'c> Fakes<'c> {
     /// Returns what each program has last said, by its path.
     ///
     /// # Panics
-    /// A program has said something at a time that is no number.
+    /// Panics if the time of a journal entry is not a number.
     pub fn said(&self) -> BTreeMap<String, Said> {
         let text = std::fs::read_to_string(self.cluster.folder().join("fakes/journal")).unwrap_or_default();
         let mut said = BTreeMap::new();

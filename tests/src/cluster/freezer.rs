@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 /// Numbers the freezers of this process.
 static FREEZERS: AtomicU32 = AtomicU32::new(0);
 
-/// A group of the freezer, version 1. Dropped, it thaws what is in it.
+/// A group of the freezer, version 1. Dropping it thaws its processes.
 #[derive(Debug)]
 pub struct Freezer(PathBuf);
 
@@ -16,7 +16,7 @@ impl Freezer {
     /// Makes a group; none, said aloud, where a test cannot have one.
     ///
     /// # Panics
-    /// What was made cannot be removed.
+    /// Panics if the new group cannot be removed.
     #[expect(clippy::print_stdout, reason = "who runs the tests has to know what was skipped")]
     pub fn new() -> Option<Self> {
         let made = Self::make();

@@ -20,8 +20,8 @@ pub struct Hosts {
 }
 
 impl Hosts {
-    /// Starts `count` hosts, the first three with a node that logs by the filter `log`, or as nodes do. Returns none where
-    /// namespaces are not allowed.
+    /// Starts `count` hosts, the first three with a node that logs by the filter `log`, or as nodes do. Returns none
+    /// where namespaces are not allowed.
     ///
     /// # Panics
     /// A node does not start.
@@ -69,7 +69,7 @@ impl Hosts {
         Trace::read(&self.cluster.folder().join("runs").join(name))
     }
 
-    /// Ends the nodes; nothing is left.
+    /// Ends the nodes and checks that no process is left.
     ///
     /// # Panics
     /// A node ends with another exit code than 0, or something is left.

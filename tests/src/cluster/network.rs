@@ -42,7 +42,7 @@ impl Network {
         if let Err(why) = try_ip(&format!("netns add {name}b")) {
             return skip(&format!("needs network namespaces: {why}"));
         }
-        // From here on, whatever fails, what was made is removed.
+        // From here on a failure removes everything that was made.
         let network = Self { name, hosts };
         network.make();
         Some(network)

@@ -24,7 +24,7 @@ impl fmt::Debug for Process {
 }
 
 impl Process {
-    /// Sends a signal; one that has ended meanwhile needs none.
+    /// Sends a signal, unless the process has already ended.
     pub fn signal(&self, signal: Signal) {
         if let Some(pid) = Pid::from_raw(self.pid) {
             kill_process(pid, signal).unwrap_or_default();
@@ -60,7 +60,7 @@ impl Busy {
     /// Starts so many, as nice as `niceness` says: 19 gives way to everybody else.
     ///
     /// # Panics
-    /// There is no shell.
+    /// Panics if there is no shell.
     pub fn start(count: usize, niceness: u8) -> Self {
         let niceness = niceness.to_string();
         let one =
@@ -91,7 +91,7 @@ pub fn threads(pid: u32) -> usize {
     std::fs::read_dir(format!("/proc/{pid}/task")).map_or(0, Iterator::count)
 }
 
-/// Returns how much memory a process has, in bytes; 0 for one that is gone.
+/// Returns the memory of a process, in bytes; 0 if the process is gone.
 pub fn memory(pid: u32) -> u64 {
     let pages = std::fs::read_to_string(format!("/proc/{pid}/statm")).unwrap_or_default();
     pages.split(' ').nth(1).and_then(|pages| pages.parse::<u64>().ok()).unwrap_or(0) * 4096

@@ -12,7 +12,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// One of a program's outputs.
+/// A stream of a program's output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stream {
     /// Standard output: results.
@@ -157,7 +157,7 @@ impl Program {
         assert!(self.has_ended(Duration::from_secs(60)), "{} was killed and is still there", self.name);
     }
 
-    /// Returns what it has written so far.
+    /// Returns its output so far.
     pub fn text(&self, stream: Stream) -> String {
         self.stream(stream).text()
     }
@@ -227,7 +227,7 @@ impl Drop for Program {
         if self.is_running() {
             self.child.kill().unwrap_or_default();
         }
-        // Nothing is to be known of a command that nobody waited for.
+        // The status of a command that the test did not wait for does not matter.
         drop(self.child.wait());
     }
 }

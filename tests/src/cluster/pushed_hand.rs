@@ -1,4 +1,4 @@
-//! The spec of a small mission: somebody pushes the hand of the simulated robot until its force is felt.
+//! The spec of a small mission: a visitor pushes the hand of the simulated robot until its force is felt.
 
 /// The text of the process `HitDetector`, which ends when the force exceeds a threshold, such as `"2 N"`.
 #[macro_export]

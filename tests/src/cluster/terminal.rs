@@ -9,10 +9,11 @@ use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{Winsize, tcsetwinsize};
 use std::process::{Command, Stdio};
 
-/// Runs a command to its end, which an interrupt brings once it has written `wanted`; returns its exit code and all that it wrote.
+/// Runs a command to its end, which an interrupt brings once it has written `wanted`; returns its exit code and all
+/// that it wrote.
 ///
 /// # Panics
-/// It has not ended `SOON`, or there are no terminals.
+/// Panics if the command has not ended `SOON`, or if there are no terminals.
 pub(super) fn run(mut command: Command, columns: u16, mut wanted: Option<&str>) -> (Option<i32>, String) {
     let screen = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).expect("there are pseudo-terminals");
     grantpt(&screen).and_then(|()| unlockpt(&screen)).expect("the terminal is this test's own");
@@ -24,7 +25,7 @@ pub(super) fn run(mut command: Command, columns: u16, mut wanted: Option<&str>) 
     let other = line.try_clone().expect("a descriptor is left");
     command.stdin(Stdio::null()).stdout(line).stderr(other);
     let mut child = command.spawn().expect("it can be started");
-    // The ends of the line that `command` holds: with them nobody would see that the last writer is gone.
+    // `command` holds ends of the line; while they are open, the end of the last writer would go unnoticed.
     drop(command);
     let (mut written, deadline) = (Vec::new(), now() + SOON);
     let mut chunk = [0; 4096];
@@ -37,7 +38,7 @@ pub(super) fn run(mut command: Command, columns: u16, mut wanted: Option<&str>) 
             panic!("it has not ended within {SOON:?}:\n{}", String::from_utf8_lossy(&written));
         }
         match rustix::io::read(&screen, &mut chunk) {
-            // A terminal that nobody writes to any more is an error, not an end.
+            // A terminal without writers gives an error, not an end of file.
             Ok(0) | Err(_) => break,
             Ok(size) => written.extend(&chunk[..size]),
         }

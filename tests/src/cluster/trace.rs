@@ -40,7 +40,7 @@ impl Trace {
         Self { folder: folder.to_owned(), run, mission }
     }
 
-    /// Reads the record in `folder` as far as it is written.
+    /// Reads the part of the record in `folder` that is already written.
     ///
     /// # Panics
     /// There is none.
@@ -102,7 +102,7 @@ impl Trace {
         changes.collect()
     }
 
-    /// Returns what happened to every process, in order: when, since GO, its path, and what.
+    /// Returns the changes of every process, in order: the time since GO, its path, and the change.
     pub fn all_changes(&self) -> Vec<(Duration, &str, &Change)> {
         let mut changes = Vec::new();
         for report in self.reports() {
@@ -172,7 +172,7 @@ pub fn window(act: impl FnOnce()) -> (Time, Time) {
 /// Returns by how much a count grew each second, between two times on the clock of the hosts.
 ///
 /// # Panics
-/// Fewer than two samples came meanwhile.
+/// Panics if fewer than two samples arrived in this time.
 pub fn rate(samples: &[Sample], (from, to): (Time, Time)) -> f64 {
     let mut within = samples.iter().filter(|sample| (from..to).contains(&sample.stamp));
     let (first, last) = (within.next().expect("samples came"), within.next_back().expect("samples came"));

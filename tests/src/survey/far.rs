@@ -1,4 +1,4 @@
-//! Worlds far outside of what the laws were made for: two or three things are wrong at once, each over its whole range.
+//! Worlds far outside the design range of the laws: two or three things are wrong at once, each over its whole range.
 
 use super::rows::{DEGREE, argument};
 use super::{Disruption, Meddling, Mission, Phase};

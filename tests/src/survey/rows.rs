@@ -23,7 +23,7 @@ pub enum Group {
     Wide,
     /// Something goes wrong.
     Trigger,
-    /// Two or three things are wrong at once, far outside of what the laws were made for.
+    /// Two or three things are wrong at once, far outside the design range of the laws.
     Far,
 }
 
@@ -48,7 +48,7 @@ impl Group {
 pub struct Row {
     /// The kind.
     pub group: Group,
-    /// The name of what varies: `radius`, `50 ms a hop`.
+    /// The name of the quantity that varies: `radius`, `50 ms a hop`.
     pub name: String,
     /// The unit of the missions' values: `m`.
     pub unit: &'static str,
@@ -81,7 +81,7 @@ const fn dimension(name: &'static str, unit: &'static str, [low, nominal, high]:
 
 pub(super) const DEGREE: f64 = std::f64::consts::PI / 180.0;
 
-/// The dimensions that vary alone only: those that are not about the door's kind.
+/// The dimensions that only vary alone, because they do not describe the kind of the door.
 const MORE: [Dimension; 31] = [
     dimension("closer_rate", "Nm/rad", [0.0, 2.0, 8.0]),
     dimension("viscosity", "Nm s/rad", [0.0, 1.5, 6.0]),
@@ -205,7 +205,7 @@ impl Draw {
         Row { group, name: name.to_owned(), unit, missions }
     }
 
-    /// The seed of a world: seeds of different surveys differ, too.
+    /// The seed of a world, which differs between surveys.
     pub(super) fn world(&self, number: u32) -> u64 {
         (self.seed % 100_000) * 10_000 + u64::from(number) + 1
     }
@@ -245,8 +245,8 @@ impl Draw {
         })
     }
 
-    /// Doors to push: hinge on either side, one dimension after the other, all at once; and laws that are told which way the
-    /// door opens, rightly or wrongly.
+    /// Doors to push: hinge on either side, one dimension after the other, all at once; and laws that are told which
+    /// way the door opens, rightly or wrongly.
     fn pushes(&self) -> Vec<Row> {
         let push = ", swing = \"push\"";
         let plain = |name: &str, told: Option<&'static str>, swing: &'static str| {
@@ -288,7 +288,8 @@ impl Draw {
         })
     }
 
-    /// Wheels and lens are far from what they should be, and have been measured: to so much of themselves.
+    /// Wheels and lens differ widely from their nominal values, and have been measured, up to this share of their true
+    /// values.
     fn measured(&self, name: &str, share: f64) -> Row {
         self.row(Group::Single, name, "", &mut |number, random| {
             let (wheels, focal) = (random.between(-0.1, 0.1), random.between(-0.1, 0.1));
@@ -328,8 +329,8 @@ impl Draw {
         })
     }
 
-    /// Wheels that begin to turn on the spot shortly before the door is open, every half degree, three of four on doors to push,
-    /// where the laser does not see the wall then; on doors to pull it fails.
+    /// Wheels that begin to turn on the spot shortly before the door is open, every half degree, three of four on doors
+    /// to push, where the laser does not see the wall then; on doors to pull it fails.
     fn aimed_spins(&self) -> Row {
         // Each angle on either side as often as there are worlds for it, four times as many as in other rows.
         let draw = Self { worlds: self.worlds * 4, seed: self.seed };
@@ -394,7 +395,8 @@ impl Draw {
     }
 }
 
-/// Returns all rows with `worlds` missions each; `phases` says what is active when, see [`super::active_in_phases`].
+/// Returns all rows with `worlds` missions each; `phases` lists the active processes of each phase, see
+/// [`super::active_in_phases`].
 pub fn rows(worlds: u32, seed: u64, phases: &[Phase]) -> Vec<Row> {
     let draw = Draw { worlds, seed };
     let plain = |name: &str, arguments: &'static str| {

@@ -1,5 +1,5 @@
-//! Troubles in the middle of a mission that have rows of their own: devices that say what is not so, a base that is moved from outside,
-//! a machine that is very busy.
+//! Troubles in the middle of a mission, each with its own rows: devices that report wrong values, a base that is moved
+//! from outside, a machine that is very busy.
 
 use super::Mission;
 use super::rows::{DEGREE, Draw, Group, Row, argument};

@@ -10,7 +10,8 @@ const LOST_WITHIN: Duration = Duration::from_secs(9);
 /// How long a mission of one program may take.
 const MISSION: Duration = Duration::from_secs(60);
 
-/// Starts `c1` and `c2`, which see each other and are asked without delay: who has just begun to look is given time.
+/// Starts `c1` and `c2`, which see each other. Commands get no answer delayed by discovery: a node that has just
+/// started looking is given time first.
 fn pair(here: &Host) -> [Program; 2] {
     let nodes = ["c1", "c2"].map(|name| here.node(name, &[]));
     let looked = Duration::from_secs(3);
@@ -49,7 +50,7 @@ fn a_node_that_was_killed_a_moment_ago_has_a_row() {
     assert_eq!(states.last(), Some(&"lost, heard"));
 }
 
-/// The record of an earlier run is no answer to what a program writes that may run on a host that does not answer.
+/// A program that may run on an unreachable host has no output from the record of an earlier run.
 #[test]
 fn another_runs_record_is_not_given_for_a_program_that_may_run() {
     let cluster = Cluster::new();
@@ -91,7 +92,7 @@ process main() { host { c1 } instantiated_processes { talker instof Talker(c1); 
     assert!(other.code == Some(1) && other.err.contains("no record in `runs` has"), "{other}");
 }
 
-/// The home of a deployment alone knows its events: what the others tell is not everything.
+/// Only the home of a deployment knows all of its events: the answers of other nodes may be incomplete.
 #[test]
 fn events_are_not_complete_without_a_node() {
     let cluster = Cluster::new();

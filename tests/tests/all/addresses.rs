@@ -1,4 +1,4 @@
-//! Networks as they are: IPv6 alone, interfaces that come up late, addresses that change, long ways, crowds.
+//! Realistic networks: IPv6 alone, interfaces that come up late, addresses that change, long delays, crowds.
 
 use comms::io::clock::{Wakeup, now};
 use comms::io::descriptors;
@@ -34,7 +34,7 @@ fn a_node_listens_on_what_comes_up_and_leaves_what_goes() {
     network.set(1, "link set eth0 up");
     c1.wait_for(Stream::Out, "node `c1` is ready", SOON);
     c1.wait_for(Stream::Err, "the node `c2` is there", SOON);
-    // It gets another address, and loses the one that it had.
+    // It gets another address, and loses its old one.
     network.set(1, "address add 10.77.0.101/25 dev eth0");
     c1.wait_for(Stream::Err, "listening on 10.77.0.101 (eth0)", SOON);
     network.set(1, "address del 10.77.0.1/24 dev eth0");
@@ -132,7 +132,7 @@ fn nodes_3_s_of_round_trip_apart_see_each_other() {
     near.wait_for(Stream::Err, "the node `c2` is there", SOON);
     far.wait_for(Stream::Err, "the node `c1` is there", SOON);
     println!("they see each other after {:?}", now() - began);
-    // Longer than a lease, and than anybody may be silent.
+    // Longer than a lease, and than the longest allowed silence.
     pass(Duration::from_secs(6));
     for node in [&near, &far] {
         assert!(!node.text(Stream::Err).contains("is missing"), "{}", node.text(Stream::Err));
@@ -142,7 +142,7 @@ fn nodes_3_s_of_round_trip_apart_see_each_other() {
     assert!(!ended.err.contains("is not linked"), "{ended}");
 }
 
-/// Makes connections that say nothing, and makes them anew as soon as they are closed, until it is told to end.
+/// Makes connections that send nothing, and replaces each as soon as it is closed, until it is told to end.
 fn crowd(to: SocketAddr, made: &AtomicUsize, over: &AtomicBool) {
     let mut streams: Vec<Option<TcpStream>> = (0..SILENT).map(|_| None).collect();
     while !over.load(Ordering::Relaxed) {

@@ -1,5 +1,6 @@
-//! `dca deploy --aligned`: programs on several hosts begin at one moment. Each host is a network namespace whose clock that nobody sets
-//! began at another time, as on machines of their own; the test knows by how much, so it can compare what their programs say.
+//! `dca deploy --aligned`: programs on several hosts begin at one moment. Each host is a network namespace whose
+//! boot-time clock began at another time, as on separate machines. The test knows the difference, so it can compare the
+//! times that their programs write.
 //!
 //! `DCA_TEST_ROUNDS=100 cargo test --test all aligned::` deploys 100 times each way.
 
@@ -9,7 +10,7 @@ use std::time::Duration;
 /// By how many seconds the clock of each host is ahead.
 const AHEAD: [u64; 3] = [0, 100_000, 7];
 
-/// A program on each host that writes down when it begins, each under a supervisor of its own on another host.
+/// A program on each host that writes down its start, each under its own supervisor on another host.
 fn spec(cluster: &Cluster) -> String {
     let (program, folder) = (executable("dca-counting").display().to_string(), cluster.folder().display().to_string());
     let text = format!(
@@ -32,7 +33,8 @@ fn spec(cluster: &Cluster) -> String {
     cluster.file("start.dca", &text)
 }
 
-/// Returns when the program of each host had its first calculation, on the clock of the first host; nothing before all have.
+/// Returns when the program of each host had its first calculation, on the clock of the first host; nothing before all
+/// have.
 fn begun(cluster: &Cluster) -> Option<Vec<Duration>> {
     let of = |(host, ahead): (&str, u64)| {
         let text = std::fs::read_to_string(cluster.folder().join(host)).ok()?;
@@ -43,7 +45,7 @@ fn begun(cluster: &Cluster) -> Option<Vec<Duration>> {
     NAMES.into_iter().zip(AHEAD).map(of).collect()
 }
 
-/// Deploys, and stops again. Returns how far apart the programs have begun, and what the command said.
+/// Deploys, and stops again. Returns the difference between the starts of the programs, and the output of the command.
 fn start(cluster: &Cluster, here: &Host, options: &[&str]) -> (Duration, String) {
     NAMES.iter().for_each(|host| drop(std::fs::remove_file(cluster.folder().join(host))));
     let mission = here.dca(&[&["deploy", "--no-record", &spec(cluster)], options].concat());
@@ -82,6 +84,6 @@ fn programs_on_three_hosts_begin_at_one_moment_whatever_their_clocks_show() {
     spans.iter_mut().for_each(|spans| spans.sort_unstable());
     let [aligned, at_once] = spans.map(|spans| (spans[0], spans[spans.len() / 2], spans[spans.len() - 1]));
     println!("least, median, most: aligned {aligned:.2?}, at once {at_once:.2?}");
-    // How late a program is that has to wait for a core is not what is tested.
+    // The wait of a program for a core is not part of the test.
     assert!(aligned.0 < Duration::from_millis(10), "{aligned:?}");
 }

@@ -1,5 +1,5 @@
-//! However the door mission fails, the arm ends at rest and lets go of its force; a sensor that hangs moves nothing for long. On virtual
-//! time, judged by the plant.
+//! However the door mission fails, the arm ends at rest and lets go of its force; a sensor that hangs moves nothing for
+//! long. On virtual time, judged by the plant.
 
 use comms::logic::time::Time;
 use controllers::sdk::harness::Disturbance;
@@ -11,7 +11,7 @@ const WORLD: &str = "main/world";
 /// The place in the spec for the arguments of its world.
 const PLACE: &str = "DoorWorld(\"c3\"";
 const LIMIT: Duration = Duration::from_secs(120);
-/// A sensor that was set to zero is off by a few newtons, and feels what is left through them (N).
+/// A sensor that was set to zero has an error of a few newtons, through which it measures the remaining force (N).
 const LEFT_MAX: f64 = 8.0;
 /// In no run (N).
 const FORCE_MAX: f64 = 100.0;
@@ -81,7 +81,7 @@ fn after_each_failure_the_arm_is_at_rest_and_unloaded() {
     }
 }
 
-/// The fingers of an open door hold it: what a closer pulls with stays, and so does the door.
+/// The fingers keep holding an open door: the pull of a closer stays, and so does the door.
 #[test]
 fn a_door_that_is_open_is_not_let_go_of() {
     let end = fly(DOOR, "seed = 5, closer = 20 Nm", &mut |_| {});
@@ -99,7 +99,7 @@ fn a_force_on_the_hand_stops_the_arm_whatever_it_does() {
     }
 }
 
-/// The base went aside into a wall that stood beside it, where its laser did not see it, with 122 N.
+/// The base moved sideways into a wall that its laser did not see, with 122 N.
 #[test]
 fn a_base_that_looks_for_the_handle_meets_no_wall_beside_it() {
     let door = "seed = 200002, side = \"right\", start_aside = -0.16 m, start_yaw = 0.12 rad, lock = \"locked\"";
@@ -107,8 +107,8 @@ fn a_base_that_looks_for_the_handle_meets_no_wall_beside_it() {
     assert!(end.why.contains("no room") && end.worst < 1.0 && end.fastest < 0.01, "{end:?}");
 }
 
-/// A laser does not see glass or a mirror, nor a body beside the base. The base pressed on these with 377 N, 351 N and 261 N for as long as
-/// its task went on.
+/// A laser does not see glass or a mirror, nor a body beside the base. The base pressed on these with 377 N, 351 N and
+/// 261 N for as long as its task went on.
 #[test]
 fn a_base_that_meets_what_it_does_not_see_goes_back() {
     let left = "side = \"left\", start_aside = 0.22 m, start_yaw = -0.06 rad";
@@ -138,8 +138,8 @@ fn spikes_of_the_force_sensor_end_no_opening() {
     }
 }
 
-/// A lever that springs back out of the fingers is a lost handle. Of a lever that 45 N do not press down to its latch nothing says that it is
-/// down.
+/// A lever that springs back out of the fingers is a lost handle. Of a lever that 45 N do not press down to its latch
+/// nothing says that it is down.
 #[test]
 fn a_lever_that_is_not_down_is_not_called_down() {
     let springs_back = fly(DOOR, "seed = 5, lever_torque = 2 Nm, lever_rate = 2, slip_force = 45 N", &mut |_| {});
@@ -150,8 +150,8 @@ fn a_lever_that_is_not_down_is_not_called_down() {
     assert!(lever < 27.0, "its latch is free at 28 degrees: {lever}");
 }
 
-/// The gripper says that it holds the handle, and it does not: the lever slides off the fingertips at 58 degrees, and the closer brings
-/// the leaf back. It met the fingers from beside with 725 N.
+/// The gripper says that it holds the handle, and it does not: the lever slides off the fingertips at 58 degrees, and
+/// the closer brings the leaf back. It met the fingers from beside with 725 N.
 #[test]
 fn a_leaf_that_comes_back_past_the_fingers_is_no_hammer() {
     let door = "seed = 200003, side = \"left\", swing = \"push\", closer = 11.854083 Nm";
@@ -187,7 +187,7 @@ fn a_laser_that_hangs_is_noticed() {
     }
 }
 
-/// Of an approach that ended by its length the gripper closed on whatever was there.
+/// After an approach that ended by its length, the gripper closed on any object.
 #[test]
 fn an_approach_that_touches_nothing_has_failed() {
     let short = DOOR.replace("until = \"touch\"", "until = \"touch\", length = 120 mm");

@@ -1,5 +1,5 @@
-//! What nodes do after a reboot of their machine with what ran, on real processes. `--boot-id` stands for the boot: the node is killed,
-//! and the next one is told that the machine was booted since, so it takes nothing over.
+//! The nodes after a reboot of their machine, on real processes: which missions run again. `--boot-id` stands for the
+//! boot: the node is killed, and the next one is told that the machine has been booted since, so it adopts no programs.
 
 use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, wait_until};
 use rustix::process::Signal;
@@ -64,7 +64,7 @@ fn a_mission_that_says_so_is_begun_again_and_a_stop_is_for_good() {
     let here = cluster.here();
     let (c1, _c2) = (here.node("c1", &["--boot-id", "first"]), here.node("c2", &[]));
     let before = deploy(&here, &spec(&cluster, "on_boot { resume }"));
-    // The same boot: what runs is taken over.
+    // The same boot: running programs are adopted.
     kill(&c1);
     let c1 = here.node("c1", &["--boot-id", "first"]);
     assert_eq!(here.pids(), before);
@@ -139,7 +139,7 @@ fn what_was_stopped_while_its_home_was_away_does_not_come_back() {
     assert!(unknown.err.contains("knows of a deployment `other` with its home on `c1`"), "{unknown}");
     let stopped = wait_until(SOON, || here.ask(&["stop", "endless", "--away", "c1"]).code == Some(0));
     assert!(stopped.is_some(), "{}", here.ask(&["stop", "endless", "--away", "c1"]));
-    // Who keeps the tombstone keeps it over its own end, too.
+    // The holder of the tombstone keeps it over its own restart as well.
     kill(&c2);
     let _c2 = here.node("c2", &[]);
     let _c1 = here.node("c1", &["--boot-id", "second"]);

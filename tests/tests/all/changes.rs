@@ -6,7 +6,7 @@ use rustix::process::Signal;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// Somebody pushes the hand again and again, with up to 60 N, until it is felt; a plain program waits beside it.
+/// A visitor pushes the hand again and again, with up to 60 N, until it is felt; a plain program waits beside it.
 const SPEC: &str = concat!(
     r#"
 module Beside(host, way: Text) { exec "sh -c 'eval ${0#way=}'"; plain; done; }
@@ -68,7 +68,7 @@ fn a_changed_spec_changes_what_differs_and_nothing_else() {
     assert!(replaced.code == Some(0) && replaced.out.contains("revision 2"), "{replaced}");
     assert_eq!(others(&here, &before), ["main/hit/force"]);
 
-    // With this one the push is felt, over the wire that was made while it ran, from the program that was started anew.
+    // With this threshold the push is felt, over the wire made during the run, from the restarted program.
     assert!(mission.is_running());
     let felt = here.ask(&["deploy", "--probation", "0", &cluster.file("push.dca", &latched.replace("150 N", "5 N"))]);
     // A hand that pushes already is felt at once: then all may be over before the hosts have confirmed the change.
@@ -93,7 +93,7 @@ fn a_program_that_fails_is_put_back_and_the_mission_goes_on() {
     let plan = here.ask(&["plan", &cluster.file("push.dca", SPEC)]);
     assert!(plan.code == Some(0) && plan.out.contains("revision 0:\n  keep       4 programs"), "{plan}");
 
-    // What cannot be started is found before anything makes place for it.
+    // A program that cannot be started is found before anything makes place for it.
     let pids_before = here.pids();
     for (exec, why) in
         [("/no/such/program", "there is no program"), ("/tmp", "is a folder"), ("/dev/null", "is not a regular file")]
@@ -104,7 +104,7 @@ fn a_program_that_fails_is_put_back_and_the_mission_goes_on() {
         assert_eq!(others(&here, &pids_before), Vec::<String>::new());
     }
 
-    // What supervisors cannot take changes nothing.
+    // A change that supervisors cannot take over changes nothing.
     let other = SPEC.replace("# hit # beside", "# (hit , beside)");
     let planned = here.ask(&["plan", &cluster.file("push.dca", &other)]);
     assert!(planned.code == Some(0) && planned.out.contains("act        main: its event actions"), "{planned}");
@@ -141,7 +141,8 @@ fn what_is_planned_before_anything_runs_is_a_start() {
     assert_eq!((json.code, &told["start"]), (Some(0), &serde_json::json!(4)), "{json}");
 }
 
-/// A program comes, runs beside the others with its wire, and goes; no other program is touched, and the mission goes on.
+/// A program comes, runs beside the others with its wire, and goes; no other program is touched, and the mission goes
+/// on.
 #[test]
 fn a_program_is_added_to_a_mission_that_runs_and_taken_away_again() {
     let cluster = Cluster::new();
@@ -209,7 +210,7 @@ fn a_canary_goes_first_and_back_if_the_rest_cannot_follow() {
     assert_eq!(stop.code, Some(0), "{stop}");
 }
 
-/// Who does not wait for the end of a change is told that it goes on without.
+/// A caller that does not wait for the end of a change is told that the change goes on.
 #[test]
 fn who_leaves_a_change_is_told_that_it_goes_on() {
     let cluster = Cluster::new();
@@ -218,7 +219,7 @@ fn who_leaves_a_change_is_told_that_it_goes_on() {
     let change = here.dca(&["deploy", "--probation", "600", &file]);
     let is_another = || here.pids().get("main/beside").is_some_and(|pid| *pid != before["main/beside"]);
     assert!(wait_until(SOON, is_another).is_some(), "{:?}", here.pids());
-    // Whoever looks meanwhile sees the plan that is in its probation, and that it is.
+    // In the meantime, `dca plan` shows the plan that is in its probation, and says so.
     let probed = here.ask(&["plan", &file]);
     let told = "`push@1`, as revision 1 by ";
     let stage = "which is in its probation; until then it is revision 0:\n  keep       4 programs";

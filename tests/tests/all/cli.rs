@@ -146,7 +146,7 @@ fn wrong_usage_has_its_own_code() {
     }
 }
 
-/// Each program says what it is and how it is used, on standard output.
+/// Each program describes itself and its use, on standard output.
 #[test]
 fn every_program_has_a_version_and_a_help() {
     for program in ["dca", "dca-node", "dca-shim", "dca-controller"] {
@@ -160,7 +160,7 @@ fn every_program_has_a_version_and_a_help() {
     }
 }
 
-/// Programs that were copied without those that they need say which one is missing.
+/// Programs that were copied without their companions name the missing one.
 #[test]
 fn a_missing_companion_is_named() {
     let cluster = Cluster::new();
@@ -220,7 +220,7 @@ fn a_spec_comes_over_standard_input() {
     assert!(code == Some(1) && err.contains("standard input cannot be rewritten"), "{err}");
 }
 
-/// The specs that people begin with are good, and nothing is to be said about them.
+/// The specs for beginners are correct and have no warnings.
 #[test]
 fn the_specs_have_no_warnings() {
     for name in ["compliant_motion", "door_locked", "door_opening", "door_recovery", "door_through"] {
@@ -263,7 +263,7 @@ fn what_runs_in_a_command_is_found_from_elsewhere() {
     assert_eq!(stop.code, Some(0), "{stop}");
     assert_eq!(one.ended(SOON).code, Some(1));
     assert!(two.is_running(), "the other goes on");
-    // One that is suspended is there, and nobody may say that it is not.
+    // A suspended node is there, and no answer may deny it.
     two.signal(Signal::STOP);
     for verb in [&["nodes"][..], &["status"], &["stop", "two"]] {
         let silent = here.ask(verb);
@@ -287,7 +287,7 @@ fn what_runs_in_a_command_is_found_from_elsewhere() {
     cluster.expect_nothing_left(std::time::Duration::from_secs(2));
 }
 
-/// A member that has aborted while the others of `a , b` go on does not look like one that waits for its turn.
+/// A member that has aborted while the others of `a , b` go on is not shown like a member that waits for its turn.
 #[test]
 fn a_member_that_has_aborted_is_not_merely_idle() {
     let cluster = Cluster::new();

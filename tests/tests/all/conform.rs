@@ -1,4 +1,4 @@
-//! Runs with crashes, compared with what was verified: simulated ones and real ones, and ones with a planted mistake.
+//! Runs with crashes, compared with the verified plan: simulated and real runs, and runs with a planted mistake.
 
 use cli::io::recorder::{self, Recorder};
 use cli::logic::record::{Entry, Run};
@@ -42,7 +42,7 @@ fn opened(text: &str, sites: &Sites, seed: u64, loses: Option<fn(&Command) -> bo
     let at = Time::from_nanos((random >> 16) % 36_000 * 1_000_000);
     let mut has_crashed = false;
     simulation.run(MISSION_MAX, &mut |simulation| {
-        // A program that is not active dies as soon as it is.
+        // A program that is not active dies as soon as it becomes active.
         has_crashed = has_crashed || simulation.now() >= at && simulation.crash(&victim);
     });
     let records: Vec<_> = simulation.steps().iter().map(|steps| vec![steps.clone()]).collect();
@@ -141,7 +141,8 @@ fn real_runs_with_kills_conform_and_a_planted_deviation_is_found() {
 /// The kind of the part of a record behind which no data is any more.
 const END_OF_DATA: u8 = 0x0f;
 
-/// Where the parts of a record begin, where it ends, and where its data does: each part has a byte for its kind and eight for its length.
+/// Where the parts of a record begin, where it ends, and where its data does: each part has a byte for its kind and
+/// eight for its length.
 fn boundaries(bytes: &[u8]) -> (Vec<usize>, usize) {
     let (mut at, mut all, mut data) = (8, vec![0, 8], bytes.len());
     while let Some(length) = bytes.get(at + 1..at + 9).and_then(|length| <[u8; 8]>::try_from(length).ok()) {
@@ -229,7 +230,7 @@ fn a_record_of_another_deployment_is_told_by_what_differs() {
     assert_eq!(cluster.here().ask(&["conform", &record, &file]).code, Some(0));
 }
 
-/// What is not proved does not run.
+/// A spec that is not proved does not run.
 #[test]
 fn a_spec_that_is_not_proved_is_not_started() {
     let cluster = Cluster::new();
@@ -240,7 +241,7 @@ fn a_spec_that_is_not_proved_is_not_started() {
     let proved = ROUNDS.replace(" { restart transient; }", ";");
     let done = cluster.here().ask(&["run", "--require-verified", &cluster.file("proved.dca", &proved)]);
     assert!(done.code == Some(0), "{done}");
-    // What runs is the text that is proved: it is read once.
+    // The text that is proved is the text that runs: it is read once.
     let done = cluster.here().ask_given(&["run", "--require-verified", "-"], proved.as_bytes());
     assert!(done.code == Some(0), "{done}");
 }

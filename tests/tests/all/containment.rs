@@ -1,12 +1,12 @@
-//! Nothing of a program is left after a stop, on every rung of the ladder that this machine has: with and without a control group
-//! around the node, with and without one for the program.
+//! Nothing of a program is left after a stop, on every rung of the ladder that this machine has: with and without a
+//! control group around the node, with and without one for the program.
 
 use dca_tests::cluster::{Cluster, Host, SOON, wait_until};
 use node::logic::protocol::Containment;
 use rustix::process::Signal;
 use std::time::Duration;
 
-/// Where this machine has control groups of version 2, and those of version 1 for processes.
+/// The mount points of control groups: of version 2, and of the process controller of version 1.
 const UNIFIED: [&str; 2] = ["/sys/fs/cgroup/unified", "/sys/fs/cgroup"];
 const PIDS: &str = "/sys/fs/cgroup/pids";
 

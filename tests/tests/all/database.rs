@@ -22,7 +22,7 @@ use tokio::runtime::Runtime;
 
 const NAMES: [&str; 3] = ["r1", "r2", "r3"];
 
-/// Three robots, and a way to ask each of them, whatever becomes of the network.
+/// Three robots, and a way to query each of them in any state of the network.
 struct Robots {
     // Dropped in this order: the ways, the processes, their folder, the network.
     ways: Vec<Way>,
@@ -161,7 +161,7 @@ impl Robots {
         took.unwrap_or_else(|| panic!("no agreement: {:#?}", self.ways.iter().map(Way::status).collect::<Vec<_>>()))
     }
 
-    /// Asserts that what was written together is seen together.
+    /// Asserts that values written together are seen together.
     fn check_whole(&self) {
         for way in &self.ways {
             let entries = way.list("team/pair/");
@@ -173,8 +173,8 @@ impl Robots {
     }
 }
 
-/// Each writes while it is cut off; when the links are back all have the same, each transaction whole, every
-/// overwrite listed with all its values; what is settled on one is settled on all.
+/// Each writes while it is cut off. When the links are back all have the same state, each transaction whole, every
+/// overwrite listed with all its values. A conflict settled on one robot is settled on all.
 #[test]
 fn three_robots_agree_after_each_was_alone() {
     let Some(robots) = Robots::start(&[]) else { return };
@@ -240,8 +240,8 @@ fn three_robots_agree_after_each_was_alone() {
     }
 }
 
-/// Two robots that never meet have the same through a third. A robot that alone writes a key is asked by
-/// whoever reaches it.
+/// Two robots that never meet get each other's data through a third. A robot that alone writes a key is asked by any
+/// robot that reaches it.
 #[test]
 fn data_goes_through_the_one_who_meets_both() {
     let Some(robots) = Robots::start(&[1, 3]) else { return };
@@ -295,7 +295,7 @@ fn a_killed_node_has_lost_nothing() {
     assert!(acknowledged.len() > 10);
 }
 
-/// A write that cannot be found again is not acknowledged; one that was acknowledged can still be read.
+/// A write that cannot be found again is not acknowledged; an acknowledged write can still be read.
 #[test]
 fn a_store_whose_folder_is_deleted_takes_no_writes() {
     let cluster = Cluster::new();
@@ -313,8 +313,8 @@ fn a_store_whose_folder_is_deleted_takes_no_writes() {
     check(&["status"], 0, "was deleted or moved");
 }
 
-/// A node on a disk that can only be read starts, answers, and says why it takes no writes. It was killed before: what is on
-/// the disk has to be recovered first.
+/// A node on a read-only disk starts, answers, and says why it takes no writes. It was killed before, so the disk has
+/// to be recovered first.
 #[test]
 fn a_node_on_a_read_only_disk_reads_and_reports() {
     if !getuid().is_root() {
@@ -338,8 +338,8 @@ fn a_node_on_a_read_only_disk_reads_and_reports() {
     }
 }
 
-/// A command on a machine without a node finds the robot that it names, however long that takes to be discovered; what is
-/// local to that robot it does not get.
+/// A command on a machine without a node finds the robot that it names, however long the discovery takes. It does not
+/// get data that is local to that robot.
 #[test]
 fn a_robot_is_asked_from_a_machine_without_a_node() {
     let (cluster, Some(network)) = (Cluster::new(), Network::new(2)) else { return };

@@ -1,4 +1,4 @@
-//! What the README tells newcomers to type builds each dependency once.
+//! The commands that the README gives to newcomers build each dependency once.
 
 use std::collections::BTreeSet;
 use std::path::Path;

@@ -65,7 +65,7 @@ fn last(samples: &[Sample]) -> f64 {
     samples.last().expect("the world publishes it").value
 }
 
-/// `language` checks and draws the door without starting programs, so it has a copy of what they say.
+/// `language` checks and draws the door without starting programs, so it has a copy of their interfaces.
 #[test]
 fn the_copy_of_the_interfaces_is_true() {
     let asked = Command::new(executable("dca-controller")).arg("--dca-interface").output().expect("it starts");

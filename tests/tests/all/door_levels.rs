@@ -1,5 +1,5 @@
-//! The door on two levels, by real processes: its hardware is a deployment of its own, and whatever becomes of a mission, the wheels stop and
-//! the next mission has them.
+//! The door on two levels, by real processes: its hardware is a separate deployment. In whatever way a mission ends,
+//! the wheels stop and the next mission can use them.
 
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
@@ -15,7 +15,7 @@ const MISSION: Duration = Duration::from_secs(150);
 const WATCHDOG: Duration = Duration::from_millis(100);
 /// How often the plant looks at its drives.
 const PERIOD: Duration = Duration::from_millis(4);
-/// Who moves the base, in a mission.
+/// The program that moves the base, in a mission.
 const DRIVER: &str = "main/dooropensyst/motionctrl/xr4000";
 
 /// One node, and the specs of the example on it; all hosts are one.
@@ -82,7 +82,8 @@ fn number(base: &Value, name: &str) -> f64 {
     base[name].as_f64().unwrap_or_else(|| panic!("no `{name}` in {base}"))
 }
 
-/// Two missions in turn open the door on the same hardware, which nobody starts again; between them the door is shut by hand.
+/// Two missions in turn open the door on the same hardware, which is not restarted; between them the door is shut by
+/// hand.
 #[test]
 fn the_hardware_outlives_missions_that_open_the_door() {
     let door = Door::new();
@@ -104,7 +105,8 @@ fn the_hardware_outlives_missions_that_open_the_door() {
     assert_eq!(door.host.pids()["main/robot"], pid, "the hardware was never started again");
 }
 
-/// Who moves the base is killed, or suspended: the watchdog stops the wheels, and after the lease the base is free.
+/// The program that moves the base is killed or suspended: the watchdog stops the wheels, and after the lease the base
+/// is free.
 #[test]
 fn the_wheels_stop_when_a_mission_is_killed_in_the_middle() {
     let door = Door::new();
@@ -136,7 +138,8 @@ fn the_wheels_stop_when_a_mission_is_killed_in_the_middle() {
     }
 }
 
-/// A second mission hears who has the robot. One with a greater priority takes it, and the first one says why it ends.
+/// A second mission is told the holder of the robot. A mission with a greater priority takes it, and the first one says
+/// why it ends.
 #[test]
 fn a_second_mission_is_refused_and_one_with_a_greater_priority_is_not() {
     let door = Door::new();

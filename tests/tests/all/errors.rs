@@ -1,4 +1,4 @@
-//! Whatever is wrong is said in one clear sentence, with the right exit code, and leaves nothing behind.
+//! Every mistake is reported in one clear sentence, with the right exit code, and leaves nothing behind.
 
 use dca_tests::cluster::{Cluster, Ended, Program, SOON, Stream, executable, spec};
 use rustix::fs::{CWD, FileType, Gid, Mode, Uid, mknodat};
@@ -14,7 +14,7 @@ module Idle(host) { exec \"sleep 3600\"; plain; }
 process main() { host { c1 } instantiated_processes { idle instof Idle(c1); } internal_event_actions { idle } }
 ";
 
-/// Takes the end of a command: its exit code, and a sentence in one line of what it said.
+/// Checks the end of a command: its exit code, and a sentence in one line of its output.
 #[track_caller]
 fn check(cluster: &Cluster, ended: &Ended, code: i32, sentence: &[&str]) {
     assert_eq!(ended.code, Some(code), "{ended}");
@@ -59,7 +59,7 @@ fn a_file_where_a_folder_is_expected() {
         }
         check(&cluster, &elsewhere.start_node("c1", &[]).ended(SOON), 1, &[&format!("{is_file}run-dir`")]);
     }
-    // Nobody can make a folder there, root neither.
+    // Even root cannot make a folder there.
     for option in ["runs", "state"] {
         let refused = here.ask(&["run", &format!("--{option}"), "/proc/x", &idle]);
         let another = format!("choose another with `--{option}`");
@@ -111,7 +111,7 @@ fn a_name_that_belongs_to_no_regular_file() {
     check(&cluster, &used, 1, &["cannot read `/dev/zero`: it is a device"]);
 }
 
-/// What a node keeps in its folders, and something else has taken the name of: refused at once, by its path, with the option that
+/// A file of a node's folders whose name is taken by something else: refused at once, by its path, with the option that
 /// names another folder.
 #[test]
 fn what_is_no_file_in_the_folders_of_a_node() {
@@ -200,8 +200,8 @@ fn a_program_that_does_not_exist() {
     check_run(&too_long, 1, &["its arguments and environment are longer than the system takes"]);
 }
 
-/// A program that fails says so itself: its last lines stand with the abort, all of them in the report and in the record,
-/// where `dca logs` finds them when the nodes are gone.
+/// A program that fails says so itself: its last lines stand with the abort, all of them in the report and in the
+/// record, where `dca logs` finds them when the nodes are gone.
 #[test]
 fn a_program_that_fails() {
     let cluster = Cluster::new();
@@ -235,7 +235,7 @@ fn a_program_that_a_deadline_ends() {
     }
 }
 
-/// The node keeps what a program wrote when its deployment is over.
+/// The node keeps the output of a program when its deployment is over.
 #[test]
 fn the_output_of_a_program_that_has_failed_on_a_node() {
     let cluster = Cluster::new();
@@ -292,7 +292,7 @@ fn check_node(cluster: &Cluster, node: Program, sentence: &[&str]) {
     check(cluster, &node.ended(SOON), 1, sentence);
 }
 
-/// A path that is not whole is no mistake.
+/// A relative path is not a mistake.
 #[test]
 fn a_folder_with_a_relative_path() {
     let cluster = Cluster::new();
@@ -356,7 +356,7 @@ fn a_spec_with_errors() {
     check_run(&misspelt, 1, &["error[E0201]: unknown process `idel`"]);
 }
 
-/// A name is on one line whatever is in it, in the errors of all verbs.
+/// A name is printed on one line whatever its characters, in the errors of all verbs.
 #[test]
 fn a_name_with_a_line_break() {
     let cluster = Cluster::new();
@@ -390,20 +390,20 @@ fn a_name_with_a_line_break() {
     end(node);
 }
 
-/// Whoever limits the stack of a process does not kill it by that.
+/// A process whose stack is limited does not die from that.
 #[test]
 fn a_small_stack() {
     let cluster = Cluster::new();
     let here = cluster.here();
     let spec = cluster.file("one.dca", &IDLE.replace("sleep 3600", "true").replace("plain;", "plain; done;"));
     let run_dir = here.run_dir().display().to_string();
-    // It starts by asking the programs of controllers what they offer.
+    // It starts by asking the programs of controllers for their interfaces.
     let node = here.node_under(&["prlimit", "--stack=65536"], "c1");
     for size in [16384, 65536] {
         for verb in [&["--help"][..], &["status", "--run-dir", &run_dir], &["check", &spec]] {
             let mut limited = Command::new("prlimit");
             limited.arg(format!("--stack={size}")).arg(executable("dca")).args(verb);
-            // The environment lies on the stack, too, and whoever runs this may have a large one.
+            // The environment also lies on the stack, and it may be large.
             let limited = limited.env_clear().output().expect("util-linux is there");
             assert_eq!(limited.status.code(), Some(0), "{verb:?} with {size} B: {limited:?}");
         }

@@ -1,12 +1,12 @@
-//! `dca estop` on real processes: everything on every host ends at once, nothing begins before the release, and who does not answer
-//! is named.
+//! `dca estop` on real processes: everything on every host ends at once, nothing begins before the release, and hosts
+//! that do not answer are named.
 
 use dca_tests::cluster::{Cluster, Host, Network, SOON, Stream, wait_until};
 use dca_tests::made_team::MadeTeam;
 use rustix::process::Signal;
 use serde_json::{Value, json};
 
-/// A program on each of two hosts. What is to run at the end would leave a file.
+/// A program on each of two hosts. The event action at the end would leave a file.
 fn endless(mark: &str) -> String {
     format!(
         r#"
@@ -54,7 +54,7 @@ fn everything_ends_at_once_and_stays_so_over_a_restart() {
     assert!(format!("{}{}", refused.out, refused.err).contains(why), "{refused}");
     let status = here.ask(&["status"]);
     assert!(status.out.contains("c1: everything was stopped by ") && status.out.contains(why), "{status}");
-    // A node that ends as asked, and one that is killed, know it when they are started again.
+    // A node that ends as requested and a node that is killed both know of the stop when they are restarted.
     nodes[0].signal(Signal::TERM);
     nodes[1].signal(Signal::KILL);
     assert!(wait_until(SOON, || nodes.iter().all(|node| !node.is_running())).is_some());
@@ -72,13 +72,13 @@ fn everything_ends_at_once_and_stays_so_over_a_restart() {
     assert!(mark.exists(), "an ordinary stop does what the plan says");
 }
 
-/// What holds only until the node ends is no stop that a person may trust.
+/// A stop that holds only until the node ends cannot be relied on.
 #[test]
 fn a_disk_that_does_not_have_it_is_told() {
     let cluster = Cluster::new();
     let here = cluster.here();
     let node = here.node("c1", &[]);
-    // A folder in the way does what a full disk does.
+    // A folder in the way has the same effect as a full disk.
     let file = here.state().join("c1").join("estop");
     std::fs::create_dir(&file).expect("the node has made its folder");
     let all = here.ask(&["estop"]);
@@ -95,7 +95,7 @@ fn a_disk_that_does_not_have_it_is_told() {
     assert!(here.ask(&["status"]).out.contains("c1: everything was stopped by "));
 }
 
-/// A node that is suspended has said nothing, so nobody says of it that it has stopped.
+/// A suspended node has not answered, so it is not reported as stopped.
 #[test]
 fn who_does_not_answer_is_named() {
     let cluster = Cluster::new();

@@ -14,7 +14,7 @@ fn folder(name: &str) -> PathBuf {
     [env!("CARGO_MANIFEST_DIR"), "..", "examples", name].iter().collect()
 }
 
-/// Runs the spec of an example, changed in a folder of the test's own; the files beside it are there, too.
+/// Runs the spec of an example, changed in the test's own folder; the files beside it are copied.
 fn run(name: &str, change: impl FnOnce(String, &Cluster) -> String) -> Ended {
     let cluster = Cluster::new();
     for entry in std::fs::read_dir(folder(name)).unwrap() {
@@ -73,13 +73,13 @@ fn questions_have_their_answers() {
     assert!(unasked.code == Some(1) && unasked.err.contains("there is no queue"), "{unasked}");
 }
 
-/// The queue is smaller than what is ordered: what it rejects is handed in again, and all of it is taken once.
+/// The queue is smaller than the number of orders: rejected orders are handed in again, and each is taken once.
 #[test]
 fn orders_wait_in_a_queue() {
     check_done(&run("post", |text, _| text), "post");
 }
 
-/// What is built on the exports of another takes its place, and nobody else notices but for the speed.
+/// A program built on the exports of another takes its place; other programs notice only the speed.
 #[test]
 fn a_guard_takes_the_place_of_the_wheels() {
     check_done(&run("levels", |text, _| text), "levels");
@@ -124,7 +124,7 @@ fn a_driver_reads_a_serial_port() {
         changed(&text, "/tmp/dca-example-thermometer", &cluster.folder().join("tty").display().to_string())
     };
     check_done(&run("serial", own), "serial");
-    // Nobody is plugged in.
+    // No device is plugged in.
     let empty = run("serial", |text, cluster| changed(&own(text, cluster), "device, thermometer", "thermometer"));
     assert_eq!(empty.code, Some(1), "{empty}");
     assert!(empty.out.contains("cannot open the serial port"), "{empty}");

@@ -9,7 +9,7 @@ const DOOR: &str = include_str!("../../../specs/door_opening.dca");
 /// A sweep is 50 ms old and a door may turn by 10 degrees a second (deg).
 const WRONG_MAX: f64 = 2.0;
 const LIMIT: Duration = Duration::from_secs(90);
-/// In no run, whatever goes wrong (N).
+/// The greatest force in any run, whatever goes wrong (N).
 const FORCE_MAX: f64 = 100.0;
 const RECOVERY: &str = include_str!("../../../specs/door_recovery.dca");
 
@@ -25,7 +25,8 @@ fn fly(text: &str, rows: Vec<Row>) -> Vec<(Row, Vec<Outcome>)> {
         .collect()
 }
 
-/// One world of each kind in which something goes wrong, and of each fifth of those in which a program is killed or started again.
+/// One world of each kind in which something goes wrong, and of each fifth of those in which a program is killed or
+/// started again.
 #[test]
 fn a_mission_of_each_kind_does_not_end_well_with_the_door_shut() {
     let mut meddled = 0;
@@ -57,7 +58,7 @@ fn check_survey(worlds: u32, mut chosen: impl FnMut(&Row) -> bool) {
         let row = flown.iter().find(|(row, _)| row.name == name);
         &row.unwrap_or_else(|| panic!("there is no row `{name}`")).1
     };
-    // Wheels that slip disturb the estimate of the hinge, but not what the laser sees.
+    // Wheels that slip disturb the estimate of the hinge, but not the angle that the laser sees.
     let slipped =
         || flown.iter().filter(|(row, _)| row.name.starts_with("base slips")).flat_map(|(_, outcomes)| outcomes);
     let done = slipped().filter(|outcome| outcome.finish == Finish::Done).count();
@@ -71,8 +72,8 @@ fn check_survey(worlds: u32, mut chosen: impl FnMut(&Row) -> bool) {
     assert!(named("handle lost").iter().all(told), "{text}\n{failures}");
 }
 
-/// Doors and networks that the laws were not tuned for, each of which failed once.
-/// `swing push` is not among them: the hand stays square to the leaf, so the forearm would have to pass through the jamb.
+/// Doors and networks that the laws were not tuned for, each of which failed once. `swing push` is not among them: the
+/// hand stays square to the leaf, so the forearm would have to pass through the jamb.
 const UNTUNED: [&str; 11] = [
     "side right",
     "lever_length",
@@ -106,7 +107,7 @@ fn check_untuned(worlds: u32) {
     assert!(is_strict, "{}\n{}", table::text(&flown), table::failures(&flown));
 }
 
-/// Everything unlike what the laws were made with, at once: noise three times as large, grasps eight times as stiff, closers
+/// All parameters far from the design values at once: noise three times as large, grasps eight times as stiff, closers
 /// that take 60 N. 37 of 48 opened before noise and stiffness were measured, 24 of them gently.
 #[test]
 #[ignore = "long: a share of 20 worlds"]
@@ -119,7 +120,7 @@ fn wide_worlds_open() {
     assert!(!outcomes().any(|outcome| outcome.is_false() || outcome.worst > FORCE_MAX), "{text}\n{failures}");
 }
 
-/// A `model` that begins anew at 33 degrees took the leaf for the wall once, and went on to 120 degrees and 333 N.
+/// A `model` that was restarted at 33 degrees once took the leaf for the wall, and went on to 120 degrees and 333 N.
 #[test]
 fn who_is_started_again_in_the_opening_sees_how_far_it_is() {
     for after in [5.2, 6.4, 8.0].map(Duration::from_secs_f64) {
@@ -132,8 +133,9 @@ fn who_is_started_again_in_the_opening_sees_how_far_it_is() {
     }
 }
 
-/// Wheels that turn on the spot for 7 to 11 s from 58 degrees on, while the laser did not see the wall, made three of these doors look open
-/// at 58.4 and 59.3 degrees. Then the base turned; now it is steady, and the hand feels that the hinge is elsewhere.
+/// Wheels that turn on the spot for 7 to 11 s from 58 degrees on, while the laser did not see the wall, made three of
+/// these doors look open at 58.4 and 59.3 degrees. Then the base turned; now it is steady, and the hand feels that the
+/// hinge is elsewhere.
 #[test]
 fn wheels_that_spin_shortly_before_the_end_open_no_door() {
     check_spins(1);
@@ -156,7 +158,8 @@ fn check_spins(worlds: u32) {
     assert!(told > worlds as usize, "{text}\n{failures}");
 }
 
-/// Wheels that slide turn the base without turning themselves. Before that was bounded this one was done at 61.9 degrees, 8 short.
+/// Wheels that slide turn the base without turning themselves. Before that was bounded this one was done at 61.9
+/// degrees, 8 short.
 #[test]
 fn wheels_that_slide_open_no_door() {
     for (closer, traction) in [(20, 60), (25, 80), (15, 50)] {

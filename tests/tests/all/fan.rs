@@ -1,5 +1,5 @@
-//! One writer with 20 readers, and 20 writers with one reader, at 100 Hz: what may be lost is counted, what may not is not lost, and a
-//! reader that is suspended or killed delays nobody. Whoever is killed leaves nothing behind.
+//! One writer with 20 readers, and 20 writers with one reader, at 100 Hz. Values that may be lost are counted, all
+//! others arrive, and a reader that is suspended or killed delays no other. A killed program leaves nothing behind.
 
 #![expect(clippy::print_stdout, reason = "a test says what was lost, and what was late")]
 
@@ -21,23 +21,24 @@ const BEAT: Duration = Duration::from_millis(10);
 const SOME: usize = 50;
 /// TCP repeats what such a cut holds up.
 const SHORT_CUT: Duration = Duration::from_millis(500);
-/// Links are given up meanwhile, and hosts are not.
+/// Long enough to lose links, too short to lose hosts.
 const LONG_CUT: Duration = Duration::from_secs(3);
-/// How often it is cut for so long at most, until something was lost: a busy machine may notice late that a link is cut.
+/// How often it is cut for so long at most, until something was lost: a busy machine may notice late that a link is
+/// cut.
 const LONG_CUTS_MAX: usize = 5;
-/// How long a reader is suspended: its node does not take it for one that hangs.
+/// How long a reader is suspended: too short for its node to report a hang.
 const SUSPENDED: Duration = Duration::from_secs(3);
 /// No busy machine holds up a loop for so long, and a write to a reader that does not read would.
 const HELD_UP_MAX: Duration = Duration::from_secs(2);
 
-/// A beat as somebody has heard it.
+/// A beat that a reader has received.
 #[derive(Clone, Debug)]
 struct Heard {
     at: Time,
     age: Duration,
     from: String,
     number: u64,
-    /// What its port had counted as lost.
+    /// The loss counter of its port at that time.
     lost: u64,
 }
 
@@ -53,7 +54,7 @@ fn nanos(word: &str) -> u64 {
     word.parse().expect("it is a number")
 }
 
-/// Returns what somebody has heard, by activation.
+/// Returns the received beats of a reader, by activation.
 fn heard(cluster: &Cluster, name: &str) -> Vec<Vec<Heard>> {
     let beat = |words: &Vec<String>| match &words[..] {
         [at, age, from, number, lost] => Heard {
@@ -68,8 +69,8 @@ fn heard(cluster: &Cluster, name: &str) -> Vec<Vec<Heard>> {
     lives(cluster, name).iter().map(|life| life.iter().map(beat).collect()).collect()
 }
 
-/// Looks whether the numbers of each writer come in order. Returns how many are missing between the first and the last one, and how many
-/// were counted as lost.
+/// Looks whether the numbers of each writer come in order. Returns how many are missing between the first and the last
+/// one, and how many were counted as lost.
 fn missing_and_counted(name: &str, life: &[Heard]) -> (u64, u64) {
     let (mut last, mut missing) = (BTreeMap::new(), 0);
     for beat in life {
@@ -130,7 +131,7 @@ fn wait_for_more(cluster: &Cluster, names: &[String]) {
     assert!(waited.is_some(), "{before:?}, then {:?} of {names:?}", names.iter().map(count).collect::<Vec<_>>());
 }
 
-/// Cuts host 2 off for a moment, then for so long that its links are given up, until one of these readers has lost something. `again`
+/// Cuts host 2 off for a moment, then until its links are lost and one of these readers has lost something. `again`
 /// waits until data flows again.
 fn cut(hosts: &Hosts, readers: &[&String], again: impl Fn()) {
     let here = hosts.host(1);
@@ -215,7 +216,8 @@ fn many_writers_and_one_reader_over_a_link_that_is_cut() {
         let [life] = &heard(cluster, name)[..] else { panic!("`{name}` was started again") };
         let (missing, counted) = missing_and_counted(name, life);
         println!("{name}: {} heard, {missing} missing, {counted} counted", life.len());
-        // What gave way before the first beat that was heard of a writer, or after the last one, is counted, and not seen here.
+        // Losses before the first beat from a writer and after its last are counted by the port, but cannot be seen
+        // here.
         let sent = |name: &String| u64::try_from(lives(cluster, name).concat().len()).unwrap_or_default();
         let at_ends = |name: &String| {
             let of = || life.iter().filter(|beat| beat.from == *name).map(|beat| beat.number);
@@ -239,7 +241,8 @@ fn figures(mut times: Vec<Duration>) -> [Duration; 3] {
     [50, 99, 100].map(|percent| times.get((times.len().saturating_sub(1)) * percent / 100).copied().unwrap_or_default())
 }
 
-/// Compares times before something happened with those meanwhile: their median, since others use this machine, too.
+/// Compares the times before a disturbance with those during it, by their median, since others use this machine as
+/// well.
 #[track_caller]
 fn expect_no_later(what: &str, before: Vec<Duration>, meanwhile: Vec<Duration>) {
     assert!(!before.is_empty() && !meanwhile.is_empty(), "{what}: nothing to compare");
@@ -249,8 +252,8 @@ fn expect_no_later(what: &str, before: Vec<Duration>, meanwhile: Vec<Duration>) 
     assert!(max < HELD_UP_MAX, "{what}: held up for {max:?}");
 }
 
-/// One of 20 readers is suspended for 3 s, which is longer than the link has room for, and another one is killed meanwhile. The
-/// writer and all others go on as before, and lose nothing.
+/// One of 20 readers is suspended for 3 s, which is longer than the link can buffer, and another one is killed during
+/// this time. The writer and all others go on as before, and lose nothing.
 #[test]
 fn a_reader_that_is_suspended_or_killed_delays_nobody() {
     let cluster = Cluster::new();
@@ -308,21 +311,22 @@ fn a_reader_that_is_suspended_or_killed_delays_nobody() {
     }
 }
 
-/// Looks at what somebody has heard of one writer that was started again so often: its numbers go up, and begin anew with each of its lives;
-/// what is missing between two of them was counted. Returns how many that were.
+/// Checks the beats from one writer that was restarted so often: its numbers go up, and restart with each of its lives;
+/// missing numbers between two beats were counted. Returns how many there were.
 #[track_caller]
 fn missing_over_lives(name: &str, life: &[Heard], restarts: usize) -> u64 {
     let runs: Vec<&[Heard]> = life.chunk_by(|one, next| next.number > one.number).collect();
     assert!(runs.len() <= 1 + restarts, "{name}: {} runs of numbers, {restarts} restarts", runs.len());
     let missing: u64 = runs.iter().map(|run| run[run.len() - 1].number + 1 - run[0].number - run.len() as u64).sum();
-    // What a writer had sent before its first number came is missing only if the wire was heard by then.
+    // Values sent before a writer's first received number are missing only if the wire was heard by then.
     let unsure: u64 = runs.iter().map(|run| run[0].number - 1).sum();
     let counted = life.last().map_or(0, |beat| beat.lost) - life.first().map_or(0, |beat| beat.lost);
     assert!((missing..=missing + unsure).contains(&counted), "{name}: {missing} missing, {counted} counted");
     missing
 }
 
-/// Two writers, one with short values and one with values in shared memory, and two readers of each are killed in turn, at any time.
+/// Two writers, one with short values and one with values in shared memory, and two readers of each are killed in turn,
+/// at any time.
 #[test]
 fn whoever_is_killed_leaves_nothing_behind() {
     const KILLS: usize = 4;
@@ -361,7 +365,7 @@ fn whoever_is_killed_leaves_nothing_behind() {
     assert!(left.is_empty(), "{left:?}");
 }
 
-/// Returns what has a name in the memory that programs share, and may be of DCA.
+/// Returns the names in shared memory that may belong to DCA.
 fn shared_memory() -> BTreeSet<OsString> {
     let entries = std::fs::read_dir("/dev/shm").into_iter().flatten().flatten();
     entries.map(|entry| entry.file_name()).filter(|name| name.to_string_lossy().contains("dca")).collect()

@@ -31,7 +31,8 @@ fn crowd(host: &str, count: usize) -> String {
     )
 }
 
-/// A node whose files run out refuses what does not fit, in words, and goes on; what runs can be stopped.
+/// A node without free file descriptors refuses further deployments, with a message, and goes on; running deployments
+/// can be stopped.
 #[test]
 fn a_node_without_free_files_refuses_and_goes_on() {
     let cluster = Cluster::new();
@@ -49,7 +50,7 @@ fn a_node_without_free_files_refuses_and_goes_on() {
     let many = here.dca(&["deploy", "--no-record", &cluster.file("many.dca", &crowd("c1", CROWD))]).ended(2 * SOON);
     assert_eq!(many.code, Some(1), "{many}");
     assert!(many.out.contains("many: refused") && many.out.contains("oo many open files"), "{many}");
-    // What ran goes on, and can be stopped; then there is room again.
+    // Running programs go on, and can be stopped; then there are free descriptors again.
     assert_eq!(here.pids().len(), 2);
     let stop = here.ask(&["stop", "few"]);
     assert_eq!(stop.code, Some(0), "{stop}");
@@ -61,8 +62,8 @@ fn a_node_without_free_files_refuses_and_goes_on() {
     node.wait().expect("it was started here");
 }
 
-/// A program in an uninterruptible sleep, as behind a dead disk. What stops it says that it could not, and nothing of its name
-/// is started beside it; once it has ended after all, that is known, too.
+/// A program in an uninterruptible sleep, as behind a dead disk. `dca stop` says that it could not be stopped, and no
+/// program of its name is started beside it. Once it has ended after all, its end is reported.
 #[test]
 fn what_cannot_be_killed_is_told_and_not_started_again() {
     let Some(freezer) = Freezer::new() else { return };
@@ -92,8 +93,8 @@ fn what_cannot_be_killed_is_told_and_not_started_again() {
     cluster.expect_nothing_left(SOON);
 }
 
-/// The same while its mission goes on: who wants what it holds waits, people are told why and what to do, and goes on once it has
-/// ended.
+/// The same while its mission goes on: a program that wants its resources waits, people are told why and what to do,
+/// and it goes on once the other has ended.
 #[test]
 fn what_cannot_be_killed_keeps_what_it_has_taken() {
     let Some(freezer) = Freezer::new() else { return };
@@ -127,7 +128,7 @@ process main() {
     cluster.expect_nothing_left(SOON);
 }
 
-/// Whatever lies in the folders of a node, it starts at once, and says what is wrong.
+/// A node starts at once whatever lies in its folders, and reports the damage.
 #[test]
 fn pipes_and_damage_in_its_folders_do_not_keep_a_node_from_starting() {
     let cluster = Cluster::new();
@@ -156,7 +157,7 @@ fn pipes_and_damage_in_its_folders_do_not_keep_a_node_from_starting() {
     again.wait_for(Stream::Err, "1 program on 1 host", SOON);
     let status = here.ask(&["status"]);
     assert!(!status.out.contains("few@1 ") && !status.out.contains("few@2 "), "no epoch is given twice: {status}");
-    // A record that somebody has written over ends nothing either: its shim is there.
+    // An overwritten record ends nothing either: the program's shim is there.
     wait_until(SOON, || here.pids().len() == 1).expect("it runs");
     let before = here.pids();
     second.kill();
@@ -196,8 +197,8 @@ fn a_node_refuses_limits_that_it_could_not_live_with() {
     }
 }
 
-/// A way between two hosts is cut, in one direction or in both, while a third one reaches both. Nobody is lost, programs go
-/// on, and a stop ends them on both hosts.
+/// A link between two hosts is cut, in one direction or in both, while a third one reaches both. No host is lost,
+/// programs go on, and a stop ends them on both hosts.
 #[test]
 fn two_hosts_that_a_third_reaches_are_not_lost() {
     for both_ways in [false, true] {
@@ -268,8 +269,8 @@ fn a_flapping_link_restarts_nothing() {
     nodes.iter().for_each(|node| node.signal(Signal::TERM));
 }
 
-/// Two nodes of one name on two sides of a cut, with one deployment each. When the two meet it goes on on one of them, all
-/// are told, and nothing begins under the name while both are there.
+/// Two nodes of one name on two sides of a cut, with one deployment each. When the two meet, a deployment goes on on
+/// one of them, all hosts are told, and nothing begins under the name while both are there.
 #[test]
 fn two_nodes_of_one_name_that_meet_after_a_cut() {
     let Some(network) = Network::new(3) else { return };
@@ -293,7 +294,7 @@ fn two_nodes_of_one_name_that_meet_after_a_cut() {
     assert!(goes_on.is_running() && kept.is_running(), "what runs on one of them goes on");
     node.wait_for(Stream::Err, "`few@1` also runs on another node of this one's name", SOON);
     namesake.wait_for(Stream::Err, "it is ended here", SOON);
-    // A third one deals with one of them, and knows of both.
+    // A third host works with one of them, and knows of both.
     let third_node = other.node("c2", &["--lan"]);
     let shown = || other.ask(&["nodes"]);
     wait_until(SOON, || shown().out.contains("second of its name: on `")).unwrap_or_else(|| panic!("{}", shown()));
@@ -315,8 +316,8 @@ fn two_nodes_of_one_name_that_meet_after_a_cut() {
     [node, third_node].iter().for_each(|node| node.signal(Signal::TERM));
 }
 
-/// Two users deploy the same name at the same time; 100 times with `DCA_TEST_ROUNDS=100`. One of them has it. The other
-/// is told so, or came so late that its deployment changed what ran. What runs is what one of the two asked for.
+/// Two users deploy the same name at the same time; 100 times with `DCA_TEST_ROUNDS=100`. One of them wins. The other
+/// is told so, or came so late that its deployment changed the running one. The running deployment is one of the two.
 #[test]
 fn two_users_of_one_name_are_one_winner_and_one_refusal() {
     let cluster = Cluster::new();

@@ -1,11 +1,11 @@
-//! The rows of `dca fmea specs/door_opening.dca --json`, on the real system: each row named here is brought about with real
-//! programs, supervisors and nodes, and compared with what is seen: what follows at once, what still runs, how long it takes until
-//! nothing does, and what becomes of the mission.
+//! The rows of `dca fmea specs/door_opening.dca --json`, on the real system. Each row named here is reproduced with
+//! real programs, supervisors and nodes. Compared are the immediate effects, the programs that still run, the time
+//! until none does, and the result for the mission.
 //!
-//! A row tells its own story: what happens before the fault. The driver lets that happen, strikes, and looks. Most rows are played
-//! with stand-ins (`dca-fakes`), which have the interfaces of the door's controllers and no physics: the spec, the supervisors, the
-//! shims and the nodes are the real ones, and a step ends when the test says so. The rows of `own` are played with the door's own
-//! programs, those of `hosts` on three nodes in namespaces.
+//! A row includes the story before the fault. The driver plays this story, causes the fault, and compares. Most rows
+//! are played with stand-ins (`dca-fakes`), which have the interfaces of the door's controllers and no physics: the
+//! spec, the supervisors, the shims and the nodes are the real ones, and a step ends when the test says so. The rows of
+//! `own` are played with the door's own programs, those of `hosts` on three nodes in namespaces.
 
 #![expect(clippy::print_stdout, reason = "a test says how long what it has seen took")]
 
@@ -77,7 +77,8 @@ fn crashes_of_the_later_phases() {
     ]);
 }
 
-/// Two of the three operands of a race are a join: one that fails there is missed once the other is done, and not before.
+/// Two of the three operands of a race are a join: a failure there is noticed once the other operand is done, and not
+/// before.
 #[test]
 #[ignore = "long: rows of the table, with real programs"]
 fn what_a_race_forgives_for_a_while() {

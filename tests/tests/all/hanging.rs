@@ -92,7 +92,7 @@ fn a_suspended_program_is_found_and_started_again() {
     end(&cluster, node);
 }
 
-/// The shim measures: without a node a hang is found all the same, and no program that is well is blamed.
+/// The shim measures: a hang is found without a node as well, and no healthy program is reported.
 #[test]
 fn a_hang_is_found_while_the_node_is_away() {
     let cluster = Cluster::new();

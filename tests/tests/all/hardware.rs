@@ -1,5 +1,5 @@
-//! Hardware in a deployment of its own: missions come and go, the server of the base stays; and whatever becomes of a pilot, the wheels
-//! stop 100 ms after its last command.
+//! Hardware in a separate deployment: missions come and go, the server of the base stays. However a pilot ends, the
+//! wheels stop 100 ms after its last command.
 
 #![expect(clippy::print_stdout, reason = "a test says how long it took")]
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
@@ -16,7 +16,7 @@ const WATCHDOG: Duration = Duration::from_millis(100);
 /// How often the base looks at them.
 const PERIOD: Duration = Duration::from_millis(5);
 
-/// The files of the example; a mission that goes on until somebody stops it has a long way.
+/// The files of the example; a mission that runs until it is stopped has a long way.
 struct Example {
     hardware: String,
     mission: String,
@@ -46,7 +46,7 @@ impl Example {
     }
 }
 
-/// The state of the base, by a name that a mission has for it, too.
+/// The state of the base, under a name that the mission also has for it.
 fn motion(host: &Host) -> Value {
     let got = host.ask(&["get", "base.motion", "--within", "60"]);
     assert_eq!(got.code, Some(0), "{got}");
@@ -71,8 +71,9 @@ fn moves(host: &Host) {
     assert!(wait_until(SOON, moves).is_some(), "it stands: {}", motion(host));
 }
 
-/// Does something to a pilot that drives: the wheels stand so long after its last command as the watchdog and one look at it allow. A busy
-/// machine may keep the loop of the base waiting; then it looks later, and says how much. What was on its way when it happened still counts.
+/// Does something to a pilot that drives: the wheels stop after the watchdog's time and one of its looks at the last
+/// command. A busy machine may keep the loop of the base waiting; then it looks later, and reports the delay. A command
+/// in transit at that moment still counts.
 fn stops(what: &str, host: &Host, act: impl FnOnce()) {
     moves(host);
     let before = seconds(now());
@@ -108,12 +109,12 @@ fn missions_come_and_go_and_the_hardware_stays() {
     assert!(early.code == Some(1) && early.out.contains(why), "{early}");
     let _hardware = example.deploy(&here, &example.hardware);
     let pid = here.pids()["main/base"];
-    // One that comes to its end.
+    // A pilot that ends by itself.
     let done =
         here.dca(&["deploy", "--no-record", "--controllers", &example.program, &example.mission]).ended(SOON * 2);
     assert_eq!(done.code, Some(0), "{done}");
     assert!(number(&motion(&here), "travelled") >= 1.0);
-    // One that is stopped, while the next one waits for the lock.
+    // A pilot that is stopped, while the next one waits for the lock.
     let endless = example.deploy(&here, &example.endless);
     moves(&here);
     let lock = |name: &str| json(&here.ask(&["lock", name, "--json", "--within", "60"]).out);
@@ -144,8 +145,8 @@ fn missions_come_and_go_and_the_hardware_stays() {
     );
 }
 
-/// A pilot that is killed, and one that is suspended. The next one has the wheels after the lease; what the suspended one still says is
-/// refused.
+/// A pilot that is killed, and one that is suspended. The next pilot gets the wheels after the lease; later commands of
+/// the suspended one are refused.
 #[test]
 fn the_wheels_stop_whatever_becomes_of_who_drives() {
     let cluster = Cluster::new();

@@ -1,4 +1,5 @@
-//! Controllers that share a process: nothing is lost between them, the node sees one program, and what kills it ends them all.
+//! Controllers that share a process: nothing is lost between them, the node sees one program, and a kill ends all of
+//! them.
 
 use dca_tests::cluster::{Cluster, Host, Program, SOON, executable, pass, wait_until};
 use rustix::process::Signal;
@@ -44,8 +45,8 @@ fn a_source_eight_stages_and_eight_sinks_are_one_program_that_loses_nothing() {
     assert!(all.iter().all(|runs| runs.len() == 1 && runs[0].0 == 1 && *runs == all[0]), "{all:?}");
 }
 
-/// What members send to each other is in no spec, and people see it all the same: by name and type, and value by value. A group without
-/// any port is looked into like the others, and who looks loses it nothing.
+/// Values between members are in no spec, and can still be watched: by name and type, and value by value. This also
+/// holds for a group without ports, and watching loses the group nothing.
 #[test]
 fn what_members_send_each_other_is_listed_and_echoed() {
     let cluster = Cluster::new();
@@ -120,7 +121,7 @@ fn a_group_is_wired_and_restarted_as_one_program() {
     let stop = here.ask(&["stop", "count"]);
     assert_eq!(stop.code, Some(0), "{stop}");
     assert!(wait_until(SOON, || !mission.is_running()).is_some());
-    // What came while it was away is lost, and nothing else.
+    // Only the values sent while it was away are lost.
     let runs = cluster.counted("sink");
     assert!(runs.len() == 2 && runs[0].1 < runs[1].0, "{runs:?}");
 }

@@ -4,8 +4,8 @@ use dca_tests::cluster::{Cluster, SOON, executable};
 use std::fs;
 use std::process::Command;
 
-/// Refuses two system calls, as the seccomp filter of an old container runtime does (ENOSYS), and executes what is behind it.
-/// Sources: seccomp(2), linux/filter.h; the numbers are the same on x86-64 and AArch64.
+/// Refuses two system calls, as the seccomp filter of an old container runtime does (ENOSYS), and executes the
+/// remaining command. Sources: seccomp(2), linux/filter.h; the numbers are the same on x86-64 and AArch64.
 const OLD: &str = r#"
 import ctypes, os, struct, sys
 def code(code, jt, jf, k):

@@ -1,4 +1,5 @@
-//! A node that is killed and started again takes over what runs: the mission goes on, and no program is started twice.
+//! A node that is killed and restarted adopts the running programs: the mission goes on, and no program is started
+//! twice.
 
 use comms::io::clock::now;
 use comms::logic::random::Random;
@@ -11,7 +12,8 @@ use std::time::Duration;
 
 /// How soon a node that was started again has everything.
 const ADOPTED_WITHIN: Duration = Duration::from_secs(1);
-/// The same on a machine that runs other tests beside. With a scan of all processes for each program it took 4.8 s at the least.
+/// The same on a machine that runs other tests beside. With a scan of all processes for each program it took 4.8 s at
+/// the least.
 const ADOPTED_WITHIN_BUSY: Duration = Duration::from_secs(4);
 const PROGRAMS: usize = 200;
 /// How many of them end while there is no node.
@@ -32,7 +34,7 @@ fn programs(cluster: &Cluster) -> BTreeMap<String, i32> {
     cluster.left().into_iter().filter_map(|process| Some((path(&process)?, process.pid))).collect()
 }
 
-/// Ends the programs of these numbers, each with an exit code of its own.
+/// Ends the programs of these numbers, each with a different exit code.
 fn end(programs: &BTreeMap<String, i32>, numbers: Range<usize>) {
     for number in numbers {
         let pid = Pid::from_raw(programs[&format!("main/p{number}")]).expect("it is a number");
@@ -73,8 +75,8 @@ fn the_door_opens_although_every_node_is_killed() {
     wait_until(SOON, || left() == 0).unwrap_or_else(|| panic!("left: {:#?}", cluster.left()));
 }
 
-/// On three hosts of a network each node is killed once, at a moment that the seed draws; `DCA_DOORS` says how often (20 doors
-/// take a quarter of an hour).
+/// On three hosts of a network each node is killed once, at a moment that the seed draws; `DCA_DOORS` says how often
+/// (20 doors take a quarter of an hour).
 #[test]
 fn the_door_opens_on_a_network_although_every_node_is_killed() {
     let doors: u64 = std::env::var("DCA_DOORS").ok().and_then(|count| count.parse().ok()).unwrap_or(1);
@@ -133,12 +135,13 @@ fn every_program_is_found_again_and_every_end_is_told() {
     end(&before, 0..ENDING);
     wait_until(SOON, || programs(&cluster).len() == PROGRAMS - ENDING).expect("half of them end without a node");
     let node = here.node("c1", &[]);
-    // How long one question takes on this machine as it is now.
+    // The time of one query on this machine at its present load.
     let began = now();
     running(&here);
     let asked = 4 * (now() - began);
     let took = wait_until(SOON, || running(&here) == PROGRAMS - ENDING + 1).expect("all are found again");
-    // The first answer to a question comes later than that on a busy machine; a program is told to be found by its node.
+    // The first answer to a question comes later than that on a busy machine; a program is told to be found by its
+    // node.
     assert!(took <= ADOPTED_WITHIN_BUSY.max(asked), "{took:?}");
     println!("{PROGRAMS} programs, {ENDING} of them ended: known {took:.1?} after the node was ready");
     let told = states(&here);
@@ -149,7 +152,8 @@ fn every_program_is_found_again_and_every_end_is_told() {
     let after = programs(&cluster);
     assert!(after.iter().all(|(path, process)| before.get(path) == Some(process)), "a program was started again");
     end(&before, ENDING..PROGRAMS);
-    // Who watches gives the node up after 5 s, which all that may take on a busy machine. The mission goes on.
+    // A watching command gives the node up after 5 s, which all of this may take on a busy machine. The mission goes
+    // on.
     let watched = mission.ended(SOON);
     assert!(matches!(watched.code, Some(0 | 3)), "{watched}");
     let finished = || here.ask(&["events", "many"]).out.contains("finished: done");

@@ -1,8 +1,8 @@
 //! `kill -9` of any one controller, each of the twenty-two once: the mission ends as the rules say, says why,
 //! and leaves nothing.
 //!
-//! `mission::killing_any_controller_ends_the_mission_with_its_name` kills each of them on virtual time. Here they are real programs: two in
-//! the quick tests, the others in the long ones.
+//! `mission::killing_any_controller_ends_the_mission_with_its_name` kills each of them on virtual time. Here they are
+//! real programs: two in the quick tests, the others in the long ones.
 
 use dca_tests::cluster::{Cluster, Ended, Program, SOON, Stream, Trace, spec, wait_until};
 use node::logic::protocol::{Change, Ending, FailureCause};
@@ -97,9 +97,9 @@ fn while_its_laws_open_the_door() {
     opening(&["compliant", "model", "config", "add"]);
 }
 
-/// The last: a hand that does not open is missed by `opengrip , approach` only once `approach` has ended, too, and
-/// `hit` comes first: the rules let the mission go on. Where the hand was open by then the door opens; where it was killed before
-/// that, the grasp says that it has nothing.
+/// The last case: a hand that does not open is noticed by `opengrip , approach` only once `approach` has ended as well,
+/// and `hit` comes first: the rules let the mission go on. If the hand was open by then, the door opens; if the program
+/// was killed before that, the grasp reports that it holds nothing.
 #[test]
 #[ignore = "long: real doors"]
 fn while_the_hand_opens() {
@@ -113,7 +113,7 @@ fn while_the_hand_opens() {
     cluster.expect_nothing_left(Duration::from_secs(2));
 }
 
-/// One that is not active yet is missed when its turn comes: the mission ends then, and not before.
+/// The death of a program that is not yet active is noticed when its turn comes: the mission ends then, and not before.
 #[test]
 fn before_its_turn() {
     let cluster = Cluster::new();

@@ -1,9 +1,10 @@
-//! A page of the manual that a newcomer follows: each of its commands is run, and prints what the page says, to the letter.
+//! A page of the manual for newcomers: each of its commands is run, and prints exactly the text of the page.
 
 use dca_tests::cluster::Cluster;
 use std::path::Path;
 
-/// The pages: what stands in a block `dca,FILE` is written to FILE; what stands behind `$ dca …` in a block `console` is printed.
+/// The pages: what stands in a block `dca,FILE` is written to FILE; what stands behind `$ dca …` in a block `console`
+/// is printed.
 const PAGES: [&str; 1] = ["first_proof.md"];
 
 #[test]
@@ -16,7 +17,7 @@ fn each_command_prints_what_the_page_says() {
     }
 }
 
-/// The page, with what is printed now.
+/// The page, with the present output of its commands.
 fn made(page: &str) -> String {
     let cluster = Cluster::new();
     let (mut made, mut commands) = (String::new(), 0);
@@ -43,7 +44,7 @@ fn made(page: &str) -> String {
     made
 }
 
-/// What a command prints: `dca …`, or `cat FILE`.
+/// The output of a command: `dca …`, or `cat FILE`.
 fn run(cluster: &Cluster, command: &str) -> String {
     let words: Vec<&str> = command.split(' ').collect();
     let printed = match words.as_slice() {

@@ -14,7 +14,8 @@ const SETTLE: Duration = Duration::from_secs(5);
 /// How long threads of a pool may stay without work: tokio keeps them for 10 s.
 const POOL: Duration = Duration::from_secs(30);
 
-/// 200 leaves in 5 nested groups deploy and stop on one machine; no thread, descriptor or process is left over four rounds.
+/// 200 leaves in 5 nested groups deploy and stop on one machine; no thread, descriptor or process is left over four
+/// rounds.
 #[test]
 fn two_hundred_leaves_come_and_go() {
     come_and_go(4);
@@ -64,7 +65,7 @@ fn come_and_go(times: usize) {
     assert!(took.is_some(), "{threads_first} threads at first, {} after the last round", threads(node.pid()));
 }
 
-/// 500 programs on one machine end when somebody asks for it, and `dca stop` says so with exit code 0.
+/// 500 programs on one machine end at a `dca stop`, which reports it with exit code 0.
 #[test]
 fn five_hundred_programs_stop_when_asked() {
     let cluster = Cluster::new();

@@ -1,7 +1,7 @@
 //! The specs, run to their end in one thread on virtual time by the real algebra and the real controllers.
 //!
-//! Targets: the door at 60 degrees or more within 40 s, at most 30 N when the hand hits the handle, at most 60 N while the
-//! door opens, the hand at most 10 mm beside the handle after servoing, at most 4000 samples a second.
+//! Targets: the door at 60 degrees or more within 40 s, at most 30 N when the hand hits the handle, at most 60 N while
+//! the door opens, the hand at most 10 mm beside the handle after servoing, at most 4000 samples a second.
 
 use comms::logic::time::Time;
 use controllers::sdk::harness::Disturbance;
@@ -155,7 +155,7 @@ fn a_locked_door_aborts() {
 
 #[test]
 fn a_hand_that_was_pushed_closes_on_nothing() {
-    // A visitor pushes while the hand is on its way; that is no handle, and the gripper notices.
+    // A visitor pushes while the hand is on its way; there is no handle, and the gripper notices.
     let seen = fly(&world("push_at = 12 s"), Disturbance::NONE);
     check_abort(&seen, "main/dooropensyst/closegrip/fingers: the gripper closed on nothing");
 }
@@ -209,6 +209,7 @@ fn killing_any_controller_ends_the_mission_with_its_name() {
 fn compliance_ends_with_a_hit() {
     let seen = fly(COMPLIANT, Disturbance::NONE);
     assert_eq!(seen.finish, Finish::Done);
-    // The push starts at 2 s and passes 40 N at 2 + 4 · 40/60 s; three samples, the sensor's filter and the stop follow.
+    // The push starts at 2 s and passes 40 N at 2 + 4 · 40/60 s; three samples, the sensor's filter and the stop
+    // follow.
     assert!((4.66..5.2).contains(&seen.seconds), "{seen:?}");
 }

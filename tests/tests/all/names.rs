@@ -1,4 +1,4 @@
-//! The holders of names: `dca names`, and the fate of a name that two want, or that nobody has any more.
+//! The holders of names: `dca names`, and the fate of a name that two programs want or that has no holder.
 
 use comms::logic::key::HostName;
 use dca_tests::cluster::{Cluster, Host, SOON, Stream, wait_until};
@@ -44,7 +44,7 @@ fn specs_and_nodes_take_the_same_names() {
     }
 }
 
-/// The second deployment wants the arm that the first has, on the same host: it is refused, and told who has it.
+/// The second deployment wants the arm that the first has, on the same host: it is refused, and the holder is named.
 #[test]
 fn a_device_has_one_holder_across_deployments() {
     let cluster = Cluster::new();
@@ -67,7 +67,7 @@ fn a_device_has_one_holder_across_deployments() {
     assert_eq!(here.ask(&["stop", "second"]).code, Some(0));
 }
 
-/// A node dies: nobody gives its names out any more, its host leaves the lists of the others within a lease.
+/// A node dies: its names are no longer given out, and its host leaves the lists of the others within a lease.
 #[test]
 fn names_of_a_host_that_is_gone_leave_within_a_lease() {
     let cluster = Cluster::new();

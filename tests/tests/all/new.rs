@@ -22,8 +22,8 @@ fn a_new_spec_runs_with_nothing_else() {
     assert!(again.err.contains("`door` is there already"), "{again}");
 }
 
-/// The program is the same text, built with this workspace; so only its folder is looked at here, and it is built as a crate
-/// of its own below.
+/// The program is the same text, built with this workspace; so only its folder is looked at here, and it is built as a
+/// crate of its own below.
 #[test]
 fn a_new_program_runs() {
     let cluster = Cluster::new();
@@ -57,12 +57,12 @@ fn a_new_program_is_a_crate_that_builds_on_its_own() {
     let made = here.ask(&["new", "--sdk", "robot"]);
     assert_eq!(made.code, Some(0), "{made}");
     let folder = cluster.folder().join("robot");
-    // What is built is kept for the next time. A program by this name is found in no other folder.
+    // The build is kept for the next time. A program by this name is found in no other folder.
     let target = Path::new(env!("CARGO_TARGET_TMPDIR")).join("new-sdk");
     let cargo = |verb: &str| {
         let mut cargo = Command::new(env!("CARGO"));
         cargo.args([verb, "--offline", "--target-dir"]).arg(&target).current_dir(&folder);
-        // What cargo tells the tests of this workspace is not for another.
+        // Variables that cargo sets for the tests of this workspace are not for another build.
         for (name, _) in std::env::vars_os().filter(|(name, _)| name.to_string_lossy().starts_with("CARGO_PKG_")) {
             cargo.env_remove(name);
         }

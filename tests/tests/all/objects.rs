@@ -1,11 +1,11 @@
-//! What running programs export: `dca call` and `dca get`, from program to program and from the command line.
+//! The exports of running programs: `dca call` and `dca get`, from program to program and from the command line.
 
 use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, Stream, executable, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
 
-/// Wheels, a guard on top of them, and a trip without end. The guard waits for the wheels, so a call of it lasts as long as they
-/// are suspended.
+/// Wheels, a guard on top of them, and an endless trip. The guard waits for the wheels, so a call of the guard lasts as
+/// long as the wheels are suspended.
 const LEVELS: &str = "
 process main() {
     host { c1 }
@@ -66,7 +66,7 @@ fn what_is_exported_is_called_and_read() {
     assert!(later.is_some_and(|place| place["speed"].as_f64().unwrap() <= 0.5), "it does not move");
 }
 
-/// Whatever cannot be called says why in one sentence, with the exit code of what it is.
+/// A failed call says why in one sentence, with the exit code of its cause.
 #[test]
 fn what_cannot_be_called_says_why() {
     let cluster = Cluster::new();
@@ -88,16 +88,16 @@ fn what_cannot_be_called_says_why() {
         let asked = here.ask(arguments);
         assert!(asked.code == Some(code) && asked.err.contains(why), "{arguments:?}: {asked}");
     }
-    // What does not run can be read all the same.
+    // The states of a program that is not active can still be read.
     let idle = here.ask(&["get", "idle.place", "--within", "60"]);
     assert!(idle.code == Some(0) && idle.out.contains("\"speed\":0.0"), "{idle}");
 }
 
-/// Nobody knows what became of a call whose program is suspended: that is told, and not that nothing happened.
+/// The fate of a call whose program is suspended is unknown: this is reported, and not that nothing happened.
 #[test]
 fn a_program_that_is_suspended_in_a_call() {
     let cluster = Cluster::new();
-    // Nobody else calls them: a trip gives up after a second, and then all of it is stopped.
+    // No other program calls them: a trip gives up after a second, and then all of it is stopped.
     let (here, _running) = deployed_spec(&cluster, "wheels", WHEELS);
     let wheels = cluster.expect_leaf("main/wheels");
     let first = here.ask(&["call", "wheels.Drive", "speed=0.1 m/s", "--within", "60"]);
@@ -127,7 +127,7 @@ fn a_program_that_is_dead() {
     assert!(listed.code == Some(0) && listed.out.contains("levels:main/wheels"), "{listed}");
 }
 
-/// Of a program that has only been started nobody says that it exports nothing; who has the time waits for it.
+/// A program that has only been started is not reported as having no exports; a caller that has the time waits for it.
 #[test]
 fn a_program_that_has_not_begun_yet() {
     let cluster = Cluster::new();
@@ -146,14 +146,14 @@ fn a_program_that_has_not_begun_yet() {
     assert_eq!(later.code, Some(0), "{later}");
 }
 
-/// Who calls a program that is suspended, and then killed, hears that it has ended as soon as its node knows it.
+/// A caller of a program that is suspended and then killed hears of its end as soon as the program's node knows it.
 #[test]
 fn a_program_that_is_killed_before_it_answers() {
     let cluster = Cluster::new();
     let (here, _running) = deployed_spec(&cluster, "wheels", WHEELS);
     let wheels = cluster.expect_leaf("main/wheels");
     wheels.signal(Signal::STOP);
-    // A connection that nobody has accepted yet stands there under the name of the socket.
+    // A connection that is not yet accepted is listed under the name of the socket.
     let folder = here.run_dir().display().to_string();
     let dialled = || {
         let sockets = std::fs::read_to_string("/proc/net/unix").expect("it can be read");
@@ -167,7 +167,7 @@ fn a_program_that_is_killed_before_it_answers() {
     assert!(ended.code == Some(1) && ended.err.contains("`main/wheels` ended before it could be asked"), "{ended}");
 }
 
-/// A program behind a link that is cut cannot be reached, and nobody says that nothing happened there.
+/// A program behind a link that is cut cannot be reached. The answer does not claim that nothing happened there.
 #[test]
 fn a_program_behind_a_cut_link() {
     let cluster = Cluster::new();
@@ -191,8 +191,8 @@ fn a_program_behind_a_cut_link() {
     assert!(ended.code == Some(3) && ended.err.contains(told), "{ended}");
 }
 
-/// What goes on until somebody ends it ends when nobody reads it any more, whether it has something to say or not; and when it
-/// cannot say it.
+/// A command that runs until it is ended ends when its reader has gone, whether it has output or not, and also when it
+/// cannot write.
 #[test]
 fn what_nobody_reads_ends() {
     let cluster = Cluster::new();

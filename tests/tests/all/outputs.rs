@@ -1,4 +1,4 @@
-//! The output of programs, in any amount, read by anybody: it arrives whole, and holds nothing else up.
+//! The output of programs, in any amount and with any reader: it arrives whole, and blocks nothing else.
 
 use cli::io::recorder;
 use dca_tests::cluster::{Cluster, SOON, Stream, executable, wait_until};
@@ -9,7 +9,8 @@ use std::time::Duration;
 /// How long a program writes that writes much.
 const WRITING: Duration = Duration::from_secs(60);
 
-/// A program on c2 that writes `count` times 50,000 bytes, a tenth of a second apart, each with its number, and is done.
+/// A program on c2 that writes `count` times 50,000 bytes, a tenth of a second apart, each with its number, and is
+/// done.
 fn talker(count: u32) -> String {
     let line = "x".repeat(99);
     format!(
@@ -24,8 +25,8 @@ process main() {{ host {{ c1 }}
     )
 }
 
-/// Somebody who reads what a program writes, and takes nothing for a while, holds up neither the program, nor the mission, nor
-/// its record. Who is before a pager reads on after that; who was suspended is told that something is missing.
+/// A reader that takes no output for a while blocks neither the program, nor the mission, nor its record. A reader with
+/// a pager reads on after the pause; a suspended reader is told of the gap.
 #[test]
 fn a_reader_of_much_output_that_pauses_ends_no_mission() {
     let cluster = Cluster::new();
@@ -65,8 +66,8 @@ fn a_reader_of_much_output_that_pauses_ends_no_mission() {
     }
 }
 
-/// Output of more than a megabyte is printed and recorded whole, that of another program beside it, too. It comes in two pieces that
-/// a shim holds, 1 MiB, however long the disk takes.
+/// Output of more than a megabyte is printed and recorded whole, and so is the output of another program beside it. It
+/// comes in two pieces that a shim holds, 1 MiB, however slow the disk is.
 #[test]
 fn much_output_is_printed_and_recorded_whole() {
     let cluster = Cluster::new();
@@ -109,7 +110,7 @@ process main() { host { c1 }
     assert!(talked == expected, "{} of {} bytes", talked.len(), expected.len());
 }
 
-/// A folder for sockets may be named from where one stands; and a record that is not whole is no record of everything.
+/// A folder for sockets may be a relative path; and an incomplete record is not used as a complete one.
 #[test]
 fn a_record_that_is_not_whole_is_told() {
     let cluster = Cluster::new();
@@ -125,7 +126,7 @@ process main() { host { c1 } instantiated_processes { once instof Once(c1); } in
     assert!(whole.code == Some(0) && whole.out.ends_with("\n20000\n"), "{whole}");
     let record = cluster.folder().join("runs/once-1").join(recorder::FILE);
     let bytes = std::fs::read(&record).expect("it is there");
-    // Another digit in what the program wrote.
+    // Changes a digit in the program's output.
     let mut flipped = bytes.clone();
     let place = bytes.windows(7).position(|window| window == b"n12345\\").expect("it wrote that");
     flipped[place + 3] = b'9';

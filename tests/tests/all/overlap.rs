@@ -1,4 +1,5 @@
-//! Programs that are replaced while a source counts at 1 kHz through them: with `replace overlap` no number is lost or doubled.
+//! Programs that are replaced while a source counts at 1 kHz through them: with `replace overlap` no number is lost or
+//! doubled.
 //!
 //! `DCA_TEST_ROUNDS=1000 cargo test --test all overlap:: -- --ignored` replaces a program 1,000 times.
 
@@ -19,7 +20,7 @@ fn spec(cluster: &Cluster, pass: &str, arguments: &str, policy: &str) -> String 
     spec_with(cluster, &text, "source, Out -> through, In queue 8000; through, Out -> sink, In queue 8000;", "through")
 }
 
-/// A source and a sink with what is between them: instances, wires, and event actions.
+/// A source and a sink, with further instances, wires and event actions between them.
 fn spec_with(cluster: &Cluster, between: &str, wires: &str, actions: &str) -> String {
     let program = executable("dca-counting").display().to_string();
     let file = cluster.folder().join("sink").display().to_string();
@@ -49,7 +50,7 @@ fn pids(here: &Host) -> BTreeMap<String, u32> {
     here.pids()
 }
 
-/// Ends it. Returns the runs of numbers that the sink has got.
+/// Ends the mission. Returns the runs of numbers that the sink has received.
 fn end(cluster: &Cluster, here: &Host, mission: &Program) -> Vec<(u64, u64)> {
     end_with(cluster, here, mission, &[])
 }
@@ -114,7 +115,7 @@ fn nothing_is_lost_between_two_hosts() {
     overlaps(&cluster, &here, ("c2", "between two hosts"), 2);
 }
 
-/// A version that fails after a while gives back what it has taken, to the program that was there and is there still.
+/// A version that fails after a while returns its connections to the previous program, which still runs.
 #[test]
 fn a_bad_version_is_taken_back_and_the_mission_goes_on() {
     let cluster = Cluster::new();
@@ -126,7 +127,7 @@ fn a_bad_version_is_taken_back_and_the_mission_goes_on() {
     let why = "`count@1` is not changed: the new program of `main/through` was not healthy: it was to fail";
     assert!(bad.code == Some(1) && bad.err.contains(why), "{bad}");
     assert_eq!(pids(&here), before, "the program of before was never ended");
-    // One that cannot even begin takes nothing.
+    // A version that cannot even begin takes nothing.
     let worse = here.ask(&["deploy", &spec(&cluster, "c1", ", fails_at = -1", "replace overlap;")]);
     assert_eq!(worse.code, Some(1), "{worse}");
     assert_eq!(pids(&here), before);
@@ -134,13 +135,14 @@ fn a_bad_version_is_taken_back_and_the_mission_goes_on() {
     assert_eq!(good.code, Some(0), "{good}");
     assert!(mission.is_running());
     let runs = end(&cluster, &here, &mission);
-    // What the bad one had and did not pass on is lost, and nothing else.
+    // Only the numbers that the bad version had received and not passed on are lost.
     assert!(runs.len() <= 2 && runs.windows(2).all(|pair| pair[0].1 < pair[1].0), "{runs:?}");
     let lost: u64 = runs.windows(2).map(|pair| pair[1].0 - pair[0].1 - 1).sum();
     println!("a bad version: {lost} numbers lost until the one before was back");
 }
 
-/// The node is killed at any moment of a replacement: one of the two programs stays, with its connections, and the mission goes on.
+/// The node is killed at any moment of a replacement: one of the two programs stays, with its connections, and the
+/// mission goes on.
 #[test]
 fn a_node_that_is_killed_while_programs_overlap_leaves_one_of_them() {
     kill_while_they_overlap(2);
@@ -175,7 +177,7 @@ fn kill_while_they_overlap(times: u32) {
         assert!(mission.is_running(), "round {round}: {}", mission.text(Stream::Err));
         println!("killed after {at:?}: exit code {:?}, {}", told.code, told.err.trim());
     }
-    // What was on its way goes on under the next node, and until it is over nothing else is changed.
+    // The pending change goes on under the next node, and until it is over nothing else is changed.
     let mut last = replace(&here);
     let is_over = wait_until(2 * SOON, || {
         let is_over = !last.err.contains("is changing `count` at this moment");
@@ -231,8 +233,8 @@ fn chain(cluster: &Cluster, [first, second]: [&str; 2]) -> String {
     spec_with(cluster, &between, wires, "through, second")
 }
 
-/// One host changes first, its program overlapping with the next; then the other. If the rest cannot follow, the first is taken back by
-/// overlap, too. Every number comes.
+/// One host changes first, its program overlapping with the next; then the other. If the second host cannot follow, the
+/// first change is also taken back by overlap. Every number arrives.
 #[test]
 fn a_canary_overlaps_and_so_does_its_way_back() {
     let cluster = Cluster::new();
@@ -287,7 +289,8 @@ fn team(cluster: &Cluster, desk: &Host, hosts: [&Host; 2]) -> (Vec<String>, [Pro
     (keys, [hosts[0].node("c1", &[]), hosts[1].node("c2", &[])])
 }
 
-/// In a team wires are sealed, between hosts and on one. The next program has keys of its own, and nothing is lost either.
+/// In a team, wires are sealed, between hosts and on one host. The next program has different keys, and nothing is lost
+/// either.
 #[test]
 fn nothing_is_lost_in_a_team() {
     let Some(network) = Network::new(2) else { return };

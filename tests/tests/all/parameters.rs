@@ -1,4 +1,4 @@
-//! Parameters of controllers that run: what the database says takes effect, and what means nothing is refused.
+//! Parameters of running controllers: values of the database take effect, and meaningless values are refused.
 
 use controllers::sdk::Quantity;
 use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, Trace, pass, spec, wait_until};
@@ -11,7 +11,7 @@ use std::time::Duration;
 /// The documented key; also the name of the deployment, and of the instance.
 const KEY: &str = "robot/c3/params/door_opening/hit/force/threshold";
 
-/// Somebody pushes the hand again and again, with up to 60 N, until it is felt.
+/// A visitor pushes the hand again and again, with up to 60 N, until it is felt.
 const SPEC: &str = concat!(
     "\n",
     hit_detector!("2 N"),
@@ -39,11 +39,11 @@ fn deploy_with(cluster: &Cluster, threshold: &str) -> (Host, Program, Program) {
     let here = cluster.here();
     let node = here.node("c3", &[]);
     let file = cluster.file("door_opening.dca", SPEC);
-    // Before it runs nobody can say whether there is such a parameter; it counts all the same.
+    // Before the program runs it is unknown whether such a parameter exists; the value counts anyway.
     let early = here.ask(&["db", "put", KEY, threshold]);
     assert_eq!(early.code, Some(0), "{early}");
     assert!(early.err.contains("note: `door_opening` does not run on `c3` now"), "{early}");
-    // What nobody takes is refused as soon as somebody could say so.
+    // A value that no program takes is refused as soon as this is known.
     let misspelt = KEY.replace("threshold", "treshold");
     let early = here.ask(&["db", "put", &misspelt, "5.0"]);
     assert_eq!(early.code, Some(0), "{early}");
@@ -120,7 +120,7 @@ fn what_no_controller_takes_is_refused() {
     let cells = |row: usize| rows[row].iter().map(|cell| cell.trim()).collect::<Vec<_>>();
     assert_eq!(cells(1), ["door_opening/hit/force", "zero", "\"keep\"", "\"keep\"", "keep | zero"], "{list}");
     assert_eq!(cells(2), ["door_opening/hit/force", "threshold", "150.0 N", "0.0 N", "Force in 0 N..200 N"], "{list}");
-    // The key that is there is changed, not another one that would count more or less.
+    // The existing key is changed, not another one with a different precedence.
     check(&["param", "set", "hit/force", "threshold", "140"], 0, KEY);
     check(&["db", "get", KEY], 0, "140.0");
     check(&["param", "unset", "hit/threshold", "threshold"], 1, "was not changed");
@@ -130,7 +130,7 @@ fn what_no_controller_takes_is_refused() {
     assert_eq!(ended.code, Some(0), "{ended}");
 }
 
-/// The real door has the documented parameter, and an argument out of its range is no spec.
+/// The real door has the documented parameter, and an argument out of its range makes the spec invalid.
 #[test]
 fn arguments_are_compared_with_the_interfaces() {
     let cluster = Cluster::new();
@@ -162,7 +162,7 @@ fn arguments_are_compared_with_the_interfaces() {
     assert_eq!(here.ask(&["check", &file]).code, Some(0));
 }
 
-/// A length is no force, wherever somebody writes it; a force arrives in newtons.
+/// A length is not a force, wherever it is written; a force arrives in newtons.
 #[test]
 fn a_quantity_of_another_kind_is_refused_everywhere() {
     let cluster = Cluster::new();
@@ -176,7 +176,7 @@ fn a_quantity_of_another_kind_is_refused_everywhere() {
         let refused = here.ask(&["check", &file]);
         assert!(refused.code == Some(1) && refused.err.contains(why), "{why}: {refused}");
     }
-    // Stored before anybody could say what it is, with a unit: the program gets newtons.
+    // Stored before its parameter is known, with a unit: the program gets newtons.
     let (here, _node, mission) = deploy_with(&cluster, "0.15 kN");
     let why = "`threshold` cannot be `20 m`: expected a Force from 0 to 200 N, not a Length; write it in `N` or `kN`";
     let tx = cluster.file("tx", &format!("put {KEY} 20 m\n"));
@@ -222,7 +222,7 @@ fn the_quantities_of_the_sdk_are_those_of_the_language() {
     assert_eq!(declared["A"].as_deref().unwrap()[0].accepts, Accepts::Number, "an older interface means what it did");
 }
 
-/// A key is no path of a file system: whoever writes one means something else.
+/// A key is not a path of a file system; a key with `..` is a mistake.
 #[test]
 fn a_key_that_walks_is_refused() {
     let cluster = Cluster::new();

@@ -1,5 +1,5 @@
-//! Numbers that are not finite at every input of every law, in every phase of the mission, on virtual time: nothing panics, nothing
-//! hangs, no command with such a number reaches a device, and what ends the mission is true.
+//! Numbers that are not finite at every input of every law, in every phase of the mission, on virtual time. Nothing
+//! panics, nothing hangs, no command with such a number reaches a device, and the reported end of the mission is true.
 
 use comms::logic::time::Time;
 use controllers::message::{
@@ -19,7 +19,7 @@ const DOOR: &str = include_str!("../../../specs/door_opening.dca");
 const THROUGH: &str = include_str!("../../../specs/door_through.dca");
 const WORLD: &str = "main/world";
 const NOT_FINITE: [f64; 3] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
-/// In no run, whatever is poisoned (N).
+/// The greatest force in any run, whatever is poisoned (N).
 const FORCE_MAX: f64 = 100.0;
 /// Two samples that are poisoned are so far apart: each is one sample that is missing.
 const APART: Duration = Duration::from_millis(24);
@@ -114,7 +114,7 @@ fn is_finite(type_name: &str, bytes: &[u8]) -> bool {
     }
 }
 
-/// What came of a mission.
+/// The result of a mission.
 #[derive(Debug)]
 struct Flight {
     finish: Finish,
@@ -175,13 +175,13 @@ fn phases() -> Vec<&'static str> {
     PHASES.iter().map(|(part, _)| *part).collect()
 }
 
-/// One sample that is refused is one that is missing: the door opens as if nothing had been.
+/// One refused sample counts as one missing sample: the door opens as usual.
 fn expect_one_of_each_does_no_harm(spec: &str, phases: &[&'static str], angle_min: f64) {
     for number in NOT_FINITE {
         let flight = fly((spec, phases), &Which::OneOfEach, number);
         assert_eq!(flight.finish, Finish::Done, "{number}");
         assert!(flight.angle >= angle_min && flight.worst <= FORCE_MAX, "{number}: {flight:?}");
-        // What zeroes the force sensor has no number.
+        // The sample that zeroes the force sensor has no number.
         let missed = flight
             .samples
             .iter()

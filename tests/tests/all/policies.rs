@@ -20,8 +20,8 @@ fn kill(cluster: &Cluster, leaf: &str) {
     cluster.expect_leaf(leaf).signal(Signal::KILL);
 }
 
-/// The laser, the law that servos, the one that moves the robot, and a hand that waits for its turn are killed while the
-/// robot servos. Three hosts in one command; the wires go across two of them. The door opens all the same.
+/// The laser, the servoing law, the law that moves the robot, and a hand that waits for its turn are killed while the
+/// robot servos. Three hosts run in one command; the wires cross two of them. The door still opens.
 #[test]
 fn the_door_opens_although_programs_died() {
     let cluster = Cluster::new();
@@ -72,8 +72,8 @@ fn what_dies_too_often_is_given_up() {
     cluster.expect_nothing_left(Duration::from_secs(2));
 }
 
-/// A source on one host feeds two monitors on another. The source is killed twice and one monitor in between; the other
-/// hears the source on, so those who dial are told across hosts.
+/// A source on one host feeds two monitors on another. The source is killed twice and one monitor in between. The other
+/// monitor keeps hearing the source, so programs that dial are told across hosts.
 #[test]
 fn who_is_started_again_is_found_from_other_hosts() {
     let cluster = Cluster::new();
@@ -93,7 +93,7 @@ fn who_is_started_again_is_found_from_other_hosts() {
         }";
     let mission = hosts[0].dca(&["deploy", &cluster.file("beats.dca", text)]);
     mission.wait_for(Stream::Err, "▸", SOON);
-    // Who is killed before it goes on with its activation goes on only once.
+    // A program that is killed before it resumes its activation resumes it only once.
     let running = |leaf: &str| {
         let path = format!("main/{leaf}");
         let is_running =
@@ -114,7 +114,7 @@ fn who_is_started_again_is_found_from_other_hosts() {
         let first = received.iter().find(|sample| sample.stamp >= killed_at)?.value;
         Some((first, received.last()?.value))
     };
-    // The record says what has come, while it is written.
+    // The record shows the values so far while it is written.
     let runs = cluster.folder().join("runs/beats-1");
     let is_heard = || beats(&Trace::so_far(&runs)).is_some_and(|(first, last)| last > first + 50.0);
     wait_until(SOON, is_heard).unwrap_or_else(|| panic!("few beats: {:?}", beats(&Trace::so_far(&runs))));
@@ -169,7 +169,8 @@ const SHORT: &str = "
         internal_event_actions { near }
     }";
 
-/// A host is cut off for longer than it may be, and comes back: its group begins anew, and a wire across the cut carries data again.
+/// A host is cut off for longer than allowed, and returns: its group is restarted, and a wire across the cut carries
+/// data again.
 #[test]
 fn a_lost_host_takes_part_again() {
     let cluster = Cluster::new();
@@ -207,7 +208,7 @@ fn a_lost_host_takes_part_again() {
     let again = wait_until(SOON, || sleeper().is_some_and(|pid| pid != first));
     assert!(again.is_some(), "{}", mission.text(Stream::Err));
     assert!(wait_until(SOON, || received() > before + 50.0).is_some(), "{}", hosts[0].ask(&["status"]));
-    // The folders of the last eight deployments that are over are kept; the first part of this one was over, too.
+    // The folders of the last eight finished deployments are kept; the first part of this one counts as well.
     let short = cluster.file("short.dca", SHORT);
     for _ in 0..9 {
         let done = hosts[0].ask(&["deploy", "--no-record", &short]);
@@ -220,8 +221,8 @@ fn a_lost_host_takes_part_again() {
     end(&cluster, nodes);
 }
 
-/// The node of a host is killed, or suspended, for longer than it may be, and the program there dies meanwhile. It is not run again for a
-/// mission that has gone on without it.
+/// The node of a host is killed, or suspended, for longer than allowed, and the program there dies in the meantime. It
+/// is not restarted for a mission that has gone on without it.
 #[test]
 fn a_node_that_was_away_too_long_runs_nothing_again() {
     let cluster = Cluster::new();
@@ -272,8 +273,8 @@ fn a_node_that_was_away_too_long_runs_nothing_again() {
     end(&cluster, [home]);
 }
 
-/// The host of a program that has the arm is cut off, and the program goes on there: nobody else gets the arm until that
-/// host is back and has ended it.
+/// The host of a program that holds the arm is cut off, and the program goes on there: the arm is not given to another
+/// program until that host is back and has ended it.
 #[test]
 fn what_a_host_that_is_cut_off_may_use_is_given_to_nobody() {
     let cluster = Cluster::new();

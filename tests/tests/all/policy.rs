@@ -1,5 +1,5 @@
-//! The execution policy of a node, with real programs: what it admits runs within its limits, and the rest is refused before anything
-//! runs, with the rule, the file and the line.
+//! The execution policy of a node, with real programs: admitted programs run within their limits. Others are refused
+//! before anything runs, with the rule, the file and the line.
 
 use dca_tests::cluster::{Cluster, Ended, Host, Network, SOON, Stream, Trace, executable, wait_until};
 use rustix::process::Signal;
@@ -96,7 +96,7 @@ fn a_program_runs_as_the_policy_of_its_node_says_or_is_refused_in_a_sentence() {
     expect_refused(&camera, &format!("{why}no program may claim `camera` on this node (rule `devices`, {}", place(6)));
     assert!(!ran.exists(), "nothing has run");
 
-    // The file counts as it is at each start, and what nobody understands admits nothing.
+    // The file is read at each start, and a file with an error admits nothing.
     put(&host, "c1", "hurry = true");
     expect_refused(&deploy(&cluster, &spec(&touch, "", "")), "cannot be used: line 1: unknown field `hurry`");
     assert!(!ran.exists(), "nothing has run");
@@ -109,7 +109,7 @@ fn a_program_runs_as_the_policy_of_its_node_says_or_is_refused_in_a_sentence() {
     let shown = host.ask(&["status"]);
     assert!(shown.out.contains(&format!("policy {}, sandbox standard", file.display())), "{shown}");
     let in_use = host.statuses(&[])[0].policy.clone().expect("one holds");
-    // Its programs run as who owns it.
+    // Its programs run as the user that owns it.
     let weak = format!("standard; `{}`, as whom programs run, could change it", own_name());
     assert_eq!((in_use.file, in_use.sandbox), (file.display().to_string(), weak));
     fs::remove_file(&file).expect("a file of ours");
@@ -150,7 +150,7 @@ fn a_node_with_a_damaged_policy_does_not_begin_and_the_doctor_says_why() {
         let said = doctor();
         assert!(said.contains(&format!("ok       policy       `{}` says what may run", file.display())), "{said}");
     }
-    // What nobody writes by hand is said to be too long, and how long it may be.
+    // A file too long to be written by hand is reported, with the limit.
     put(&host, "c1", &"# much\n".repeat(5_000_000));
     let said = doctor();
     assert!(said.contains("cannot be used: it is longer than 256 KiB"), "{said}");
@@ -162,7 +162,7 @@ fn own_name() -> String {
     String::from_utf8_lossy(&name.stdout).trim().to_owned()
 }
 
-/// A node of root starts programs as somebody without rights; what cannot be so is refused.
+/// A root node starts programs as a user without rights; a program for which this is impossible is refused.
 #[test]
 fn programs_run_as_the_user_of_the_policy_without_rights() {
     if !rustix::process::getuid().is_root() {
@@ -191,8 +191,8 @@ fn programs_run_as_the_user_of_the_policy_without_rights() {
     assert_eq!(sandbox.as_deref(), Some("none; `root`, as whom programs run, could change it"));
 }
 
-/// Controllers and what gives signs of life run as the user of the policy, too: they talk to their node and to each other, come back to a
-/// node that was killed, and read nothing of the node.
+/// Controllers and programs that report to the watchdog also run as the user of the policy. They talk to their node and
+/// to each other, return to a restarted node, and read nothing of the node.
 #[test]
 fn controllers_run_as_the_user_of_the_policy() {
     if !rustix::process::getuid().is_root() {
@@ -234,10 +234,10 @@ fn controllers_run_as_the_user_of_the_policy() {
         let found = fs::metadata(format!("/proc/{pid}")).expect("it runs").uid();
         assert_eq!(Some(found), nobody, "{path}");
     }
-    // What is the node's alone is so, and the folder of its programs is theirs.
+    // The node's own folders are private, and the folder of its programs belongs to them.
     let mode = |name: &str| fs::metadata(host.run_dir().join(name)).expect("it is there").mode() & 0o777;
     assert_eq!([mode("c1"), mode("c1+u"), mode("c1+u/beats.1")], [0o700, 0o710, 0o710]);
-    // One that dies is started again as the same user; and all come back to a node that was killed.
+    // A program that dies is restarted as the same user, and all return to a restarted node.
     node.kill();
     let _again = host.node("c1", &["--controllers", &library]);
     beats(50.0);

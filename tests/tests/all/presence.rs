@@ -1,4 +1,4 @@
-//! The presence of nodes: whatever happens to links, nodes and machines, and whoever else has a name.
+//! The presence of nodes, through all changes of links, nodes and machines, and with other nodes of the same name.
 
 use comms::io::clock::{now, sleep_until, unix_time};
 use comms::io::session::Session;
@@ -15,12 +15,12 @@ const LISTED_WITHIN: Duration = Duration::from_secs(2);
 const ROUNDS: u64 = 4;
 /// Processes that want all of the machine, and are nicer than everybody else.
 const BUSY: usize = 60;
-/// The log filter of the nodes: it shows who is heard, too.
+/// The log filter of the nodes, which also shows the nodes heard.
 const LOG: &str = "info,zenoh=error,node::logic::nameserver=debug";
 /// From one disturbance of a host to the next, at the most, in milliseconds.
 const PAUSE_MAX_MS: u64 = 900;
 
-/// Starts so many hosts, the first three with a node that logs who is heard.
+/// Starts so many hosts, the first three with a node that logs the nodes it hears.
 fn start(hosts: usize) -> Option<Hosts> {
     Hosts::start(hosts, Some(LOG))
 }
@@ -58,7 +58,7 @@ fn delays(hosts: &Hosts, since: Duration) -> Vec<(String, Duration)> {
         for other in NAMES.iter().filter(|other| *other != own) {
             let heard = first(&log, since, |line| line.contains("is heard") && line.contains(&format!("`{other}`")));
             let Some(heard) = heard else { continue };
-            // Also one that is reached by way of the third.
+            // This includes a node that is reached by way of the third.
             let listed = first(&log, heard, |line| {
                 ["is there:", "was started again:", "does not answer itself;"]
                     .iter()
@@ -119,7 +119,7 @@ fn disturbances(random: &mut Random) -> Vec<(u64, usize, Act)> {
         for (begin, end, times_max) in kinds {
             let mut at = random.below(PAUSE_MAX_MS);
             for _ in 0..random.below(times_max) {
-                // Longer than it takes to notice, or shorter: what is between is as good.
+                // Longer or shorter than the time to notice, without the range in between.
                 let longest = [200, 3000][usize::from(random.below(2) == 0)];
                 let time = 50 + random.below(longest);
                 all.extend([(at, host, begin), (at + time, host, end)]);
@@ -131,9 +131,9 @@ fn disturbances(random: &mut Random) -> Vec<(u64, usize, Act)> {
     all
 }
 
-/// Links and interfaces that come and go, hosts that reach some others only, nodes that are suspended or killed, on a machine that is
-/// busy, in an order that is drawn: once all is well again each node lists each other that it hears within 2 s, and each answers when
-/// it is called.
+/// Links and interfaces that come and go, hosts that reach some others only, nodes that are suspended or killed, on a
+/// machine that is busy, in an order that is drawn: once all is well again each node lists each other that it hears
+/// within 2 s, and each answers when it is called.
 #[test]
 fn a_node_that_is_heard_is_listed_within_2_s() {
     let Some(mut hosts) = start(NAMES.len()) else { return };
@@ -159,7 +159,7 @@ fn a_node_that_is_heard_is_listed_within_2_s() {
     }
 }
 
-/// A mission on `c1` and `c2` that goes on for ever.
+/// A mission on `c1` and `c2` that runs for ever.
 const TWICE: &str = "
 process main() {
     host { c1 }
@@ -175,7 +175,7 @@ fn deployed(hosts: &Hosts) -> Program {
     mission
 }
 
-/// Ends a mission that nothing has disturbed.
+/// Ends a mission that must not have been disturbed.
 #[track_caller]
 fn undisturbed(hosts: &Hosts, mission: Program) {
     assert!(mission.is_running(), "{}", mission.text(Stream::Err));
@@ -189,8 +189,8 @@ fn undisturbed(hosts: &Hosts, mission: Program) {
     assert!(ended.out.starts_with("twice: stopped after"), "{ended}");
 }
 
-/// Two people with a `c2` in one laboratory: the second one is refused and told, and so are those who were there; the mission
-/// on the first goes on, and is stopped as ever.
+/// Two people have a `c2` in one laboratory: the second node is refused and told, and so are the nodes that were there.
+/// The mission on the first one goes on, and can be stopped as usual.
 #[test]
 fn a_second_node_of_a_name_does_not_disturb_a_mission() {
     let Some(hosts) = start(4) else { return };
@@ -207,12 +207,13 @@ fn a_second_node_of_a_name_does_not_disturb_a_mission() {
     undisturbed(&hosts, mission);
 }
 
-/// The second comes up while the first is suspended: it does not take its place, and the mission goes on with the first.
+/// The second comes up while the first is suspended: it does not take its place, and the mission goes on with the
+/// first.
 #[test]
 fn a_second_node_takes_no_name_from_one_that_is_away_for_a_moment() {
     let Some(hosts) = start(4) else { return };
     let mission = deployed(&hosts);
-    // It waits for a network, and nobody hears of it yet.
+    // It waits for a network, so no node hears of it yet.
     hosts.network.set(4, "link set eth0 down");
     let second = hosts.host(4).start_node("c2", &["--lan"]);
     second.wait_for(Stream::Err, "no network interface is up", SOON);
@@ -237,7 +238,8 @@ fn a_second_node_takes_no_name_from_one_that_is_away_for_a_moment() {
     assert!(mission.ended(SOON).out.starts_with("twice: stopped after"));
 }
 
-/// Anybody can make a token, or ask as somebody else: neither changes who can be reached, while it lasts and after.
+/// Any client can make a token, or ask under another name: neither changes who can be reached, during the attempt and
+/// after.
 #[test]
 fn a_forged_token_does_not_disturb_a_mission() {
     if !alone("presence::a_forged_token_does_not_disturb_a_mission") {

@@ -1,5 +1,5 @@
-//! Programs use the database of their robot: they write 100 keys/s, watch, and count with expected versions; they are killed, cut off, and
-//! lose their node meanwhile.
+//! Programs use the database of their robot: they write 100 keys/s, watch, and count with expected versions, while they
+//! are killed, cut off, or without a node.
 
 #![expect(clippy::print_stdout, reason = "a test says how long it took")]
 
@@ -17,7 +17,8 @@ const CUT: Duration = Duration::from_secs(3);
 /// No answer of a database takes so long, however busy the machine is.
 const LATE: Duration = Duration::from_secs(5);
 
-/// Deploys a spec of writers, watchers and counters; each is `(type, name, host, its other arguments, after its declaration)`.
+/// Deploys a spec of writers, watchers and counters; each is
+/// `(type, name, host, its other arguments, after its declaration)`.
 fn deploy((cluster, here): (&Cluster, &Host), all: &[(&str, &str, &str, &str, &str)], expression: &str) -> Program {
     let program = executable("dca-keys").display().to_string();
     let instance = |(kind, name, host, arguments, after): &(&str, &str, &str, &str, &str)| {
@@ -124,7 +125,7 @@ fn a_program_writes_100_keys_a_second_and_another_one_hears_of_each() {
     let number = |txn: &String| txn.split(':').nth(1).and_then(|seq| seq.parse::<u64>().ok()).expect("it is a name");
     let told: Vec<u64> = changes.iter().map(|change| number(&change.txn)).collect();
     assert!(told.is_sorted_by(|one, next| one < next), "{told:?}");
-    // What is put later is committed later: each value is the time of its calculation.
+    // A later put is committed later: each value is the time of its calculation.
     let values: Vec<u64> = changes.iter().map(|change| change.values[0]).collect();
     assert!(values.is_sorted(), "{values:?}");
     let committed: BTreeSet<u64> = lines(&cluster, "writer", "committed").iter().map(number).collect();
@@ -157,7 +158,8 @@ fn two_programs_count_at_one_key_and_lose_no_count() {
     println!("100 counts, {unmet} refused and tried again");
 }
 
-/// Two programs claim the same keys through ports that the spec connects: each key is claimed once, and both hear of all.
+/// Two programs claim the same keys through ports that the spec connects: each key is claimed once, and both hear of
+/// all.
 #[test]
 fn ports_that_are_connected_with_keys_claim_each_key_once() {
     const COUNT: usize = 40;
@@ -194,7 +196,7 @@ fn ports_that_are_connected_with_keys_claim_each_key_once() {
     println!("{COUNT} keys claimed, {} refused to one of two", of("refused").concat().len());
 }
 
-/// `specs/claims.dca`: two explorers share out six rooms through ports; who was quicker has the room, and both know it.
+/// `specs/claims.dca`: two explorers share out six rooms through ports; the quicker one has the room, and both know it.
 #[test]
 fn explorers_claim_each_room_once() {
     let cluster = Cluster::new();
@@ -207,12 +209,13 @@ fn explorers_claim_each_room_once() {
     let by = |room: u32| here.ask(&["db", "get", &format!("team/flat/claim/{room}")]).out;
     let all: Vec<String> = (1..=6).map(by).collect();
     assert!(all.iter().all(|by| by.contains("main/ann") || by.contains("main/bob")), "{all:?}");
-    // What is claimed stays so: who comes later finds nothing to do, and says so.
+    // Claimed rooms stay claimed: a later explorer finds nothing to do, and says so.
     let again = here.dca(&["deploy", "--no-record", &cluster.file("claims.dca", &text)]).ended(4 * SOON);
     assert_eq!((again.code, (1..=6).map(by).collect()), (Some(0), all), "{again}");
 }
 
-/// In a team with keys two programs write the same keys: one that the spec connects with them, and one that it does not.
+/// In a team with keys two programs write the same keys: the spec connects one of them with the keys, and not the
+/// other.
 #[test]
 fn in_a_team_a_program_writes_what_its_spec_connects() {
     let cluster = Cluster::new();
@@ -275,7 +278,8 @@ fn in_a_team_a_program_writes_what_its_spec_connects() {
     assert_eq!(mission.ended(SOON).code, Some(1));
 }
 
-/// The writer is killed several times between a put and its answer: what a watcher and the database have is whole transactions.
+/// The writer is killed several times between a put and its answer: a watcher and the database see only whole
+/// transactions.
 #[test]
 fn a_program_that_is_killed_leaves_whole_transactions() {
     const KEYS: usize = 16;
@@ -307,7 +311,7 @@ fn a_program_that_is_killed_leaves_whole_transactions() {
     println!("{} transactions of {KEYS} keys, all whole", changes.len());
 }
 
-/// The node is killed and started again under its programs: what they wrote in between is answered, and a watch begins anew.
+/// The node is killed and restarted under its programs: their puts in between are answered, and a watch starts again.
 #[test]
 fn a_node_that_is_killed_leaves_its_programs_their_database() {
     let cluster = Cluster::new();
@@ -319,7 +323,7 @@ fn a_node_that_is_killed_leaves_its_programs_their_database() {
     ];
     let mission = deploy((&cluster, &here), &all, "watcher, writer");
     wait_for_more(&cluster, "watcher", "changed", 20);
-    // A program that comes back is told its parameters, too.
+    // A program that reconnects is also told its parameters.
     let put = here.ask(&["db", "put", "robot/c1/params/keys/writer/keys", "2.0"]);
     assert_eq!(put.code, Some(0), "{put}");
     node.kill();

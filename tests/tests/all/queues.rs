@@ -36,7 +36,8 @@ fn json(text: &str) -> Value {
     serde_json::from_str(text.trim()).unwrap_or_else(|why| panic!("{why}: {text}"))
 }
 
-/// The queue fills up, and says how many it has rejected and who sent last. Who is suspended is told, and the rest is shown.
+/// The queue fills up, and reports the number of rejected messages and the last sender. A suspended reader is told, and
+/// the rest is shown.
 #[test]
 fn queues_are_shown_from_the_command_line() {
     let cluster = Cluster::new();
@@ -73,8 +74,8 @@ fn queues_are_shown_from_the_command_line() {
     clerk.signal(Signal::CONT);
 }
 
-/// A router tells each customer of its own orders. One that is suspended, or killed, is dropped from the register after 5 s, which is
-/// counted; it delays nobody, and is told again once it was started again.
+/// A router tells each customer of its own orders. A customer that is suspended or killed is dropped from the register
+/// after 5 s, which is counted; it delays no other customer, and is told again once it was restarted.
 #[test]
 fn a_router_drops_who_is_gone_and_delays_nobody() {
     let cluster = Cluster::new();
@@ -135,7 +136,7 @@ fn the_spec_with_a_router_runs() {
     assert!(ended.code == Some(0) && ended.out.starts_with("news: done"), "{ended}");
 }
 
-/// The module of a spec can say of a program what is not so. A customer whose router takes something else says so, and ends.
+/// The module in a spec can differ from the program. A customer whose router takes another type says so, and ends.
 #[test]
 fn who_subscribes_to_no_router_says_so() {
     let cluster = Cluster::new();

@@ -13,7 +13,7 @@ use std::time::Duration;
 const QUIET: Duration = Duration::from_millis(200);
 /// The longest time of a command as a multiple of a program's start and a question, where those alone take long.
 const RATIO: u32 = 3;
-/// How often each is measured; the quickest counts, since others use this machine, too.
+/// How often each command is measured; the quickest run counts, since others use this machine as well.
 const TIMES: usize = 7;
 /// How soon a command says that its mission is lost.
 const LOST_WITHIN: Duration = Duration::from_secs(6);
@@ -43,7 +43,7 @@ fn bare(host: &Host) {
     });
 }
 
-/// `dca nodes` and `dca status` answer in a fifth of a second, or in what the machine takes for the least.
+/// `dca nodes` and `dca status` answer within a fifth of a second, or within the least time that the machine needs.
 #[test]
 fn nodes_and_status_answer_at_once() {
     let _alone = alone();
@@ -68,7 +68,7 @@ fn nodes_and_status_answer_at_once() {
     }
 }
 
-/// Deploys from `host` what runs on `c1` for ever, and waits until it does.
+/// Deploys an endless mission on `c1` from `host`, and waits until it runs.
 fn deployed(cluster: &Cluster, host: &Host) -> Program {
     let text = "
 process main() {
@@ -82,7 +82,7 @@ process main() {
     mission
 }
 
-/// Returns how long it took until the command has said that its mission is lost, with what was seen of it.
+/// Returns the time until the command reports that its mission is lost, with its output.
 #[track_caller]
 fn says_that_it_is_lost(mission: Program, since: comms::logic::time::Time) -> Duration {
     let ended = mission.ended(SOON);
@@ -116,6 +116,6 @@ fn a_mission_whose_home_died_is_told_as_lost() {
     network.cut(1);
     let cut = says_that_it_is_lost(mission, began);
     println!("told that it is lost {killed:.1?} after its home was killed, {cut:.1?} after its cable was pulled");
-    // Of a cable nobody is told: it is noticed by what does not arrive, later where ways are long.
+    // A cut cable sends no signal: it is noticed by missing messages, later on links with long delays.
     assert!(killed <= LOST_WITHIN && cut <= LOST_WITHIN + Duration::from_secs(2), "{killed:?}, {cut:?}");
 }

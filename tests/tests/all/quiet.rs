@@ -1,4 +1,4 @@
-//! What nodes say to each other on a network where little happens, and how soon they notice all the same what matters.
+//! Traffic between nodes on a quiet network, and the time in which they still notice important changes.
 
 use comms::io::clock::now;
 use dca_tests::cluster::{Cluster, Network, Program, SOON, Stream, pass, wait_until};
@@ -8,22 +8,25 @@ use std::time::Duration;
 
 /// How many nodes.
 const NODES: usize = 6;
-/// How long nodes take to grow quiet after somebody has come or looked: 10 s, and the last questions.
+/// How long nodes take to become quiet after a node has joined or asked: 10 s, and the last questions.
 const QUIET_AFTER: Duration = Duration::from_secs(15);
 /// For a question of each node to all, or almost.
 const MEASURED: Duration = Duration::from_secs(40);
-/// What a node may send to each other one, in bytes a second: of 19 others that is 1 kB/s.
+/// The limit for a node's traffic to each other node, in bytes a second: with 19 others this is 1 kB/s.
 const PER_LINK_MAX: f64 = 52.0;
-/// What a node says to the network, however many there are, in bytes a second: where it is, each 3 s, over IPv4 and IPv6.
+/// The limit for a node's announcements to the network, in bytes a second, for any number of nodes: its address, each 3
+/// s, over IPv4 and IPv6.
 const TO_ALL_MAX: f64 = 100.0;
-/// How soon a cut is noticed where it matters: after 1.9 s, and what a busy machine takes. A link at rest would take up to 9 s.
+/// The time to notice a cut that affects a mission: 1.9 s, and the delay of a busy machine. A link at rest would take
+/// up to 9 s.
 const CUT_WITHIN: Duration = Duration::from_millis(4000);
-/// How soon a node is missing whose loss is nobody's: a word each 7.5 s, 1.25 s for it to arrive, 0.3 s for a question; and a busy machine.
+/// The time to notice a missing node without a mission: a message each 7.5 s, 1.25 s for it to arrive, 0.3 s for a
+/// question, and the delay of a busy machine.
 const MISSED_WITHIN: Duration = Duration::from_secs(14);
-/// The same if it is suspended, and its system takes what is sent: 15 s of silence instead.
+/// The same if the node is suspended and its system still takes messages: 15 s of silence instead.
 const SUSPENDED_WITHIN: Duration = Duration::from_secs(22);
 
-/// Returns what a host has sent over its cable, in bytes.
+/// Returns the number of bytes that a host has sent over its cable.
 fn sent(network: &Network, number: usize) -> f64 {
     let counter = "/sys/class/net/eth0/statistics/tx_bytes";
     let read = Command::new("ip").args(["netns", "exec", &network.namespace(number), "cat", counter]).output();
@@ -36,8 +39,8 @@ fn gone(node: &Program) -> usize {
     node.text(Stream::Err).matches("no link, dialling").count()
 }
 
-/// Six nodes, two of them with a mission: the others are quiet, a cut of the mission is noticed as soon as ever, and that of others
-/// soon.
+/// Six nodes, two of them with a mission: the others are quiet, a cut of the mission is noticed at once, and a cut of
+/// the others soon.
 #[test]
 fn nodes_without_a_mission_are_quiet_and_a_mission_notices_a_cut_at_once() {
     let Some(network) = Network::new(NODES) else { return };
@@ -64,7 +67,7 @@ fn nodes_without_a_mission_are_quiet_and_a_mission_notices_a_cut_at_once() {
         println!("c{number} sends {rate:.0} B/s");
         assert!(rate <= others * PER_LINK_MAX + TO_ALL_MAX, "c{number} sends {rate:.0} B/s");
     }
-    // What the mission depends on.
+    // A node that the mission depends on.
     let (known, missed) = (gone(&nodes[0]), "the node `c2` is missing");
     network.cut(2);
     let cut = wait_until(SOON, || gone(&nodes[0]) > known).expect("the cut is noticed");
@@ -72,7 +75,7 @@ fn nodes_without_a_mission_are_quiet_and_a_mission_notices_a_cut_at_once() {
     println!("the cut of c2 is noticed after {cut:?}");
     assert!(cut <= CUT_WITHIN, "{cut:?}");
     network.heal(2);
-    // What nothing depends on.
+    // A node that nothing depends on.
     network.cut(6);
     let missing = |who: &str| nodes[2].text(Stream::Err).contains(&format!("the node `{who}` is missing"));
     let cut = wait_until(2 * SOON, || missing("c6")).expect("the cut is noticed");

@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 use std::process::Command;
 use std::time::Duration;
 
-/// Nobody pushes the hand; the output of the sensor goes to what compares it.
+/// The hand is not pushed; the output of the sensor goes to the threshold that compares it.
 const SPEC: &str = concat!(
     "\n",
     hit_detector!("30 N"),
@@ -58,7 +58,7 @@ fn a_recorded_port_can_be_plotted() {
     let schema = r#"{"properties":{"force":{"items":{"description":"Force","type":"number"},"type":"array"},"measured":{"description":"Time","type":"number"},"torque":{"items":{"description":"Torque","type":"number"},"type":"array"}},"title":"dca.types.Wrench","type":"object"}"#;
     assert_eq!(schemas.into_iter().collect::<Vec<_>>(), [("dca.types.Wrench".to_owned(), schema.to_owned())]);
 
-    // A disk that takes no more leaves no half of a page, and what is said names it. A limit of the shell stands for the disk.
+    // On a full disk no partial page is left, and the message names the page. A limit of the shell stands for the disk.
     let script = "trap '' XFSZ; ulimit -f 1; exec \"$0\" report runs/force-1 -o runs/page.html";
     let mut shell = Command::new("sh");
     let told = shell.args(["-c", script]).arg(executable("dca")).current_dir(cluster.folder()).output();
@@ -69,7 +69,7 @@ fn a_recorded_port_can_be_plotted() {
     assert_eq!(left, 1, "nothing is left of it");
 }
 
-/// A controller that is killed and started again; what it shows is in the record before and after.
+/// A controller is killed and restarted; its values are in the record before and after.
 #[test]
 fn a_program_that_was_started_again_is_recorded_on() {
     let spec = "process main(){ host{c1} instantiated_processes{ source instof RateSource(c1);
@@ -94,7 +94,7 @@ fn a_program_that_was_started_again_is_recorded_on() {
     assert!(last > killed + Duration::from_millis(1500), "seen until {last:?}, killed after {killed:?}: {ended}");
 }
 
-/// A disk that takes no more ends neither the mission nor what was recorded before; the exit code says so.
+/// A full disk ends neither the mission nor the earlier part of the record; the exit code reports it.
 #[test]
 fn a_record_that_breaks_off_is_an_error() {
     let cluster = Cluster::new();

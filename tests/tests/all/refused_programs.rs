@@ -48,7 +48,7 @@ fn what_the_kernel_cannot_execute_is_refused_before_anything_runs() {
     }
 }
 
-/// A folder in the place of the one in which the node was started is not where anybody wants programs to run; nor is the root.
+/// Programs do not run in a new folder at the path of the one in which the node was started, nor in the root folder.
 #[test]
 fn nothing_runs_in_place_of_a_folder_that_is_gone() {
     let cluster = Cluster::new();

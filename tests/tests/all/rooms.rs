@@ -1,4 +1,5 @@
-//! Doors in rooms of many kinds, open and locked, and devices that say what is not so: a small part of the door survey.
+//! Doors in rooms of many kinds, open and locked, and devices that report wrong values: a small part of the door
+//! survey.
 
 use dca_tests::simulation::Finish;
 use dca_tests::survey::{Group, Mission, Outcome, Row, fly_all, rows, table};

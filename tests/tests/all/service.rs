@@ -1,4 +1,5 @@
-//! A node as a service of a machine: what it tells its manager, the unit that installs it, and what `dca doctor` says.
+//! A node as a service of a machine: its messages to the service manager, the unit that installs it, and the report of
+//! `dca doctor`.
 
 use dca_tests::cluster::{Cluster, SOON, executable, wait_until};
 use rustix::process::{Pid, Signal, kill_process};
@@ -39,7 +40,7 @@ fn a_service_manager_hears_how_a_node_is() {
     };
     wait_for("READY=1\nSTATUS=the node `c1` is ready");
     (0..3).for_each(|_| wait_for("WATCHDOG=1"));
-    // One that stands still says nothing, once what it has said is read.
+    // A stopped node sends nothing, once its earlier messages are read.
     signal(Signal::STOP);
     assert!(wait_until(SOON, || told(&manager, Duration::from_secs(2)).is_none()).is_some());
     signal(Signal::CONT);
@@ -60,7 +61,7 @@ fn the_unit_of_a_node_is_one_that_systemd_takes() {
     let command = format!("\nExecStart={} --name c1 --peer tcp/10.0.0.7:7000 --insecure-lan\n", node.display());
     assert!(unit.contains(&command), "{unit}");
     let file = cluster.file("dca-node.service", &unit);
-    // A node without a name is no node.
+    // A node needs a name.
     assert_eq!(run("dca-node", &["install", "--print"]).status.code(), Some(2));
     for user in ["", "no body"] {
         assert_eq!(run("dca-node", &["install", "--print", "--name", "c1", "--user", user]).status.code(), Some(1));
@@ -99,7 +100,7 @@ fn a_doctor_says_what_is_wrong_and_ends_accordingly() {
     for name in ["shim", "controllers", "ports", "sockets", "database", "nodes"] {
         assert_eq!(level(&good, name), "ok", "{good:#?}");
     }
-    // Nobody can write there.
+    // This folder can never be written.
     assert_eq!(level(&look("/proc/1/dca"), "database"), "failed");
     let text = run("dca", &["doctor", "--run-dir", &folder, "--state", "/proc/1/dca"]);
     let lines = String::from_utf8_lossy(&text.stdout).into_owned();

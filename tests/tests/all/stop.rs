@@ -6,7 +6,7 @@ use rustix::process::Signal;
 use std::os::unix::fs::FileTypeExt as _;
 use std::time::Duration;
 
-/// How long anything may last once nobody holds it.
+/// How long anything may last once it has no owner.
 const ORPHAN_MAX: Duration = Duration::from_secs(10);
 const SLEEP: &str = "
 module Sleep(host) { exec \"sleep 600\"; plain; done; }
@@ -87,7 +87,7 @@ fn a_killed_node_leaves_nothing_on_its_host() {
     wait_until(ORPHAN_MAX, || programs() == 0).unwrap_or_else(|| panic!("left: {:?}", cluster.left()));
 }
 
-/// A node that is told to leave ends what it has a part in, and goes.
+/// A node that is told to leave ends its part of all missions, and goes.
 #[test]
 fn a_node_that_leaves_takes_its_programs_along() {
     let cluster = Cluster::new();
@@ -106,12 +106,12 @@ fn a_node_that_leaves_takes_its_programs_along() {
     cluster.expect_nothing_left(Duration::from_secs(2));
 }
 
-/// A node whose terminal goes away leaves as one that is told to; whoever starts it with `nohup` wants it to stay.
+/// A node whose terminal closes leaves like a node that is told to; `nohup` keeps a node running.
 #[test]
 fn a_node_leaves_with_its_terminal() {
     let cluster = Cluster::new();
     let here = cluster.here();
-    // Whatever has started this test may have it ignored.
+    // The parent of this test may have it ignored.
     let bound = here.node_under(&["--default-signal=HUP"], "c1");
     let mission = here.mission(&cluster.file("sleep.dca", SLEEP));
     bound.signal(Signal::HUP);
@@ -130,7 +130,8 @@ fn a_node_leaves_with_its_terminal() {
     assert_eq!(ended.code, Some(0), "{ended}");
 }
 
-/// Whoever starts a node may have blocked SIGTERM, or have no wish to hear of children: the node takes both back, for its programs, too.
+/// The parent of a node may have blocked SIGTERM or ignored SIGCHLD: the node resets both, and its programs inherit the
+/// defaults.
 #[test]
 fn a_node_takes_its_signals_back() {
     let cluster = Cluster::new();
@@ -154,7 +155,7 @@ fn a_node_takes_its_signals_back() {
     cluster.expect_nothing_left(Duration::from_secs(2));
 }
 
-/// A node whose run folder was taken away lives, and so do its programs: a second one of its name ends nothing.
+/// A node whose run folder was removed lives, and so do its programs: a second node of its name ends nothing.
 #[test]
 fn a_second_node_leaves_the_first_alone_whose_folder_is_gone() {
     let cluster = Cluster::new();
@@ -229,7 +230,8 @@ fn what_a_lost_host_has_not_confirmed_is_told_until_it_is_back() {
     cluster.expect_nothing_left(ORPHAN_MAX);
 }
 
-/// A home that is suspended while it stops is waited for, and the person is told so and how long; then the stop ends well.
+/// A home that is suspended while it stops is waited for, and the person is told so and how long; then the stop ends
+/// well.
 #[test]
 fn a_home_that_does_not_answer_is_waited_for_with_a_note() {
     let cluster = Cluster::new();
@@ -257,14 +259,15 @@ fn a_home_that_does_not_answer_is_waited_for_with_a_note() {
     nodes[0].signal(Signal::CONT);
     let stopped = stop.ended(SOON);
     assert!(stopped.code == Some(0) && stopped.out.contains("`slow` is stopped; nothing of it is left"), "{stopped}");
-    // Who watched it may have given the home up meanwhile.
+    // A watching command may have given the home up by then.
     let watched = mission.ended(SOON);
     assert!(matches!(watched.code, Some(1 | 3)), "{watched}");
     nodes.iter().for_each(|node| node.signal(Signal::TERM));
     cluster.expect_nothing_left(ORPHAN_MAX);
 }
 
-/// Of a deployment that is over its output stays, and no socket: neither where programs were killed, nor where they have ended.
+/// Of a deployment that is over its output stays, and no socket: neither where programs were killed, nor where they
+/// have ended.
 #[test]
 fn sockets_go_with_their_deployment() {
     let cluster = Cluster::new();
@@ -293,7 +296,7 @@ fn sockets_go_with_their_deployment() {
         }
         found
     };
-    // What the logs show is of the mission before until this one has written.
+    // Until this mission has written, the logs show the previous one.
     for (kills, word) in [(false, "first"), (true, "second")] {
         let mission = here.mission(&cluster.file("two.dca", &text.replace("WORD", word)));
         wait_until(SOON, || here.ask(&["logs", "sleep"]).out.contains(word)).expect("it runs");

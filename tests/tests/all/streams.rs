@@ -1,4 +1,5 @@
-//! Streams of answers that break: a node is killed in the middle of one, and whoever asked is told that it lacks the rest.
+//! Streams of answers that break: a node is killed in the middle of one, and the caller is told that the rest is
+//! missing.
 
 use comms::io::session::Session;
 use comms::logic::{codec, key};
@@ -23,7 +24,7 @@ module Talker(host) { exec \"sh -c 'yes | head -c 900000; sleep 3600'\"; plain; 
 process main() { host { r1 } instantiated_processes { talker instof Talker(r1); } internal_event_actions { talker } }
 ";
 
-/// A way to a node on which it is killed as soon as it has said so much.
+/// A relay to a node that kills the node after a number of bytes.
 struct Passage {
     host: Host,
     _lock: File,
@@ -47,11 +48,11 @@ impl Passage {
     }
 }
 
-/// Passes on what is said on every connection, until the node has said so much.
+/// Relays the traffic of every connection, until the node has sent so much.
 fn pass_on(listener: &UnixListener, socket: &PathBuf, (node, passed): (Program, usize)) {
     let left = Arc::new(Mutex::new((passed, Some(node))));
     for caller in listener.incoming().map_while(Result::ok) {
-        // Once the node is gone, nobody gets through.
+        // Once the node is gone, no connection succeeds.
         let Ok(there) = UnixStream::connect(socket) else { continue };
         let both = || Some((caller.try_clone().ok()?, there.try_clone().ok()?));
         let (Some((mut to_caller, mut from_node)), Some((mut from_caller, mut to_node))) = (both(), both()) else {
@@ -73,7 +74,7 @@ fn pass_on(listener: &UnixListener, socket: &PathBuf, (node, passed): (Program, 
                     break;
                 }
             }
-            // Who has gone already need not be told.
+            // A caller that has already gone need not be told.
             drop(to_caller.shutdown(Shutdown::Both));
         });
     }
@@ -107,7 +108,8 @@ fn check_broken(ended: &Ended) {
     assert!(said.len() == 1 && said[0].contains("not everything"), "{ended}");
 }
 
-/// A node that is killed in the middle of an export leaves no file that looks whole, and none under the name that was asked for.
+/// A node that is killed in the middle of an export leaves no file that looks whole, and none under the name that was
+/// asked for.
 #[test]
 fn a_broken_export_is_no_export() {
     let cluster = Cluster::new();
@@ -147,7 +149,7 @@ fn a_broken_log_is_told() {
     check_broken(&ended);
 }
 
-/// A result that the disk does not take is no result.
+/// A result that the disk does not take counts as a failure.
 #[test]
 fn a_result_that_cannot_be_written_is_a_failure() {
     for (program, arguments) in [
@@ -165,7 +167,7 @@ fn a_result_that_cannot_be_written_is_a_failure() {
     }
 }
 
-/// Where standard output is closed or can only be read, a result is lost, whatever the runtime puts in its place.
+/// If standard output is closed or read-only, a result is lost, whatever the runtime opens in its place.
 #[test]
 fn a_result_for_a_closed_standard_output_is_a_failure() {
     let cluster = Cluster::new();
@@ -204,7 +206,8 @@ fn a_result_for_a_closed_standard_output_is_a_failure() {
             assert!(code == Some(1) && is_told, "{arguments:?} {closed}: {code:?}, {said}");
         }
     }
-    // What a caller gives on purpose is none: a shell, Python's `subprocess.DEVNULL`. Nor does another stream matter.
+    // An output that a caller discards on purpose is not a failure: a shell, Python's `subprocess.DEVNULL`. Other
+    // streams do not matter either.
     for open in [">/dev/null", "1<>/dev/null", "2>&-", "<&-"] {
         let (code, said) = ended(open, &[&dca, "explain", "E0101"]);
         assert_eq!((code, said.as_str()), (Some(0), ""), "{open}");

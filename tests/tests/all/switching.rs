@@ -1,6 +1,7 @@
 //! Connection sets that are switched while a source counts at 1 kHz: no number is lost, doubled or late.
 //!
-//! `DCA_TEST_ROUNDS=10000 cargo test --test all switching::` switches 10,000 times in each test, which takes some minutes.
+//! `DCA_TEST_ROUNDS=10000 cargo test --test all switching::` switches 10,000 times in each test, which takes some
+//! minutes.
 
 #![expect(clippy::print_stdout, reason = "a test says how long its switches took")]
 
@@ -48,7 +49,7 @@ fn print(what: &str, mut times: Vec<f64>) {
     println!("{what}: {} switches, p50 {:.2} ms, p99 {:.2} ms, max {:.2} ms", times.len(), at(50), at(99), at(100));
 }
 
-/// Returns what was told of switches.
+/// Returns the events of switches.
 fn told(events: &str) -> Vec<Value> {
     let objects = events.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
     let switched = objects.filter_map(|object| {
@@ -116,7 +117,7 @@ fn a_consumer_that_is_suspended_loses_nothing() {
     });
 }
 
-/// What is sent while a link is cut for a moment arrives once it is healed, in its order.
+/// Values sent while a link is cut for a moment arrive in order once it is healed.
 #[test]
 fn a_link_that_is_cut_and_healed_loses_nothing() {
     let Some(network) = Network::new(2) else { return };
@@ -183,7 +184,7 @@ fn a_switch_that_somebody_does_not_confirm_has_exit_code_3() {
     let here = cluster.here();
     let _node = here.node("c1", &[]);
     let file = spec(&cluster, "c1", "source, one, other, gate[a]");
-    // Suspended for longer than the home waits, it is no program that hangs.
+    // A program suspended for longer than the home waits is not reported as hanging.
     let text = std::fs::read_to_string(&file).expect("it was just written");
     let declared = text.lines().find(|line| line.contains("source instof Source")).expect("it is there").to_owned();
     let unwatched = declared.replace(';', " { watchdog none; }");

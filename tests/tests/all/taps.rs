@@ -4,7 +4,7 @@ use dca_tests::cluster::{Cluster, Host, SOON, Stream};
 use rustix::process::Signal;
 use serde_json::Value;
 
-/// A source of 100 values a second that nobody hears while the wire is closed, and one that never runs.
+/// A source of 100 values a second without a reader while the wire is closed, and a source that never runs.
 const BEATS: &str = "
 process main() {
     host { \"c1\" }
@@ -50,7 +50,8 @@ fn values_are_echoed_with_their_numbers() {
     assert!(values.iter().all(|value| value["output"] == "main/beat.Out" && value["type"] == "Beat"), "{echoed}");
 }
 
-/// A rate is that of the program's own clock, whatever this machine has to do meanwhile. What is silent is told so.
+/// A rate is measured by the program's own clock, independent of the load of this machine. A silent output is reported
+/// as such.
 #[test]
 fn a_rate_is_that_of_the_program() {
     let cluster = Cluster::new();

@@ -1,4 +1,4 @@
-//! `dca team` and `dca audit`: ceremonies on one machine, with what they leave on the disk.
+//! `dca team` and `dca audit`: ceremonies on one machine, and their files on the disk.
 
 use dca_tests::cluster::{Cluster, executable};
 use std::fs::{self, Permissions};
@@ -9,7 +9,7 @@ use std::process::{Command, Stdio};
 
 const PASSPHRASE: &str = "correct horse battery";
 
-/// A folder with keys, and who asks for something.
+/// A folder with keys, and the user who runs commands.
 struct Desk {
     cluster: Cluster,
     keys: PathBuf,
@@ -30,7 +30,7 @@ impl Desk {
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().expect("dca is there");
         let mut stdin = child.stdin.take().expect("it is piped");
-        // What needs no passphrase may have ended without reading it.
+        // A command that needs no passphrase may have ended without reading it.
         drop(stdin.write_all(format!("{passphrase}\n").as_bytes()));
         drop(stdin);
         let output = child.wait_with_output().expect("dca ends");
@@ -141,7 +141,7 @@ fn a_short_passphrase_and_a_changed_file_are_refused() {
     desk.done(&["team", "init", "other"]);
     desk.refused(&["team"], "choose one with `--team`");
     desk.done(&["team", "--team", "acme"]);
-    // The file of one team in the place of another's, and one that somebody has worked on.
+    // The file of one team in the place of another's, and a file that was modified.
     let [own, other] = ["acme", "other"].map(|name| desk.keys.join(name).join("team"));
     let good = fs::read(&own).expect("a file of ours");
     fs::copy(&other, &own).expect("files of ours");
@@ -201,7 +201,7 @@ fn an_audit_log_is_verified() {
     assert_eq!(verify(&["/nowhere"]).code, Some(1));
 }
 
-/// Commands that overlap change the team one after the other: nobody is forgotten, and nobody comes back.
+/// Commands that overlap change the team one after the other: no member is forgotten, and no revoked member returns.
 #[test]
 fn changes_at_the_same_time_are_all_kept() {
     let desk = Desk::new();
@@ -229,7 +229,7 @@ fn changes_at_the_same_time_are_all_kept() {
     assert!(listed.contains("revocations: number 4, keys 4"), "{listed}");
 }
 
-/// What an interrupted command or a missing disk has left is told, and nothing is made in its place.
+/// Files from an interrupted command or a missing disk are reported, and nothing is made in their place.
 #[test]
 fn what_is_half_there_is_told() {
     let desk = Desk::new();

@@ -1,4 +1,5 @@
-//! Audit logs of two nodes of a team: each signs where the other's has come to, so a log that is cut off or written anew is found out.
+//! Audit logs of two nodes of a team: each signs the head of the other's log, so a log that is cut off or rewritten is
+//! found out.
 
 use dca_tests::cluster::{Cluster, Ended, Host, Network, Program, SOON, wait_until};
 use dca_tests::made_team::MadeTeam;
@@ -53,7 +54,7 @@ impl Robots {
         fs::read_to_string(self.file(number, "audit")).unwrap_or_default()
     }
 
-    /// Verifies a text as the log of the first robot, with what the second one has signed.
+    /// Verifies a text as the log of the first robot, with the heads that the second one has signed.
     fn verify(&self, text: &str) -> Ended {
         let file = self.cluster.file("c1.audit", text);
         let (heads, state) = (self.file(2, "heads").display().to_string(), self.cluster.folder().join("none"));
@@ -72,13 +73,13 @@ fn a_log_that_was_cut_or_written_anew_is_found_out() {
     let first = robots.host(1);
     let see_each_other = || first.ask(&["nodes"]).out.lines().filter(|line| line.starts_with('c')).count() == 2;
     assert!(wait_until(SOON, see_each_other).is_some(), "{}", first.ask(&["nodes"]));
-    // Whoever it is may stop everything: that is a record.
+    // Every user may stop everything; each stop adds a record.
     for _ in 0..RECORDS {
         let stopped = first.ask(&["estop", "test"]);
         assert_eq!(stopped.code, Some(0), "{stopped}");
     }
     assert!(wait_until(SOON, || robots.log(1).lines().count() > RECORDS).is_some(), "{}", robots.log(1));
-    // Who comes is told at once where it is.
+    // A node that joins is told the heads at once.
     robots.stop(2);
     robots.start(2);
     let state = first.state().display().to_string();
@@ -88,12 +89,12 @@ fn a_log_that_was_cut_or_written_anew_is_found_out() {
     let good = robots.log(1);
     let fits = robots.verify(&good);
     assert!(fits.code == Some(0) && fits.out.contains("signed heads fit"), "{fits}");
-    // Cut off: it fits in itself, and not to what the other one has signed.
+    // A shortened log is consistent in itself, but does not match the head that the other node has signed.
     let cut: String = good.lines().take(1).map(|line| format!("{line}\n")).collect();
     let refused = robots.verify(&cut);
     assert!(refused.code == Some(1) && refused.err.contains("is not as it was written"), "{refused}");
     assert!(refused.err.contains("ends with nothing, but"), "{refused}");
-    // Written anew, with as many records.
+    // A rewritten log, with as many records.
     let (mut log, begin) = {
         let mut verifier = trust::audit::Verifier::new(Vec::new()).expect("no heads");
         good.lines().for_each(|line| verifier.line(line).expect("it is whole"));
@@ -117,8 +118,8 @@ fn a_log_that_was_cut_or_written_anew_is_found_out() {
     assert!(robots.verify(&good).code == Some(0), "what was signed stays");
 }
 
-/// A disk that is full for a while tears no record: what was done meanwhile is written when there is room, and the log stays what
-/// others have signed.
+/// A disk that is full for a while damages no record: events during that time are written when there is room, and the
+/// log still matches the signed heads.
 #[test]
 fn a_log_on_a_full_disk_stays_whole() {
     let Some(mut robots) = Robots::new() else { return };
@@ -126,7 +127,8 @@ fn a_log_on_a_full_disk_stays_whole() {
     let stop_all = |reason: &str| first.ask(&["estop", reason]);
     assert_eq!(stop_all("before").code, Some(0));
     assert!(wait_until(SOON, || robots.log(1).contains(": before")).is_some(), "{}", robots.log(1));
-    // A node whose files may not grow gets from the kernel what a full disk gives: a piece of what it writes, then an error.
+    // A node with a file size limit gets the same result from the kernel as from a full disk: a short write, then an
+    // error.
     let pid = robots.nodes[0].as_ref().and_then(|node| Pid::from_raw(node.pid().try_into().ok()?));
     let room = fs::metadata(robots.file(1, "audit")).expect("it is there").len() + 40;
     let limit = |bytes: Option<u64>| {

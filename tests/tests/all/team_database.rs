@@ -1,5 +1,5 @@
-//! A member that somebody has stolen, and the database of its team: what it writes by hand as another one, or beyond what it may, is
-//! written nowhere, and each attempt is in the audit log.
+//! A stolen member, and the database of its team. Transactions that it forges under another name, or beyond its rights,
+//! are written nowhere, and each attempt is in the audit log.
 
 use comms::io::session::{NodeOptions, Reach, Session};
 use comms::logic::key::HostName;
@@ -30,7 +30,7 @@ use trust::team::Credential;
 
 /// The name of the database of robots that were told of none.
 const TEAM: &str = "dca";
-/// The hash of nothing, which is what a transaction has seen that has seen nothing. Source: BLAKE3, the empty input.
+/// The hash of nothing, for a transaction that has seen no other. Source: BLAKE3, the empty input.
 const NOTHING_SEEN: ChainHash = ChainHash([0xaf, 0x13, 0x49, 0xb9, 0xf5, 0xf9, 0xa1, 0xa6]);
 
 /// The thief's keys, used by hand.
@@ -168,7 +168,7 @@ impl Thief {
                 wall: Wall::default(),
             };
             self.put(self.own, Message::Hello(hello));
-            // As what it is, with what it may not write.
+            // Under its own name, with a key that it may not write.
             self.join(c1, "c3").await;
             self.write(c2, (0, now), stolen());
             self.write(self.own, (0, now), member::retirement(c2).expect("a key"));
@@ -229,7 +229,7 @@ impl Robbed {
         self.cluster.host(&self.network, number)
     }
 
-    /// Returns what was refused on a host, and why.
+    /// Returns the refusals on a host, with their reasons.
     fn refusals(&self, number: usize) -> Vec<String> {
         let file = format!("c{number}/team/audit");
         let log = fs::read_to_string(self.host(number).state().join(file)).unwrap_or_default();

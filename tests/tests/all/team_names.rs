@@ -1,5 +1,5 @@
-//! A member that somebody has stolen: it is linked to the others as every member is, and speaks as another one. It is not believed,
-//! that is one line of the audit log, and it is told.
+//! A stolen member: it is linked to the others like every member, and speaks under another name. It is not believed,
+//! the attempt is one line of the audit log, and it is told.
 
 use comms::io::session::{NodeOptions, Reach, Request, Session};
 use comms::logic::key::HostName;
@@ -84,7 +84,7 @@ impl Drop for Robbed {
     }
 }
 
-/// Says at every occasion that it is `c2`: in presence, pongs, pings and frames, and in answers to what `c2` is asked.
+/// Claims at every occasion to be `c2`: in presence, pongs, pings and frames, and in answers to requests for `c2`.
 async fn steal(session: &Session, told: SyncSender<Refusal>) {
     let _token = session.announce(&key::live("c2", BOOT)).expect("it is open");
     let mut pings = session.subscribe(&key::ping_any(), Policy::reject(64)).expect("it is open");
@@ -96,7 +96,7 @@ async fn steal(session: &Session, told: SyncSender<Refusal>) {
             Some((_, bytes)) = pings.next() => {
                 let Ok(ping) = codec::decode::<Ping>(&bytes) else { continue };
                 if ping.boot == BOOT {
-                    continue; // Its own: it would answer itself for ever.
+                    continue; // Its own ping: it would answer itself for ever.
                 }
                 let (boot, to_boot, round) = (BOOT, ping.boot, ping.round);
                 let (up, place) = (Duration::from_secs(600), "the thief's".to_owned());
@@ -126,7 +126,7 @@ fn put(session: &Session, key: &str, bytes: Result<Vec<u8>, codec::CodecError>) 
     session.put_shown(key, bytes.expect("it is short")).expect("it is open");
 }
 
-/// Says that nothing of that name runs, whatever is asked.
+/// Answers every request with the claim that nothing of that name runs.
 async fn lie(mut request: Request) {
     request.reply(codec::encode(&Answer::Stop(StopReply::Unknown)).expect("it is short")).await;
     request.finish();
@@ -147,7 +147,7 @@ fn who_speaks_as_another_member_is_refused_and_told() {
         return;
     }
     let Some(mut robbed) = Robbed::new() else { return };
-    // `c2` is there, and answers itself although the thief answers, too.
+    // `c2` is there, and answers itself although the thief answers as well.
     let sees_c2 = |robbed: &Robbed| robbed.host(1).statuses(&[]).iter().any(|status| status.host == "c2");
     assert!(wait_until(SOON, || sees_c2(&robbed)).is_some(), "{}", robbed.host(1).ask(&["status"]));
     for _ in 0..10 {
@@ -159,7 +159,7 @@ fn who_speaks_as_another_member_is_refused_and_told() {
     let Refusal { by, why } = robbed.told.recv_timeout(SOON).expect("the thief is told");
     assert!(why == "`c3` speaks as `c2`" && (by == "c1" || by == "c2"), "{by}: {why}");
 
-    // Once `c2` is gone, nobody takes its place.
+    // Once `c2` is gone, no other node takes its place.
     let node = robbed.nodes.remove(1);
     node.kill();
     drop(node);

@@ -1,4 +1,5 @@
-//! A team on a network: namespaces on a bridge, a node in each, invited and joined as people do it, and strangers beside them.
+//! A team on a network: namespaces on a bridge, a node in each, invited and joined by the usual commands, with
+//! strangers beside them.
 
 mod split;
 
@@ -127,7 +128,7 @@ fn a_team_opens_the_door_and_a_stranger_sees_nothing() {
     }
     let Some(team) = Team::of_three(4) else { return };
     let stranger = team.host(4);
-    // Who has no key on this machine is told what is missing, and nothing is started.
+    // A user without a key on this machine is told of the missing key, and nothing is started.
     let empty = team.cluster.folder().join("no.keys").display().to_string();
     let nobody = team.host(1).ask(&["deploy", &spec("door_opening"), "--keys", &empty]);
     assert_eq!(nobody.code, Some(1), "{nobody}");
@@ -136,7 +137,7 @@ fn a_team_opens_the_door_and_a_stranger_sees_nothing() {
     mission.wait_for_times(Stream::Err, "▸ (visualserv # distdetect)", 2, SOON);
     let status = team.host(2).ask(&["status"]);
     assert!(status.out.matches("team acme").count() == 3, "{status}");
-    // Who only looks, and who has a node of its own which is open to everybody.
+    // A stranger that only looks, and a stranger with a node that is open to everyone.
     let looked = stranger.ask(&["nodes", "--lan"]);
     assert_eq!(looked.code, Some(3), "{looked}");
     assert!(!NAMES.iter().any(|name| looked.out.contains(name) || looked.err.contains(name)), "{looked}");
@@ -160,7 +161,7 @@ fn a_team_opens_the_door_and_a_stranger_sees_nothing() {
     drop(open);
 }
 
-/// Everything that a zenoh session on a host hears of those that it can link to at their ports.
+/// Everything that a zenoh session on a host hears from the sessions that it can link to at their ports.
 fn sniff(network: &Network, number: usize) -> Vec<String> {
     let places: Vec<String> = (1..=3)
         .flat_map(|other| {
@@ -219,8 +220,8 @@ process main() {
 }
 ";
 
-/// Another team, nonsense, and connections that say nothing at the ports of nodes and programs: nothing is started, and the traffic
-/// of the team keeps its rate.
+/// Another team, nonsense, and connections that say nothing at the ports of nodes and programs: nothing is started, and
+/// the traffic of the team keeps its rate.
 #[test]
 fn attacks_start_nothing_and_slow_nothing_down() {
     let Some(team) = Team::of_three(4) else { return };
@@ -272,7 +273,7 @@ fn attacks_start_nothing_and_slow_nothing_down() {
     drop(c4);
 }
 
-/// Who is revoked is cut off by everybody, also by those whom the operator has never told; and comes back in vain.
+/// A revoked member is cut off by all others, including those that the operator has never told; and it returns in vain.
 #[test]
 fn a_revoked_robot_is_cut_off() {
     let Some(team) = Team::of_three(3) else { return };
@@ -292,7 +293,7 @@ fn a_revoked_robot_is_cut_off() {
     assert_eq!(revoked.code, Some(0), "{revoked}");
     assert!(revoked.err.contains("the node `c1` knows"), "{revoked}");
     assert!(wait_until(SOON, || !sees(2, "c3")).is_some(), "host 2 hears of it from host 1");
-    // Nobody waits for it, and it is not passed over in silence.
+    // The command does not wait for it, but reports it.
     let nothing = team.host(2).ask(&with(&["stop", "nothing"], &team.keys));
     assert!(nothing.code == Some(1) && nothing.err.contains("no deployment `nothing` is running"), "{nothing}");
     let stopped = team.host(2).ask(&["estop", "test"]);
@@ -309,8 +310,8 @@ fn a_revoked_robot_is_cut_off() {
     drop(back);
 }
 
-/// The operator's machine tells one robot and is switched off; that robot tells another one and is switched off. The last one, which
-/// has never met the operator since, refuses who was revoked.
+/// The operator's machine tells one robot and is switched off; that robot tells another one and is switched off. The
+/// last one, which never met the operator after the revocation, refuses the revoked member.
 #[test]
 fn a_revocation_travels_over_two_meetings_without_the_operator() {
     let Some(mut team) = Team::of_three(4) else { return };

@@ -1,4 +1,5 @@
-//! Nodes with certificates of a minute: one that may renews those of the others before they end, and nobody else has a hand in it.
+//! Nodes with certificates that last a minute: a node with the right to renew renews the certificates of the others
+//! before they end, and no other node can.
 
 use dca_tests::cluster::{Cluster, Ended, Host, Network, SOON, wait_until};
 use dca_tests::made_team::{MadeTeam, keys};
@@ -51,7 +52,8 @@ fn a_certificate_is_renewed_by_who_may_before_it_ends() {
     drop(nodes);
 }
 
-/// A user whose certificate is about to end has it renewed by a node that may, and is believed with that from then on.
+/// A user whose certificate is about to end gets it renewed by a node with that right, and is believed with the new one
+/// afterwards.
 #[test]
 fn a_user_is_renewed_by_who_may() {
     let Some(network) = Network::new(2) else { return };
@@ -101,7 +103,7 @@ fn a_user_is_renewed_by_who_may() {
     assert!(wait_until(SOON, || team::now() > ends).is_some(), "the certificate itself has ended");
     let listed = dan(&["team"]);
     assert!(listed.out.contains("renewed"), "{listed}");
-    // What it signs counts.
+    // Its signatures count.
     let written = dan(&["db", "put", "team/gain", "1.5"]);
     assert_eq!(written.code, Some(0), "{written}");
     let audit = fs::read_to_string(cluster.host(&network, 2).state().join("c2/team/audit")).expect("an audit log");

@@ -1,5 +1,5 @@
-//! A secret of a team's database: its program has it, and nobody else does. Looked for in all files, command lines, environments and
-//! outputs of three robots, and in the memory of those that may not read it.
+//! A secret of a team's database: only its program has it. The test searches all files, command lines, environments and
+//! outputs of three robots, and the memory of those that may not read it.
 
 use dca_tests::cluster::{Capture, Cluster, Ended, Host, Network, Program, SOON, Stream, executable, wait_until};
 use node::logic::database::question::Status;
@@ -10,7 +10,7 @@ use std::path::Path;
 use std::process::Command;
 
 const SECRET: &str = "Swordfish-Quartz-8261";
-/// The same with each letter moved by 13 places: what the program writes to show that it has read it.
+/// The same with each letter moved by 13 places: the program writes it to show that it has read the secret.
 const SHOWN: &str = "Fjbeqsvfu-Dhnegm-8261";
 const KEY: &str = "team/camera/password";
 const NAMES: [&str; 3] = ["r1", "r2", "r3"];
@@ -257,8 +257,8 @@ fn a_secret_is_for_its_robot_alone() {
     assert!(revoked.err.contains("`r3` could read these secrets"), "{revoked}");
 }
 
-/// A controller that runs is told a secret that has changed, also where its node was killed meanwhile; and what is no longer for its
-/// robot changes nothing.
+/// A running controller is told a secret that has changed, even if its node was killed in between; a secret that is no
+/// longer for its robot changes nothing.
 #[test]
 fn a_secret_that_changes_reaches_the_controller_that_runs() {
     let Some(mut robots) = Robots::new() else { return };
@@ -287,7 +287,7 @@ fn a_secret_that_changes_reaches_the_controller_that_runs() {
     assert_eq!(robots.seal("Swordfish-3", "r3").code, Some(0), "not for r2");
     assert_eq!(robots.seal("Swordfish-4", "r2,r3").code, Some(0));
     says("changed Fjbeqsvfu-4\n");
-    // What changes while its node is away comes with the next one.
+    // A change made while its node is away comes with the next one.
     robots.nodes[1].kill();
     let put = ["db", "put", "--secret", KEY, "--for", "r2", "--level", "local"];
     let sealed = robots.host(1).ask_given(&robots.with(&put), b"Swordfish-5");
@@ -314,13 +314,14 @@ fn what_is_no_robot_of_the_team_is_refused_before_anything_is_written() {
     assert!(!has_secret(format!("{twice}").as_bytes()), "{twice}");
     let none = robots.host(1).ask(&["db", "get", KEY]);
     assert_eq!(none.code, Some(1), "{none}");
-    // A value that is no secret is none for a spec either.
+    // A value that is not a secret cannot be used as one in a spec.
     drop(robots.done(&["db", "put", KEY, "--text", "plain", "--level", "everywhere", "--within", "25s"]));
     let refused = robots.deploy("r2", "camera").ended(SOON);
     assert!(refused.out.contains("`team/camera/password` is no secret"), "{refused}");
 }
 
-/// A robot gets new keys under its name: with these it is a member, with the old ones nobody is, and what was sealed for them is listed.
+/// A robot gets new keys under its name: with these it is a member, the old keys are revoked, and the secrets sealed
+/// for them are listed.
 #[test]
 fn a_robot_with_new_keys_is_a_member_and_the_old_ones_are_revoked() {
     let Some(robots) = Robots::new() else { return };
@@ -344,7 +345,7 @@ fn a_robot_with_new_keys_is_a_member_and_the_old_ones_are_revoked() {
     assert!(wait_until(SOON, || log().contains("\trevoke: number 1")).is_some(), "{}", log());
     let sees_r2 = || {
         let nodes = robots.host(3).ask(&["nodes"]);
-        // One that is away has no process.
+        // A node that is away has no process.
         nodes.out.lines().any(|line| line.starts_with("r2") && line.split_whitespace().nth(1) != Some("-"))
     };
     robots.nodes[1].kill();
@@ -354,7 +355,7 @@ fn a_robot_with_new_keys_is_a_member_and_the_old_ones_are_revoked() {
     assert_eq!(robots.seal("Swordfish-2", "r2").code, Some(0), "it is sealed for the new keys, and everybody has it");
     renewed.kill();
     assert!(wait_until(SOON, || !sees_r2()).is_some(), "{}", robots.host(3).ask(&["nodes"]));
-    // Whoever has a copy of the old keys is refused.
+    // A node with a copy of the old keys is refused.
     fs::rename(&state, robots.cluster.folder().join("new"))
         .and_then(|()| fs::rename(&old, &state))
         .expect("folders of ours");

@@ -1,5 +1,5 @@
-//! A node in a team and somebody on its own machine who wants more than is signed: its sockets, its disk, its audit log. Each attack
-//! starts nothing, writes nothing, and is one line of the audit log.
+//! A node in a team, and an attacker on its own machine who wants more than is signed: its sockets, its disk, its audit
+//! log. Each attack starts nothing, writes nothing, and is one line of the audit log.
 
 use comms::io::session::{Session, Subscription};
 use comms::logic::port::Policy;
@@ -156,7 +156,7 @@ impl Attacked {
         self.ask(&Request::Signed(Box::new(signed.clone())))
     }
 
-    /// Returns what became of what, who wanted it, and why, of each record in the audit log.
+    /// Returns for each record in the audit log the result, the subject, the user and the reason.
     fn records(&self) -> Vec<String> {
         let log = fs::read_to_string(self.host.state().join("c2/team/audit")).unwrap_or_default();
         let fields = |line: &str| {
@@ -200,7 +200,8 @@ impl Attacked {
     }
 }
 
-/// Requests of command lines: unsigned, for another host or team, expired, of a lower role, altered, of a revoked signer, and sent again.
+/// Requests of command lines: unsigned, for another host or team, expired, of a lower role, altered, of a revoked
+/// signer, and sent again.
 #[test]
 fn what_is_not_signed_as_it_has_to_be_is_refused() {
     let Some(mut at) = Attacked::new() else { return };
@@ -212,7 +213,7 @@ fn what_is_not_signed_as_it_has_to_be_is_refused() {
     at.call_refused(&found, "nobody has signed it");
     at.signed_refused(dan.sign(&found, "c2"), "`dan` is deployer, who may not decide who has the database");
     let Answer::Database(Reply::Done(_)) = at.ask_signed(&ann.sign(&found, "c2")) else { panic!("an admin may") };
-    // What was accepted is in the log as what became of it.
+    // An accepted request is in the log with its result.
     let unknown = at.ask_signed(&dan.sign(&stop(), "c2"));
     assert!(matches!(unknown, Answer::Stop(StopReply::Unknown)), "{unknown:?}");
     let of_dan = || at.records().into_iter().filter(|line| line.contains("|dan|stop `test`|")).collect::<Vec<_>>();
@@ -275,7 +276,7 @@ process main() {
 }
 "#;
 
-/// A mission begins again after a reboot, but not where the user who has signed it was revoked meanwhile, although its home itself had
+/// A mission is resumed after a reboot, but not if the user who signed it was revoked in between, although its home had
 /// accepted it.
 #[test]
 fn a_mission_of_a_revoked_user_does_not_come_back_after_a_reboot() {
@@ -291,7 +292,7 @@ fn a_mission_of_a_revoked_user_does_not_come_back_after_a_reboot() {
     let runs = |at: &Attacked| at.cluster.leaf("main/there").map(|process| process.pid);
     let begins = wait_until(SOON, || runs(&at).is_some());
     assert!(begins.is_some(), "{:?}", at.records());
-    // Whoever asked for it has gone after the first answer: what became of it is in the log all the same.
+    // The caller has gone after the first answer: the result is still in the log.
     let done = "done|dan|deploy `test`|".to_owned();
     assert!(wait_until(SOON, || at.records().contains(&done)).is_some(), "{:?}", at.records());
     let first = runs(&at);
@@ -308,7 +309,7 @@ fn a_mission_of_a_revoked_user_does_not_come_back_after_a_reboot() {
     assert_eq!(runs(&at), None);
 }
 
-/// Somebody who says to be the node `c1`.
+/// An attacker who claims to be the node `c1`.
 struct Liar<'a> {
     at: &'a Attacked,
     session: Session,
@@ -401,7 +402,8 @@ impl<'a> Liar<'a> {
     }
 }
 
-/// A home that lies, or a relay between it and its hosts: it has what a user has signed, and wants more.
+/// A home that lies, or a relay between the home and its hosts: it has a request that a user has signed, and wants
+/// more.
 #[test]
 fn a_home_that_lies_starts_nothing() {
     let Some(at) = Attacked::new() else { return };
@@ -427,7 +429,7 @@ fn a_home_that_lies_starts_nothing() {
     };
     liar.refused(1, prepare(Some(&dan.sign_with(&deploy(), "c1", past))), "s too late");
 
-    // What was signed is started, once: with it the same is not started again.
+    // A signed request starts its programs once: with the same request they are not started again.
     let started = liar.order(5, prepare(Some(&good)));
     assert!(matches!(started, ToCoordinator::Prepared { .. }), "{started:?}");
     assert_eq!(liar.order(5, ToParticipant::Release), ToCoordinator::Released);

@@ -1,5 +1,6 @@
-//! Who speaks on a wire in a team: somebody who is linked to both ends of one, with all that zenoh lets a peer do, changes nothing that
-//! comes over it, reads nothing, and answers nothing for others. That is one line of the audit log, and the wire keeps its rate.
+//! Speakers on a wire in a team: an attacker who is linked to both ends of a wire, with all rights of a zenoh peer,
+//! changes no value on it, reads nothing, and answers nothing for others. The attempt is one line of the audit log, and
+//! the wire keeps its rate.
 
 use comms::io::clock::now;
 use comms::io::data::{CallWay, Cover, DataSession, Opener, Priority, SealCounter, SealKey, Sealer, Visitor};
@@ -30,7 +31,7 @@ use trust::identity::SecretKeys;
 use trust::team::Credential;
 use zeroize::Zeroizing;
 
-/// A key that nobody else has.
+/// A key that only this test has.
 fn seal_key(secret: u8) -> SealKey {
     SealKey::new(&Zeroizing::new([secret; 32]), Cover::Bytes)
 }
@@ -137,7 +138,7 @@ impl Team {
     }
 }
 
-/// A session with the credentials that a node gives those who look at programs, linked to these.
+/// A session with the credentials that a node gives to clients that watch programs, linked to these.
 fn intrude(file: &Path, folder: &Path, dials: &[Dial]) -> DataSession {
     let identity = Arc::new(VisitorIdentity::open(file).expect("the node has written it"));
     let session = DataSession::open_observer(Some((identity, folder.to_owned()))).expect("it opens");
@@ -167,13 +168,14 @@ fn links_in_vain(identity: &Arc<ProgramIdentity>, folder: &Path, dials: &[Dial])
     for dial in dials {
         let remote = dial.locators.iter().filter(|place| place.starts_with("tcp/")).cloned().collect();
         let to = Dial { session: dial.session.clone(), locators: remote };
-        // Who may get a wire is kept waiting for 2 s, and then refused.
+        // A client without a wire is kept waiting for 2 s, and then refused.
         assert!(session.dial(&to, Duration::from_millis(3500)).is_err(), "it has no wire");
     }
     session.close();
 }
 
-/// A fourth host is a member of the team, and somebody on it uses the credentials that its node gives those who look at programs.
+/// A fourth host is a member of the team, and an attacker on it uses the credentials that its node gives to clients
+/// that watch programs.
 #[test]
 fn a_member_speaks_for_other_programs_in_vain() {
     if !alone("team_wires::a_member_speaks_for_other_programs_in_vain") {
@@ -186,8 +188,8 @@ fn a_member_speaks_for_other_programs_in_vain() {
     wires_within_a_host_are_direct(&team);
 }
 
-/// Somebody with credentials of the team sends on the wire of two programs, a thousand times a second: nothing of it arrives, the wire
-/// keeps its rate, and the node of the consumer has one line in its audit log.
+/// An attacker with credentials of the team sends on the wire of two programs, a thousand times a second: nothing of it
+/// arrives, the wire keeps its rate, and the node of the consumer has one line in its audit log.
 fn sends_on_a_wire_in_vain(team: &Team) {
     let rates = team.cluster.file("rates.dca", RATES);
     let deployed = team.host(1).dca(&team.with(&["deploy", &rates]));
@@ -269,8 +271,8 @@ process main() {
 }
 ";
 
-/// Calls go between hosts of a team as the spec connects them, and `dca` on any of its machines may call. Who is linked to a program and
-/// has signed nothing calls in vain.
+/// Calls go between hosts of a team as the spec connects them, and `dca` on any of its machines may call. A client that
+/// is linked to a program and has signed nothing calls in vain.
 fn calls_in_vain(team: &Team, program: &str) {
     let levels = team.cluster.file("levels.dca", LEVELS);
     let deployed = team.host(1).dca(&team.with(&["deploy", &levels, "--no-record", "--controllers", program]));
@@ -342,7 +344,7 @@ fn consumers(team: &Team, number: usize, place: &Path) -> usize {
     let count = move || {
         let sockets = fs::read_to_string("/proc/thread-self/net/unix").expect("Linux tells its sockets");
         let fields = sockets.lines().map(|line| line.split_whitespace().collect::<Vec<_>>());
-        // The sixth field is 3 when it is connected, and the last is the name of who listens.
+        // The sixth field is 3 when it is connected, and the last is the name of the listener.
         fields.filter(|fields| fields.get(5) == Some(&"03") && fields.last() == Some(&place.as_str())).count()
     };
     team.network.inside(number, count).join().expect("it reads")
@@ -355,8 +357,9 @@ fn direct_socket(team: &Team, path: &str) -> PathBuf {
     Path::new(socket.expect("it has a data session")).with_extension("wire")
 }
 
-/// A wire between two programs of one host does without zenoh; people see its values as they see others. Another program of the same user, which
-/// has found the socket and has no keys, comes to neither end, and that is a line of the audit log.
+/// A wire between two programs of one host works without zenoh; its values can be watched like others. Another program
+/// of the same user, which has found the socket and has no keys, reaches neither end, and the attempt is a line of the
+/// audit log.
 fn wires_within_a_host_are_direct(team: &Team) {
     let near = team.cluster.file("near.dca", &RATES.replace("RateMonitor(c3)", "RateMonitor(c2)"));
     let deployed = team.host(1).dca(&team.with(&["deploy", &near]));
@@ -388,8 +391,9 @@ fn wires_within_a_host_are_direct(team: &Team) {
     drop(deployed.ended(SOON));
 }
 
-/// A source on one host feeds two monitors on another, and one beside it. The source is killed twice, and two of the monitors in between. Who is
-/// started again has other keys: the other ends hear of them, the values go on, and that is no line of the audit log.
+/// A source on one host feeds two monitors on another, and one beside it. The source is killed twice, and two of the
+/// monitors in between. A restarted program has other keys: the other ends are told, the values go on, and this adds no
+/// line to the audit log.
 #[test]
 fn programs_that_are_started_again_go_on_with_new_keys() {
     if !alone("team_wires::programs_that_are_started_again_go_on_with_new_keys") {
@@ -432,7 +436,7 @@ fn programs_that_are_started_again_go_on_with_new_keys() {
         let has_come = || path == "main/near" || received("main/near") > near + 50.0;
         assert!(wait_until(SOON, has_come).is_some(), "{}", deployed.text(Stream::Err));
     }
-    // Longer than somebody may have another key unnoticed.
+    // Longer than a different key may go unnoticed.
     pass(OTHER_KEY_WITHIN + Duration::from_secs(1));
     beats(50.0);
     assert_eq!((team.refusals(2), team.refusals(3)), (vec![], vec![]));
@@ -440,7 +444,8 @@ fn programs_that_are_started_again_go_on_with_new_keys() {
     drop(deployed.ended(SOON));
 }
 
-/// A mission calls what another deployment runs, from two hosts: both ends seal for each other, whichever mission it is, and nobody is refused.
+/// A mission calls another deployment, from two hosts: both ends seal for each other, in each mission, and no call is
+/// refused.
 #[test]
 fn calls_of_another_deployment_are_sealed_too() {
     if !alone("team_wires::calls_of_another_deployment_are_sealed_too") {

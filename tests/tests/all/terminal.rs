@@ -51,7 +51,8 @@ fn a_mission_fits_into_80_columns_and_a_dumb_terminal_gets_whole_lines() {
         let width = |text: &str| text.chars().count();
         for line in text.split("\r\n") {
             assert!(is_redrawn || !line.contains('\r'), "{terminal}: {line:?}");
-            // What is drawn again must be one line; what stays, such as why something failed, may be several.
+            // A line that is redrawn must fit in one line; text that stays, such as the reason of a failure, may have
+            // several.
             for live in line.split('\r').filter_map(|drawn| drawn.strip_suffix("\x1b[K")) {
                 assert!(width(live) < 80 && !live.contains('\x1b'), "{} columns: {live:?}", width(live));
             }

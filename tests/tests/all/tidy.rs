@@ -1,4 +1,4 @@
-//! The rules of the house that no compiler checks: who may import whom, what is pure, what is where.
+//! The rules of the house that no compiler checks: permitted imports, pure folders, and the place of each thing.
 //!
 //! Each test reads the sources as text and names every line that breaks its rule. `docs/src/inside/invariants.md` lists them.
 
@@ -24,7 +24,7 @@ const FLOORS: [(&str, &[&str]); 13] = [
     ("team", &["comms", "trust"]),
     ("dbmanager", &["comms"]),
     ("controllers", &["comms", "team"]),
-    // `verify` in its tests alone: it compares what a supervisor records.
+    // Only the tests of `node` use `verify`, to compare the records of a supervisor.
     ("node", &["comms", "dbmanager", "language", "shim", "team", "trust", "verify"]),
     ("node/shim", &["comms"]),
     ("cli", &["comms", "dbmanager", "language", "node", "shim", "team", "trust", "verify"]),
@@ -46,8 +46,7 @@ const PURE: [&str; 8] = [
     "controllers/src/sdk/",
     "trust/src/",
 ];
-/// Parts of those that talk to the outside after all, or, as `nested`, count in a place of their thread while they
-/// read.
+/// Parts of the pure folders that talk to the outside, or, as `nested`, keep a count per thread while they read.
 const IMPURE: [&str; 2] = ["controllers/src/sdk/process", "language/src/plan/nested"];
 /// Words that no pure code names. `std::{` would hide the others.
 const HIDDEN_INPUTS: [&str; 21] = [
@@ -131,7 +130,7 @@ fn imports_only_go_down() {
     }
     let all = sources();
     wrong.extend(broken(&all, Strings::Emptied, |source, line| {
-        // What `dca new` writes is a program of somebody else.
+        // Programs written by `dca new` belong to their users.
         let (folder, _) = room(&source.path).filter(|_| !source.path.starts_with("cli/templates/"))?;
         let (_, allowed) = FLOORS.iter().find(|(name, _)| *name == folder)?;
         let path = line.trim().trim_start_matches("pub ").strip_prefix("use ")?;
@@ -208,7 +207,7 @@ fn only_in(rule: &str, places: &[&str], words: &[&str]) {
     let others =
         all.iter().filter(|source| source.is_shipped() && !places.iter().any(|place| source.path.starts_with(place)));
     let wrong = broken(others, Strings::Emptied, |_, line| {
-        // Asking whether somebody looks is not printing.
+        // To ask whether an output is a terminal is not to print.
         let line = line.replace("stderr().is_terminal", "");
         words.iter().find(|word| names(&line, word)).map(|word| format!("names `{word}`"))
     });

@@ -1,4 +1,4 @@
-//! The views of people who watch: `dca events` and `dca status --watch`, while programs run, end, and nodes die.
+//! The commands that watch: `dca events` and `dca status --watch`, while programs run, end, and nodes die.
 
 use dca_tests::cluster::{Cluster, Ended, Host, Program, SOON, Stream, rounds, wait_until};
 use rustix::process::{Pid, Signal, kill_process};
@@ -28,7 +28,7 @@ fn objects(out: &str) -> Vec<Value> {
     out.lines().map(|line| serde_json::from_str(line).unwrap_or_else(|why| panic!("{why}: {line}"))).collect()
 }
 
-/// Returns what was told of one deployment: number, kind, process.
+/// Returns the events of one deployment: number, kind, process.
 fn told(objects: &[Value]) -> Vec<(u64, String, Option<String>)> {
     let text = |value: &Value| value.as_str().map(str::to_owned);
     let event = |one: &Value| Some((one["number"].as_u64()?, text(&one["kind"])?, text(&one["process"])));
@@ -77,7 +77,7 @@ fn events_are_told_as_they_come_and_again_afterwards() {
     assert_eq!(known.last().unwrap()["end"], "complete");
     assert_eq!(told(&known), told(&live));
     assert_eq!(times(&known), times(&live));
-    // A node that ends as it is told to says that this was all.
+    // A node that ends as requested says that its stream is complete.
     let following = here.dca(&["events", "-f", "--json"]);
     wait_for_events(&following, "\"kind\":\"finished\"");
     let nothing = here.ask(&["events", "--json", "other"]);
@@ -86,7 +86,7 @@ fn events_are_told_as_they_come_and_again_afterwards() {
     wait_for_events(&following, "{\"left\":\"c1\"");
 }
 
-/// The node is killed and started again while somebody listens: that is said, and nothing is told twice or left out.
+/// The node is killed and restarted during a watch: this is reported, and no event is repeated or left out.
 #[test]
 fn a_node_that_is_lost_is_told_and_heard_again() {
     let (cluster, here, spec) = with_spec();
@@ -108,7 +108,7 @@ fn a_node_that_is_lost_is_told_and_heard_again() {
     let events = told(&objects(&ended.out));
     let numbers: Vec<u64> = events.iter().map(|(number, _, _)| *number).collect();
     assert!(numbers.is_sorted_by(|a, b| a < b), "{numbers:?}");
-    // What was told before the node was killed has the same time afterwards. The node that is asked may not have found the other one
+    // Events from before the kill keep their times afterwards. The node that is asked may not have found the other one
     // again yet: then it says so.
     let live = times(&objects(&ended.out));
     let is_whole = wait_until(SOON, || {
@@ -122,7 +122,7 @@ fn a_node_that_is_lost_is_told_and_heard_again() {
     assert_eq!((ends("main/first"), ends("main/second"), ends("main")), (1, 1, 1), "{events:?}");
 }
 
-/// Returns whether an answer of `dca events` says that it is complete. One that is not names the host that is missing.
+/// Returns whether an answer of `dca events` says that it is complete. An incomplete answer names the missing host.
 fn says_all(known: &Ended, missing: &str) -> bool {
     let objects = objects(&known.out);
     let Some(end) = objects.last() else { return false };
@@ -135,8 +135,8 @@ fn says_all(known: &Ended, missing: &str) -> bool {
     false
 }
 
-/// A node is killed and started again while others are asked all the time: what says that it is complete has every event that there was
-/// before, and what has less says who is missing. So does a status.
+/// A node is killed and restarted while others are asked all the time. A complete answer has every earlier event, and
+/// an incomplete one names the missing host. The same holds for a status.
 #[test]
 fn what_is_complete_has_heard_every_host_that_is_known() {
     let (_cluster, here, spec) = with_spec();
@@ -168,7 +168,8 @@ fn what_is_complete_has_heard_every_host_that_is_known() {
     }
 }
 
-/// Programs of the home, and of another host, die while the node of the home is away: an answer that says that it is complete has that.
+/// Programs of the home, and of another host, die while the node of the home is away: an answer that says that it is
+/// complete has that.
 #[test]
 fn a_home_that_is_back_tells_what_has_happened_meanwhile() {
     let cluster = Cluster::new();
@@ -204,7 +205,7 @@ process main() {
         let whole = wait_until(SOON, || {
             let known = here.ask(&["events", "--json", "two"]);
             answers += 1;
-            // Who is asked first may not know of the other one yet, or may have not heard everything.
+            // The node that is asked first may not know of the other one yet, or may not have heard everything.
             let is_whole = known.code == Some(0);
             assert!(!is_whole || restarts(&known) == [round + 1; 2], "round {round}, answer {answers}: {known}");
             is_whole

@@ -8,12 +8,13 @@ use dca_tests::cluster::{Cluster, Network, Program, SOON, Stream, wait_until};
 use std::path::Path;
 use std::time::Duration;
 
-/// A cut of a quick link is noticed after 1.9 s, not after the lease of 5 s that a long link needs; a busy machine needs longer.
+/// A cut of a quick link is noticed after 1.9 s, not after the lease of 5 s that a long link needs; a busy machine
+/// needs longer.
 const NOTICED_WITHIN: Duration = Duration::from_secs(4);
 /// The keys that each end publishes, and the other hears.
 const KEYS: [&str; 2] = ["dca/d/wires/1/w/0", "dca/d/wires/1/w/1"];
 
-/// One end of a link, in a process of its own: says where it is, when it is linked, and when it is not any more. Does nothing as a
+/// One end of a link, in its own process: prints its address, and when it is linked or unlinked. Does nothing as a
 /// test.
 #[test]
 fn one_end() {

@@ -2,8 +2,8 @@
 
 use super::*;
 
-/// Two people begin a team of one name, each without hearing the other. Robots that are alone find together by themselves; of two
-/// teams with several robots both say that there is another one, until somebody chooses.
+/// Two people begin teams of the same name, each without hearing the other. Robots that are alone find each other by
+/// themselves. Of two teams with several robots, both report the other one until a person chooses.
 #[test]
 fn two_teams_of_one_name_become_one() {
     let cluster = Cluster::new();

@@ -56,7 +56,8 @@ fn kill_all(hosts: &Hosts, number: usize) {
     let folder = hosts.host(number).run_dir().display().to_string();
     let is_its = |text: &String| text.contains(&folder);
     for process in hosts.cluster.left() {
-        // What a node starts has its folder in its environment or its arguments; commands elsewhere have others'.
+        // Programs started by a node have its folder in their environment or arguments; commands elsewhere have another
+        // folder.
         if process.command.iter().any(is_its) || process.environment.iter().any(is_its) {
             process.signal(Signal::KILL);
         }

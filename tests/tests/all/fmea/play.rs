@@ -12,7 +12,7 @@ use std::time::Duration;
 
 /// The longest limit that a row is played to.
 const LIMIT_MAX: Duration = Duration::from_secs(20);
-/// A stop that nobody confirms is given up after 22 s.
+/// An unconfirmed stop is given up after 22 s.
 const UNCONFIRMED_MAX: Duration = Duration::from_secs(60);
 
 /// How a fault is brought about.
@@ -31,7 +31,7 @@ pub(crate) enum Strike {
 /// Which step of a race ends first, if the test goes on with the mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum First {
-    /// What guards the others.
+    /// The step that guards the others.
     Detector,
     /// The others.
     Others,
@@ -150,11 +150,11 @@ fn unconfirmed(game: &Game<'_>, cluster: &Cluster, mission: Program) {
 }
 
 impl Game<'_> {
-    /// Lets happen what the row tells of before its fault.
+    /// Plays the events of the row before its fault.
     pub(crate) fn before(&self, events: &[TraceEvent]) {
         for event in events {
             match event {
-                // What travels between hosts arrives by itself.
+                // Messages between hosts arrive by themselves.
                 TraceEvent::Start(_) | TraceEvent::Reached(_) | TraceEvent::Arrived(_) | TraceEvent::Heard(_) => {}
                 TraceEvent::Done(path, _) => self.done(path),
                 TraceEvent::Stopped(path) => {
@@ -175,7 +175,7 @@ impl Game<'_> {
         }
     }
 
-    /// Lets a step be done: the program, or the one of the group that ends.
+    /// Lets a step be done: the program, or the program of the group that ends by itself.
     fn done(&self, path: &str) {
         let running = || {
             let active = self.fakes.active();
@@ -209,7 +209,7 @@ impl Game<'_> {
         };
         let said = || format!("{}: the phase does not come, runs {:#?}", row.name, self.fakes.active());
         wait_until(SOON, is_so).unwrap_or_else(|| panic!("{}", said()));
-        // Services have begun, too, and their wires carry something.
+        // Services have begun as well, and their wires carry values.
         pass(Duration::from_millis(300));
     }
 

@@ -5,7 +5,7 @@ use language::TraceEvent;
 use serde_json::Value;
 use std::time::Duration;
 
-/// What a row says.
+/// The content of a row.
 #[derive(Clone, Debug)]
 pub(crate) struct Row {
     /// The first three columns, for messages.
@@ -14,14 +14,14 @@ pub(crate) struct Row {
     pub(crate) program: Option<String>,
     /// The name of the host; none for a program or a link.
     pub(crate) host: Option<String>,
-    /// The steps that run beside it: paths of leaves and groups.
+    /// The steps that run at the same time: paths of leaves and groups.
     pub(crate) phase: Vec<String>,
     pub(crate) at_once: String,
     pub(crate) running: Vec<String>,
     pub(crate) safe_within: Option<Duration>,
     pub(crate) mission: String,
     pub(crate) verdict: String,
-    /// What happens before the fault.
+    /// The events before the fault.
     pub(crate) before: Vec<TraceEvent>,
 }
 
@@ -87,7 +87,7 @@ impl Row {
         }
     }
 
-    /// What the row says to follow at once: what is asked to stop, what fails. Groups and leaves, by path.
+    /// The immediate effects of the row: paths of groups and leaves that are asked to stop, and of those that fail.
     pub(crate) fn follows(&self) -> (Vec<String>, Vec<String>) {
         let (mut stops, mut fails) = (Vec::new(), Vec::new());
         for clause in self.at_once.split("; ") {

@@ -1,4 +1,4 @@
-//! What is seen of a row: in the record of the run, and of the programs themselves.
+//! The observed effects of a row: in the record of the run, and in the programs themselves.
 
 use super::row::{Row, is_below, path};
 use dca_tests::cluster::{Fakes, SOON, Trace, pass, wait_until};
@@ -6,10 +6,10 @@ use language::plan::Plan;
 use node::logic::protocol::{Change, Ending, FailureCause};
 use std::time::Duration;
 
-/// So long is it looked at what goes on, and whether data still arrives.
+/// How long the test checks which programs go on, and whether data still arrives.
 const HOLD: Duration = Duration::from_millis(600);
 
-/// What a record says of a fault and what came of it.
+/// The part of a record about a fault and its effects.
 pub(crate) struct Seen<'t> {
     changes: Vec<(Duration, &'t str, &'t Change)>,
 }
@@ -33,7 +33,8 @@ impl<'t> Seen<'t> {
         Self { changes: trace.all_changes() }
     }
 
-    /// What follows at once is what the row says: all of it is seen, and nothing else is stopped before something has ended.
+    /// The immediate effects are those of the row: all of them are seen, and nothing else is stopped before a process
+    /// has ended.
     pub(crate) fn expect_at_once(&self, row: &Row) {
         let (stops, fails) = row.follows();
         for process in &stops {
@@ -65,7 +66,7 @@ impl<'t> Seen<'t> {
     }
 }
 
-/// What still runs is what the row says, and stays so.
+/// The programs that still run are those of the row, and stay so.
 pub(crate) fn expect_running(row: &Row, fakes: &Fakes<'_>, within: Duration) {
     let expected: Vec<String> = row.running.iter().map(|name| path(name)).collect();
     let is_so = || {
@@ -114,7 +115,7 @@ pub(crate) fn expect_blind(row: &Row, fakes: &Fakes<'_>, plan: &Plan, program: &
     match row.verdict.as_str() {
         "goes on blind" => assert!(is_blind, "{told}"),
         "goes on without" => assert!(!is_blind, "{told}"),
-        // What follows is blind until the limit ends the step.
+        // The following step is blind until its limit ends it.
         _ => {}
     }
 }

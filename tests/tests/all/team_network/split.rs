@@ -1,5 +1,5 @@
-//! Two copies of the operator's folder revoke on their own, so different sets have the same number. No revocation is lost: not when nodes
-//! meet, not when one is killed, not by what is imported, and not by who asks with an old copy.
+//! Two copies of the operator's folder revoke separately, so different sets have the same number. No revocation is
+//! lost: not when nodes meet, not when one is killed, not by an import, and not by a command with an old copy.
 
 use super::{IDLE, Team, with};
 use dca_tests::cluster::{Ended, NAMES, SOON, Stream, wait_until};
@@ -41,7 +41,7 @@ impl Team {
         fs::read(folder.join("team/revoked")).unwrap_or_default()
     }
 
-    /// Returns whether all nodes come to have the same on their disks, and whoever asks sees so many keys.
+    /// Returns whether all nodes come to have the same set on their disks, and every command sees so many keys.
     fn agree(&self, keys: usize) -> bool {
         let wanted = format!(", keys {keys}");
         let agree = || {
@@ -85,14 +85,14 @@ fn two_operators_who_count_on_from_one_number_lose_nothing() {
     refused(&team);
     restart(&mut team);
     refused(&team);
-    // Who restored an old copy learns first, and goes on above what all know.
+    // An operator with a restored old copy learns first, and continues above the highest known number.
     let late = team.operator(3, &["team", "user", "remove", "zoe"], &old);
     assert!(late.out.contains("zoe is revoked: number 2"), "{late}");
     assert!(late.err.contains("keys that were revoked elsewhere, and are now known here, too: 2"), "{late}");
     assert!(team.agree(3), "{}", team.operator(1, &["team"], &team.keys));
     restart(&mut team);
     refused(&team);
-    // What others export takes nothing away, however old it is.
+    // An export takes nothing away, however old it is.
     let exported = team.cluster.file("second.team", &team.operator(3, &["team", "export"], &second).out);
     for file in [&before, &exported] {
         team.operator(1, &["team", "import", file], &team.keys);
@@ -108,7 +108,7 @@ fn two_operators_who_count_on_from_one_number_lose_nothing() {
         assert!(told.err.contains("the node `c1` knows"), "{told}");
     }
     assert_eq!((team.on_disk(1), team.revoke_records(1)), (disk, records), "nothing is new");
-    // Without the network: what a folder knows is what it has learned.
+    // Without the network: a folder knows the sets that it has learned.
     for keys in [&team.keys, &second, &old] {
         let alone = team.host(2).ask(&with(&["team"], keys));
         assert!(alone.out.contains("revocations: number 2, keys 3\n"), "{alone}");
@@ -116,7 +116,8 @@ fn two_operators_who_count_on_from_one_number_lose_nothing() {
     assert!(team.agree(3));
 }
 
-/// A disk that takes nothing is told with exit code 1; nobody is said to know what a node would forget.
+/// A disk that takes nothing is reported with exit code 1. A node that would forget the set is not listed as knowing
+/// it.
 #[test]
 fn what_is_not_on_the_disk_is_not_known() {
     let Some(team) = Team::new(1) else { return };
