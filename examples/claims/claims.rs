@@ -1,4 +1,5 @@
-//! Rooms of a flat, shared out through the database of the team: each explorer claims the next free room, whoever else does so.
+//! Rooms of a flat, shared out through the database of the team: each explorer claims the next free room, in
+//! competition with the others.
 
 use crate::headline;
 use controllers::sdk::{
@@ -15,10 +16,10 @@ const WITHIN: Duration = Duration::from_secs(5);
 
 #[derive(Inputs)]
 struct Hears {
-    /// Who has claimed what: first all there is, then each change.
+    /// The claims of all explorers: first the present ones, then each change.
     #[port("Claims")]
     claims: Every<KeyNews>,
-    /// What has become of its own claims.
+    /// The answers to its own claims.
     #[port("Answers")]
     answers: Every<KeyAnswer>,
 }
@@ -29,7 +30,7 @@ struct Claims {
     claim: Out<KeyPut>,
 }
 
-/// What it is about.
+/// The present activity of an explorer.
 #[derive(Debug, PartialEq)]
 enum Now {
     /// It looks for a free room.
@@ -40,17 +41,17 @@ enum Now {
     Exploring(f64),
 }
 
-/// Explores one room after the other, each that it has claimed, and is done when every room has been claimed by somebody.
+/// Explores the rooms that it has claimed, one after the other. It is done when all rooms are claimed.
 struct Explorer {
     rooms: u64,
     /// How long a room takes (s).
     pace: f64,
     name: String,
-    /// Who has claimed each room, as far as it is known here.
+    /// The explorer that has claimed each room, as far as known here.
     known: BTreeMap<String, String>,
     /// Whether all that was there at the beginning is known.
     is_complete: bool,
-    /// Rooms that somebody else was quicker at.
+    /// Rooms that another explorer claimed first.
     lost: BTreeSet<u64>,
     now: Now,
     explored: f64,
@@ -117,13 +118,13 @@ impl Controller for Explorer {
             match result {
                 // Only this is success: the claim is on the disk of this robot, and goes to all others.
                 KeyResult::Committed(_) => self.now = Now::Exploring(self.pace),
-                // Somebody else was quicker.
+                // Another explorer was quicker.
                 KeyResult::Refused(DatabaseRefusal::Unmet { .. }) => {
                     self.lost.insert(*number);
                     self.now = Now::Free;
                 }
                 KeyResult::Refused(why) => return Progress::Aborted(why.to_string()),
-                // It may be committed all the same: what is known of the key will say so.
+                // It may still be committed: the news about the key will show it.
                 KeyResult::Unknown(why) => return Progress::Aborted(why.clone()),
             }
         }

@@ -1,4 +1,5 @@
-//! Hardware that outlives missions: the server of a base with a lock in front of its wheels, and a pilot of any mission that drives it.
+//! Hardware that outlives missions: the server of a base with a lock in front of its wheels, and a pilot of any mission
+//! that drives it.
 
 use crate::headline;
 use controllers::sdk::messaging::{
@@ -52,7 +53,7 @@ struct Motion {
     stopped: f64,
     /// The longest time between two looks of the watchdog since that command (s).
     pause: f64,
-    /// How many commands of those who do not hold the lock were refused.
+    /// How many commands were refused because their sender did not hold the lock.
     fenced: f64,
 }
 
@@ -71,12 +72,12 @@ struct Base {
     wheels: Lock,
     /// When the last command was taken.
     last: Time,
-    /// When it was looked at last.
+    /// The time of the last look.
     looked: Time,
 }
 
 impl Base {
-    /// Receives a command, from who holds the lock alone.
+    /// Receives a command, only from the holder of the lock.
     fn receive(&mut self, message: QueueMessage) -> Receipt {
         let receipt = self.commands.receive_under(&mut self.wheels, message);
         if matches!(receipt, Receipt::Rejected(Rejected::Fenced(_))) {
@@ -202,7 +203,7 @@ impl Controller for Pilot {
         self.user.work(tick.now, &mut outputs.wheels);
         self.client.work(tick.now, &mut outputs.commands);
         while let Some((_, end)) = self.client.end_of() {
-            // What the base turns away was said under a grant that has ended, and the lock says so, too.
+            // The base refuses commands sent under a grant that has ended, and the lock reports the end as well.
             if let SendEnd::Unknown(error) = end {
                 return Progress::Aborted(format!("there is no base: {error}"));
             }
@@ -231,7 +232,7 @@ impl Controller for Pilot {
             outputs.motion.call((), WITHIN);
         }
         if let Some(why) = self.user.lost() {
-            // Somebody else may have driven meanwhile: where it is now is where this goes on from.
+            // Another client may have driven in between: this one goes on from the present place.
             if why == Denied::TooManyWait {
                 return Progress::Aborted("too many want the wheels".to_owned());
             }

@@ -1,4 +1,5 @@
-//! Two levels of control: wheels that export what they can do, a guard that is built on that and replaces them, and a trip.
+//! Two levels of control: wheels that export their procedures, a guard that is built on them and replaces them, and a
+//! trip.
 
 use crate::headline;
 use controllers::sdk::serde::{Deserialize, Serialize};
@@ -9,7 +10,7 @@ use controllers::sdk::{
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
-/// How long the wheels turn when nobody drives them any more (s).
+/// How long the wheels turn after the last command (s).
 const WATCHDOG: f64 = 0.1;
 /// How long the wheels have to answer.
 const WITHIN: Duration = Duration::from_secs(1);
@@ -50,7 +51,7 @@ impl Message for Place {
 #[derive(Default)]
 struct Wheels {
     place: Place,
-    /// How long nobody has driven them (s).
+    /// The time since the last command (s).
     idle: f64,
 }
 
@@ -99,12 +100,12 @@ impl Controller for Wheels {
 
 #[derive(Outputs)]
 struct GuardOutputs {
-    /// What is guarded.
+    /// The guarded process.
     #[calls("Below")]
     below: Calls<Go, Place>,
 }
 
-/// Drives what is below it, and never too fast. It exports what that exports, so it can stand in its place.
+/// Drives the process below it, and never too fast. It has the same exports, so it can stand in its place.
 struct SpeedGuard {
     /// (m/s)
     limit: f64,
@@ -157,7 +158,7 @@ impl Controller for SpeedGuard {
             }
         }
         for (go, reply) in self.waiting.drain(..) {
-            // Nobody drives for a caller that is gone.
+            // The guard does not drive for a caller that is gone.
             if reply.is_wanted() {
                 let go = Go { speed: go.speed.clamp(-self.limit, self.limit) };
                 self.passed.insert(outputs.below.call(go, WITHIN), reply);
@@ -169,7 +170,7 @@ impl Controller for SpeedGuard {
 
 #[derive(Outputs)]
 struct TripOutputs {
-    /// The base, whatever it is made of.
+    /// The base, in any implementation.
     #[calls("Drive")]
     drive: Calls<Go, Place>,
     /// Where the base is.

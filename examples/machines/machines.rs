@@ -17,7 +17,7 @@ const WORK: Duration = Duration::from_millis(300);
 enum MachineCommand {
     /// Make this part; said again and again until it is there.
     Make { part: u32 },
-    /// Open the doors and take out what is stuck.
+    /// Open the doors and take out the jammed part.
     Clear,
 }
 
@@ -39,7 +39,7 @@ impl Message for MachineState {
 
 #[derive(Inputs)]
 struct MachineInputs {
-    /// From whoever works with it.
+    /// From the client that works with it.
     #[port("In")]
     command: In<MachineCommand>,
 }
@@ -63,7 +63,7 @@ impl Machine {
     fn obey(&mut self, command: MachineCommand, elapsed: Duration) {
         match command {
             MachineCommand::Clear => (self.state.jammed, self.work) = (false, Duration::ZERO),
-            // What is made already is not made twice.
+            // A part that is already made is not made again.
             MachineCommand::Make { part } if part <= self.state.parts || self.state.jammed => {}
             MachineCommand::Make { .. } => {
                 self.work += elapsed;
@@ -97,7 +97,7 @@ impl Controller for Machine {
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &MachineInputs, outputs: &mut MachineOutputs) -> Progress {
-        // Who works with it says so all the time: a machine that hears nobody stands still.
+        // A client repeats its command all the time: a machine without recent commands stands still.
         if let Some(command) = inputs.command.fresh_within(tick.now, Duration::from_millis(100)) {
             self.obey(*command, tick.elapsed);
         }

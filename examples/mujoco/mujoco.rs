@@ -1,7 +1,8 @@
-//! A second plant for `specs/door_opening.dca`: the same six devices, served by MuJoCo in a Python program beside this one.
+//! A second plant for `specs/door_opening.dca`: the same six devices, served by MuJoCo in a Python program beside this
+//! one.
 //!
-//! Python hears a line of JSON and answers with one, see `door.py`. Nothing here waits for it but the start: a calculation takes
-//! the answer to the line before and sends the next.
+//! Python hears a line of JSON and answers with one, see `door.py`. Nothing here waits for it but the start: a
+//! calculation takes the answer to the line before and sends the next.
 
 use controllers::message::{
     ArmCommand, ArmState, BaseCommand, BaseState, CameraState, FtCommand, FtState, GripperCommand, GripperState,
@@ -119,7 +120,7 @@ impl Python {
 
 impl Drop for Python {
     fn drop(&mut self) {
-        // One that has ended cannot be killed; it still has to be waited for.
+        // A child that has ended cannot be killed; it still has to be waited for.
         let _ended = self.child.kill();
         let _code = self.child.wait();
     }

@@ -113,7 +113,7 @@ struct PidOutputs {
     voltage: Out<MotorVoltage>,
 }
 
-/// The law itself, without ports: what can be tested with numbers alone.
+/// The law itself, without ports: it can be tested with numbers alone.
 #[derive(Debug, Default)]
 struct Pid {
     kp: f64,
@@ -126,8 +126,8 @@ struct Pid {
 }
 
 impl Pid {
-    /// Returns what to do about an error after `dt` seconds. The derivative is that of the measurement, so a new goal makes
-    /// no kick; the integral stands still while the output is at its limit.
+    /// Returns what to do about an error after `dt` seconds. The derivative is that of the measurement, so a new goal
+    /// makes no kick; the integral stands still while the output is at its limit.
     fn update(&mut self, goal: f64, measured: f64, dt: f64) -> f64 {
         let error = goal - measured;
         let rate = self.measured.replace(measured).map_or(0.0, |before| (measured - before) / dt);

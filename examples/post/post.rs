@@ -1,5 +1,5 @@
-//! Orders through a queue, and news of them through a router: a clerk who takes the most urgent order first, and customers who
-//! order and hear when their own orders are ready.
+//! Orders through a queue, and news of them through a router: a clerk who takes the most urgent order first, and
+//! customers who order and hear when their own orders are ready.
 
 use crate::headline;
 use controllers::sdk::messaging::{
@@ -21,7 +21,7 @@ const NEWS_MAX: usize = 64;
 /// How long a customer tries to hand in an order.
 const WITHIN: Duration = Duration::from_secs(30);
 
-/// What is ordered.
+/// An order.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(crate = "controllers::sdk::serde")]
 struct Order {
@@ -112,7 +112,8 @@ struct CustomerOutputs {
     ready: Calls<Subscription, Delivery>,
 }
 
-/// Hands in some orders, and is done when all of them are ready; if it is connected to no router, when they are accepted.
+/// Hands in some orders, and is done when all of them are ready; if it is connected to no router, when they are
+/// accepted.
 struct Customer {
     count: u64,
     priority: u8,
@@ -171,12 +172,12 @@ impl Controller for Customer {
                 SendEnd::Deadline | SendEnd::Gone => return Progress::Aborted("the clerk does not answer".to_owned()),
             }
         }
-        // A customer who hears no news would miss what is ready before it hears them.
+        // A customer that hears no news yet would miss an order that is ready before.
         let hears = match self.user.state() {
             Subscribed::Yes => true,
             // A spec need not connect it.
             Subscribed::Unknown(ObjectError::NotConnected { .. }) => false,
-            // What is connected is no router of orders, and never will be.
+            // The connected process is not a router of orders, and never will be.
             Subscribed::Refused(why @ RouterRefusal::WrongType { .. }) => return Progress::Aborted(why.to_string()),
             Subscribed::Unknown(why @ (ObjectError::WrongType { .. } | ObjectError::NoSuchProcedure { .. })) => {
                 return Progress::Aborted(why.to_string());

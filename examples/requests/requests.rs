@@ -1,4 +1,5 @@
-//! Requests over queues: a planner that takes the most urgent question first, and askers that hear each answer in a queue of their own.
+//! Requests over queues: a planner that takes the most urgent question first, and askers that hear each answer in a
+//! queue of their own.
 
 use crate::headline;
 use controllers::sdk::messaging::{
@@ -33,7 +34,7 @@ impl Message for Leg {
     const FIELDS: &'static str = "ahead: Length, left: Length";
 }
 
-/// What it takes to go there.
+/// The way to the target.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[serde(crate = "controllers::sdk::serde")]
 struct Way {
@@ -99,7 +100,7 @@ impl Controller for Planner {
             if let Some((header, leg)) = self.of.take() {
                 let length = leg.ahead.hypot(leg.left);
                 let way = Way { length, time: length / SPEED };
-                // Who waits no more, or has too many on the way, hears of its deadline.
+                // A caller that no longer waits, or has too many calls in transit, learns of it by its deadline.
                 if self.replier.reply(tick.now, &header, &way, ANSWER_WITHIN).is_ok() {
                     self.answered += 1.0;
                 }

@@ -76,7 +76,7 @@ impl Line {
         Ok(String::from_utf8_lossy(&whole).lines().map(|line| line.trim().to_owned()).collect())
     }
 
-    /// Sends a line; one that does not fit into the queue is lost, as on a real line.
+    /// Sends a line; a line that does not fit into the queue is lost, as on a real line.
     fn say(&self, line: &str) -> Result<(), String> {
         match write(&self.port, format!("{line}\n").as_bytes()) {
             Ok(_) | Err(Errno::AGAIN | Errno::INTR) => Ok(()),
@@ -163,7 +163,7 @@ impl Controller for SerialThermometer {
     }
 
     fn stop(&mut self, _: Tick, (): &(), _: &mut DriverOutputs) -> Stopping {
-        // The heater is off when nobody looks after it. A device that is gone heats nothing.
+        // The heater is off when this controller does not run. A missing device heats nothing.
         drop(self.line.take().map(|line| line.say("H 0")));
         Stopping::Finished
     }
@@ -208,7 +208,7 @@ impl Controller for WaitWarm {
     }
 }
 
-/// The device: a pseudo-terminal with a name of its own, and somebody who answers at the other end of it.
+/// The device: a pseudo-terminal with its own name, and a thread that answers at its other end.
 #[derive(Debug)]
 struct FakeDevice {
     path: String,
@@ -234,7 +234,7 @@ impl FakeDevice {
         rustix::fs::fcntl_setfl(&device, OFlags::NONBLOCK).map_err(failed)?;
         let name = ptsname(&device, Vec::new()).map_err(failed)?;
         let port = Line::open(name.to_str().map_err(|_no_text| "the name of a terminal is no text")?)?.port;
-        // A link that an earlier run has left is replaced; a file that is no link is not.
+        // A link left by an earlier run is replaced; a file that is not a link is kept.
         if std::fs::symlink_metadata(&self.path).is_ok_and(|link| link.is_symlink()) {
             std::fs::remove_file(&self.path).map_err(|why| format!("cannot replace `{}`: {why}", self.path))?;
         }
@@ -286,7 +286,7 @@ impl Controller for FakeDevice {
 
     fn stop(&mut self, _: Tick, (): &(), (): &mut ()) -> Stopping {
         if self.ends.take().is_some() {
-            // Who has taken it away meanwhile has done what is wanted.
+            // If the link is already gone, nothing is left to do.
             drop(std::fs::remove_file(&self.path));
         }
         Stopping::Finished
