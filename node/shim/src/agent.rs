@@ -1,8 +1,9 @@
 //! The agents of a shim, one after the other: orders in, reports out, counted over all of them.
 //!
-//! The agent that starts the shim has its standard input and output. Once that is gone, the next one attaches at a socket
-//! (`shim::protocol` has the lines). One thread reads all of them, each to its end before the next, so that orders of two
-//! agents never mix. Every report is kept, for an agent that does not have it: a shim makes five at the most.
+//! The agent that starts the shim has its standard input and output. Once that is gone, the next one attaches at a
+//! socket (`shim::protocol` has the lines). One thread reads all of them, each to its end before the next, so that
+//! orders of two agents never mix. Every report is kept, for an agent that does not have it: a shim makes five at the
+//! most.
 
 use crate::{Event, complain, print};
 use comms::io::clock::{Wakeup, now};
@@ -19,7 +20,7 @@ use std::sync::mpsc::{SendError, SyncSender};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// How long an agent that has connected may take to say what it has: others wait behind it.
+/// How long an agent that has connected may take to send its request: others wait behind it.
 const REQUEST_WITHIN: Duration = Duration::from_secs(1);
 /// How long an agent may keep the program's supervisor waiting for room for a report.
 const WRITE_WITHIN: Duration = Duration::from_secs(1);
@@ -37,11 +38,11 @@ struct Reports {
     made: Vec<String>,
     /// How many of them an agent was told.
     told: usize,
-    /// The agent that attached last; with none the one that has started this shim.
+    /// The agent that attached last; at first the agent that started this shim.
     attached: Option<UnixStream>,
 }
 
-/// Whether the agent that has started this shim is gone already, whatever it has ordered before.
+/// Whether the agent that started this shim is already gone, whatever it ordered before.
 pub(crate) fn is_lost() -> bool {
     let stdin = io::stdin();
     let mut input = [PollFd::from_borrowed_fd(stdin.as_fd(), PollFlags::empty())];
@@ -68,8 +69,8 @@ impl Agent {
         std::thread::Builder::new().name("agent".into()).spawn(move || reader.run(&listener)).map(drop)
     }
 
-    /// Tells the agent, and says whether there is one. One that is gone does not hear it; its successor asks for it, or reads the record of
-    /// the end.
+    /// Reports to the agent. Returns whether there is an agent. A lost agent does not hear it; its successor asks for
+    /// it, or reads the record of the end.
     pub(crate) fn report(&self, report: &ShimReport) -> bool {
         let mut reports = lock(&self.reports);
         let line = format!("{report}\n");
@@ -128,7 +129,7 @@ impl Reader {
         }
     }
 
-    /// Serves one connection to its end. One that is no agent's is closed, and that is all.
+    /// Serves one connection to its end. A connection that does not come from an agent is only closed.
     fn serve(&mut self, stream: &UnixStream) -> Result<(), SendError<Event>> {
         let mut lines = BufReader::new(stream);
         let limited = stream.set_read_timeout(Some(REQUEST_WITHIN));
@@ -144,8 +145,8 @@ impl Reader {
             complain(&format!("dca-shim: an agent that has {had} reports means another shim"));
             return Ok(());
         }
-        // Before the reply: what is promised to an agent that has the reply must not end by a deadline. Without the lock,
-        // for which the thread that takes events may wait.
+        // Before the reply: an agent that has the reply may rely on the program not being ended by a deadline. Without
+        // the lock, for which the thread that takes events may wait.
         self.events.send(Event::Attached)?;
         if self.attach(stream, had).is_ok() {
             return self.hear(&mut lines);
@@ -180,7 +181,8 @@ impl Reader {
     }
 }
 
-/// Returns the next line; none when there is no whole one any more. Half an order is none: `stop 5` may have begun as `stop 5000`.
+/// Returns the next line; none if there is no complete one. Half an order is not an order: `stop 5` may have begun as
+/// `stop 5000`.
 fn next_line(lines: &mut impl BufRead) -> Option<String> {
     let mut line = String::new();
     lines.take(LINE_MAX).read_line(&mut line).ok()?;

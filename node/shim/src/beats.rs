@@ -30,7 +30,7 @@ pub(crate) struct Beats {
 }
 
 impl Beats {
-    /// Opens the socket of the instance; none if nobody watches.
+    /// Opens the socket of the instance; none if the program is not watched.
     pub(crate) fn open(start: &ShimStart) -> io::Result<Option<Self>> {
         if start.watchdog.is_none() && start.ready_within.is_none() {
             return Ok(None);
@@ -63,7 +63,7 @@ impl Beats {
         std::thread::Builder::new().name("watchdog".into()).spawn(run).map(drop)
     }
 
-    /// Takes a word that waits: how long it is, and who has sent it, as the kernel says.
+    /// Takes a waiting message: its length, and its sender as the kernel reports it.
     fn take(&self, bytes: &mut [u8]) -> Result<(usize, Option<i32>), Errno> {
         let mut space = [MaybeUninit::uninit(); cmsg_space!(ScmCredentials(1))];
         let mut control = RecvAncillaryBuffer::new(&mut space);
@@ -79,7 +79,8 @@ impl Beats {
         let mut bytes = [0; DATAGRAM_MAX];
         self.socket.set_nonblocking(true)?;
         loop {
-            // Not by the time limit of the socket: the kernel rounds that up to 4 ms and more, too much for a bound of 20 ms.
+            // Not by the time limit of the socket: the kernel rounds that up to 4 ms and more, too much for a bound of
+            // 20 ms.
             let left = watchdog.next_look().since(now());
             let left = Timespec::try_from(left).unwrap_or(Timespec { tv_sec: 1, tv_nsec: 0 });
             match poll(&mut [PollFd::new(&self.socket, PollFlags::IN)], Some(&left)) {
@@ -99,15 +100,15 @@ impl Beats {
                 watchdog.forgive();
                 continue;
             }
-            // Nobody is there who could not hear it but a supervision that is over.
+            // If the supervision is over, the event has no receiver.
             events.send(Event::Overdue(why)).unwrap_or_default();
             return Ok(());
         }
     }
 }
 
-/// Whether a process is the program, or comes from it. Of one that is gone already nobody can tell: a script may have said it by a
-/// command that ends with that.
+/// Whether a process is the program, or descends from it. For a process that is already gone this is unknown: a script
+/// may have sent the message by a command that ends right away.
 fn is_own(sender: i32, program: i32) -> bool {
     let this = getpid().as_raw_nonzero().get();
     let mut process = sender;

@@ -6,13 +6,15 @@ use shim::process_record::Process;
 use shim::processes;
 use std::collections::BTreeSet;
 
-/// Rounds of stopping before the killing begins; a program that forks faster than it is stopped is killed in pieces.
+/// Rounds of stopping before the killing begins; a program that forks faster than it can be stopped is killed piece by
+/// piece.
 const ROUNDS_MAX: usize = 20;
 
-/// Kills every process below this one. Some may be left when it returns, if they were made meanwhile; the caller looks
-/// again until it has no child.
+/// Kills every process below this one. Processes that were made in the meantime may be left when it returns; the caller
+/// repeats it until it has no child.
 pub(crate) fn kill_descendants() {
-    // The walk over all processes of the machine takes milliseconds. What a child leaves comes to this process, as its child.
+    // The walk over all processes of the machine takes milliseconds. Orphans of a child become children of this
+    // process.
     if is_childless() {
         return;
     }
@@ -34,7 +36,7 @@ pub(crate) fn kill_descendants() {
     }
 }
 
-/// Returns whether nothing is below this process. A child that has ended counts as long as nobody has collected it.
+/// Returns whether this process has no descendants. A child that has ended counts until it is reaped.
 fn is_childless() -> bool {
     let look = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
     waitid(WaitId::All, look).is_err_and(|error| error == Errno::CHILD)

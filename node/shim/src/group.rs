@@ -1,9 +1,9 @@
 //! The control group of one program that has limits which only a group can hold: memory, processes, processor share.
 //!
-//! The shim makes the group before the gate, so that a host that cannot hold a limit refuses while nothing runs. The program joins
-//! it before it is executed, so that whatever it starts is born there. The second version of control groups is used where its
-//! controllers are delegated, the first where it is mounted and writable. Sources: cgroup-v2.rst, cgroup-v1/{memory,pids}.rst and
-//! sched-bwc.rst in Documentation of Linux.
+//! The shim makes the group before the gate, so that a host that cannot hold a limit refuses while nothing runs. The
+//! program joins it before it is executed, so that whatever it starts is born there. The second version of control
+//! groups is used where its controllers are delegated, the first where it is mounted and writable. Sources:
+//! cgroup-v2.rst, cgroup-v1/{memory,pids}.rst and sched-bwc.rst in Documentation of Linux.
 
 use comms::logic::human::cause;
 use shim::process_record::Process;
@@ -82,7 +82,7 @@ impl Group {
             };
             group.memory = group.limit(Controller::Memory, files).ok().map(|place| (place, bytes));
             if let Some((place, _)) = &group.memory {
-                // Without swap the limit is one of all memory; a kernel without swap has no such file.
+                // Without swap the limit covers all memory; a kernel without swap has no such file.
                 let (file, value) =
                     if place.is_unified { ("memory.swap.max", 0) } else { ("memory.memsw.limit_in_bytes", bytes) };
                 std::fs::write(place.folder.join(file), value.to_string()).unwrap_or_default();
@@ -91,14 +91,15 @@ impl Group {
         Ok(group)
     }
 
-    /// Returns how the program is started in its groups. What they limit, the launch does not.
+    /// Returns how the program is started in its groups. The launch does not set the limits that the groups enforce.
     pub(crate) fn start(&self, start: &ShimStart) -> ShimStart {
         let mut start = ShimStart { groups: self.folders.clone(), ..start.clone() };
         start.limits.memory = start.limits.memory.filter(|_| self.memory.is_none());
         start
     }
 
-    /// Makes the group of a controller, and writes its limits; `files` returns them for the second or the first version.
+    /// Makes the group of a controller, and writes its limits; `files` returns them for the second or the first
+    /// version.
     fn limit(
         &mut self,
         controller: Controller,
@@ -134,7 +135,7 @@ impl Group {
                 return Some(EndReason::OutOfMemory(*bytes));
             }
         }
-        // Who was killed has not ended for want of a process.
+        // A killed program has not ended for lack of a process.
         let (place, most) = self.pids.as_ref().filter(|_| end != ProgramEnd::Signal(9))?;
         (count(place, "pids.events", "max ") > 0).then_some(EndReason::Limit(LimitKind::Pids, *most))
     }
@@ -144,7 +145,7 @@ impl Drop for Group {
     /// Removes the groups, once nothing of the program is left.
     fn drop(&mut self) {
         for folder in &self.folders {
-            // One that is not empty is removed by the next shim that makes a group there.
+            // A group that is not empty is removed by the next shim that makes a group there.
             std::fs::remove_dir(folder).unwrap_or_default();
         }
     }
@@ -197,8 +198,8 @@ fn place(controller: Controller) -> Result<Place, String> {
     Ok(place)
 }
 
-/// Returns the folder of the group that this process is in for a controller, from the texts of `/proc/self/mountinfo` and
-/// `/proc/self/cgroup`. The first version comes first: a controller that it has, the second has not. Sources:
+/// Returns the folder of the group that this process is in for a controller, from the texts of `/proc/self/mountinfo`
+/// and `/proc/self/cgroup`. The first version comes first: a controller that it has, the second has not. Sources:
 /// proc_pid_mountinfo(5), cgroups(7).
 fn find(controller: Controller, mounts: &str, groups: &str) -> Option<Place> {
     let path = |is_own: &dyn Fn(&str) -> bool| {

@@ -1,8 +1,8 @@
-//! The last step before a program with limits or a sandbox: a process of its own takes the limits, gives up its rights and becomes the
-//! program.
+//! The last step before a program with limits or a sandbox: a separate process takes the limits, gives up its rights
+//! and becomes the program.
 //!
-//! So the program never runs without them, not even for an instant, and the shim itself has none. What the kernel refuses is
-//! left in the instance directory as one sentence, which the shim reports.
+//! So the program never runs without them, not even for an instant, and the shim itself has none. A refusal of the
+//! kernel is left in the instance directory as one sentence, which the shim reports.
 
 use crate::judged;
 use crate::sandbox;
@@ -16,9 +16,9 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
 
-/// The exit code of a launch that was refused; beside it stands the file with the reason.
+/// The exit code of a launch that was refused; the file with the reason is beside it.
 const REFUSED: u8 = 126;
-/// Sets the scheduling class of what it executes. Source: chrt(1), util-linux.
+/// Executes a command with a scheduling class. Source: chrt(1), util-linux.
 const CHRT: &str = "chrt";
 
 /// Returns whether a program is started with nothing taken from it.
@@ -37,7 +37,8 @@ pub(crate) fn command(start: &ShimStart) -> io::Result<(OsString, Vec<OsString>)
     Ok((std::env::current_exe()?.into_os_string(), arguments))
 }
 
-/// Returns the environment of the program, or of the launch that is executed in its place and gives the program its own.
+/// Returns the environment of the program, or of the launch that is executed in its place and gives the program its
+/// own.
 pub(crate) fn variables(start: &ShimStart, more: Vec<(&'static str, String)>) -> Vec<(String, String)> {
     let more = more.into_iter().map(|(name, value)| (name.to_owned(), value));
     let environment = start.environment.iter().cloned().chain(more).collect();
@@ -77,7 +78,8 @@ pub(crate) fn refusal(dir: &Path, code: i32) -> Option<String> {
     Some(reason).filter(|reason| !reason.is_empty())
 }
 
-/// Tries, before a program waits at its gate, whether the kernel lets it have its limits, with one that does nothing in its place.
+/// Tries, before a program waits at its gate, whether the kernel grants its limits, with a command that does nothing in
+/// its place.
 ///
 /// # Errors
 /// Why it does not, in a sentence.
@@ -93,7 +95,7 @@ pub(crate) fn try_limits(start: &ShimStart) -> Result<(), String> {
     trial.args(arguments).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
     let code = trial.status().map_err(failed)?.code();
     let refusal = code.and_then(|code| refusal(&start.dir, code));
-    // That of a trial is not the program's own.
+    // The refusal of a trial is not the program's own.
     std::fs::remove_file(start.dir.join(REFUSED_FILE)).unwrap_or_default();
     refusal.map_or(Ok(()), Err)
 }
@@ -126,7 +128,7 @@ fn limit(start: &ShimStart) -> Result<ToExecute<'_>, String> {
         let class = [CHRT, "--fifo", &priority].map(str::to_owned);
         if is_allowed(&class) {
             if start.sandbox != Sandbox::default() {
-                // What sets the class needs rights that the program does not have: the rest is done behind it.
+                // Setting the class needs rights that the program does not have, so the other limits are set after it.
                 let others = others.into_iter().cloned().collect();
                 let limits = Limits { realtime: None, ..start.limits.clone() };
                 let (program, arguments) = self::command(&ShimStart { limits, groups: others, ..start.clone() })
@@ -172,7 +174,7 @@ fn join(group: &Path) -> Result<(), String> {
     std::fs::write(&file, pid).map_err(|error| format!("cannot write `{}`: {}", file.display(), cause(&error)))
 }
 
-/// Whether this user may start programs of that class: it is tried with one that does nothing.
+/// Whether this user may start programs of that class: tried with a command that does nothing.
 fn is_allowed(class: &[String]) -> bool {
     let mut words = class.iter();
     let Some(program) = words.next() else { return false };
@@ -190,7 +192,7 @@ fn execute(ToExecute { words, judged, is_launch }: &ToExecute<'_>, start: &ShimS
     let mut next = opened.as_ref().map_or_else(|| Command::new(name), |opened| Command::new(opened.path()));
     next.arg0(name).args(arguments);
     if !is_launch {
-        // From here on its variables may do what they do.
+        // From here on its variables may take effect.
         next.env_clear().envs(start.environment.iter().map(|(name, value)| (name, value)));
     }
     let error = next.exec();

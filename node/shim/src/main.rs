@@ -1,18 +1,18 @@
 //! The parent of one program: starts it, reports how it ends, and leaves nothing of it behind.
 //!
-//! The agent can be killed and replaced while this runs on, so no exit code is ever lost. As a subreaper it inherits every
-//! process that the program leaves behind, daemons included; so "no child is left" means "nothing of it is left".
+//! The agent can be killed and replaced while this runs on, so no exit code is ever lost. As a subreaper it inherits
+//! every process that the program leaves behind, daemons included; so "no child is left" means "nothing of it is left".
 //!
-//! A program that hangs is ended, whether an agent is there or not: it gives signs of life (`beats`), and `watchdog` measures
-//! how long they stay away. It gets SIGABRT, so that a core can be written, and SIGKILL after a grace.
+//! A program that hangs is ended, whether an agent is there or not: it gives signs of life (`beats`), and `watchdog`
+//! measures how long they stay away. It gets SIGABRT, so that a core can be written, and SIGKILL after a grace.
 //!
-//! The instance *is* its main process: when that ends, what it leaves behind is killed at once. Three threads send events to
-//! the main one: agent (orders, attachments, losses), reaper (children that end) and watchdog. Two more keep the program's
-//! output.
+//! The instance *is* its main process: when that ends, its descendants are killed at once. Three threads send events to
+//! the main one: agent (orders, attachments, losses), reaper (children that end) and watchdog. Two more keep the
+//! program's output.
 //!
 //! When its agent is gone, the shim either stops the program within a grace, or keeps it until it ends or another agent
-//! attaches ([`ShimStart::agent_loss_grace`]). The stop of a running program begins at once, and no agent that attaches undoes
-//! it; at the gate, where nothing runs, the grace is how long another agent may take to attach.
+//! attaches ([`ShimStart::agent_loss_grace`]). The stop of a running program begins at once, and no agent that attaches
+//! undoes it; at the gate, where nothing runs, the grace is how long another agent may take to attach.
 
 mod agent;
 mod beats;
@@ -152,9 +152,10 @@ fn main() -> ExitCode {
     }
 }
 
-/// Runs the program from the gate to the last report. It inherits its secrets, and nobody else does.
+/// Runs the program from the gate to the last report. Only the program inherits its secrets.
 fn supervise(start: &ShimStart, secrets: Vec<OwnedFd>) -> io::Result<()> {
-    // A file that is too long is an error of whoever writes it, not the end of the shim. The program has its own say again.
+    // A file that is too long is an error of its writer, not the end of the shim. The program gets the default action
+    // back.
     signal_hook::flag::register(SIGXFSZ, Arc::default())?;
     rustix::process::set_child_subreaper(Some(rustix::process::getpid()))?;
     let agent = Agent::new(&start.dir);
@@ -172,8 +173,8 @@ fn supervise(start: &ShimStart, secrets: Vec<OwnedFd>) -> io::Result<()> {
             return Ok(());
         }
     };
-    // An agent that was there when the socket was, knows of this shim or has a successor that finds it. One that was not
-    // has neither; nobody would ever order about what is started now.
+    // An agent that existed when the socket was opened knows of this shim or has a successor that finds it. If the
+    // agent was lost before, no later agent would ever control the program.
     if agent::is_lost() || !is_opened(start, &agent, &events) {
         record.remove();
         drop(group);
@@ -227,13 +228,13 @@ fn prepare(start: &ShimStart, agent: &Agent, events: SyncSender<Event>) -> Resul
     let failed = |action: &str, name: &str, error: &io::Error| {
         format!("cannot {action} `{}`: {}", start.dir.join(name).display(), cause(error))
     };
-    // That of an earlier program would be taken for the end of this one.
+    // The record of an earlier program would be taken for the end of this one.
     match std::fs::remove_file(start.dir.join(EXIT_FILE)) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(failed("remove", EXIT_FILE, &error)),
         _ => {}
     }
     let group = Group::make(&start.limits)?;
-    // What waits at a gate is to be refused before anything runs, not at its turn.
+    // A program that waits at a gate is to be refused before anything runs, not at its turn.
     if start.gate == Gate::Exec {
         launch::try_limits(&group.start(start))?;
     }
@@ -276,7 +277,7 @@ fn next(events: &Receiver<Event>, deadline: Option<Time>) -> Result<Event, RecvT
 /// The main process.
 struct Program {
     pid: Pid,
-    /// Names it and nobody else, even after its number has been given to another process.
+    /// Refers only to this process, even after its number has been given to another one.
     pidfd: OwnedFd,
 }
 
@@ -293,7 +294,7 @@ fn execute(start: &ShimStart, output: &Output) -> Result<Program, String> {
         .env_clear()
         .envs(launch::variables(start, beats::environment(start)))
         .current_dir(&start.working_directory)
-        // `kill 0` in a script means the script and what it started, not this shim.
+        // `kill 0` in a script means the script and its children, not this shim.
         .process_group(0)
         .stdin(Stdio::null())
         .stdout(output.writer().map_err(|error| failed(&error))?)
@@ -322,7 +323,7 @@ struct Supervision<'a> {
 }
 
 impl Supervision<'_> {
-    /// Returns the end of the program if nobody knows of it yet.
+    /// Returns the end of the program if it is not yet known to an agent or the disk.
     fn run(&mut self, events: &Receiver<Event>) -> Option<ShimReport> {
         let mut unknown = None;
         loop {
@@ -365,14 +366,15 @@ impl Supervision<'_> {
         }
     }
 
-    /// Keeps why the program is being ended; the first reason counts, and none for one that was asked to stop.
+    /// Keeps the reason why the program is being ended. The first reason counts, and there is none if it was asked to
+    /// stop.
     fn give_reason(&mut self, why: EndReason) {
         if !self.killing && self.deadline.is_none() {
             self.why = Some(why);
         }
     }
 
-    /// Ends a program that hangs, unless it is being stopped already.
+    /// Ends a program that hangs, unless it is already being stopped.
     fn abort(&mut self, why: EndReason) {
         if self.killing || self.deadline.is_some() {
             return;
@@ -402,8 +404,8 @@ impl Supervision<'_> {
         self.signal(&[Signal::TERM, Signal::CONT]);
     }
 
-    /// Signals the main process. A suspended one could not hear the first signal without SIGCONT behind it; one that is gone
-    /// needs none.
+    /// Signals the main process. A suspended process needs SIGCONT after the first signal; a process that is gone needs
+    /// none.
     fn signal(&self, signals: &[Signal]) {
         for signal in signals {
             pidfd_send_signal(&self.program.pidfd, *signal).unwrap_or_default();

@@ -1,7 +1,7 @@
 //! The program's output: from a pipe through a bounded queue into a file that is rotated.
 //!
 //! The program must never wait for a disk: one thread empties the pipe as fast as the program fills it, another writes.
-//! What finds the queue full is dropped, counted, and the count is written where the output is missing.
+//! Output that finds the queue full is dropped and counted, and the count is written where the output is missing.
 
 use comms::io::file::{self, Privacy};
 use rustix::event::{PollFd, PollFlags, poll};
@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// How much is read at once: what a pipe holds.
+/// How much is read at once: the capacity of a pipe.
 const CHUNK_SIZE: usize = 64 << 10;
 /// How much waits for the disk.
 const QUEUE_SIZE_MAX: usize = 1 << 20;
@@ -68,7 +68,7 @@ impl Output {
         writer.as_ref().map_or_else(|| Err(io::ErrorKind::BrokenPipe.into()), OwnedFd::try_clone)
     }
 
-    /// The program has its end: from now on the pipe ends with the program and what it leaves behind.
+    /// The program has its end of the pipe: from now on the pipe ends with the program and its descendants.
     pub(crate) fn started(&self) {
         drop(self.writer.lock().unwrap_or_else(PoisonError::into_inner).take());
     }
@@ -76,7 +76,7 @@ impl Output {
     /// Waits until everything written so far is in the file, for `within` at the most.
     pub(crate) fn settle(&self, within: Duration) {
         let busy = |state: &mut State| {
-            // In this order: what has left the pipe shows in the state.
+            // In this order: bytes that have left the pipe show in the state.
             let waiting = rustix::io::ioctl_fionread(&self.reader).unwrap_or(0);
             !state.ended && (waiting > 0 || state.reading) || state.size > 0 || state.writing
         };
@@ -97,7 +97,7 @@ impl Queue {
     }
 }
 
-/// Empties the pipe into the queue until nobody can write to it any more.
+/// Empties the pipe into the queue until no process can write to it any more.
 fn fill(mut pipe: File, queue: &Queue) {
     let mut chunk = vec![0; CHUNK_SIZE];
     loop {
@@ -151,7 +151,8 @@ fn gap(dropped: u64) -> Vec<u8> {
     format!("\n[dca: {dropped} bytes of output were dropped here]\n").into_bytes()
 }
 
-/// The output file, and the one before it: both together never have more than [`OUTPUT_SIZE_MAX`] twice, whatever others do with them.
+/// The output file, and the previous one: together they never have more than twice [`OUTPUT_SIZE_MAX`], even if others
+/// write to them.
 struct LogFile {
     dir: PathBuf,
     /// None while the disk refuses one.

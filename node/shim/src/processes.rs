@@ -21,7 +21,7 @@ pub struct Stat {
     pub is_stopped: bool,
 }
 
-/// Returns what the kernel says of a process; none if it is not there.
+/// Returns the kernel's record of a process; none if the process is not there.
 pub fn stat(pid: i32) -> Option<Stat> {
     let text = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
     // The second field is a name in parentheses, which may hold any character.
@@ -48,7 +48,7 @@ pub fn this() -> Option<Process> {
     stat(getpid().as_raw_nonzero().get()).map(|stat| stat.process)
 }
 
-/// Returns those of `all` that descend from one of `roots`, the roots left out.
+/// Returns the descendants of `roots` among `all`, without the roots.
 pub fn descendants(all: &[Stat], roots: impl IntoIterator<Item = i32>) -> BTreeSet<Process> {
     let mut children: BTreeMap<i32, Vec<Process>> = BTreeMap::new();
     for stat in all {
@@ -111,20 +111,20 @@ pub fn is_running(process: Process) -> bool {
     stat(process.pid).is_some_and(|stat| stat.process == process && !stat.is_zombie)
 }
 
-/// Returns whether a process is there, has the start time given, and may have ended without anybody having looked.
+/// Returns whether a process exists with the given start time, possibly ended and not yet reaped.
 pub fn is_there(process: Process) -> bool {
     stat(process.pid).is_some_and(|stat| stat.process == process)
 }
 
-/// Returns whether a process has files open, or does not let this one look. One that is being killed closes them before it is gone,
-/// which takes seconds on a busy machine.
+/// Returns whether a process has files open, or hides them from this one. A process that is being killed closes its
+/// files before it is gone, which takes seconds on a busy machine.
 pub fn has_open_files(pid: i32) -> bool {
     std::fs::read_dir(format!("/proc/{pid}/fd"))
         .map_or_else(|error| error.kind() == std::io::ErrorKind::PermissionDenied, |mut files| files.next().is_some())
 }
 
-/// Returns the processor time of all children of this process that have ended, and of theirs. Source: proc_pid_stat(5), fields
-/// 16 and 17, which count hundredths of a second on every Linux.
+/// Returns the processor time of all children of this process that have ended, and of theirs. Source: proc_pid_stat(5),
+/// fields 16 and 17, which count hundredths of a second on every Linux.
 pub fn time_of_ended_children() -> Duration {
     let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
     let fields = text.rsplit_once(") ").map(|(_, fields)| fields.split(' ').skip(13).take(2));
@@ -139,7 +139,8 @@ pub fn is_traced(pid: i32) -> bool {
     tracer.is_some_and(|tracer| tracer.trim() != "0")
 }
 
-/// Returns the real user of a process, by which the right to signal it goes; none if it is not there. Sources: proc_pid_status(5), kill(2).
+/// Returns the real user of a process, by which the right to signal it goes; none if it is not there. Sources:
+/// proc_pid_status(5), kill(2).
 pub fn user(pid: i32) -> Option<u32> {
     let status = std::fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
     let users = status.lines().find_map(|line| line.strip_prefix("Uid:"))?;
@@ -157,7 +158,7 @@ pub fn signal(process: Process, signal: Signal) {
     let Some(number) = Pid::from_raw(process.pid) else { return };
     let Ok(pidfd) = pidfd_open(number, PidfdFlags::empty()) else { return };
     if stat(process.pid).is_some_and(|stat| stat.process == process) {
-        // A process that has ended meanwhile needs no signal.
+        // A process that has already ended needs no signal.
         pidfd_send_signal(&pidfd, signal).unwrap_or_default();
     }
 }
@@ -176,7 +177,7 @@ mod tests {
 
     #[test]
     fn the_lists_of_children_name_the_same_processes_as_all_of_proc() {
-        // Two children, one of which has a child of its own; each says that it is there.
+        // Two children, one of which has a child; each prints that it is there.
         let script = "sh -c 'sleep 100 & echo ready; wait' & echo ready; wait";
         let mut shell = Command::new("sh").args(["-c", script]).stdout(Stdio::piped()).spawn().expect("a shell starts");
         let mut lines = BufReader::new(shell.stdout.take().expect("it is piped")).lines();

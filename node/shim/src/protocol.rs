@@ -4,8 +4,8 @@
 //! told what to start by its arguments, ordered about by lines on its standard input, and reports by lines on its
 //! standard output. End of input means that the agent is gone.
 //!
-//! Another agent then attaches at the socket [`SOCKET_FILE`]. Orders and reports are counted from the start of the shim, over
-//! all connections, so that none is lost and none is carried out twice:
+//! Another agent then attaches at the socket [`SOCKET_FILE`]. Orders and reports are counted from the start of the
+//! shim, over all connections, so that none is lost and none is carried out twice:
 //!
 //! ```text
 //! agent   attach 2          it has two reports
@@ -39,10 +39,11 @@ pub const REFUSED_FILE: &str = "refused";
 pub const LAUNCH: &str = "--launch";
 /// The argument of a shim before the instance directory of its program.
 pub const DIRECTORY: &str = "--directory";
-/// How the variables of a program are called in the environment of its shim: what they do, such as `LD_PRELOAD`, they do to the program
-/// alone. Arguments could be read by every user.
+/// The prefix of a program's variables in the environment of its shim: variables such as `LD_PRELOAD` must affect the
+/// program alone. Arguments could be read by every user.
 pub const VARIABLE_PREFIX: &str = "DCA_ENV_";
-/// The argument of a shim that says what its sandbox takes where the kernel has it, a word each: `landlock seccomp`.
+/// The argument of a shim that prints the levels of its sandbox that the kernel supports, one word each:
+/// `landlock seccomp`.
 pub const LEVELS: &str = "--sandbox-levels";
 /// How the program ended, as the line of the [`ShimReport`]; in place before the report is made.
 pub const EXIT_FILE: &str = "exit";
@@ -156,7 +157,7 @@ impl fmt::Display for ShimOrder {
 }
 
 impl ShimOrder {
-    /// Reads a line without its end; none if it is no order.
+    /// Reads a line without its end; none if it is not an order.
     pub fn parse(line: &str) -> Option<Self> {
         match line.split_once(' ') {
             None if line == "go" => Some(Self::Go),
@@ -183,7 +184,7 @@ impl fmt::Display for ShimReport {
 }
 
 impl ShimReport {
-    /// Reads a line without its end; none if it is no report.
+    /// Reads a line without its end; none if it is not a report.
     pub fn parse(line: &str) -> Option<Self> {
         match line.split_once(' ') {
             None if line == "ready" => Some(Self::Ready),
@@ -220,7 +221,7 @@ impl fmt::Display for AttachRequest {
 }
 
 impl AttachRequest {
-    /// Reads a line without its end; none if it is no request.
+    /// Reads a line without its end; none if it is not a request.
     pub fn parse(line: &str) -> Option<Self> {
         Some(Self { reports: line.strip_prefix("attach ")?.parse().ok()? })
     }
@@ -234,7 +235,7 @@ impl fmt::Display for AttachReply {
 }
 
 impl AttachReply {
-    /// Reads a line without its end; none if it is no reply.
+    /// Reads a line without its end; none if it is not a reply.
     pub fn parse(line: &str) -> Option<Self> {
         Some(Self { orders: line.strip_prefix("attached ")?.parse().ok()? })
     }

@@ -17,7 +17,7 @@ use std::time::Duration;
 /// Until a disk that has not taken the record of an end is asked again.
 const WRITE_AGAIN: Duration = Duration::from_millis(500);
 
-/// The record of who runs here, for a node that starts after this shim and its node were killed.
+/// The record of the program that runs here, for a node that starts after this shim and its node were killed.
 pub(super) struct Record {
     path: PathBuf,
 }
@@ -27,7 +27,7 @@ impl Record {
         let path = start.dir.join(RECORD_FILE);
         let record = ProcessRecord {
             boot: processes::kernel_boot(),
-            // Whoever ends a program that would be kept gives it the grace of any other.
+            // A program that would be kept gets the usual grace when it is ended.
             grace: start.agent_loss_grace.unwrap_or(AGENT_LOSS_GRACE),
             shim: processes::this(),
             program: None,
@@ -51,9 +51,9 @@ impl Record {
     }
 }
 
-/// Records the end, then reports it: an agent that comes too late to attach reads the record, in the same boot of the kernel. So an agent
-/// that hears of the end does not wait for the disk. Where none does, the record is all that there is, and it is synced. Returns the
-/// end if it is known to nobody: neither to an agent nor to the disk.
+/// Records the end, then reports it: an agent that attaches too late reads the record, in the same boot of the kernel.
+/// An agent that hears of the end does not wait for the disk. Without an agent, the record is the only copy, so it is
+/// synced. Returns the end if neither an agent nor the disk has it.
 pub(super) fn conclude(dir: &Path, agent: &Agent, end: ShimReport) -> Option<ShimReport> {
     let written = write_end(dir, &end);
     let (is_heard, is_written) = (agent.report(&end), written.is_ok());
@@ -64,8 +64,8 @@ pub(super) fn conclude(dir: &Path, agent: &Agent, end: ShimReport) -> Option<Shi
     if is_heard || is_written { None } else { Some(end) }
 }
 
-/// Holds an end that nobody has heard of and the disk did not take, until one of them does: nobody else knows it. Where the socket is gone,
-/// nobody will ever ask.
+/// Keeps an end that neither an agent nor the disk has taken, until one of them does: it has no other copy. Once the
+/// socket is gone, no agent will ever ask.
 pub(super) fn hold(dir: &Path, agent: &Agent, end: &ShimReport, events: &Receiver<Event>) {
     let socket = dir.join(SOCKET_FILE);
     while !agent.is_told() && socket.exists() && write_end(dir, end).and_then(|file| sync(&file, dir)).is_err() {

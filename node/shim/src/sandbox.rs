@@ -1,6 +1,6 @@
-//! The rights of a program: it runs as a user of its own, has no capability, and gets none from what it executes. What the kernel offers
-//! beyond that is taken, too: with Landlock it writes nothing into the folders of the system, and with seccomp it makes no call that
-//! only who runs the machine needs. [`levels`] says what that is here.
+//! The rights of a program: it runs under a separate user, has no capability, and gets none from programs it executes.
+//! Where the kernel supports them, Landlock keeps it from writing into the folders of the system, and seccomp refuses
+//! calls that only an administrator needs. [`levels`] lists the supported ones.
 
 mod kernel;
 
@@ -16,7 +16,8 @@ use rustix::thread::{
 use shim::protocol::{Account, Sandbox, SandboxLevel};
 use std::path::Path;
 
-/// Gives up the rights that the sandbox takes. In its `own` folders a program writes wherever they are. The process has one thread, whose rights are those of what it becomes.
+/// Gives up the rights that the sandbox takes. In its `own` folders a program may always write. The process has one
+/// thread, whose rights pass to the program it becomes.
 ///
 /// # Errors
 /// The kernel refuses a step, in a sentence.
@@ -50,8 +51,8 @@ pub(crate) fn enter(sandbox: &Sandbox, own: [&Path; 2]) -> Result<(), String> {
     Ok(())
 }
 
-/// Takes every capability from what this process executes, root included. Who may not take them has none to give on, and is kept from
-/// getting any by `no_new_privs`.
+/// Drops every capability from the bounding set, root included. A process that may not drop them has none to pass on,
+/// and `no_new_privs` keeps it from getting any.
 fn empty_bounding_set() -> Result<(), Errno> {
     for number in 0..u64::BITS {
         match remove_capability_from_bounding_set(CapabilitySet::from_bits_retain(1 << number)) {

@@ -1,7 +1,8 @@
-//! The secrets of a program: files in memory, which are on no disk, have mode 0400 and cannot be changed any more. The program inherits
-//! them open, and finds their paths in its arguments.
+//! The secrets of a program: files in memory, which are on no disk, have mode 0400 and cannot be changed any more. The
+//! program inherits them open, and finds their paths in its arguments.
 //!
-//! Their values come on standard input before any order. They are in no argument and no environment, which others could read.
+//! Their values come on standard input before any order. They are in no argument and no environment, which others could
+//! read.
 
 use rustix::fs::{MemfdFlags, Mode, OFlags, SealFlags, fchmod, fchown, fcntl_add_seals, memfd_create, open};
 use rustix::io::{Errno, FdFlags, fcntl_setfd, read};
@@ -12,7 +13,7 @@ use std::io::{self, Write as _};
 use std::os::fd::{AsRawFd as _, OwnedFd};
 use zeroize::Zeroizing;
 
-/// Reads the secrets of a start, and puts their paths into its command. The files are there for as long as they are held.
+/// Reads the secrets of a start, and puts their paths into its command. The files exist as long as they are held.
 pub(crate) fn take(start: &mut ShimStart) -> io::Result<Vec<OwnedFd>> {
     let mut files = Vec::new();
     for word in std::mem::take(&mut start.secrets) {
@@ -41,7 +42,7 @@ fn received() -> io::Result<Zeroizing<Vec<u8>>> {
     Ok(value)
 }
 
-/// Reads so many bytes, and not one more into a buffer that somebody else keeps.
+/// Reads exactly so many bytes, so that no more than these end up in a buffer.
 fn fill(mut bytes: &mut [u8]) -> io::Result<()> {
     while !bytes.is_empty() {
         match read(io::stdin(), &mut *bytes) {
@@ -54,7 +55,8 @@ fn fill(mut bytes: &mut [u8]) -> io::Result<()> {
     Ok(())
 }
 
-/// Returns a file in memory that holds this for ever, open for reading in the program, too. It belongs to the user of the program.
+/// Returns a file in memory with this content, sealed against changes and open for reading in the program. It belongs
+/// to the user of the program.
 fn keep(value: &[u8], user: Option<&Account>) -> io::Result<OwnedFd> {
     let memory = memfd_create("dca-secret", MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING)?;
     let mut file = File::from(memory);

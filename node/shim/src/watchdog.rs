@@ -1,8 +1,8 @@
 //! Whether a program hangs: it gives no sign of life for too long, or prepares for too long.
 //!
-//! Only time that the watcher has witnessed counts. A watcher that was late itself, since the host slept, was suspended or is
-//! starved, gives the program a new bound: a false alarm costs a mission, a late one some seconds. One that is late every time has had
-//! its turn again and again while the program had none; then that counts, too.
+//! Only time that the watcher has witnessed counts. A watcher that was late itself, because the host slept, was
+//! suspended or is overloaded, gives the program a new bound: a false alarm costs a mission, a late one some seconds. A
+//! watcher that is late every time has had many turns while the program had none; then that time also counts.
 
 use comms::logic::time::Time;
 use shim::protocol::EndReason;
@@ -38,8 +38,8 @@ struct Preparation {
 }
 
 impl Watchdog {
-    /// Returns the watcher of a program that begins now; none if nothing is to be watched. One that speaks `from_start` is
-    /// expected to give signs of life and to be ready from now on, any other from its first sign on.
+    /// Returns the watcher of a program that begins now; none if nothing is to be watched. If `from_start` is set,
+    /// signs of life and readiness are expected from now on, else from the first sign on.
     pub(crate) fn new(
         bound: Option<Duration>,
         ready_within: Option<Duration>,
@@ -76,7 +76,8 @@ impl Watchdog {
             match (&self.preparation, init) {
                 (Some(Preparation { number, .. }), Some(_)) if *number == init => {}
                 (_, Some(_)) => self.preparation = Some(Preparation { number: init, elapsed: Duration::ZERO }),
-                // A program that has been started says when it is ready; one that initialises only stops to say so.
+                // A program that has been started reports when it is ready; a program that is only initialised stops to
+                // report it.
                 (Some(Preparation { number: Some(_), .. }), None) if line == "WATCHDOG=1" => self.preparation = None,
                 // Its signs of life count from here on.
                 _ if line == "READY=1" => {
@@ -90,7 +91,7 @@ impl Watchdog {
     /// Returns why the program is to be ended now, if so.
     pub(crate) fn look(&mut self, now: Time) -> Option<EndReason> {
         self.pass(now);
-        // A start that has a time of its own may take it.
+        // A start with its own time limit may use it.
         let starts = self.ready_within.is_some()
             && self.preparation.as_ref().is_some_and(|preparation| preparation.number.is_none());
         let late = self.bound.filter(|bound| !starts && self.silent.is_some_and(|silent| silent >= *bound));

@@ -25,7 +25,7 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
-/// A shim under test, in an instance directory of its own.
+/// A shim under test, in its own instance directory.
 struct Shim {
     dir: PathBuf,
     child: Child,
@@ -109,7 +109,7 @@ impl Shim {
     }
 }
 
-/// The files that a shim leaves behind; there is no process any more.
+/// The files that a shim leaves behind when no process is left.
 struct Over {
     dir: PathBuf,
 }
@@ -152,8 +152,8 @@ fn is_running(pid: &str) -> bool {
     Path::new("/proc").join(pid.trim()).exists()
 }
 
-/// A pipe where the output goes would hold the shim until somebody reads: it refuses, before anything runs.
-/// Whoever has started the node may have left something open: a pipe of a shell, a lock, a file with a secret.
+/// A pipe in the place of the output file would block the shim until it is read: it refuses before anything runs. The
+/// parent of the node may have left something open: a pipe of a shell, a lock, a file with a secret.
 #[test]
 fn a_program_has_no_descriptor_that_nobody_has_given_it() {
     let leaky = ["sh", "-c", r#"exec 3</dev/null 7</etc/passwd 9<&0; exec "$@""#, "sh"];
@@ -181,7 +181,7 @@ fn a_pipe_in_place_of_the_output_is_refused() {
     }
 }
 
-/// The shim and what it writes have the limit of its node; the program is told of its own by a signal, as ever.
+/// The shim and its files have the limit of its node; the program learns of its limit by the usual signal.
 #[test]
 fn a_limit_of_file_sizes_ends_no_shim() {
     let text = "yes | head -c 400000; echo 1; exec head -c 400000 /dev/zero > big";
@@ -278,7 +278,7 @@ fn a_stopped_program_hears_the_stop() {
 
 #[test]
 fn daemons_go_with_their_program() {
-    // Each is in a session of its own, immune to SIGTERM, and its parent is gone.
+    // Each is in its own session, immune to SIGTERM, and its parent is gone.
     let daemons = "for i in 1 2 3 4 5; do \
                    setsid sh -c '(trap \"\" TERM HUP; sh -c \"echo \\$PPID\" >> pids; while :; do sleep 0.01; done) &'; \
                    done; while [ $(wc -l < pids) -lt 5 ]; do sleep 0.01; done; echo up > up;";
@@ -325,7 +325,7 @@ fn nothing_outlives_a_lost_agent() {
     shim.expect(&[ShimReport::Gone]);
 }
 
-/// A process that is left behind has the output open. The end of the program is reported at once all the same.
+/// A process that is left behind holds the output open. The end of the program is still reported at once.
 #[test]
 fn who_holds_the_output_open_holds_up_nobody() {
     let mut shim = Shim::shell("setsid sleep 60 & echo $! > pid; exit 3");
@@ -334,7 +334,7 @@ fn who_holds_the_output_open_holds_up_nobody() {
     let began = now();
     let over = shim.expect(&[exited(3), ShimReport::Gone]);
     let took = now() - began;
-    // It waits half a second for the last output; a minute, if it waited for who has it open.
+    // It waits half a second for the last output; it would wait a minute for the process that holds the output open.
     assert!(took < LONG / 6, "{took:?}");
     assert!(!is_running(&pid) && over.read(EXIT_FILE) == "exited 3\n");
 }
@@ -399,7 +399,7 @@ fn a_program_has_the_soft_limit_that_it_is_given() {
     assert_eq!(over.read(OUTPUT_FILE), "100\n");
 }
 
-/// No kernel lets anybody open more files than it has numbers for.
+/// No kernel allows more open files than it has numbers for.
 #[test]
 fn what_the_kernel_refuses_is_one_sentence() {
     let usage = Limits { files: Some(u64::MAX >> 1), ..Limits::default() };

@@ -12,7 +12,7 @@ pub enum ProgramEnd {
     Signal(i32),
 }
 
-/// Why a program ended that nobody else has asked to.
+/// The reason why a program ended without a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EndReason {
     /// The program gave no sign of life for so long.

@@ -21,7 +21,7 @@ pub struct Judged {
 /// The reason why a file was admitted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JudgedBy {
-    /// Its folder. A script is told its path: only those who may change the folder can exchange it.
+    /// Its folder. A script is told its path: only users who may change the folder can exchange it.
     Folder,
     /// Its hash. A script is told the path of the open file, whatever has its name by then.
     Hash,

@@ -1,4 +1,4 @@
-//! The arguments of a shim: what it starts, and how.
+//! The arguments of a shim: the program to start, and how.
 
 use super::{AGENT_LOSS_GRACE, ChildError, DIRECTORY, Gate, Judged, VARIABLE_PREFIX};
 use std::ffi::OsString;
@@ -20,15 +20,15 @@ pub struct ShimStart {
     /// How long the program may take to stop once the agent is gone. With none it goes on until it ends by itself or an
     /// agent that has attached ends it.
     pub agent_loss_grace: Option<Duration>,
-    /// How long the program may give no sign of life; for ever without. One behind [`Gate::None`] is watched from its first
-    /// sign on.
+    /// How long the program may give no sign of life; without a limit if none. A program with [`Gate::None`] is watched
+    /// from its first sign on.
     pub watchdog: Option<Duration>,
-    /// How long an `Init` of the program may take, and for one behind [`Gate::Exec`] the time to its `READY=1`; for ever
-    /// without.
+    /// How long an `Init` of the program may take, and with [`Gate::Exec`] the time to its `READY=1`; without a limit
+    /// if none.
     pub ready_within: Option<Duration>,
     /// The limits of the program.
     pub limits: Limits,
-    /// As whom it runs, and with which rights.
+    /// The user it runs as, and its rights.
     pub sandbox: Sandbox,
     /// The control groups that the program joins before it is executed; the shim adds them for its own launch.
     pub groups: Vec<PathBuf>,
@@ -36,8 +36,8 @@ pub struct ShimStart {
     pub descriptors: Option<u64>,
     /// The program's whole environment; nothing is inherited.
     pub environment: Vec<(String, String)>,
-    /// Which words of the command end with the path of a file that has a secret. Their values come first on standard input, in
-    /// this order, as [`secret`] writes them.
+    /// Which words of the command end with the path of a file that has a secret. Their values come first on standard
+    /// input, in this order, as [`secret`] writes them.
     pub secrets: Vec<u32>,
     /// The executable (a path, or a name looked up in the `PATH` above) and its arguments.
     pub command: Vec<String>,
@@ -69,7 +69,7 @@ pub struct Limits {
 pub struct Sandbox {
     /// How much is taken from it.
     pub level: SandboxLevel,
-    /// As whom it runs, if not as the shim.
+    /// The user it runs as, if not the shim's.
     pub user: Option<Account>,
     /// The folder of that user where the sockets of the program are: the instance directory is the node's alone.
     pub own: Option<PathBuf>,
@@ -83,7 +83,7 @@ pub enum SandboxLevel {
     /// Nothing: it has the rights of its shim.
     #[default]
     None,
-    /// It has no capability, and gets no rights from what it executes (`no_new_privs`).
+    /// It has no capability, and programs that it executes give it no rights (`no_new_privs`).
     Standard,
 }
 
@@ -94,7 +94,7 @@ pub struct Account {
     pub uid: u32,
     /// The number of its group.
     pub gid: u32,
-    /// Those of all its other groups.
+    /// The ids of all its other groups.
     pub groups: Vec<u32>,
 }
 
@@ -278,8 +278,8 @@ impl ShimStart {
 /// The longest secret, in bytes.
 pub const SECRET_MAX: usize = 64 << 10;
 
-/// Adds a secret of at most [`SECRET_MAX`] bytes as it comes on the standard input of a shim: its length in four bytes, the lowest first,
-/// and itself.
+/// Adds a secret of at most [`SECRET_MAX`] bytes as it comes on the standard input of a shim: its length in four bytes,
+/// the lowest first, and itself.
 pub fn secret(value: &[u8], to: &mut Vec<u8>) {
     let length = u32::try_from(value.len()).unwrap_or(u32::MAX);
     to.extend(length.to_le_bytes());

@@ -1,4 +1,5 @@
-//! What Landlock and seccomp take from a program, where the kernel has them: without them the rest of the sandbox holds all the same.
+//! The rights that Landlock and seccomp take from a program, where the kernel has them. Without them the rest of the
+//! sandbox still holds.
 
 use landlock::{ABI, AccessFs, CompatLevel, Compatible, Ruleset, RulesetAttr, RulesetCreatedAttr, path_beneath_rules};
 use seccompiler::{
@@ -7,11 +8,11 @@ use seccompiler::{
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Nothing is written there, made or removed, nor where control groups are: who may move itself to another one has no limits. Each other folder of
-/// the root is left as it is.
+/// The program may not write, make or remove anything there, nor in the folders of control groups: a process that can
+/// move itself to another group has no limits. Each other folder of the root is left as it is.
 const OF_THE_SYSTEM: [&str; 9] = ["bin", "boot", "etc", "lib", "lib32", "lib64", "libx32", "sbin", "usr"];
-/// What is handled: to write, to make, to remove, to move and to cut files. Source: landlock(7), ABI 3, Linux 6.2; earlier
-/// kernels handle a part of it.
+/// The handled rights: to write, make, remove, move and cut files. Source: landlock(7), ABI 3, Linux 6.2; earlier
+/// kernels handle a part of them.
 const WRITES: ABI = ABI::V3;
 /// EPERM of the calls that are refused. Source: errno(3), Linux.
 const EPERM: u32 = 1;
@@ -29,12 +30,13 @@ const NEW_NAMESPACE: [libc::c_int; 7] = [
 ];
 /// The bit in the number of a call of the x32 form, which a kernel for x86 may have beside its own. Source: syscall(2).
 const X32: libc::c_long = 0x4000_0000;
-/// The numbers that x32 has of its own for calls that are refused: `ptrace`, `kexec_load`, `process_vm_readv`, `process_vm_writev`.
+/// The numbers that only x32 has for refused calls: `ptrace`, `kexec_load`, `process_vm_readv`, `process_vm_writev`.
 /// Source: syscall_64.tbl, Linux.
 const OF_X32: [libc::c_long; 4] = [521, 528, 539, 540];
 
-/// Calls that are refused: those that change the kernel, the mounts, the clock or the namespaces, look into other processes, or have been the way
-/// into the kernel before. Source: systemd.exec(5), groups `@clock @module @mount @obsolete @raw-io @reboot @swap` and others.
+/// Refused calls: those that change the kernel, the mounts, the clock or the namespaces, look into other processes, or
+/// have often been used to attack the kernel. Source: systemd.exec(5), groups
+/// `@clock @module @mount @obsolete @raw-io @reboot @swap` and others.
 #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 const REFUSED: [libc::c_long; 42] = [
     libc::SYS_acct,
@@ -84,7 +86,8 @@ const REFUSED: [libc::c_long; 42] = [
 #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
 const REFUSED: [libc::c_long; 0] = [];
 
-/// Takes from this process, which has one thread, what the kernel lets it. In its `own` folders it writes wherever they are.
+/// Confines this process, which has one thread, as far as the kernel supports it. It may always write in its `own`
+/// folders.
 ///
 /// # Errors
 /// The kernel has it, and refuses.
@@ -117,7 +120,8 @@ fn has_seccomp() -> bool {
     !REFUSED.is_empty() && actions.split_whitespace().any(|action| action == "errno")
 }
 
-/// Returns where a program may write: the whole root, but for the folders of the system and those of control groups.
+/// Returns the folders in which a program may write: the whole root, except the folders of the system and of control
+/// groups.
 fn places(own: [&Path; 2]) -> Vec<PathBuf> {
     let root = Path::new("/");
     let mut closed: Vec<PathBuf> = OF_THE_SYSTEM.iter().map(|name| root.join(name)).collect();
@@ -127,7 +131,7 @@ fn places(own: [&Path; 2]) -> Vec<PathBuf> {
     places
 }
 
-/// Adds a folder, or what is in it if something there is closed.
+/// Adds a folder, or its entries if one of them is closed.
 fn open(folder: &Path, closed: &[PathBuf], places: &mut Vec<PathBuf>) {
     if closed.iter().any(|closed| closed == folder) {
         return;
@@ -156,7 +160,7 @@ fn write_nowhere_but(places: &[PathBuf]) -> Result<(), landlock::RulesetError> {
     rules.add_rules(path_beneath_rules(places, writes))?.restrict_self().map(drop)
 }
 
-/// Returns the filters: one of calls that are refused, and one of calls that seem not to be there.
+/// Returns the filters: one for calls that are refused, and one for calls that seem not to exist.
 fn filters() -> Result<[BpfProgram; 2], seccompiler::BackendError> {
     let always = REFUSED.into_iter().map(|call| (call, Vec::new()));
     let namespaces = || NEW_NAMESPACE.into_iter().map(makes_namespace).collect::<Result<Vec<_>, _>>();
@@ -188,7 +192,7 @@ mod tests {
     use super::*;
     use std::io::Error;
 
-    /// Makes a call without an argument in memory, and returns its error; a process that comes of it ends at once.
+    /// Makes a call without an argument in memory, and returns its error; a process that it creates ends at once.
     #[expect(unsafe_code, reason = "the library has no function for a call by its number")]
     fn error_of(call: libc::c_long, first: libc::c_int) -> Option<i32> {
         // SAFETY: the arguments are numbers. A child has a copy of the memory, and calls nothing but `_exit`.

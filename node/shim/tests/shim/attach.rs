@@ -16,7 +16,7 @@ use std::time::Duration;
 
 /// Runs for a minute at the most, and ends with 5 when it is asked to.
 const POLITE: &str = "trap 'exit 5' TERM; echo up > up; i=0; while [ $((i+=1)) -lt 6000 ]; do sleep 0.01; done";
-/// Runs for a minute at the most, whatever it is asked.
+/// Runs for at most a minute, whatever it is told.
 const STUBBORN: &str = "trap '' TERM; echo up > up; i=0; while [ $((i+=1)) -lt 6000 ]; do sleep 0.01; done";
 /// Ends with 9 when a file is there.
 const WAITING: &str = "echo up > up; while [ ! -e end ]; do sleep 0.01; done; exit 9";
@@ -54,7 +54,7 @@ impl Lost {
         Agent { orders, reports, taken }
     }
 
-    /// Waits until the shim has left by itself; nothing of its own may be left but the files.
+    /// Waits until the shim has left by itself; only its files may be left.
     #[track_caller]
     fn left(mut self) -> Over {
         assert!(self.child.wait().unwrap().success());
@@ -124,7 +124,8 @@ fn what_ends_without_an_agent_leaves_its_cause() {
     }
 }
 
-/// The disk does not take the record, and nobody hears: the shim stays until one of the two changes, or its folder is gone.
+/// The disk does not take the record, and no agent hears: the shim stays until one of the two changes, or its folder is
+/// gone.
 #[test]
 fn an_end_that_the_disk_does_not_take_waits_for_an_agent_or_the_disk() {
     for (is_agent_first, is_folder_gone) in [(true, false), (false, false), (false, true)] {
@@ -307,7 +308,7 @@ fn what_is_no_agent_is_closed_and_that_is_all() {
         }
         assert_eq!(answer, b"");
     }
-    // One that says nothing, and one that is gone in the middle of its line.
+    // A client that sends nothing, and one that is gone in the middle of its line.
     let silent = lost.connect();
     lost.connect().write_all(b"attach 0").unwrap();
     let mut agent = lost.attach(1);
@@ -321,7 +322,7 @@ fn what_is_no_agent_is_closed_and_that_is_all() {
     drop(lost.left());
 }
 
-/// No later agent would find the shim of one that was gone before the socket was there.
+/// If the agent was gone before the socket was opened, no later agent would find the shim.
 #[test]
 fn a_shim_whose_agent_is_gone_at_its_start_starts_nothing() {
     for (gate, grace) in [(Gate::None, None), (Gate::Exec, None), (Gate::None, Some(LONG)), (Gate::Exec, Some(LONG))] {

@@ -14,7 +14,7 @@ fn ended(signal: i32, why: EndReason) -> ShimReport {
     ShimReport::Ended { end: ProgramEnd::Signal(signal), why }
 }
 
-/// Starts a shim that is to watch what it starts; a gate is opened.
+/// Starts a shim that is to watch its program; a gate is opened.
 fn watched(gate: Gate, watchdog: Option<Duration>, ready_within: Option<Duration>, script: &str) -> Shim {
     let mut shim = Shim::start_with(|start| {
         (start.gate, start.watchdog, start.ready_within) = (gate, watchdog, ready_within);
@@ -59,7 +59,7 @@ fn a_program_that_is_never_ready_is_ended() {
     watched(Gate::Exec, None, Some(LONG), &script).expect(&[STARTED, exited(3), ShimReport::Gone]);
 }
 
-/// An SDK program is watched from its first sign on, so that one of an older SDK, which gives none, is left alone.
+/// An SDK program is watched from its first sign on, so a program with an older SDK, which gives none, is left alone.
 #[test]
 fn a_program_that_speaks_is_watched_from_then_on() {
     let script = format!("{}; echo $$ > up; exec sleep 60", say("WATCHDOG=1"));
@@ -84,7 +84,7 @@ fn a_program_that_is_being_stopped_is_not_called_hung() {
     shim.expect(&[STARTED, signalled(9), ShimReport::Gone]);
 }
 
-/// The test is no part of the program, so its word for it does not count, and its READY neither.
+/// The test is not part of the program, so neither its sign of life nor its READY counts.
 #[test]
 fn the_word_of_another_program_does_not_count() {
     for (watchdog, ready_within, why) in
@@ -94,7 +94,7 @@ fn the_word_of_another_program_does_not_count() {
         let (socket, to) = (UnixDatagram::unbound().unwrap(), shim.dir.join("beat.sock"));
         let speaking = std::thread::spawn(move || {
             let (pause, mut said) = (Wakeup::default(), 0);
-            // Until nobody hears it any more.
+            // Until the socket has no receiver any more.
             while socket.send_to(b"WATCHDOG=1\nREADY=1", &to).is_ok() || said == 0 {
                 said += u32::from(to.exists());
                 pause.wait(Some(now() + Duration::from_millis(20)));

@@ -26,7 +26,7 @@ fn reports(shim: &mut Shim) -> Vec<ShimReport> {
     std::iter::from_fn(|| shim.next()).collect()
 }
 
-/// Why this host lets no program have a control group for what the reports are about, if so.
+/// The reason why this host gives programs no control group for the limit in the reports, if so.
 fn missing_group(reports: &[ShimReport], what: &str) -> Option<String> {
     let [ShimReport::ExecFailed { reason }, ShimReport::Gone] = reports else { return None };
     assert!(reason.starts_with(&format!("a limit of {what} is refused: it needs the control group")), "{reason}");
@@ -56,7 +56,8 @@ fn who_has_too_much_memory_is_told_as_such() {
         }
         all => assert_eq!(all, [STARTED, killed, ShimReport::Gone]),
     }
-    // Something of it is killed, and it fails for that; who is well afterwards is done.
+    // If one of its processes is killed and the program fails, that is the reason; a program that then ends well is
+    // done.
     let failed = ended(ProgramEnd::Exit(3), EndReason::OutOfMemory(bytes));
     limited(with.clone(), "tail /dev/zero; exit 3").expect(&[STARTED, failed, ShimReport::Gone]);
     limited(with, "tail /dev/zero; exit 0").expect(&[STARTED, exited(0), ShimReport::Gone]);
@@ -156,7 +157,7 @@ fn what_a_host_cannot_hold_is_refused_before_anything_runs() {
     shim.expect(&[ShimReport::ExecFailed { reason }, ShimReport::Gone]);
 }
 
-/// What waits at a gate is refused there, not at its turn in the middle of a mission.
+/// A program that waits at a gate is refused there, not at its turn in the middle of a mission.
 #[test]
 fn what_the_kernel_refuses_is_refused_at_the_gate() {
     let files = 99_999_999_999;
@@ -170,7 +171,8 @@ fn what_the_kernel_refuses_is_refused_at_the_gate() {
     assert!(reason.starts_with(&format!("a limit of {files} open files is refused: ")), "{reason}");
 }
 
-/// A real-time priority that the kernel does not have beside a share of the processors is refused in words, or done without.
+/// A real-time priority that the kernel does not have beside a share of the processors is refused in words, or done
+/// without.
 #[test]
 fn a_priority_beside_a_share_of_the_processors_is_had_or_refused_in_words() {
     for is_optional in [true, false] {

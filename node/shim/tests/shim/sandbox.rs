@@ -1,4 +1,4 @@
-//! Programs in a sandbox: what they have left, and what they cannot do any more.
+//! Programs in a sandbox: their remaining rights, and the calls that they can no longer make.
 
 use super::{STARTED, Shim, exited};
 use rustix::process::getuid;
@@ -14,7 +14,7 @@ use std::process::{Command, Stdio};
 /// A user without rights, on every Linux.
 const NOBODY: u32 = 65534;
 
-/// Runs a script in the standard sandbox, as nobody where this test may do that; returns its output.
+/// Runs a script in the standard sandbox, as user `nobody` if this test may do that; returns its output.
 fn confined(script: &str, adjust: impl FnOnce(&mut ShimStart)) -> String {
     let user = getuid().is_root().then(|| Account { uid: NOBODY, gid: NOBODY, groups: vec![20] });
     let shim = Shim::start_with(|start| {
@@ -25,7 +25,7 @@ fn confined(script: &str, adjust: impl FnOnce(&mut ShimStart)) -> String {
     shim.expect(&[STARTED, exited(0), ShimReport::Gone]).read(OUTPUT_FILE)
 }
 
-/// What /proc says of a process. Source: proc_pid_status(5).
+/// The record of a process in /proc. Source: proc_pid_status(5).
 const STATUS: &str =
     "grep -E '^(Uid|Gid|Groups|CapInh|CapPrm|CapEff|CapBnd|CapAmb|NoNewPrivs):' /proc/self/status | tr -s '\t ' ' '";
 
@@ -81,14 +81,15 @@ fn root_without_capabilities_stays_without_them() {
     assert!(output.contains("CapBnd: 0000000000000000"), "{output}");
 }
 
-/// What this kernel has of the sandbox, as the shim says.
+/// The levels of the sandbox on this kernel, as the shim prints them.
 fn levels() -> String {
     let said = Command::new(env!("CARGO_BIN_EXE_dca-shim")).arg("--sandbox-levels").output().unwrap();
     assert!(said.status.success());
     String::from_utf8(said.stdout).unwrap()
 }
 
-/// Root without capabilities owns the files of the system all the same, and may make namespaces of users: in the sandbox neither.
+/// Root without capabilities still owns the files of the system, and may make user namespaces: in the sandbox neither
+/// is possible.
 #[test]
 fn what_the_kernel_offers_is_taken_too() {
     if !getuid().is_root() {
@@ -143,7 +144,7 @@ fn what_a_sandboxed_program_is_refused_is_said() {
     });
     let reason = "cannot execute `/no/such/program`: no such file or directory".to_owned();
     shim.expect(&[STARTED, ShimReport::ExecFailed { reason }, ShimReport::Gone]);
-    // A code of its own is not taken for that.
+    // An exit code of the program itself is not taken for a refusal.
     let shim = Shim::start_with(|start| {
         start.sandbox.level = SandboxLevel::Standard;
         start.command = ["sh", "-c", "exit 126"].map(str::to_owned).to_vec();
