@@ -1,5 +1,5 @@
-//! Each injected fault fits the sources as they are, and the manual says what finds it. That they are found is shown by
-//! `cargo run -p dbmanager --example faults`.
+//! Each injected fault fits the present sources, and the manual names the test that finds it.
+//! `cargo run -p dbmanager --example faults` shows that they are found.
 
 #[path = "../../faults/patch.rs"]
 #[expect(dead_code, reason = "the copy is made by the example")]

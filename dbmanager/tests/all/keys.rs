@@ -1,5 +1,5 @@
-//! A team whose robots have keys, and a member of it that writes by hand what it may not: nobody takes it over, and all say so. What the
-//! simulation shows of honest robots with keys is in `simulation.rs`.
+//! A team whose robots have keys, and a member that forges transactions beyond its rights: every other member rejects
+//! them and reports them. The runs of honest robots with keys are in `simulation.rs`.
 
 use crate::simulation::world::keys::{Keys, Revoked};
 use comms::logic::time::Time;
@@ -17,7 +17,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 const WALL: Wall = Wall { millis: 1_790_000_000_000, quality: Quality::Network };
-/// The hash of nothing, which is what a transaction has seen that has seen nothing. Source: BLAKE3, the empty input.
+/// The hash of nothing, for a transaction that has seen no other. Source: BLAKE3, the empty input.
 const NOTHING_SEEN: ChainHash = ChainHash([0xaf, 0x13, 0x49, 0xb9, 0xf5, 0xf9, 0xa1, 0xa6]);
 
 /// Robots `r0`, `r1` and so on, which hear each other at once.
@@ -27,7 +27,7 @@ struct Team {
     mail: VecDeque<(usize, ReplicaId, Message)>,
     answers: Vec<Answer>,
     alarms: Vec<(usize, Alarm)>,
-    /// One that hears nobody.
+    /// A robot that hears no other.
     away: Option<usize>,
     revoked: Revoked,
     now: Time,
@@ -216,7 +216,7 @@ fn what_a_member_may_not_write_is_taken_over_by_nobody() {
         assert!(refused.contains(why), "{refused:?} instead of {why:?}");
         assert_eq!(team.replicas[0].state().digest(), before, "{why}");
     }
-    // The same way, what it may write.
+    // Forged in the same way, but within its rights.
     team.forge((2, 2), |stamp| stamp, stolen());
     assert_eq!(team.refusal(), "");
     assert!(team.has(0, "team/stolen"));
@@ -239,7 +239,7 @@ fn a_date_in_the_year_2099_is_taken_over_and_epochs_rise() {
     assert_eq!(team.refusal(), "");
 }
 
-/// What a robot has written comes by way of another one while it is away itself.
+/// The transactions of a robot arrive by way of another one while the robot itself is away.
 #[test]
 fn who_passes_on_need_not_be_who_has_signed() {
     let mut team = Team::of(3);
@@ -275,7 +275,7 @@ fn whose_key_is_revoked_is_retired_by_itself() {
     assert_eq!(team.refusal(), "");
 }
 
-/// A robot gets other keys: it goes on under another origin, with what it has written, and what it was before is over.
+/// A robot gets new keys: it goes on under another origin, with its transactions, and its previous origin is retired.
 #[test]
 fn other_keys_are_another_origin_and_lose_nothing() {
     let mut team = Team::of(3);
@@ -291,7 +291,7 @@ fn other_keys_are_another_origin_and_lose_nothing() {
     assert_eq!(team.refusal(), "");
 }
 
-/// A database of before its robots had keys: the first one begins it anew, the others join with what they have.
+/// A database from before its robots had keys: the first robot founds the team again, the others join with their data.
 #[test]
 fn a_database_without_keys_goes_along_into_a_team_with_keys() {
     let mut team = Team::without_keys(3);

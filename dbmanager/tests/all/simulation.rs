@@ -10,7 +10,8 @@ pub(crate) mod world;
 
 use std::ops::RangeInclusive;
 
-/// Runs these seeds. The first 400 and the named cases find each injected fault: the table in `docs/src/database/proof.md` says which one.
+/// Runs these seeds. The first 400 and the named cases find each injected fault: the table in
+/// `docs/src/database/proof.md` says which one.
 fn run(seeds: RangeInclusive<u64>) {
     for seed in seeds {
         world::run(seed).unwrap_or_else(|broken| panic!("seed {seed}: {broken}"));
@@ -62,13 +63,15 @@ fn a_seed_replays() {
     assert_eq!(world::run(7), world::run(7));
 }
 
-/// A writer had seen a transaction whose number another one has in the log that is checked; that one has a later timestamp.
+/// A writer had seen a transaction whose number another one has in the log that is checked; that one has a later
+/// timestamp.
 #[test]
 fn causality_is_about_what_was_seen_and_not_about_its_number() {
     world::run(9226).unwrap();
 }
 
-/// A disk is set back without a witness in each, or the last member loses its disk; `docs/src/database/proof.md` says what they found.
+/// A disk is set back without a witness in each, or the last member loses its disk; `docs/src/database/proof.md` lists
+/// their findings.
 #[test]
 fn seeds_of_disks_that_were_set_back_or_copied_pass() {
     for seed in [36929, 39042, 42909, 48334, 72512, 78957, 93976] {

@@ -1,4 +1,4 @@
-//! The store on a real disk, the replica on top of it, and what may happen to both: power cuts, kills, full and dying disks,
+//! The store on a real disk, the replica on top of it, and faults of both: power cuts, kills, full and dying disks,
 //! flipped bits, copies.
 
 #![expect(
@@ -58,7 +58,7 @@ impl Folder {
         Self::below(&std::env::temp_dir())
     }
 
-    /// Returns a folder in memory, where that is possible: for what is about the order of writes, not about the disk.
+    /// Returns a folder in memory, if possible: for tests of the order of writes, not of the disk.
     fn quick() -> Self {
         let memory = Path::new("/dev/shm");
         if memory.is_dir() { Self::below(memory) } else { Self::new() }
@@ -118,7 +118,7 @@ impl<S: Store> Robot<S> {
         Ok(robot)
     }
 
-    /// Returns how many transactions of its own are durable.
+    /// Returns the number of its own transactions that are durable.
     fn committed(&self) -> u64 {
         self.replica.log().vector().get(self.replica.origin())
     }
@@ -133,7 +133,7 @@ impl<S: Store> Robot<S> {
         Ok(())
     }
 
-    /// Takes an input, and lets time pass; returns what was committed.
+    /// Takes an input, and lets time pass; returns the committed transactions.
     fn tell(&mut self, input: Input) -> Result<Vec<Dot>, String> {
         self.now = self.now + Duration::from_millis(10);
         let mut effects = Vec::new();

@@ -26,7 +26,7 @@ fn past(replica: &Replica) -> Past<'_> {
     Past { log: replica.log(), state: replica.state() }
 }
 
-/// A robot, with somebody who watches it.
+/// A robot, with a client that watches it.
 struct Robot {
     replica: Replica,
     watch: Watch,
@@ -66,7 +66,7 @@ impl Team {
         Wall { millis: 1_795_255_200_000 + since, quality: Quality::Network }
     }
 
-    /// Hands an input to a robot, and what it sends to the other if they hear each other.
+    /// Hands an input to a robot, and passes its messages to the other if they hear each other.
     fn handle(&mut self, at: usize, input: Input, hears: bool) -> Vec<Answer> {
         let (mut answers, mut messages) = (Vec::new(), vec![(at, input)]);
         while let Some((at, input)) = messages.pop() {
@@ -106,7 +106,7 @@ impl Team {
         }
     }
 
-    /// Commits on a robot that nobody hears.
+    /// Commits on an isolated robot.
     fn commit(&mut self, at: usize, draft: Draft) {
         self.now = self.now + Duration::from_secs(1);
         self.commit_when(self.wall(), at, draft);
@@ -140,7 +140,7 @@ impl Team {
     }
 }
 
-/// Returns the reasons a watcher was told since it last had to begin anew.
+/// Returns the reasons a watcher was told since it last had to start again.
 fn reasons(notifications: &[Notification]) -> Vec<&str> {
     let events = notifications.iter().rev().map_while(|one| match one {
         Notification::Event(event) => Some(event.entry.reason.as_str()),
@@ -221,7 +221,8 @@ fn what_was_written_before_joining_has_an_author() {
     }
 }
 
-/// A conflict is shown in the order of the timestamps, so that is what the dates are of; who joins later changes neither.
+/// A conflict is shown in the order of the timestamps, so dates refer to this order; a robot that joins later changes
+/// neither.
 #[test]
 fn what_was_written_before_joining_has_its_own_date() {
     let mut team = Team::strangers();
@@ -239,7 +240,7 @@ fn what_was_written_before_joining_has_its_own_date() {
         assert!(!conflict.versions[0].when.trusted, "it is the date of its timestamp, not of a clock");
         let history = team.history(at, "team/gain");
         let told: Vec<_> = history.iter().map(|entry| (entry.reason.as_str(), entry.when.millis)).collect();
-        // Who has joined begins with a state, and its log with what it has rebased.
+        // A robot that has joined begins with a state, and its log with its rebased transactions.
         let kept = if at == 0 { &[("two", written), ("one", after)][..] } else { &[("two", written)] };
         assert_eq!(told, kept, "{at}");
         let early = Filter { until: Some(after), ..Filter::new(Keys::Only(key("team/gain")), 100) };

@@ -1,6 +1,6 @@
 //! Named cases: one thing goes wrong at a time, and it is known how that has to end.
 //!
-//! Here are those that a team of replicas is needed for. The others of the study stand beside what they test:
+//! These are the cases that need a team of replicas. The other cases of the study are beside the code they test:
 //!
 //! | where | cases |
 //! |---|---|

@@ -1,4 +1,4 @@
-//! Clients of a simulated team: sessions that read and write, here and there, and what they remember.
+//! Clients of a simulated team: sessions that read and write at several robots, with their memory.
 
 use super::history::{self, Anomaly, History, Op, Txn};
 use super::reference::Id;
@@ -25,7 +25,7 @@ const REPEATED: [Anomaly; 6] = [
     Anomaly::WritesFollowReads,
     Anomaly::WriteCoRead,
 ];
-/// The anomalies that they may see if a robot has come back, and its rebased transactions are here before those of a
+/// The anomalies that they may see if a robot has returned, and its rebased transactions arrive before those of a
 /// member that it had seen.
 const AHEAD: [Anomaly; 3] = [Anomaly::FracturedRead, Anomaly::WriteCoRead, Anomaly::WriteCoInitRead];
 /// How long they wait for others to have a transaction.
@@ -66,12 +66,12 @@ impl Client {
 }
 
 impl Clients {
-    /// Watchers at a robot begin anew.
+    /// Watchers at a robot start again.
     pub(crate) fn watch_anew(&mut self, node: usize) {
         self.winners.retain(|(at, _), _| *at != node);
     }
 
-    /// A watcher looks at what a transaction has written.
+    /// A watcher looks at the writes of a transaction.
     pub(crate) fn watch(&mut self, node: usize, replica: &Replica, frame: &EncodedTxn) {
         let Ok(txn) = frame.open() else { return };
         for write in &txn.writes {
@@ -96,7 +96,7 @@ fn key(register: u64) -> Key {
     Key::new(format!("team/k{register}")).expect("it is a key")
 }
 
-/// Returns what a read of a key shows.
+/// Returns the value that a read of a key shows.
 fn shown(replica: &Replica, key: &Key) -> Option<u64> {
     let value = replica.state().get(key)?.value.as_ref()?;
     Some(u64::from_le_bytes(value.bytes[..].try_into().expect("all values here are numbers")))
@@ -162,8 +162,8 @@ impl World {
         }
     }
 
-    /// Returns where a client is. If its robot does not know any more what it has seen there, it begins anew; it moves
-    /// only to where all is that it has seen.
+    /// Returns the robot of a client. If that robot has lost what the client saw there, the client's session starts
+    /// again. A client moves only to a robot that has everything it has seen.
     fn place(&mut self, client: usize) -> usize {
         let (moves, other) = (self.happens(30), self.below(self.nodes.len()));
         let Client { node, era, .. } = self.clients.all[client];
@@ -183,8 +183,8 @@ impl World {
         self.clients.all[client] = Client { node, era: self.nodes[node].era, ..Client::default() };
     }
 
-    /// Returns whether a robot means another transaction by a number of a token: it takes the token, and has not what it stands for.
-    /// That a number was used twice shows only when robots meet.
+    /// Returns whether a robot has another transaction under a number of a token: it accepts the token, and lacks the
+    /// transactions it stands for. A number used twice shows only when robots meet.
     fn means_others(&self, node: usize, meant: &BTreeMap<ReplicaId, Id>) -> bool {
         let Some(replica) = self.nodes[node].replica.as_ref().filter(|_| self.faults.can_roll_back()) else {
             return false;
@@ -197,7 +197,7 @@ impl World {
         self.nodes[node].replica.as_ref().is_some_and(|replica| replica.log().vector().dominates(token))
     }
 
-    /// Somebody deletes a key, outside of any session.
+    /// Deletes a key outside of any session.
     pub(crate) fn delete_register(&mut self, node: usize, register: u64) {
         if self.commit(node, Draft::new("delete").delete(key(register))).is_some() {
             self.clients.sessions += 1;
@@ -206,7 +206,7 @@ impl World {
         }
     }
 
-    /// Commits, waits for a level, and returns the name of what is on the disk then.
+    /// Commits, waits for a level, and returns the dot of the transaction that is then on the disk.
     pub(crate) fn commit(&mut self, node: usize, draft: Draft) -> Option<Dot> {
         let named = self.below(self.nodes.len());
         let names = [self.nodes[named].name.clone()].into_iter().collect();
@@ -226,8 +226,8 @@ impl World {
         self.committed.take()
     }
 
-    /// Checks that clients have seen no anomaly, that every lost update is a conflict (I10), and that none is lost at one
-    /// robot.
+    /// Checks that clients have seen no anomaly, that every lost update is a conflict (I10), and that none is lost at
+    /// one robot.
     pub(crate) fn check_history(&self) -> Result<(), String> {
         let Clients { history, names, .. } = &self.clients;
         let chain = self.reference.chain(self.replica(0))?;

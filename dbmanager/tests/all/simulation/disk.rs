@@ -1,4 +1,4 @@
-//! The disk of a simulated robot: what is on the platter, and what a lying flush has left in its cache.
+//! The disk of a simulated robot: the records on the platter, and those that a lying flush has left in its cache.
 
 use comms::logic::random::Random;
 use dbmanager::logic::record::{Batch, Records};
@@ -10,11 +10,11 @@ pub(crate) enum Fate {
     Done,
     /// The robot stops before it is written.
     CrashBefore,
-    /// The robot stops after it is written, and tells nobody.
+    /// The robot stops after the write, without an answer.
     CrashAfter,
-    /// The sync reports an error (EIO), and nobody knows whether it is written.
+    /// The sync reports an error (EIO), and it is unknown whether the data is written.
     Error,
-    /// There is no space (ENOSPC).
+    /// The disk is full (ENOSPC).
     Full,
 }
 
@@ -26,7 +26,7 @@ pub(crate) struct Disk {
     cache: Vec<Batch>,
     /// Whether flushes are acknowledged without being done.
     pub(crate) lies: bool,
-    /// Whether there is no space.
+    /// Whether the disk is full.
     pub(crate) full: bool,
     /// Whether the next write reports an error.
     pub(crate) broken: bool,
@@ -49,7 +49,7 @@ impl Disk {
         }
     }
 
-    /// Returns what a program reads that starts now.
+    /// Returns the records that a program reads if it starts now.
     pub(crate) fn records(&mut self) -> &Records {
         for batch in std::mem::take(&mut self.cache) {
             batch.apply(&mut self.platter);
@@ -57,7 +57,7 @@ impl Disk {
         &self.platter
     }
 
-    /// Returns a copy of what is on it.
+    /// Returns a copy of the records on the disk.
     pub(crate) fn copy(&self) -> Records {
         let mut records = self.platter.clone();
         self.cache.iter().for_each(|batch| batch.apply(&mut records));

@@ -1,10 +1,11 @@
 //! A checker of histories: what clients wrote and read, without a look inside.
 //!
-//! Values are unique, so each read says which transaction it saw. From that follow three relations between transactions:
-//! `wr` (saw), `ww` (overwrote: whoever read a value and wrote another to its place, and whatever watchers saw replaced),
-//! and `co`, causality: `wr` and the order of sessions, closed. Each [`Anomaly`] is something that these must not contain.
-//! Sources: Adya (1999) and Kingsbury and Alvaro, *Elle* (VLDB 2020) for G0 to G1c; Bailis et al., RAMP (2014) for fractured
-//! reads; Terry et al. (1994) for sessions; Bouajjani et al. (POPL 2017) for the bad patterns of causality.
+//! Values are unique, so each read shows the transaction whose value it saw. Three relations between transactions
+//! follow: `wr` (saw); `ww` (overwrote: a client read a value and wrote another in its place, or a watcher saw the
+//! replacement); and `co`, causality: `wr` and the order of sessions, closed. Each [`Anomaly`] is a pattern that these
+//! must not contain. Sources: Adya (1999) and Kingsbury and Alvaro, *Elle* (VLDB 2020) for G0 to G1c; Bailis et al.,
+//! RAMP (2014) for fractured reads; Terry et al. (1994) for sessions; Bouajjani et al. (POPL 2017) for the bad patterns
+//! of causality.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -20,7 +21,7 @@ pub(crate) enum Op {
     Read(Register, Option<Value>),
     /// Wrote this.
     Put(Register, Value),
-    /// Deleted what was there.
+    /// Deleted the value of the register.
     Delete(Register),
 }
 
@@ -46,7 +47,7 @@ pub(crate) struct History {
 /// An anomaly that must not happen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Anomaly {
-    /// A value that nobody wrote.
+    /// A value that no transaction wrote.
     ThinAirRead,
     /// A value of a transaction that was refused (G1a).
     AbortedRead,
@@ -60,7 +61,7 @@ pub(crate) enum Anomaly {
     CircularInformation,
     /// One write of a transaction, and something older than another.
     FracturedRead,
-    /// A session does not see what it wrote.
+    /// A session does not see its own write.
     ReadYourWrites,
     /// A session sees something older than before.
     MonotonicReads,
@@ -151,7 +152,7 @@ impl Txn {
         })
     }
 
-    /// Returns what it leaves at each register: a value, or `None` for a deletion.
+    /// Returns the value that it leaves at each register, or `None` for a deletion.
     fn leaves(&self) -> BTreeMap<Register, Option<Value>> {
         let write = |op: &Op| match op {
             Op::Put(register, value) => Some((*register, Some(*value))),
@@ -263,8 +264,8 @@ impl<'a> Facts<'a> {
         self.is_newer(register, than, value) && !self.may_be_uncovered(reader, (register, value), than)
     }
 
-    /// Returns whether an older value may show again: the newer one was deleted by somebody who had not seen the older one,
-    /// and that deletion has given way to what a robot has rebased.
+    /// Returns whether an older value may show again: the newer one was deleted by a client that had not seen the older
+    /// one, and that deletion has given way to a robot's rebased writes.
     fn may_be_uncovered(&self, reader: usize, (register, older): (Register, Value), newer: Value) -> bool {
         let writer = |value| self.writers.get(&(register, value)).map(|(writer, _)| *writer);
         let (Some(older), Some(newer)) = (writer(older), writer(newer)) else { return false };
@@ -275,7 +276,8 @@ impl<'a> Facts<'a> {
             && self.history.txns.iter().enumerate().any(|(by, txn)| deletes(txn) && fits(by))
     }
 
-    /// Returns whether a deletion may be why a transaction sees nothing: one that its own past has not put a value over.
+    /// Returns whether a deletion may be the reason that a transaction sees nothing: a deletion that its own past has
+    /// not overwritten.
     fn may_be_deleted(&self, reader: usize, register: Register) -> bool {
         let writes = |txn: &Txn| txn.leaves().get(&register).copied();
         let txns = || self.history.txns.iter().enumerate().filter(|(_, txn)| !txn.aborted);

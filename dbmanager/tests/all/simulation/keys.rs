@@ -1,10 +1,11 @@
-//! The keys of simulated robots: what a robot signs is checked as with real keys, and only who knows its secret can sign as it.
+//! The keys of simulated robots: signatures are checked as with real keys, and only a robot with the secret can sign
+//! under its name.
 
 use dbmanager::logic::notary::{Holder, Notary};
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// What the team has revoked, as all know at once.
+/// The revoked keys of the team, known to all at once.
 pub(crate) type Revoked = Arc<Mutex<BTreeSet<[u8; 64]>>>;
 
 /// The keys of one robot.
@@ -15,7 +16,8 @@ pub(crate) struct Keys {
     revoked: Revoked,
 }
 
-/// Robots show what they sign with, so whoever checks it could sign it: nobody here does.
+/// In this simulation robots publish the key they sign with, so any robot that can check a signature could forge it; no
+/// robot does.
 fn mac(keys: &[u8; 64], digest: &[u8; 32]) -> Vec<u8> {
     let mut secret = [0; 32];
     secret.copy_from_slice(&keys[..32]);

@@ -117,7 +117,8 @@ impl World {
         }
     }
 
-    /// Has one robot retire another. Half of the time it has just deleted something: then it matters whether the other counts.
+    /// Has one robot retire another. Half of the time it has just deleted something: then it matters whether the other
+    /// counts.
     fn delete_and_retire(&mut self, by: usize, node: usize) {
         if self.happens(50) {
             let register = self.random.below(5);
@@ -128,7 +129,8 @@ impl World {
         self.retire(by, node);
     }
 
-    /// Two robots get each other's disk. Neither opens it; half of the time somebody finds out, otherwise both begin anew.
+    /// Two robots get each other's disk. Neither opens it. Half of the time the operator exchanges the disks back,
+    /// otherwise both robots start with new ones.
     fn swap_disks(&mut self, node: usize, other: usize) {
         let seed = self.random.next();
         for (robot, found) in [(node, other), (other, node)] {
@@ -176,8 +178,8 @@ impl World {
         }
     }
 
-    /// A robot of the same name gets a copy of the disk, and its witness notices. The store of the first one it knows; the
-    /// two are told apart when both are there.
+    /// A robot of the same name gets a copy of the disk, and its witness notices. The store of the first one it knows;
+    /// the two are told apart when both are there.
     fn copy_disk(&mut self, node: usize) {
         let (name, records) = (self.nodes[node].name.clone(), self.nodes[node].disk.copy());
         if !records.is_empty() {
@@ -214,7 +216,8 @@ impl World {
         }
     }
 
-    /// Nothing goes wrong from now on but that messages are lost; what was broken is mended, and all robots run.
+    /// From now on messages may be lost, but nothing else goes wrong; broken links and disks are repaired, and all
+    /// robots run.
     pub(crate) fn be_kind(&mut self) {
         let Faults { drop, links, slow, restore, clone, rollback, anchor, cursed, .. } = self.faults;
         if links + slow > 0 {
@@ -227,7 +230,7 @@ impl World {
         }
     }
 
-    /// Changes a disk; what was only there is forgiven.
+    /// Changes a disk; data that was only on this disk is forgiven.
     fn change_disk(&mut self, node: usize, change: impl FnOnce(&mut super::Disk)) {
         self.crash(node);
         let copies: Vec<Records> = self.nodes.iter().map(|node| node.disk.copy()).collect();
@@ -255,7 +258,7 @@ impl World {
         self.change_disk(node, super::Disk::clear);
     }
 
-    /// Lets forks happen without blame: somebody has no witness beside the store.
+    /// Lets forks happen without blame: a robot has no witness beside the store.
     pub(crate) fn expect_forks(&mut self) {
         self.faults.rollback = 1;
     }
@@ -287,7 +290,7 @@ impl World {
         self.network.heal(a, b);
     }
 
-    /// Cuts all links of a robot, to those that come later too.
+    /// Cuts all links of a robot, including those to robots that join later.
     pub(crate) fn isolate(&mut self, node: usize) {
         (0..10).filter(|other| *other != node).for_each(|other| self.cut(node, other));
     }
@@ -297,7 +300,7 @@ impl World {
         self.network.heal_all_of(node);
     }
 
-    /// Adds a robot that hears nobody, begins a team of its own and writes, and then hears the others. Returns which one it is.
+    /// Adds a robot that hears no other, begins a new team and writes, and then hears the others. Returns its number.
     pub(crate) fn found_apart(&mut self, key: &str, value: u64) -> usize {
         let node = self.nodes.len();
         self.isolate(node);
@@ -358,7 +361,7 @@ impl World {
         self.commit(node, Draft::new("delete").delete(Key::new(key).expect("it is a key")));
     }
 
-    /// Returns what a read shows.
+    /// Returns the value that a read shows.
     pub(crate) fn value(&self, node: usize, key: &str) -> Option<u64> {
         let value = self.replica(node).state().get(&Key::new(key).expect("it is a key"))?.value.as_ref()?;
         Some(u64::from_le_bytes(value.bytes[..].try_into().expect("all values here are numbers")))

@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 use std::time::Duration;
 
-/// The most bytes that wait for a slow radio; what comes then is dropped, as zenoh does under congestion.
+/// The most bytes that wait for a slow radio. Later messages are dropped, as zenoh does under congestion.
 const QUEUE_SIZE_MAX: u64 = 256 << 10;
 /// The shortest and the longest way, in microseconds: so different that messages overtake each other.
 const LATENCY_US: [u64; 2] = [200, 80_000];
@@ -22,7 +22,7 @@ pub(crate) struct Envelope {
     pub(crate) message: Rc<Message>,
 }
 
-/// Radios, what is between them, and what is under way.
+/// Radios, the links between them, and the messages in transit.
 #[derive(Debug)]
 pub(crate) struct Network {
     random: Random,

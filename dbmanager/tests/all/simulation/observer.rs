@@ -7,8 +7,8 @@ use dbmanager::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use std::collections::BTreeMap;
 
 impl World {
-    /// A replica has taken over the state of another: watchers begin anew at what that one had. If something is gone that
-    /// was here, clients do as well.
+    /// A replica has taken over the state of another: watchers start again at the other's version vector. If a
+    /// transaction that was here is gone, clients start again as well.
     pub(super) fn taken_over(&mut self, node: usize, before: &VersionVector, still: &[Effect]) {
         let Some(replica) = self.nodes[node].replica.as_ref() else { return };
         let cut = replica.log().vector().clone();
@@ -17,7 +17,7 @@ impl World {
             self.reference.left_behind = true;
             self.forgets(node);
         }
-        // What is shown behind this in the same step is in the version vector already.
+        // Transactions shown later in this step are already in the version vector.
         let shown =
             still.iter().filter_map(|effect| if let Effect::Visible(dot, _) = effect { Some(*dot) } else { None });
         let mut first: BTreeMap<ReplicaId, u64> = BTreeMap::new();
@@ -44,7 +44,7 @@ impl World {
         self.owed.remove(&ticket);
     }
 
-    /// I6: whoever hears that others have it can rely on their disks.
+    /// I6: a caller who is told that others have it can rely on their disks.
     pub(super) fn reached(&mut self, node: usize, ticket: u64, dot: Dot) {
         let Some((_, level, losses)) = self.owed.get(&ticket) else {
             return self.reference.blame(format!("I12: ticket {ticket} at {node} is answered twice"));
@@ -68,7 +68,7 @@ impl World {
                 others().filter(|other| members.is_active(origin(other))).all(|other| has(&other))
             }
         };
-        // Whoever had it may have lost its disk since.
+        // A robot that had it may have lost its disk since.
         if !enough && self.losses == *losses {
             let level = level.clone();
             self.reference.blame(format!("I6: {dot} of {node} has not reached {level:?}, but {holders} others"));
@@ -100,7 +100,7 @@ impl World {
         self.alarms.push((node, alarm));
     }
 
-    /// I8: what is dropped from a log, all members have.
+    /// I8: all members have the transactions that are dropped from a log.
     pub(super) fn truncated(&mut self, node: usize, (batch, replaced): (&Batch, bool)) {
         let gone = batch.0.iter().filter(|(name, record)| name.first() == Some(&b'l') && record.is_none());
         if replaced || self.faults.can_roll_back() {

@@ -1,4 +1,5 @@
-//! The operator of a simulated team: makes one team of two, begins it anew, and gives and revokes the keys of its robots.
+//! The operator of a simulated team: makes one team of two, founds it again, and gives and revokes the keys of its
+//! robots.
 
 use super::World;
 use super::keys::{Keys, Revoked};
@@ -16,7 +17,7 @@ impl World {
         self.revoked.as_ref().map(|revoked| Keys::new(name, *invited, revoked))
     }
 
-    /// Revokes the keys of a robot; it makes others, and is invited anew.
+    /// Revokes the keys of a robot; the robot makes new ones, and is invited again.
     pub(super) fn revoke(&mut self, node: usize) {
         let Some(keys) = self.keys(node) else { return };
         keys.revoke();
@@ -31,7 +32,7 @@ impl World {
         }
     }
 
-    /// Does what an operator does who is told that there are two teams with several robots each: the one of robot 0 stays.
+    /// Acts like an operator who is told that there are two teams with several robots each: the team of robot 0 stays.
     pub(super) fn make_one_team(&mut self, told: usize) {
         let Some(first) = self.nodes[0].replica.as_ref().filter(|first| first.is_member()) else { return };
         let (origin, members) = (first.origin(), first.members().clone());

@@ -1,7 +1,7 @@
 //! The invariants, worked out from the set of all transactions and nothing else.
 //!
-//! A transaction is known by its dot and its link: after a rollback one dot may name two of them. What a replica has is
-//! the chain of each origin, walked back from its head. Where each invariant of the study is checked:
+//! A transaction is known by its dot and its link: after a rollback one dot may name two of them. The transactions of a
+//! replica are the chains of each origin, walked back from its head. Where each invariant of the study is checked:
 //!
 //! | | what | where |
 //! |---|---|---|
@@ -50,17 +50,18 @@ pub(crate) struct Reference {
     acknowledged: BTreeMap<Id, usize>,
     /// The transactions that the robot that has written them does not have any more.
     orphaned: BTreeSet<Id>,
-    /// Whether a robot has come back and left behind what it held of others: those bring it themselves.
+    /// Whether a robot has returned and left behind the transactions it held of others, which those others bring
+    /// themselves.
     pub(crate) left_behind: bool,
-    /// Whether a store may be older than it was, without a witness: what it writes then may stand beside a deletion that it
-    /// had said to have, and only those who still know that deletion show it.
+    /// Whether a store may have been set back without a witness. Its later writes may then be concurrent with a
+    /// deletion that it had acknowledged, and only robots that still know the deletion show it.
     pub(crate) can_roll_back: bool,
     /// Under which dots each was committed once more.
     names: BTreeMap<Id, Vec<Id>>,
     /// The transactions that watchers at each robot have seen.
     shown: BTreeMap<usize, VersionVector>,
     links: BTreeMap<(usize, Dot), ChainHash>,
-    /// By which link before the state of another was taken over: what is rebased has names of that time.
+    /// Their links before the state of another was taken over: rebased transactions have the names of that time.
     meant: BTreeMap<(usize, Dot), ChainHash>,
     /// Pairs of writes that were shown as conflicts.
     listed: BTreeSet<(Key, Timestamp, Timestamp)>,
@@ -80,13 +81,13 @@ impl Reference {
         self.broken.clone().map_or(Ok(()), Err)
     }
 
-    /// Watchers begin anew at what is there now.
+    /// Watchers start again at the present state.
     pub(crate) fn replaced(&mut self, node: usize, cut: VersionVector) {
         self.shown.insert(node, cut);
     }
 
-    /// Takes note of the transactions that a robot means by its numbers: those that its heads lead back to. The state
-    /// of another robot, or an older disk of its own, may mean others.
+    /// Notes the transactions that a robot means by its numbers: those that its heads lead back to. The state of
+    /// another robot, or an older disk of its own, may have different ones.
     pub(crate) fn means(&mut self, node: usize, replica: &Replica) {
         self.meant.retain(|(at, _), _| *at != node);
         for (origin, head) in replica.log().heads() {
@@ -129,7 +130,7 @@ impl Reference {
         }
     }
 
-    /// A transaction is on some disk. Returns what it had seen.
+    /// A transaction is on some disk. Returns the transactions that it had seen.
     pub(crate) fn happened(&mut self, node: usize, dot: Dot, frame: &EncodedTxn) -> VersionVector {
         let id = (dot, frame.hash().0);
         self.links.insert((node, dot), id.1);
@@ -145,7 +146,7 @@ impl Reference {
         let (mut context, mut seen) = earlier.unwrap_or_default();
         context.join(&txn.context);
         context.include(before);
-        // Whoever wrote it is the first where it shows.
+        // It shows first at the robot that wrote it.
         let more = txn.context.iter().map(|(origin, seq)| Dot { origin, seq });
         seen.extend(more.filter_map(|of| Some((of.origin, (of, *self.links.get(&(node, of))?)))));
         seen.insert(dot.origin, (before, txn.prev.0));
@@ -167,7 +168,7 @@ impl Reference {
         }
     }
 
-    /// Notes what a read of conflicts shows for the keys that a transaction has written.
+    /// Notes the conflicts that a read shows for the keys that a transaction has written.
     pub(crate) fn note_conflicts(&mut self, replica: &Replica, frame: &EncodedTxn) {
         let Some(event) = frame.open().ok().and_then(|txn| self.events.get(&(txn.dot(), frame.hash().0))) else {
             return;
@@ -179,12 +180,12 @@ impl Reference {
         }
     }
 
-    /// Notes what a read of all conflicts shows.
+    /// Notes the conflicts that a read of all conflicts shows.
     pub(crate) fn note_all_conflicts(&mut self, replica: &Replica) {
         replica.state().conflicts("").for_each(|(key, versions)| note(&mut self.listed, key, versions));
     }
 
-    /// Returns what a replica has (I7): each origin's chain, walked back from its head.
+    /// Returns the transactions of a replica (I7): each origin's chain, walked back from its head.
     pub(crate) fn chain(&self, replica: &Replica) -> Result<BTreeMap<Dot, ChainHash>, String> {
         let mut chain = BTreeMap::new();
         for (origin, head) in replica.log().heads() {
@@ -200,7 +201,7 @@ impl Reference {
         Ok(chain)
     }
 
-    /// Returns the keys of what robots have rebased that came back.
+    /// Returns the keys of the writes that returning robots have rebased.
     pub(crate) fn brought_in(&self) -> impl Iterator<Item = &Key> {
         let brought = self.events.values().filter(|event| event.txn.rebase.is_some());
         brought.flat_map(|event| event.txn.writes.iter().map(|write| &write.key))
@@ -224,7 +225,8 @@ impl Reference {
         let there = |(dot, link): &Id| chain.get(dot) == Some(link);
         lives.iter().any(there)
             || lives.iter().any(|(dot, _)| {
-                // Of a number that was used twice, the name may be that of the other: of the one that is there, or has come again.
+                // For a number that was used twice, the name may belong to the other transaction: the one that is
+                // there, or that was committed again.
                 let is_other = chain.get(dot).is_some_and(|there| lives.iter().all(|(_, link)| there != link))
                     || self.twins(*dot).any(|twin| !lives.contains(&twin) && self.names.contains_key(&twin));
                 let name = replica.name_of(*dot);
@@ -234,8 +236,8 @@ impl Reference {
 
     /// Forgives that transactions are lost that were on a disk and are on none any more.
     ///
-    /// What others still have of it is an orphan: if they are retired, and come back, they may leave it behind, since
-    /// its own robot is a member and would bring it. It takes a lost disk and a retirement to lose something so.
+    /// Copies of it on other robots are orphans. If those robots are retired, and return, they may leave it behind,
+    /// because its own robot is a member and would bring it. Such a loss needs a lost disk and a retirement.
     pub(crate) fn forgive(&mut self, before: &Replica, left: &[&Replica]) -> Result<(), String> {
         let had = self.chain(before)?;
         let orphans = self.acknowledged.keys().filter(|id| self.has((before, &had), **id)).copied();
@@ -249,8 +251,8 @@ impl Reference {
         Ok(())
     }
 
-    /// I1: two replicas with the same cut have the same state, unless they mean other transactions by it (which shows when
-    /// they meet).
+    /// I1: two replicas with the same cut have the same state, unless they mean other transactions by it (which shows
+    /// when they meet).
     pub(crate) fn same_state(&self, a: &Replica, b: &Replica) -> Result<(), String> {
         let means =
             |replica: &Replica| replica.log().heads().iter().map(|(of, head)| (*of, head.hash.0)).collect::<Vec<_>>();
@@ -274,7 +276,7 @@ impl Reference {
         Err(format!("I1: equal cuts, different states{differing}"))
     }
 
-    /// Checks what is left when everybody has everything.
+    /// Checks the final state, when every robot has everything.
     pub(crate) fn check(&self, replicas: &[(usize, &Replica)]) -> Result<(), String> {
         let Some((_, first)) = replicas.first() else { return Ok(()) };
         for (node, replica) in replicas {
@@ -289,7 +291,8 @@ impl Reference {
         self.check_versions(first)
     }
 
-    /// I5: what was acknowledged is there, and each of its writes is shown, or was overwritten by who had seen it.
+    /// I5: each acknowledged transaction is there, and each of its writes is shown, or was overwritten by a transaction
+    /// that had seen it.
     fn check_acknowledged(&self, (replica, chain): (&Replica, &BTreeMap<Dot, ChainHash>)) -> Result<(), String> {
         for (id, node) in &self.acknowledged {
             if self.left_behind && self.orphaned.contains(id) {
@@ -299,7 +302,7 @@ impl Reference {
                 return Err(format!("I5: {}, acknowledged at {node}, is lost (lives {:?})", id.0, self.lives(*id)));
             }
             let Some(event) = self.events.get(id) else { continue };
-            // Deletions give way to what comes back and had not seen them.
+            // A deletion gives way to writes that return and had not seen it.
             for write in event.txn.writes.iter().filter(|write| write.value.is_some()) {
                 let shown = replica.state().versions(&write.key).iter().any(|v| v.stamp == event.txn.written());
                 if !shown && !self.is_overwritten(*id, &write.key, (replica, chain)) {
@@ -310,7 +313,7 @@ impl Reference {
         Ok(())
     }
 
-    /// Returns whether a transaction had seen another: that one, and not one that had the same name.
+    /// Returns whether a transaction had seen another one, and not a different one of the same name.
     fn sees(&self, event: &Event, id: Id) -> bool {
         if !event.context.contains(id.0) || !self.is_twice(id) {
             return event.context.contains(id.0);
@@ -405,13 +408,14 @@ impl Reference {
         strange.map_or(Ok(()), |key| Err(format!("I9: {key} was never written")))
     }
 
-    /// Returns whether two writes to a key, or what has overwritten them knowingly, were shown as a conflict (I10), or
-    /// one of them was deleted knowingly: then nobody may know of that deletion any more.
+    /// Returns whether two writes to a key, or their causal successors, were shown as a conflict (I10), or one of them
+    /// was deleted by a client that had seen it, in which case the deletion may be forgotten.
     pub(crate) fn is_listed(&self, key: &Key, a: Id, b: Id) -> bool {
         let writers = || self.events.iter().filter(|(_, event)| event.txn.writes.iter().any(|write| write.key == *key));
         let deletes = |event: &Event| event.txn.writes.iter().any(|write| write.key == *key && write.value.is_none());
         let heirs = |id: Id| {
-            // Who has seen an heir under another name may not have seen what that had overwritten.
+            // A transaction that has seen a successor under another name may not have seen what the successor had
+            // overwritten.
             let mut lives: BTreeSet<Id> = self.lives(id).into_iter().collect();
             loop {
                 let sees = |event: &Event| lives.iter().any(|id| self.sees(event, *id));
@@ -434,7 +438,7 @@ impl Reference {
     }
 }
 
-/// Returns the versions that are no deletions.
+/// Returns the versions that are not deletions.
 fn values(versions: &[Version]) -> impl Iterator<Item = &Version> {
     versions.iter().filter(|version| version.value.is_some())
 }

@@ -19,7 +19,7 @@ pub(crate) fn run_with_keys(seed: u64) -> Result<usize, String> {
 }
 
 fn faults(seed: u64) -> Faults {
-    // From random numbers of its own, so that the other seeds are what they were before there was this fault.
+    // From separate random numbers, so that adding this fault did not change the other seeds.
     let second_team = Random::new(seed ^ 0x7ea).below(3) == 0;
     Faults { second_team, ..Faults::swarm(&mut Random::new(seed)) }
 }

@@ -1,4 +1,4 @@
-//! Scenes: named cases that are tried with planted bugs too, since seeds hardly ever come to what these bugs break.
+//! Scenes: named cases, also run with planted bugs, since seeds hardly ever reach the conditions of these bugs.
 
 use super::world::{Faults, World};
 use dbmanager::logic::replica::Alarm;
@@ -32,7 +32,8 @@ fn must(holds: bool, what: &str) -> Ending {
     if holds { Ok(()) } else { Err(what.to_owned()) }
 }
 
-/// Two members have each got a state with transactions that the other lacks, and those who have the transactions are gone.
+/// Two members have each received a state with transactions that the other lacks, and the robots that have the
+/// transactions are gone.
 pub(crate) fn states_only() -> Ending {
     let mut world = team(4);
     world.isolate(0);
@@ -40,7 +41,7 @@ pub(crate) fn states_only() -> Ending {
     world.cut(2, 3);
     world.put(2, "team/a", 1);
     world.put(3, "team/b", 2);
-    // Two newcomers, each with one of the two, as a state.
+    // Two new members, each with one of the two, as a state.
     world.cut(3, 4);
     world.gather(5);
     world.cut(2, 5);
@@ -54,7 +55,7 @@ pub(crate) fn states_only() -> Ending {
     world.heal(0, 1);
     world.run_for(60_000);
     must(world.replica(0).log().vector() == world.replica(1).log().vector(), "T7: they never meet")?;
-    // One of them has begun anew, and has left to the others what those bring themselves.
+    // One of them has started again, and has left the others' transactions to the others.
     (0..6).for_each(|node| world.join_network(node));
     world.settle()?;
     must(world.value(0, "team/b") == Some(2) && world.value(1, "team/a") == Some(1), "all is there in the end")
@@ -83,7 +84,7 @@ pub(crate) fn last_words() -> Ending {
     world.settle()
 }
 
-/// A store is set back, nothing of its own is lost, but a deletion that it had said to have.
+/// A store is set back. It loses none of its own transactions, but a deletion that it had acknowledged.
 pub(crate) fn set_back() -> Ending {
     let mut world = team(3);
     world.expect_forks();
@@ -105,7 +106,7 @@ pub(crate) fn set_back() -> Ending {
     must(world.value(0, "team/a") == Some(2), "what it wrote had not seen the deletion, which nobody knows any more")
 }
 
-/// A store is set back, and its robot uses a number twice before it hears from anybody.
+/// A store is set back, and its robot uses a number twice before it hears any other.
 pub(crate) fn fork() -> Ending {
     let mut world = team(2);
     world.expect_forks();
@@ -124,8 +125,8 @@ pub(crate) fn fork() -> Ending {
     must(world.value(0, "team/a") == Some(3) && world.value(0, "team/b") == Some(2), "I5: both are kept")
 }
 
-/// A store is set back, and its robot writes as much as before, and more, before it hears from anybody. Who had seen the first
-/// writes has written on them: nothing of the second ones is overwritten by that.
+/// A store is set back, and its robot writes as much as before, and more, before it hears any other. A robot that had
+/// seen the first writes has written over them: this overwrites none of the second ones.
 pub(crate) fn two_writes() -> Ending {
     let mut world = team(3);
     world.expect_forks();
@@ -150,8 +151,8 @@ pub(crate) fn two_writes() -> Ending {
     must(world.value(0, "team/x") == Some(1) && world.value(0, "team/y") == Some(7), "I5: all is kept")
 }
 
-/// Two robots of a retired side have the same writes. The first comes back with them, others overwrite and delete them, and
-/// then the second comes back: nothing returns with it.
+/// Two robots of a retired side have the same writes. The first comes back with them, others overwrite and delete them,
+/// and then the second comes back: nothing returns with it.
 pub(crate) fn two_returns() -> Ending {
     let mut world = team(3);
     world.cut(0, 1);
@@ -211,7 +212,8 @@ pub(crate) fn seen_by_number() -> Ending {
     Ok(())
 }
 
-/// A robot that heard nobody has begun a team of its own; two such robots meet, and then a team with several members.
+/// A robot that heard no other has founded a second team; two such robots meet, and then meet a team with several
+/// members.
 pub(crate) fn second_team() -> Ending {
     let mut world = team(1);
     world.put(0, "team/a", 1);
@@ -227,8 +229,9 @@ pub(crate) fn second_team() -> Ending {
     Ok(())
 }
 
-/// A store is set back, and its robot uses a number again and goes on. A robot that has the first transaction of that number, and
-/// has heard of the second, is then given the state of one that has the second branch, with too short a log to say so.
+/// A store is set back, and its robot uses a number again and goes on. Another robot has the first transaction of that
+/// number, and has heard of the second. It is then given the state of a robot that has the second branch, whose log is
+/// too short to show this.
 pub(crate) fn other_branch() -> Ending {
     let mut world = team(3);
     world.expect_forks();
@@ -250,7 +253,7 @@ pub(crate) fn other_branch() -> Ending {
         world.value(2, "team/b") == Some(2) && world.value(2, "team/c") == Some(3),
         "one robot has the second branch",
     )?;
-    // Its owner begins anew from that one, with a log that begins behind the branch.
+    // Its owner starts again from that state, with a log that begins after the branch.
     world.crash(1);
     world.restart_copied(1);
     world.run_for(30_000);

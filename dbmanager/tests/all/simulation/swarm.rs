@@ -29,7 +29,7 @@ pub(crate) struct Faults {
     pub(crate) retire: u64,
     /// Robots that join, per step.
     pub(crate) join: u64,
-    /// One more robot begins a team of its own before it hears the others.
+    /// One more robot founds a second team before it hears the others.
     pub(crate) second_team: bool,
     /// Clocks that jump, drift, freeze or are not trusted any more, per step.
     pub(crate) clock: u64,
@@ -41,7 +41,7 @@ pub(crate) struct Faults {
     pub(crate) clone: u64,
     /// One robot has a bad disk and no witness: its flushes lie, and it is restored from backups. Per step.
     pub(crate) rollback: u64,
-    /// The robot that stays: nobody retires it, and its disk is not lost.
+    /// The robot that stays: it is never retired, and its disk is never lost.
     pub(crate) anchor: usize,
     /// The robot with the bad disk.
     pub(crate) cursed: usize,
@@ -71,14 +71,15 @@ impl Faults {
             rollback: chance(6),
             ..Self::default()
         };
-        // A robot whose disk forgets must not find others that have forgotten what it told them: that nobody can mend.
+        // A robot whose disk forgets must not meet others that have forgotten its messages: such a loss cannot be
+        // repaired.
         let lossy = Self { rollback: 0, ..faults };
         let honest = Self { disk_loss: 0, swap: 0, retire: 0, join: 0, restore: 0, clone: 0, ..faults };
         if random.below(4) > 0 { lossy } else { honest }
     }
 
-    /// Returns whether a robot may have less than it had, and rebase again what others have overwritten since: then
-    /// what was deleted may be there once more. Too many versions, never too few.
+    /// Returns whether a robot may lose transactions, and rebase writes that others have overwritten since. Deleted
+    /// values may then return: too many versions, never too few.
     pub(crate) fn can_repeat(&self) -> bool {
         self.rollback + self.restore + self.clone > 0
     }

@@ -1,7 +1,7 @@
-//! A team in one thread: robots with disks and clocks, a network between them, clients, and somebody who breaks things.
+//! A team in one thread: robots with disks and clocks, a network between them, clients, and injected misfortunes.
 //!
-//! Everything follows from a seed: the same seed is the same run. `misfortune` breaks, `clients` read and write, `reference`
-//! knows what must be so at any time, and `history` what clients must never see.
+//! Everything follows from a seed: the same seed is the same run. `misfortune` breaks, `clients` read and write,
+//! `reference` knows what must be so at any time, and `history` what clients must never see.
 
 #[path = "clients.rs"]
 mod clients;
@@ -75,7 +75,7 @@ struct Node {
     log_size: usize,
     /// Its witness says that the disk is a copy, and nothing was written to it since.
     copied: bool,
-    /// Goes up whenever clients cannot expect to see what they saw.
+    /// Goes up whenever clients cannot rely on their earlier reads.
     era: u64,
     /// Origin and cut while it does not run.
     asleep: (ReplicaId, VersionVector),
@@ -92,13 +92,13 @@ pub(crate) struct World {
     posted: u64,
     inputs: usize,
     reference: Reference,
-    /// What the team has revoked; none if robots have no keys.
+    /// The revoked keys of the team; none if robots have no keys.
     revoked: Option<Revoked>,
     /// Tickets of callers that are owed an answer: where, at which level, and how often a disk was lost before.
     owed: BTreeMap<u64, (usize, AckLevel, u32)>,
     /// How often a robot has forgotten something.
     losses: u32,
-    /// The last member of the team has lost its disk, so nobody admits those who wait.
+    /// The last member of the team has lost its disk, so no member can admit the waiting robots.
     memberless: bool,
     /// Copies of disks.
     backups: BTreeMap<usize, Records>,
@@ -132,7 +132,7 @@ impl World {
         }
     }
 
-    /// Adds robots until there are `count`, and waits until they are members. Nothing goes wrong meanwhile.
+    /// Adds robots until there are `count`, and waits until they are members. No fault happens in this time.
     pub(crate) fn gather(&mut self, count: usize) {
         let before = std::mem::take(&mut self.faults);
         self.network.drop = 0;
@@ -222,7 +222,7 @@ impl World {
         self.input(node, |_, wall| Input::Tick(wall));
     }
 
-    /// Clients at a robot cannot expect to see what they saw there.
+    /// Clients at a robot can no longer rely on their reads there.
     fn forgets(&mut self, node: usize) {
         self.nodes[node].era += 1;
         self.losses += 1;
@@ -293,7 +293,7 @@ impl World {
         }
     }
 
-    /// Retires what no robot is any more, and checks that nothing is kept then that nobody needs (I15).
+    /// Retires the origins that no robot has any more, and checks that everything unneeded is removed then (I15).
     fn clean_up(&mut self) -> Result<(), String> {
         self.network.drop = 0;
         loop {
@@ -301,14 +301,14 @@ impl World {
             let live: Vec<ReplicaId> = (0..self.nodes.len()).map(|node| self.replica(node).origin()).collect();
             let members: Vec<ReplicaId> = self.replica(0).members().active().map(|(origin, _)| origin).collect();
             for ghost in members.into_iter().filter(|origin| !live.contains(origin)) {
-                // Where robots have keys, each retires what it was before.
+                // If robots have keys, each retires its own previous origin.
                 let robot = self.replica(0).members().robot(ghost).filter(|_| self.revoked.is_some());
                 let by = robot.and_then(|robot| self.nodes.iter().position(|node| node.name == robot));
                 self.input(by.unwrap_or(0), |_, wall| Input::Retire(ghost, wall));
             }
             self.run_for(45_000);
             self.settle()?;
-            // Somebody slow may have come back meanwhile, or been admitted and lost its disk since it asked for that.
+            // A slow robot may have returned in between, or been admitted and lost its disk since its request.
             if *self.replica(0).log().vector() == before {
                 break;
             }
@@ -368,7 +368,7 @@ impl World {
         self.now = self.now.max(end);
     }
 
-    /// Hands a replica an input, and does what it wants done.
+    /// Hands a replica an input, and carries out its effects.
     pub(crate) fn input(&mut self, node: usize, make: impl FnOnce(u64, Wall) -> Input) {
         self.posted += 1;
         let input = make(self.posted, self.wall(node));
@@ -426,7 +426,7 @@ impl World {
         self.nodes[node].copied = false;
     }
 
-    /// Takes note of a transaction that is on the disk, although nobody was told.
+    /// Notes a transaction that is on the disk, although its client got no answer.
     fn note_untold(&mut self, node: usize, before: &VersionVector, effect: Effect) {
         match effect {
             Effect::Visible(dot, frame) => drop(self.reference.happened(node, dot, &frame)),

@@ -1,7 +1,8 @@
-//! A robot in a process of its own, with nothing but a replica and its store, so that it can be killed, watched and lied to.
+//! A robot in a separate process, with only a replica and its store, so that it can be killed, watched and given false
+//! answers.
 //!
-//! It is this test program again, told by a variable what to do. It says on its output what it has committed, and what has
-//! failed; the lines count only once they are out.
+//! It is this test program, started again with orders in a variable. It prints its commits and its failures. A line
+//! counts only once it was printed.
 
 use super::{ENGINE, Robot, open, put_text};
 use dbmanager::io::store::{DirStore, Engine, Store};
@@ -81,7 +82,7 @@ fn commit(dir: &Path, (count, close_after): (u64, u64)) {
             }
             Err(error) => {
                 say(&format!("failed {error}"));
-                // Readers still have what was there.
+                // Readers still see the earlier data.
                 let readable = robot.replica.state().scan("team/").count();
                 say(&format!("readable {readable}"));
                 drop(robot);
@@ -105,7 +106,7 @@ fn reopen(dir: &Path) -> Robot<DirStore> {
     panic!("the store does not open any more");
 }
 
-/// Commits what has the number `number`: usually one small value, at times a long one, at times many together.
+/// Commits transaction number `number`: usually one small value, at times a long one, at times many together.
 fn write(robot: &mut Robot<impl Store>, number: u64) -> Result<(), String> {
     let text = |number: u64, size| format!("{number} {}", "x".repeat(size));
     let size = usize::try_from(number * 7919 % 300).unwrap();
@@ -119,7 +120,8 @@ fn write(robot: &mut Robot<impl Store>, number: u64) -> Result<(), String> {
     }
 }
 
-/// Writes batch after batch; each has records of 60 kB with its own number, and so takes hundreds of pages of the engine.
+/// Writes batch after batch; each has records of 60 kB with its own number, and so takes hundreds of pages of the
+/// engine.
 fn large(dir: &Path, count: u64) {
     let mut store = open(dir).unwrap();
     for number in 1..=count {

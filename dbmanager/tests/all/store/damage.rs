@@ -1,4 +1,4 @@
-//! Files that are not as they were left: the store says so, or the replica does; nobody ever reads what was not written.
+//! Damaged files: the store reports the damage, or the replica does; no read returns a value that was not written.
 
 use super::{ENGINE, Folder, Robot, batch, config, on_each_engine, open, put_text};
 use comms::logic::random::Random;
@@ -29,11 +29,11 @@ fn live_a_little(robot: &mut Robot<impl Store>) -> Vec<u128> {
     states
 }
 
-/// The engine would take an empty file for a new one; what must not be is to begin anew as if nothing had been.
+/// The engine would take an empty file for a new one. The robot must not silently start again.
 #[test]
 fn an_emptied_file_is_damage() {
     on_each_engine(|| {
-        // What is left of a log of sled is a state that once was, which cannot be told from a torn one.
+        // The rest of a log of sled is an earlier state, which cannot be told from a torn one.
         let lengths = if ENGINE.get() == Engine::Redb { [0, 5, 4096] } else { [0, 5, 5] };
         for length in lengths {
             let folder = Folder::quick();
@@ -76,9 +76,10 @@ fn a_failed_store_stays_failed() {
     });
 }
 
-/// Flips bits anywhere in the file, and one in each byte of its head, where the engine has no sums: of a store that was
-/// closed, and of one that was not. What opens is a state that once was: the last, or an earlier one, if the engine
-/// took the end for torn. That is found when the robot meets the others, who know more of it than itself.
+/// Flips bits anywhere in the file, and one in each byte of its head, where the engine has no checksums: of a store
+/// that was closed, and of one that was not. A store that opens has an earlier state: the last one, or an older one, if
+/// the engine took the end for torn. An older state is found when the robot meets the others, who know more about it
+/// than itself.
 #[test]
 fn bit_flip_in_any_file() {
     let folder = Folder::quick();
@@ -116,7 +117,8 @@ fn bit_flip_in_any_file() {
     }
 }
 
-/// The same on sled, in each of its files. A folder is made for each round, since the engine may panic over one and keep it.
+/// The same on sled, in each of its files. A folder is made for each round, since the engine may panic over one and
+/// keep it.
 #[test]
 fn bit_flip_in_any_file_of_sled() {
     ENGINE.set(Engine::Sled);

@@ -1,5 +1,5 @@
-//! Processes that are killed, disks that are full, disks that fail: what was acknowledged is there, what failed says so, and
-//! what was there can be read all the time.
+//! Processes that are killed, disks that are full, disks that fail: acknowledged data is there, failures are reported,
+//! and earlier data can be read all the time.
 
 use super::child::{self, Order};
 use super::{ENGINE, Folder, Robot, on_each_engine, open};
@@ -17,8 +17,8 @@ fn said(mut command: Command) -> Vec<String> {
     text.lines().map(str::to_owned).collect()
 }
 
-/// Checks what a child said that went through trouble, of a kind that its errors name: it was told, could read, opened its
-/// store again with all that it had acknowledged, and went on.
+/// Checks the output of a child that went through one kind of trouble, named in its errors: it was told, could read,
+/// opened its store again with all acknowledged transactions, and went on.
 fn check_trouble(lines: &[String], dir: &Path, (trouble, count): (&str, u64)) {
     let number = |line: &str, word: &str| line.strip_prefix(word).map(|number| number.parse::<u64>().unwrap());
     let (mut acked, mut failures) = (0, 0);
@@ -77,7 +77,7 @@ fn kill(times: u64) {
             }
             child.kill().unwrap();
             child.wait().unwrap();
-            // What it said before it was killed counts, if a whole line of it is there.
+            // A last line before the kill counts if it is complete.
             let mut rest = String::new();
             lines.read_to_string(&mut rest).unwrap();
             for line in rest.split_inclusive('\n').filter(|line| line.ends_with('\n')) {
@@ -128,7 +128,7 @@ fn disk_full_then_freed() {
     });
 }
 
-/// A store that could not be made whole is no damaged one: it is made when there is room.
+/// A store that could not be created completely is not a damaged one: it is created when there is space.
 #[test]
 fn disk_full_at_birth() {
     on_each_engine(|| {

@@ -1,4 +1,4 @@
-//! Whether a store is the one that was here: the witness beside it.
+//! Recognising a store: the witness beside it.
 
 use super::{Folder, Robot, batch, config, on_each_engine, open, put_text};
 use dbmanager::io::store::{Doubt, Engine, Store, Trust};
@@ -6,7 +6,7 @@ use dbmanager::logic::replica::{Config, Replica};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Opens a store, writes to it, and returns what was thought of it.
+/// Opens a store, writes to it, and returns how far it is trusted.
 fn live(path: &Path) -> Trust {
     let mut store = open(path).unwrap();
     store.commit(&batch(&[(b"a", Some(vec![1]))])).unwrap();
@@ -58,7 +58,7 @@ fn witness_missing_db_present() {
     });
 }
 
-/// It is no witness, so nobody vouches for the store; the next one takes its place.
+/// A file that is not a witness cannot confirm the store; the next witness takes its place.
 #[test]
 fn a_witness_that_is_none() {
     on_each_engine(|| {
@@ -163,7 +163,8 @@ fn a_copy_begins_a_new_life_with_what_it_has() {
     });
 }
 
-/// What belongs to a store and is no file is refused at once, by its own name: an engine would wait for a pipe, or blame the store.
+/// A file of a store that is not a regular file is refused at once, by its own name: an engine would wait for a pipe,
+/// or blame the store.
 #[test]
 fn what_is_no_file_is_refused_by_its_name() {
     on_each_engine(|| {

@@ -10,7 +10,7 @@ use proptest::collection::{btree_map, vec};
 use proptest::prelude::*;
 use std::fs;
 
-/// Carries out batches, opening the store anew after each; what is there has to be what they say.
+/// Carries out batches and reopens the store after each; its content has to match the batches.
 fn check_batches(batches: &[Batch]) {
     let folder = Folder::quick();
     let mut expected = Records::new();
@@ -49,7 +49,7 @@ proptest! {
     }
 }
 
-/// Opens a robot again and again; it has to know what it knew.
+/// Opens a robot again and again; its state has to stay the same.
 #[test]
 fn a_robot_is_there_again() {
     on_each_engine(|| {

@@ -1,10 +1,10 @@
-//! A disk whose power can be cut: what of a program's calls is surely there afterwards, and what may be.
+//! A disk whose power can be cut: the effects of a program's calls that certainly survive, and those that may.
 //!
 //! *Model.* Written bytes are in the page cache, and in the cache of the drive, until a later `fsync` or `fdatasync` of
 //! their file has ended. Of each sector of 512 bytes that was not synced, an older or the newest content survives with
-//! the probability of the version vector, each sector for itself: so writes are torn and change places. Of later changes of a
-//! file's length some first ones survive. `sync_file_range` is no barrier, as on drives that lie to nobody but are not
-//! asked. Names change when the directory was synced; of later changes some first ones survive, as from a journal.
+//! the given probability, each sector separately: so writes are torn and reordered. Of later changes of a file's
+//! length, a prefix survives. `sync_file_range` is not a barrier, as on honest drives that get no flush request. Names
+//! change when the directory was synced; of later changes a prefix survives, as from a journal.
 
 use super::trace::Call;
 use comms::logic::random::Random;
@@ -28,7 +28,7 @@ pub(crate) enum Barriers {
 pub(crate) struct Platter {
     barriers: Barriers,
     files: Vec<Content>,
-    /// Files and directories (without a file) by name, as they are durable.
+    /// Files and directories (without a file) by name, in their durable state.
     names: BTreeMap<PathBuf, Option<usize>>,
     /// As the program sees them.
     seen: BTreeMap<PathBuf, Option<usize>>,
@@ -45,7 +45,7 @@ enum Change {
     Remove(PathBuf),
 }
 
-/// A file: its durable bytes, and what came later, with the number of the call.
+/// A file: its durable bytes, and later changes, with the number of the call.
 #[derive(Debug, Default)]
 struct Content {
     durable: Vec<u8>,
@@ -64,7 +64,7 @@ impl Platter {
         Self { barriers, files, names, seen, changes, calls: 0 }
     }
 
-    /// Returns a disk that holds, durably, what is in this folder.
+    /// Returns a disk that durably holds the content of this folder.
     pub(crate) fn holding(folder: &Path) -> Self {
         let mut platter = Self::new(Barriers::All);
         let mut folders = vec![folder.to_owned()];
@@ -104,7 +104,7 @@ impl Platter {
     }
 
     fn later(&mut self, path: &Path, later: Later) {
-        // What was made before the log began is not ours.
+        // Files made before the log began do not belong to the test.
         let Some(file) = self.seen.get(path).copied().flatten() else { panic!("{} is not known", path.display()) };
         self.files[file].later.push((self.calls, later));
     }
@@ -127,7 +127,7 @@ impl Platter {
         }
     }
 
-    /// Cuts the power: writes what is left below `to` instead of `from`.
+    /// Cuts the power: writes the surviving files below `to` instead of `from`.
     pub(crate) fn cut(&self, random: &mut Random, percent: u64, (from, to): (&Path, &Path)) {
         let mut names = self.names.clone();
         let survive = if percent == 0 { 0 } else { below(random, self.changes.len() + 1) };
@@ -230,7 +230,7 @@ impl Later {
     }
 }
 
-/// Puts data at an offset; what was never written before it is zero.
+/// Puts data at an offset; bytes before it that were never written are zero.
 fn put(bytes: &mut Vec<u8>, offset: usize, data: &[u8]) {
     if bytes.len() < offset + data.len() {
         bytes.resize(offset + data.len(), 0);

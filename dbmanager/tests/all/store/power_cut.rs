@@ -1,8 +1,8 @@
-//! The power is cut, again and again, at any moment of a robot's life: nothing that was acknowledged may be gone, and the
-//! store has to open.
+//! The power is cut, again and again, at any moment of a robot's life: nothing that was acknowledged may be gone, and
+//! the store has to open.
 //!
-//! A robot runs once, watched by `strace`. Its calls are carried out on a [`Platter`], which is cut at moments spread over
-//! the whole run; what is left is opened as a store. A longer run, by hand:
+//! A robot runs once, watched by `strace`. Its calls are carried out on a [`Platter`], which is cut at moments spread
+//! over the whole run; the surviving files are opened as a store. A longer run, by hand:
 //! `DCA_POWER_CUTS=1000 DCA_COMMITS=100000 cargo test -p dbmanager --release --test all store::power_cut -- --nocapture`.
 
 use super::child::{self, LARGE, Order, large_record};
@@ -43,7 +43,8 @@ fn from_environment(name: &str, usual: u64) -> u64 {
     std::env::var(name).map_or(usual, |number| number.parse().unwrap())
 }
 
-/// Runs a child under `strace`; hands out what it does in its folder, while it does it: it writes far more than it keeps.
+/// Runs a child under `strace`; passes on its calls in its folder during the run, because it writes far more than it
+/// keeps.
 fn watch(folder: &Folder, (order, count): (Order, u64), keep: impl FnMut(Call)) {
     let root = folder.0.join("root");
     fs::create_dir_all(&root).unwrap();
@@ -105,7 +106,7 @@ impl<'a, F: Fn(&Path, u64) -> Left> Cuts<'a, F> {
         fs::remove_dir_all(&to).unwrap();
     }
 
-    /// Returns how often what was found; the last cuts are those after the end.
+    /// Returns how often each result was found; the last cuts are those after the end.
     fn end(mut self) -> BTreeMap<Left, u64> {
         while self.moments.pop().is_some() {
             self.cut();
@@ -114,7 +115,7 @@ impl<'a, F: Fn(&Path, u64) -> Left> Cuts<'a, F> {
     }
 }
 
-/// Opens what is left of a robot: the replica checks chains, sums and digests.
+/// Opens the surviving files of a robot: the replica checks chains, checksums and digests.
 fn look_at_robot<S: Store>(open: fn(&Path) -> Result<S, StoreError>, path: &Path, acked: u64) -> Left {
     match open(path).map_err(|error| error.to_string()).and_then(Robot::open) {
         Ok(robot) if robot.committed() >= acked => Left::All,
@@ -146,7 +147,7 @@ fn cut_power(cuts: u64, commits: u64) {
         let data = ENGINE.get().data(&folder.0.join("root/db"));
         let look = |path: &Path, acked| look_at_robot(open, path, acked);
         let mut with = Cuts::new(&folder, Barriers::All, (cuts, commits, 12), look);
-        // The method finds what is missing when nobody syncs the data.
+        // The method finds the loss when the data is not synced.
         let mut without = Cuts::new(&folder, Barriers::NoDataSync, (12, 500, 12), look);
         let mut written = 0;
         watch(&folder, (Order::Commit, commits), |call| {
@@ -164,7 +165,8 @@ fn cut_power(cuts: u64, commits: u64) {
     });
 }
 
-/// Cuts the power so often within so many acknowledgements of a life, with about so many calls between two: all is there.
+/// Cuts the power so often within so many acknowledgements of a life, with about so many calls between two: all is
+/// there.
 fn check_cuts(order: Order, (cuts, acks, calls): (u64, u64, u64), look: impl Fn(&Path, u64) -> Left) {
     if !has_strace() {
         return;
@@ -216,7 +218,7 @@ fn power_cut_after_a_power_cut() {
     });
 }
 
-/// Opens what is left of batches of large records: each is there as a whole or not at all.
+/// Opens the surviving files of batches of large records: each record is complete or absent.
 fn look_at_batches(path: &Path, acked: u64) -> Left {
     let records = match open(path).and_then(|store| store.load()) {
         Ok(records) => records,

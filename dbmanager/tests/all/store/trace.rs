@@ -8,10 +8,10 @@ use std::path::{Path, PathBuf};
 pub(crate) const CALLS: &str = "openat,pwrite64,write,fsync,fdatasync,rename,unlink,mkdir,ftruncate,writev,pwritev,pwritev2,\
      fallocate,truncate,copy_file_range,renameat,renameat2,unlinkat,mkdirat";
 
-/// One of them, as far as it was about files below a folder.
+/// A system call, as far as it is about files below a folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Call {
-    /// A file that was not there is there, or one that was is empty.
+    /// A new file, or an existing one that is now empty.
     Create(PathBuf),
     /// A directory is made.
     MakeDir(PathBuf),
@@ -23,14 +23,14 @@ pub(crate) enum Call {
     Rename(PathBuf, PathBuf),
     /// A name is gone.
     Unlink(PathBuf),
-    /// Everything written to a file before `since` is durable: calls are numbered from 0 in the order of their ends, and this
-    /// many had ended when this one began.
+    /// Everything written to a file before `since` is durable: calls are numbered from 0 in the order of their ends,
+    /// and this many had ended when this one began.
     Sync { path: PathBuf, data_only: bool, since: usize },
     /// The program has told something.
     Notification(String),
 }
 
-/// Reads a log of `strace -f -qq -y -xx`; keeps what is about files below `root`, and what is written to descriptor 1.
+/// Reads a log of `strace -f -qq -y -xx`; keeps the calls on files below `root`, and the writes to descriptor 1.
 pub(crate) fn read(log: impl BufRead, root: &Path, keep: impl FnMut(Call)) {
     let mut reader = Reader { root: root.to_owned(), keep, count: 0, positions: BTreeMap::new() };
     let mut begun: BTreeMap<String, (String, usize)> = BTreeMap::new();

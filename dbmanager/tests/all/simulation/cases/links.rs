@@ -7,7 +7,7 @@ use dbmanager::logic::replica::AckLevel;
 use dbmanager::logic::txn::{Draft, Encoding, Value};
 use std::time::Duration;
 
-/// Commits values of this many bytes, each in a transaction of its own.
+/// Commits values of this many bytes, each in one transaction.
 fn backlog(world: &mut World, node: usize, (count, size): (usize, usize)) {
     for number in 0..count {
         let value = Value { encoding: Encoding::BYTES, bytes: vec![7; size].into() };
@@ -103,8 +103,8 @@ fn a_link_of_50_kbit_per_s_is_used_well() {
     world.settle().unwrap();
 }
 
-/// A satellite or a mobile network: a backlog takes what its bytes take, whatever the way. Measured at 100 ms: 1.36 of
-/// it, 4.0 before.
+/// A satellite or a mobile network: the time for a backlog depends on its bytes, not on the latency. Measured at 100
+/// ms: 1.36 times the time of the bytes, 4.0 before.
 #[test]
 fn a_long_way_is_no_slow_one() {
     for (millis, rate) in [(100, 1_000_000), (500, 250_000), (1500, 50_000)] {
