@@ -1,8 +1,8 @@
 //! The data session of a controller: samples go straight from controller to controller.
 //!
-//! It finds nobody by itself. A wire is a link dialled from the consumer to the producer, at a place that the node tells;
-//! a link that is lost is dialled again until the session closes. Nothing here needs tokio, and nothing may be called from
-//! a tokio task.
+//! It has no discovery. A wire is a link dialled from the consumer to the producer, at an address that the node gives.
+//! A link that is lost is dialled again until the session closes. Nothing here needs tokio, and nothing may be called
+//! from a tokio task.
 
 mod answers;
 mod calls;
@@ -60,7 +60,7 @@ pub enum Priority {
     Device,
     /// Samples of wires.
     Wire,
-    /// Data for people, such as plots. It gives way to all other data.
+    /// Data for people, such as plots. All other data goes first.
     Background,
 }
 
@@ -98,7 +98,7 @@ pub enum DataError {
 pub struct Publisher {
     publisher: zenoh::pubsub::Publisher<'static>,
     listeners: Arc<Listeners>,
-    /// Seals what it sends numbered.
+    /// Seals its numbered values.
     sealer: Option<Arc<Sealer>>,
 }
 
@@ -146,8 +146,8 @@ impl DataSession {
         Ok(Self { opened: Opened::open(settings, Redial::Listed, Search::Off, tunnels)?, answers: Answers::default() })
     }
 
-    /// Opens a data session that only dials. With an identity, it dials others of the team from a folder that only this user can
-    /// enter.
+    /// Opens a data session that only dials. With an identity, it dials others of the team from a folder that only this
+    /// user can enter.
     ///
     /// # Errors
     /// If zenoh refuses.
@@ -181,7 +181,7 @@ impl DataSession {
     /// Links to another session whenever it can be reached, and keeps linked to it; waits for nothing.
     ///
     /// # Errors
-    /// If it is no place that could be dialled.
+    /// If the address cannot be dialled.
     pub fn keep(&self, dial: &Dial) -> Result<(), DataError> {
         let kept = self.opened.keep(&dial.session, &dial.of_session());
         kept.map_err(|reason| DataError::Dial { session: dial.session.clone(), reason })
@@ -209,8 +209,8 @@ impl DataSession {
             .declare_publisher(key.to_owned())
             .congestion_control(CongestionControl::Drop)
             .priority(priority)
-            // A batch of its own for each sample would fill the two that there are whenever the sender has to wait for a
-            // processor: at 1 kHz some samples of a second were dropped on two busy cores.
+            // With a separate batch for each sample, the two available batches would be full whenever the sender has to
+            // wait for a processor: at 1 kHz some samples a second were dropped on two busy cores.
             .express(!is_sample)
             .wait()
             .map_err(|cause| session_error(key, &cause))?;
@@ -222,15 +222,15 @@ impl DataSession {
             .background()
             .wait()
             .map_err(|cause| session_error(key, &cause))?;
-        // Somebody may have listened before us, and the listener tells changes only.
+        // A subscriber may have been there before, and the listener reports only changes.
         if publisher.matching_status().wait().is_ok_and(|status| status.matching()) {
             listeners.set(true);
         }
         Ok(Publisher { publisher, listeners, sealer: None })
     }
 
-    /// Calls `on_sample` with each sample put on `key`, and with no word between them. It runs on zenoh's threads, so it must
-    /// only put the sample away. What came in pieces is owned already.
+    /// Calls `on_sample` with each sample put on `key`, without the boundaries between them. It runs on zenoh's
+    /// threads, so it must only store the sample. A sample that arrived in pieces is already owned.
     ///
     /// # Errors
     /// If the session is closed.
@@ -247,8 +247,8 @@ impl DataSession {
         self.on_samples(key, on_sample)
     }
 
-    /// Calls `on_arrival` with each value put on `key`, and with each word between values, as [`DataSession::on_sample`] does.
-    /// What a publisher has numbered comes with its number.
+    /// Calls `on_arrival` with each value put on `key`, and with each boundary between values, under the rules of
+    /// [`DataSession::on_sample`]. A numbered value comes with its number.
     ///
     /// # Errors
     /// If the session is closed.
@@ -267,7 +267,7 @@ impl DataSession {
         self.on_samples(key, on_sample)
     }
 
-    /// Answers whoever fetches `key` with what `answer` returns; with nothing, there is no answer.
+    /// Answers each fetch of `key` with the result of `answer`; if there is none, it sends no answer.
     ///
     /// # Errors
     /// If the session is closed.
@@ -296,7 +296,7 @@ impl DataSession {
             .map_err(|cause| session_error(key, &cause))
     }
 
-    /// Fetches what the producer of `key` has now; none if it has nothing, or cannot be reached.
+    /// Fetches the present value of the producer of `key`; none if it has none, or cannot be reached.
     ///
     /// # Errors
     /// If it is there, but does not answer in time.
@@ -304,7 +304,7 @@ impl DataSession {
         self.ask(key, within)?.answer(now() + within)
     }
 
-    /// Asks who answers for a key, and does not wait. After `within` there is no answer any more.
+    /// Sends a query for a key without waiting. After `within` it gets no answer any more.
     ///
     /// # Errors
     /// If the session is closed.
@@ -336,10 +336,11 @@ impl DataSession {
 }
 
 impl PendingFetch {
-    /// Waits for the answer; none if nobody answers for the key. What is there already is taken, however late it is.
+    /// Waits for the answer; none if no session answers for the key. An answer that is already there is taken, however
+    /// late it is.
     ///
     /// # Errors
-    /// If somebody is there, but does not answer before `until`.
+    /// If a session is there, but does not answer before `until`.
     pub fn answer(self, until: Time) -> Result<Option<Vec<u8>>, DataError> {
         self.answer_by(until).unwrap_or_else(|| Err(self.timeout()))
     }
@@ -360,7 +361,7 @@ impl PendingFetch {
 }
 
 impl Publisher {
-    /// Sends a sample to whoever listens now.
+    /// Sends a sample to the present subscribers.
     ///
     /// # Errors
     /// If the session is closed.
@@ -371,7 +372,7 @@ impl Publisher {
             .map_err(|cause| session_error(self.publisher.key_expr().as_str(), &cause))
     }
 
-    /// Sends a value with its sequence number to whoever listens now.
+    /// Sends a value with its sequence number to the present subscribers.
     ///
     /// # Errors
     /// If the session is closed.
@@ -404,17 +405,17 @@ impl Publisher {
         put.map_err(|cause| failed(crate::io::session::plain(&cause)))
     }
 
-    /// Returns whether anybody listens.
+    /// Returns whether there is a subscriber.
     pub fn is_heard(&self) -> bool {
         self.listeners.is_any()
     }
 
-    /// Returns whether anybody listens over zenoh: a consumer of another host, or a person.
+    /// Returns whether there is a subscriber over zenoh: a consumer on another host, or a person.
     pub fn is_heard_over_zenoh(&self) -> bool {
         self.listeners.is_zenoh()
     }
 
-    /// Waits until somebody listens; says whether that was within the time given.
+    /// Waits for a subscriber. Returns whether one came within the given time.
     pub fn wait_heard(&self, within: Duration) -> bool {
         self.listeners.wait(within)
     }

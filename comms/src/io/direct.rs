@@ -1,9 +1,10 @@
-//! The direct path of wires between two programs of one host ([`crate::logic::direct`]): a Unix socket of their own for each wire, and
-//! shared memory for long values.
+//! The direct path of wires between two programs of one host ([`crate::logic::direct`]): a separate Unix socket for
+//! each wire, and shared memory for long values.
 //!
-//! A program has one [`DirectPath`]. Its [`Outlet`]s send to consumers, its [`Inlet`]s receive from producers, and its loop waits on all
-//! that arrive at once ([`Inlets::wait`]), so a value wakes one thread and no other. Sending never waits: what the socket of a consumer
-//! has no room for is lost, and its number is missing. A consumer that is gone, killed or suspended costs its own values and nobody else's.
+//! A program has one [`DirectPath`]. Its [`Outlet`]s send to consumers, its [`Inlet`]s receive from producers, and its
+//! loop waits for all arrivals at once ([`Inlets::wait`]), so a value wakes only one thread. Sending never waits: a
+//! value for which a consumer's socket has no room is lost, and its number is missing. A consumer that is gone, killed
+//! or suspended loses only its own values.
 
 mod guard;
 mod inlet;
@@ -58,14 +59,14 @@ pub struct DirectPath {
 }
 
 impl DirectPath {
-    /// Listens on the Unix socket `socket`, whose file is replaced, and removed at the end. With a guard both ends of a wire show each
-    /// other that they have its secrets, as programs of a team do.
+    /// Listens on the Unix socket `socket`, whose file is replaced, and removed at the end. With a guard both ends of a
+    /// wire show each other that they have its secrets, as programs of a team do.
     ///
     /// # Errors
     /// The socket cannot be used, or the system has no shared memory.
     pub fn open(socket: &Path, guard: Option<Guard>) -> io::Result<Self> {
         let path = socket.to_str().ok_or(Errno::INVAL)?.to_owned();
-        // Who has none must not be sent a long value.
+        // A producer without shared memory must not be sent a long value.
         drop(Buffer::new(1)?);
         match std::fs::remove_file(socket) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
@@ -84,7 +85,7 @@ impl DirectPath {
         Ok(Self { shared, inlets, bell, thread: Some(thread) })
     }
 
-    /// Returns the locator that consumers of this host need, with what they have to show. For the node alone.
+    /// Returns the locator that consumers of this host need, with the token they have to present. For the node alone.
     pub fn locator(&self) -> String {
         self.shared.place.locator()
     }
@@ -99,8 +100,8 @@ impl DirectPath {
         &self.inlets
     }
 
-    /// Returns the producer's end of a wire with this key, in the memory of its output. Consumers that come are told by the publisher, too
-    /// ([`Publisher::is_heard`]).
+    /// Returns the producer's end of a wire with this key, in the memory of its output. Consumers that come are told by
+    /// the publisher, too ([`Publisher::is_heard`]).
     pub fn outlet(&self, key: &str, memory: &Memory, publisher: &Publisher) -> Outlet {
         let life = self.shared.lives.fetch_add(1, Ordering::Relaxed);
         let end = Arc::new(End::new(life, memory.clone(), publisher.listeners(), Arc::clone(&self.shared)));
@@ -109,11 +110,11 @@ impl DirectPath {
         Outlet::new(end)
     }
 
-    /// Connects the consumer's end of a wire with its producer, which has `within` to take it; `on_arrival` takes what comes, in a thread
-    /// that must not wait. In the place of another one, what has come over that comes first.
+    /// Connects the consumer's end of a wire with its producer, which has `within` to accept it. `on_arrival` takes the
+    /// values, in a thread that must not wait. If it replaces another inlet, that inlet's values come first.
     ///
     /// # Errors
-    /// Nobody listens there, not in time, or a stranger does.
+    /// If no producer listens there, or it does not answer in time, or another program does.
     pub fn inlet(
         &self,
         (place, within): (&Place, Duration),

@@ -25,8 +25,8 @@ const HELLO: u32 = 0;
 /// The number of [`Notice::Resume`] among the notices.
 const RESUME: u32 = 8;
 
-/// Every kind of message, by its number on the wire: the compiler refuses a number that is taken. Append only; 1..99 are messages
-/// of this crate, 100.. of nodes, 200.. of others.
+/// Every kind of message, by its number on the wire: the compiler refuses a number that is taken. Append only; 1..99
+/// are messages of this crate, 100.. of nodes, 200.. of others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u16)]
 pub enum Kind {
@@ -48,9 +48,9 @@ pub enum Kind {
     Tapped = 8,
     /// [`Outputs`].
     Outputs = 9,
-    /// [`Introduction`](crate::logic::tunnel::Introduction): who is at an end of a tunnel.
+    /// [`Introduction`](crate::logic::tunnel::Introduction): the identity of an end of a tunnel.
     Introduction = 10,
-    /// [`Revocations`](crate::logic::tunnel::Revocations): whom an end of a tunnel has heard of as revoked.
+    /// [`Revocations`](crate::logic::tunnel::Revocations): the revocations that an end of a tunnel knows.
     Revocations = 11,
     /// [`ObjectCall`](crate::logic::object::ObjectCall): a call of a procedure, or the request to read a state.
     ObjectCall = 12,
@@ -58,13 +58,13 @@ pub enum Kind {
     ObjectAnswer = 13,
     /// [`ObjectCancel`](crate::logic::object::ObjectCancel): a caller waits no more.
     ObjectCancel = 14,
-    /// [`Exports`](crate::logic::object::Exports): what a program exports.
+    /// [`Exports`](crate::logic::object::Exports): the exports of a program.
     Exports = 15,
-    /// [`TypeForm`](crate::logic::object::TypeForm): what the consumer of a wire takes.
+    /// [`TypeForm`](crate::logic::object::TypeForm): the type that the consumer of a wire takes.
     TypeForm = 16,
     /// [`Boundary`](crate::logic::switch::Boundary): a word between the values of a wire.
     Boundary = 17,
-    /// [`Proof`](crate::logic::proof::Proof): who has said a message in a team.
+    /// [`Proof`](crate::logic::proof::Proof): the sender of a message in a team.
     Proof = 19,
     /// [`QueueRequest`](crate::logic::messaging::wire::QueueRequest): a message for a queue.
     QueueRequest = 20,
@@ -86,7 +86,8 @@ pub enum Kind {
     DirectHello = 28,
     /// [`Welcome`](crate::logic::direct::Welcome): the answer to it.
     DirectWelcome = 29,
-    /// [`Challenge`](crate::logic::direct::Challenge): in a team, the consumer is to show that it is the other end of the wire.
+    /// [`Challenge`](crate::logic::direct::Challenge): in a team, the consumer is to show that it is the other end of
+    /// the wire.
     DirectChallenge = 30,
     /// [`Claim`](crate::logic::direct::Claim): it shows that.
     DirectClaim = 31,
@@ -104,9 +105,9 @@ pub enum Kind {
     Pong = 104,
     /// The question whether a node is there.
     Ping = 105,
-    /// What a node says to another one of its own name.
+    /// A message between two nodes of the same name.
     Namesake = 106,
-    /// What a node says to another one whose message it has refused.
+    /// A node's message to another one whose message it has refused.
     Refusal = 107,
     /// Where the audit log of a node has come to, signed.
     AuditHead = 108,
@@ -190,7 +191,7 @@ pub enum CodecError {
         /// Version of the message.
         found: u16,
     },
-    /// The body is not what the envelope says.
+    /// The body does not match the envelope.
     #[error("a message of kind {kind} is malformed: {cause}")]
     Body {
         /// Kind of the message.
@@ -238,11 +239,11 @@ pub fn decode<T: Enveloped>(bytes: &[u8]) -> Result<T, CodecError> {
     }
 }
 
-/// Reads a notice as [`decode`] does. Of a [`Notice::Hello`] or [`Notice::Resume`] of another version it reads the beginning,
-/// which all versions have in common: which one it is, and who says it.
+/// Reads a notice like [`decode`]. Of a [`Notice::Hello`] or [`Notice::Resume`] of another version it reads the
+/// beginning, which all versions have in common: the version and the sender.
 ///
 /// # Errors
-/// As those of [`decode`].
+/// The errors of [`decode`].
 pub fn decode_notice(bytes: &[u8]) -> Result<Notice, CodecError> {
     let refused = match decode(bytes) {
         Err(error @ CodecError::Version { .. }) => error,

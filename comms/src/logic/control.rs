@@ -4,13 +4,13 @@
 //! ever appended: postcard numbers them.
 //!
 //! Life of a channel: the program connects and says [`Notice::Hello`]; the node answers [`Order::Connect`] with every
-//! link the program takes part in; the program dials them and says [`Notice::Connected`] (or why not). From then on it is
-//! idle until [`Order::Activate`].
+//! link the program takes part in; the program dials them and says [`Notice::Connected`] (or why not). From then on it
+//! is idle until [`Order::Activate`].
 //!
-//! A channel that breaks is not the end of the program. It dials again and says [`Notice::Resume`]; the node, which may be
-//! another one in the place of the first, answers [`Order::Resumed`], and both go on where the other one has stopped. For that
-//! both count orders and notices from the program's start, over all its channels: all but those that only concern a channel
-//! ([`Order::is_counted`], [`Notice::is_counted`]).
+//! A channel that breaks is not the end of the program. The program dials again and sends [`Notice::Resume`]. The node,
+//! which may be another one in the place of the first, answers [`Order::Resumed`], and both go on where the other one
+//! has stopped. For that both count orders and notices from the program's start, over all its channels, except those
+//! that only concern a channel ([`Order::is_counted`], [`Notice::is_counted`]).
 
 use crate::logic::bytes::SecretBytes;
 use crate::logic::database::{DatabaseAnswer, DatabaseRequest};
@@ -30,11 +30,11 @@ pub struct Location {
     pub local: Vec<String>,
     /// Dialled by programs on other hosts; empty when the node is not open to the network.
     pub remote: Vec<String>,
-    /// The public keys that the program has made at its start, for what is sealed for it; empty outside of a team.
+    /// The public keys that the program made at its start, for data sealed for it; empty outside of a team.
     pub keys: Vec<u8>,
 }
 
-/// A program at the other end of wires, or that shares a device, for whom what is sent is sealed.
+/// A program at the other end of wires, or that shares a device. Data for it is sealed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Partner {
     /// The session of the program.
@@ -43,9 +43,9 @@ pub struct Partner {
     pub keys: Vec<u8>,
     /// Whether it runs on the same machine.
     pub is_near: bool,
-    /// Numbers of the wires, those of calls too.
+    /// Numbers of the wires, including those of calls.
     pub wires: Vec<u32>,
-    /// Devices that one of both owns and the other needs.
+    /// Devices that one of the two owns and the other needs.
     pub devices: Vec<String>,
 }
 
@@ -101,10 +101,10 @@ pub struct Device {
     pub deployment: String,
 }
 
-/// The way of a call to what another program exports.
+/// The route of a call to another program's export.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CallRoute {
-    /// Number of the wire in the plan; it is opened and closed as those of data.
+    /// Number of the wire in the plan; it is opened and closed like a wire for data.
     pub wire: u32,
     /// The call of the caller's interface.
     pub call: String,
@@ -143,7 +143,8 @@ impl KeyPort {
 pub struct Dial {
     /// The zenoh id of the session.
     pub session: String,
-    /// Locators, to be tried in order. Among those of a program on the same host may be that of its direct path.
+    /// Locators, to be tried in order. For a program on the same host, the locator of its direct path may be among
+    /// them.
     pub locators: Vec<String>,
 }
 
@@ -201,7 +202,8 @@ pub enum Order {
     },
     /// Leave: stop if running, close the session, exit with code 0.
     Exit,
-    /// Values from the database go over the arguments of the spec; those of the last such order do no more.
+    /// Values from the database have precedence over the arguments of the spec; those of the previous such order no
+    /// longer count.
     Configure {
         /// Parameter names, and values as a spec spells them.
         parameters: Vec<(String, String)>,
@@ -211,8 +213,8 @@ pub enum Order {
         /// The shapes, one for each wire.
         wires: Vec<Shape>,
     },
-    /// The deployment runs already, and this program was started again; comes before [`Order::Connect`], which then
-    /// waits for nobody for long: what is not there is linked when it comes.
+    /// The deployment runs already, and this program was restarted. Comes before [`Order::Connect`], which then does
+    /// not wait long: absent programs are linked when they come.
     Rejoin,
     /// A program that this one dials was started again and is elsewhere now.
     Relink {
@@ -227,7 +229,7 @@ pub enum Order {
         /// How many counted notices of this program the node has, since the program's start.
         notices: u64,
     },
-    /// What the program calls of others, all of it anew; comes before [`Order::Connect`].
+    /// The complete set of the program's calls to others; comes before [`Order::Connect`].
     Calls {
         /// The routes, all closed unless they were open before.
         calls: Vec<CallRoute>,
@@ -260,20 +262,21 @@ pub enum Order {
         /// Each with its keys.
         ports: Vec<KeyPort>,
     },
-    /// The programs at the other ends of wires and calls, all of them anew, in a team; comes before [`Order::Connect`], and again when one
-    /// of them was started again.
+    /// The complete set of programs at the other ends of wires and calls, in a team; comes before [`Order::Connect`],
+    /// and again when one of them was restarted.
     Partners {
         /// Each with the wires to it.
         partners: Vec<Partner>,
     },
-    /// The present value of a secret parameter: what the program was started with counts no more.
+    /// The present value of a secret parameter. It replaces the value with which the program was started.
     Secret {
         /// The parameter.
         parameter: String,
         /// The value.
         value: SecretBytes,
     },
-    /// What shows programs of other hosts that the node has started this one, in a team: signed, for the keys of its [`Location`].
+    /// The proof for programs of other hosts that the node has started this one, in a team: signed, for the keys of its
+    /// [`Location`].
     Vouch {
         /// A delegation, in the form of the room `trust`.
         delegation: Vec<u8>,
@@ -307,7 +310,8 @@ impl Order {
 /// From the program to the node.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Notice {
-    /// First frame on the first channel of a program. The first in every version, with these two fields at its beginning.
+    /// First frame on the first channel of a program. The first in every version, with these two fields at its
+    /// beginning.
     Hello {
         /// [`WIRE_VERSION`](crate::logic::codec::WIRE_VERSION) of the program.
         version: u16,
@@ -397,10 +401,11 @@ pub enum Notice {
     Losses {
         /// The wires that have lost some, each with all that it has lost.
         wires: Vec<(u32, u64)>,
-        /// The inputs that have refused some, because a number in them was not finite, each with all that it has refused.
+        /// The inputs that have refused some, because a number in them was not finite, each with all that it has
+        /// refused.
         refused: Vec<(String, u64)>,
     },
-    /// What has come over wires and was dropped, because the other end has not sealed it.
+    /// Messages over wires that were dropped, because the other end has not sealed them.
     Refused {
         /// Each wire at most once a minute.
         wires: Vec<Refused>,

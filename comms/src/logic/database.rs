@@ -1,12 +1,13 @@
-//! What a program asks of the database of its node, over its control channel, and the answers.
+//! A program's requests to the database of its node, over its control channel, and the answers.
 //!
-//! A request has a number of its program's choice. A `Get` and a `Transact` have one answer. A `Watch` has answers until it is
-//! cancelled or refused: [`DatabaseAnswer::Begin`], the present values, [`DatabaseAnswer::Complete`], then each committed change; and
-//! the same once more from `Begin` on, if the program was too slow, or the disk has failed. The node sends [`WINDOW`] parts of a watch at
-//! most that the program has not taken, so that a slow one neither fills its channel nor holds up its orders.
+//! A request has a number of its program's choice. A `Get` and a `Transact` have one answer. A `Watch` has answers
+//! until it is cancelled or refused: [`DatabaseAnswer::Begin`], the present values, [`DatabaseAnswer::Complete`], then
+//! each committed change; and the same once more from `Begin` on, if the program was too slow, or the disk has failed.
+//! The node sends [`WINDOW`] parts of a watch at most that the program has not taken, so that a slow one neither fills
+//! its channel nor holds up its orders.
 //!
-//! Nothing here is repeated when a channel breaks. What was asked and not answered then is not known: a transaction may have been
-//! committed.
+//! Nothing here is repeated when a channel breaks. The result of an unanswered request is unknown: a transaction may
+//! have been committed.
 
 mod value;
 
@@ -25,13 +26,13 @@ pub const WATCHES_MAX: usize = 8;
 pub const WINDOW: u32 = 8;
 /// The longest value, in bytes.
 pub const VALUE_SIZE_MAX: usize = 64 << 10;
-/// The most bytes of keys and values in one transaction. What the database adds to them has room beside them.
+/// The most bytes of keys and values in one transaction. The database's own additions have room beside them.
 pub const TRANSACTION_SIZE_MAX: usize = 240 << 10;
 
 /// A request of a program to the database of its node. Append only.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DatabaseRequest {
-    /// Asks what a key holds. Answered by [`DatabaseAnswer::Value`].
+    /// Asks for the value of a key. Answered by [`DatabaseAnswer::Value`].
     Get {
         /// The key.
         key: String,
@@ -57,7 +58,7 @@ pub enum DatabaseRequest {
 pub struct Transaction {
     /// The reason, for the history.
     pub reason: String,
-    /// What has to hold.
+    /// The conditions of the transaction.
     pub requires: Vec<Requirement>,
     /// The writes; of several at one key the last counts.
     pub writes: Vec<KeyWrite>,
@@ -68,18 +69,18 @@ pub struct Transaction {
 pub struct Requirement {
     /// The key that it is about.
     pub key: String,
-    /// What the key has to be.
+    /// The expected state of the key.
     pub expected: Expected,
 }
 
-/// What a key has to be for a transaction to be committed. Append only.
+/// The state of a key that a transaction expects. Append only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Expected {
     /// It has no value.
     Absent,
     /// It has a value.
     Exists,
-    /// Its value is of this transaction, and nobody has written concurrently.
+    /// Its value is of this transaction, and there was no concurrent write.
     Version(TxnId),
 }
 
@@ -92,7 +93,7 @@ pub struct KeyWrite {
     pub value: Option<Stored>,
 }
 
-/// A value as it is stored: see [`Value`].
+/// A value in its stored form: see [`Value`].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Stored {
     /// How the bytes are meant.
@@ -116,7 +117,7 @@ impl fmt::Display for TxnId {
     }
 }
 
-/// A key with what a read shows.
+/// A key with the result of a read.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Entry {
     /// The key.
@@ -125,7 +126,7 @@ pub struct Entry {
     pub value: Option<Stored>,
     /// The transaction that has written it.
     pub version: TxnId,
-    /// Whether somebody has written something else concurrently, and nobody has settled that.
+    /// Whether there was a concurrent write, and the conflict is not settled.
     pub is_conflict: bool,
 }
 
@@ -138,7 +139,7 @@ pub struct Change {
     pub by: String,
     /// The reason that its writer gave.
     pub reason: String,
-    /// What it has written to keys that are watched, all of it.
+    /// All of its writes to watched keys.
     pub entries: Vec<Entry>,
 }
 
@@ -151,7 +152,7 @@ pub enum DatabaseAnswer {
     Committed(TxnId),
     /// Nothing was done.
     Refused(DatabaseRefusal),
-    /// To `Watch`: the present values come next. What was known of them before is void.
+    /// To `Watch`: the present values come next. Everything known of them before is void.
     Begin,
     /// To `Watch`: some of the present values.
     Present(Vec<Entry>),
@@ -159,7 +160,7 @@ pub enum DatabaseAnswer {
     Complete,
     /// To `Watch`: a transaction was committed, here or on another robot.
     Changed(Change),
-    /// To `Transact`: nobody knows whether it was committed, since the disk has failed.
+    /// To `Transact`: it is unknown whether it was committed, since the disk has failed.
     Unknown {
         /// Why, for a person.
         why: String,
@@ -176,12 +177,12 @@ impl DatabaseAnswer {
 /// Why nothing was done. Append only.
 #[derive(Clone, Debug, Error, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DatabaseRefusal {
-    /// A key is not what was expected: read it again.
+    /// A key does not have its expected state: read it again.
     #[error("{why}")]
     Unmet {
         /// The key.
         key: String,
-        /// What it is instead, for a person.
+        /// Its actual state, for a person.
         why: String,
     },
     /// The program may not do that.
@@ -212,7 +213,7 @@ pub enum DatabaseRefusal {
         /// How many.
         waiting: u32,
     },
-    /// There is no node just now: nothing was asked.
+    /// There is no node at present: the request was not sent.
     #[error("the node is away, so nothing was asked; try again when it is back")]
     NoNode,
     /// The database's own words.

@@ -1,7 +1,8 @@
-//! Decodes a value from bytes that can be copied and not borrowed, as those of shared memory: postcard reads slices.
+//! Decodes a value from bytes that can be copied and not borrowed, such as shared memory: postcard reads slices.
 //!
-//! Each byte is copied once, and long pieces right to where they stay: the buffer of a [`Bytes`](super::bytes::Bytes), or of a `String`, is filled from the source. So nobody
-//! who changes the source meanwhile makes a value of it that was checked before.
+//! Each byte is copied once, and long pieces directly to their final place: the buffer of a
+//! [`Bytes`](super::bytes::Bytes) or of a `String` is filled from the source. So a writer that changes the source
+//! during the copy cannot change a value after its check.
 //!
 //! Source: the postcard wire format, version 1.
 
@@ -20,7 +21,7 @@ pub trait Source {
     /// Returns how many bytes are left.
     fn left(&self) -> usize;
 
-    /// Copies so many of them behind those that are there; says whether so many are left. If not, it copies none.
+    /// Appends so many bytes; returns whether so many are left. If not, it copies none.
     fn append(&mut self, size: usize, to: &mut Vec<u8>) -> bool;
 }
 
@@ -314,7 +315,7 @@ impl<'de> SeqAccess<'de> for Elements<'_, '_> {
         seed.deserialize(&mut *self.reader).map(Some)
     }
 
-    /// None if there are fewer bytes than elements: then nobody makes room for those.
+    /// None if there are fewer bytes than elements: then no room is reserved for them.
     fn size_hint(&self) -> Option<usize> {
         (self.count <= self.reader.left()).then_some(self.count)
     }

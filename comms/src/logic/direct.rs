@@ -1,8 +1,10 @@
-//! The direct path of a wire between two programs of one host: what goes over its Unix socket, without zenoh in between.
+//! The direct path of a wire between two programs of one host: the messages over its Unix socket, without zenoh in
+//! between.
 //!
-//! The producer listens beside its data session, and says where with the locators of that ([`Place`]); the node hands them to those that
-//! it wires, and to nobody else. The consumer connects a socket of its own for each wire, of type `SOCK_SEQPACKET`, so each frame is one
-//! packet, and shows the token of the place ([`Hello`]). From the [`Welcome`] on, values and words come in frames:
+//! The producer listens beside its data session, and publishes the address with the locators of that session
+//! ([`Place`]). The node hands them only to the programs that it wires. The consumer connects a separate socket for
+//! each wire, of type `SOCK_SEQPACKET`, so each frame is one packet, and presents the token of the place ([`Hello`]).
+//! From the [`Welcome`] on, values and boundaries come in frames:
 //!
 //! ```text
 //! producer to consumer                                                     consumer to producer
@@ -14,11 +16,13 @@
 //! header: life: u32 LE | number: u32 LE | order: u64 LE
 //! ```
 //!
-//! In a team each end shows first that it is at this wire: between [`Hello`] and the values go [`Challenge`], [`Claim`] and [`Confirmation`].
+//! In a team each end shows first that it is at this wire: between [`Hello`] and the values go [`Challenge`], [`Claim`]
+//! and [`Confirmation`].
 //!
-//! A *life* is that of the producer's end of the wire: numbers count within it. The *order* counts what a producer sends over all its wires, so
-//! that a consumer with several of them takes what comes in the order in which it was sent. A shared value lies in a buffer of memory that both map; the
-//! producer writes there again once all its consumers have released it.
+//! A *life* is that of the producer's end of the wire: numbers count within it. The *order* counts all messages of a
+//! producer over all its wires, so a consumer with several of them takes the messages in the order of sending. A shared
+//! value lies in a buffer of memory that both map; the producer writes there again once all its consumers have released
+//! it.
 
 use super::codec::{Enveloped, Kind};
 use super::object::TypeForm;
@@ -26,7 +30,7 @@ use serde::{Deserialize, Serialize};
 
 /// How the locator of a direct path begins. Zenoh has no such.
 const SCHEME: &str = "dca-direct/";
-/// The bytes before those of a value or a word.
+/// The bytes before those of a value or a boundary.
 pub const HEADER_SIZE: usize = 17;
 /// The longest frame with a value. Longer ones lie in shared memory.
 pub const INLINE_MAX: usize = 16 << 10;
@@ -37,12 +41,12 @@ const SHARED: u8 = 0x02;
 const RETIRED: u8 = 0x03;
 const RELEASE: u8 = 0x10;
 
-/// Where a producer takes consumers of its host, and what they show there.
+/// The address where a producer accepts consumers of its host, and the token they present there.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Place {
     /// The socket.
     pub path: String,
-    /// Known to the producer, its node, and whom that has wired with it.
+    /// Known to the producer, its node, and the programs wired with it.
     pub token: String,
 }
 
@@ -52,26 +56,27 @@ impl Place {
         format!("{SCHEME}{}#{}", self.path, self.token)
     }
 
-    /// Returns the place that a locator means; none if it is one of zenoh's.
+    /// Returns the place in a locator; none if it is a locator of zenoh.
     pub fn of(locator: &str) -> Option<Self> {
         let (path, token) = locator.strip_prefix(SCHEME)?.rsplit_once('#')?;
         Some(Self { path: path.to_owned(), token: token.to_owned() })
     }
 
-    /// Returns whether a locator is one of a direct path.
+    /// Returns whether a locator belongs to a direct path.
     pub fn is_meant(locator: &str) -> bool {
         locator.starts_with(SCHEME)
     }
 }
 
-/// The first packet of a consumer. With it goes an eventfd, by which the producer asks for what waits to be read; in a team that goes later.
+/// The first packet of a consumer. With it goes an eventfd, by which the producer asks for waiting packets to be read;
+/// in a team the eventfd goes later.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Hello {
     /// The token of the [`Place`].
     pub token: String,
     /// The key of the wire, from the node's order.
     pub key: String,
-    /// What the consumer takes.
+    /// The consumer's type.
     pub form: TypeForm,
 }
 
@@ -92,10 +97,11 @@ impl Enveloped for Welcome {
     const SIZE_MAX: usize = 1 << 10;
 }
 
-/// Bytes that nobody has said before.
+/// Random bytes that have never been used before.
 pub type Nonce = [u8; 32];
 
-/// The answer to a [`Hello`] in a team: what the consumer is to show that it is the other end of this wire.
+/// The answer to a [`Hello`] in a team: the challenge by which the consumer proves that it is the other end of this
+/// wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Challenge {
     /// Random.
@@ -107,12 +113,12 @@ impl Enveloped for Challenge {
     const SIZE_MAX: usize = 64;
 }
 
-/// What the consumer shows. With it goes its eventfd, which does not go with the [`Hello`] then.
+/// The consumer's proof. With it goes its eventfd, which then does not go with the [`Hello`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Claim {
     /// Random.
     pub nonce: Nonce,
-    /// A hash that nobody can make without the secret of this direction of the wire.
+    /// A hash that only holders of the secret of this direction of the wire can make.
     pub tag: [u8; 32],
 }
 
@@ -121,10 +127,10 @@ impl Enveloped for Claim {
     const SIZE_MAX: usize = 128;
 }
 
-/// What the producer shows, in the place of a [`Welcome`].
+/// The producer's proof, in the place of a [`Welcome`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Confirmation {
-    /// That of a [`Welcome`].
+    /// As in a [`Welcome`].
     pub process: u128,
     /// As in a [`Claim`], for the other direction.
     pub tag: [u8; 32],
@@ -135,18 +141,18 @@ impl Enveloped for Confirmation {
     const SIZE_MAX: usize = 128;
 }
 
-/// What stands before the bytes of a frame.
+/// The beginning of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Header {
     /// The life of the producer's end.
     pub life: u32,
-    /// How many values it has sent in it, one that follows included.
+    /// How many values it has sent in it, including one that follows.
     pub number: u32,
     /// Grows with each frame of the producer, whatever its wire.
     pub order: u64,
 }
 
-/// What a producer sends.
+/// A message of a producer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Frame<'a> {
     /// A value.

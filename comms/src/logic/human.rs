@@ -1,8 +1,8 @@
-//! Times ([`span`]), sizes ([`size`]) and errors of the system ([`cause`]) as text for people, and values as JSON for people's tools. The bytes
-//! of those values in postcard stay as they were.
+//! Times ([`span`]), sizes ([`size`]) and errors of the system ([`cause`]) as text for people, and values as JSON for
+//! tools. The bytes of those values in postcard are unchanged.
 //!
-//! Times are numbers in seconds. Numbers that name something are strings of 16 hexadecimal digits: most readers of JSON keep
-//! numbers in 53 bits. For `#[serde(with = "…")]`.
+//! Times are numbers in seconds. Numbers that name something are strings of 16 hexadecimal digits: most readers of JSON
+//! keep numbers in 53 bits. For `#[serde(with = "…")]`.
 
 /// Returns a span of time in words: `5 s`, `1.5 s`, `200 ms`, `0.25 ms`.
 pub fn span(time: std::time::Duration) -> String {
@@ -21,7 +21,7 @@ pub fn size(bytes: u64) -> String {
     }
 }
 
-/// Returns the system's words for an error within a sentence: `no such file or directory` for what the standard library calls
+/// Returns the system's text for an error within a sentence: `no such file or directory` for the standard library's
 /// `No such file or directory (os error 2)`.
 pub fn cause(error: &std::io::Error) -> String {
     let text = error.to_string();

@@ -30,9 +30,9 @@
 //! dca/<robot>/exports/<instance path>  what a program exports
 //! ```
 //!
-//! Names come from users, and a key expression gives a meaning to `/ * $ # ? @`. So every name is escaped: letters, digits,
-//! `_`, `-` and `.` stand for themselves, any other byte is `%` and two hex digits, an empty name is `%`. Escaping is
-//! one-to-one: different names never share a key, and no name can match the key of another.
+//! Names come from users, and a key expression gives a meaning to `/ * $ # ? @`. So every name is escaped: letters,
+//! digits, `_`, `-` and `.` stand for themselves, any other byte is `%` and two hex digits, an empty name is `%`.
+//! Escaping is one-to-one: different names never share a key, and no name can match the key of another.
 
 use std::fmt;
 use thiserror::Error;
@@ -48,7 +48,7 @@ const RESERVED: [&str; 4] = ["n", "live", "d", "db"];
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct HostName(String);
 
-/// Why a text is no host name.
+/// The reason why a text is not a host name.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[error("`{text}` is not a host name: {problem}")]
 pub struct HostNameError {
@@ -69,7 +69,7 @@ impl HostName {
     /// Reads a host name.
     ///
     /// # Errors
-    /// Says what is wrong with it.
+    /// The first mistake in the name.
     pub fn parse(text: &str) -> Result<Self, HostNameError> {
         let first = |c: char| c.is_ascii_alphanumeric();
         let problem = if text.is_empty() {
@@ -112,7 +112,7 @@ pub fn rpc(host: &str, verb: &str) -> String {
     format!("dca/n/{}/rpc/{}", escape(host), escape(verb))
 }
 
-/// Returns the key expression of calls to a node, whatever the verb.
+/// Returns the key expression of calls to a node, for all verbs.
 pub fn rpc_any(host: &str) -> String {
     format!("dca/n/{}/rpc/*", escape(host))
 }
@@ -123,7 +123,7 @@ pub fn parse_rpc(key: &str) -> Option<(String, String)> {
     Some((unescape(host)?, unescape(verb)?))
 }
 
-/// Returns the key of calls to that one of those which serve `key` that has this session id.
+/// Returns the key of calls to the one server of `key` that has this session id.
 pub fn of_session(key: &str, session: &str) -> String {
     format!("{key}{SESSION}{session}")
 }
@@ -138,12 +138,12 @@ pub fn inbox(host: &str) -> String {
     format!("dca/n/{}/in", escape(host))
 }
 
-/// Returns the key on which a node tells the others of its team who is revoked.
+/// Returns the key on which a node tells the others of its team the revoked keys.
 pub fn revoked(host: &str) -> String {
     format!("dca/n/{}/revoked", escape(host))
 }
 
-/// Returns the key on which a node hears that others have refused what it has said.
+/// Returns the key on which a node hears that others have refused its messages.
 pub fn refused(host: &str) -> String {
     format!("dca/n/{}/refused", escape(host))
 }
@@ -178,17 +178,17 @@ pub fn renewed(host: &str) -> String {
     format!("dca/n/{}/renewed", escape(host))
 }
 
-/// Returns the expression of all keys on which nodes tell the others who is revoked.
+/// Returns the expression of all keys on which nodes tell the others the revoked keys.
 pub fn revoked_any() -> String {
     "dca/n/*/revoked".to_owned()
 }
 
-/// Returns the key on which a node asks who is there.
+/// Returns the key on which a node asks for the nodes that are there.
 pub fn ping(host: &str) -> String {
     format!("dca/n/{}/ping", escape(host))
 }
 
-/// Returns the key expression on which any node asks who is there.
+/// Returns the key expression on which any node asks for the nodes that are there.
 pub fn ping_any() -> String {
     "dca/n/*/ping".to_owned()
 }
@@ -198,7 +198,7 @@ pub fn asked(host: &str) -> String {
     format!("dca/n/{}/asked", escape(host))
 }
 
-/// Returns the key of answers to a node that has asked who is there.
+/// Returns the key of answers to a node that has asked for the nodes that are there.
 pub fn pong(host: &str) -> String {
     format!("dca/n/{}/pong", escape(host))
 }
@@ -237,7 +237,7 @@ pub fn wire(deployment: &str, epoch: u64, wire: u32) -> String {
     format!("dca/d/{}/{epoch}/w/{wire}", escape(deployment))
 }
 
-/// Returns the number of the wire with this key; none if it is no key of a wire.
+/// Returns the number of the wire with this key; none if it is not the key of a wire.
 pub fn parse_wire(key: &str) -> Option<u32> {
     let mut parts = key.strip_prefix("dca/d/")?.split('/').skip(2);
     let (kind, number) = (parts.next()?, parts.next()?);
@@ -250,7 +250,7 @@ pub fn wire_type(wire: &str) -> String {
     format!("{wire}/type")
 }
 
-/// Returns the key on which people see the values of a wire that are sealed for its consumer.
+/// Returns the key for people who watch a wire whose values are sealed for its consumer.
 pub fn wire_seen(wire: &str) -> String {
     format!("{wire}/seen")
 }
@@ -260,7 +260,7 @@ pub fn db_news(team: &str, origin: u64) -> String {
     format!("dca/db/{}/news/{origin:016x}", escape(team))
 }
 
-/// Returns the key expression of what any replica tells everybody.
+/// Returns the key expression of every replica's news to all.
 pub fn db_news_any(team: &str) -> String {
     format!("dca/db/{}/news/*", escape(team))
 }
@@ -295,13 +295,13 @@ pub fn tap(robot: &str, instance: &str, output: &str) -> String {
     format!("dca/{}/tap/{}/{}", robot_name(robot), escape(output), escape_path(instance))
 }
 
-/// Returns the key of calls to what a program exports, and the key on which it hears that a caller waits no more.
+/// Returns the key of calls to a program's exports, and the key on which it hears of cancelled calls.
 pub fn object(robot: &str, instance: &str) -> (String, String) {
     let key = |word| format!("dca/{}/{word}/{}", robot_name(robot), escape_path(instance));
     (key("call"), key("cancel"))
 }
 
-/// Returns the key on which a program answers what it exports.
+/// Returns the key on which a program lists its exports.
 pub fn exports(robot: &str, instance: &str) -> String {
     format!("dca/{}/exports/{}", robot_name(robot), escape_path(instance))
 }
@@ -317,7 +317,7 @@ pub fn parse_signals(key: &str) -> Option<String> {
     path.map(|path| path.join("/"))
 }
 
-/// A robot must not be mistaken for one of our own words; `_` before them is as unique as the name itself.
+/// A robot must not be mistaken for a reserved word; with `_` in front the name is still unique.
 fn robot_name(robot: &str) -> String {
     let bare = robot.trim_start_matches('_');
     let prefix = if RESERVED.contains(&bare) { "_" } else { "" };

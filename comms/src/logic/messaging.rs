@@ -1,15 +1,18 @@
-//! The messaging level and the synchronisation layer: messages with a header, queues, routers, requests and resource locks.
+//! The messaging level and the synchronisation layer: messages with a header, queues, routers, requests and resource
+//! locks.
 //!
-//! - [`header`]: what a message says of itself, and the limits of each part.
+//! - [`header`]: the header of a message, and the limits of each part.
 //! - [`queue`]: a named [`MessageQueue`](queue::MessageQueue) receives messages and gives them out by priority.
-//! - [`router`]: a [`Router`](router::Router) sends each message to the queues that have subscribed and whose filters take it.
+//! - [`router`]: a [`Router`](router::Router) sends each message to the queues that have subscribed and whose filters
+//!   take it.
 //! - [`request`]: a request is a message with a marker, and its reply is a message with the same one.
-//! - [`lock`]: a [`ResourceLock`](lock::ResourceLock) lets one client at a time use a resource, for the time of a lease; a
-//!   [`FencingCheck`](fencing::FencingCheck) at the resource refuses everybody else. [`lock_client`] is the client's side.
+//! - [`lock`]: a [`ResourceLock`](lock::ResourceLock) lets one client at a time use a resource, for the time of a
+//!   lease; a [`FencingCheck`](fencing::FencingCheck) at the resource refuses everybody else. [`lock_client`] is the
+//!   client's side.
 //! - [`wire`]: what programs say to each other about all of these.
 //!
-//! Each is a machine without a clock: it is told the time. Source: Loukianov, Kimura and Sugisaka, "Implementing distributed
-//! control system for intelligent mobile robot", Artificial Life and Robotics 8 (2004), section 3.
+//! Each is a machine without a clock: it is told the time. Source: Loukianov, Kimura and Sugisaka, "Implementing
+//! distributed control system for intelligent mobile robot", Artificial Life and Robotics 8 (2004), section 3.
 
 pub mod fencing;
 pub mod header;

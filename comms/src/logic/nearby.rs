@@ -15,7 +15,7 @@ pub enum Announcement {
         /// Its TCP port.
         port: u16,
     },
-    /// Somebody looks for nodes: each answers with [`Announcement::Here`].
+    /// A client looks for nodes: each answers with [`Announcement::Here`].
     Ask,
 }
 

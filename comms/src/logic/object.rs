@@ -1,11 +1,11 @@
 //! The object level: a program exports procedures and state, and others call and read them.
 //!
-//! A call is one message to the program (`key::object`), and one answer. Both ends say of which types argument and result are, so
-//! that two programs that were built from different definitions refuse each other instead of misreading bytes. A caller that
-//! waits no more says so ([`ObjectCancel`]); a call that has not begun then never does.
+//! A call is one message to the program (`key::object`), and one answer. Both ends say of which types argument and
+//! result are, so that two programs that were built from different definitions refuse each other instead of misreading
+//! bytes. A caller that waits no more says so ([`ObjectCancel`]); a call that has not begun then never does.
 //!
-//! What cannot be known is not told: after [`ObjectError::Deadline`] and [`ObjectError::Gone`] the call may have been carried
-//! out.
+//! Unknown results are not hidden: after [`ObjectError::Deadline`] and [`ObjectError::Gone`] the call may have been
+//! carried out.
 
 mod table;
 
@@ -46,7 +46,8 @@ pub struct ObjectCall {
     pub within: Duration,
     /// The encoded argument; none for a state.
     pub argument: Bytes,
-    /// The signature of a user, in a team. Programs that the spec connects need none, and a call that only looks needs none.
+    /// The signature of a user, in a team. Programs that the spec connects need none, and a call that only looks needs
+    /// none.
     pub warrant: Option<Warrant>,
 }
 
@@ -64,10 +65,10 @@ pub struct Warrant {
 pub enum Access {
     /// To look: the procedure changes nothing.
     Look,
-    /// To operate what runs.
+    /// To operate running programs.
     #[default]
     Operate,
-    /// To decide what runs.
+    /// To start and stop deployments.
     Deploy,
 }
 
@@ -76,7 +77,7 @@ pub enum Access {
 pub enum ObjectAnswer {
     /// The encoded result.
     Done(Bytes),
-    /// There is no result.
+    /// The call has no result.
     Failed(ObjectError),
 }
 
@@ -90,13 +91,13 @@ pub struct ObjectCancel {
 /// The types of a procedure: `Force { newton: Force } -> Width { metre: Length }`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Signature {
-    /// What it is called with.
+    /// The type of its argument.
     pub argument: TypeForm,
-    /// What it answers.
+    /// The type of its result.
     pub result: TypeForm,
 }
 
-/// A type, as far as its owner says what is in it.
+/// A type, with its fields if its owner lists them.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TypeForm {
     /// Its name; empty for nothing at all.
@@ -105,7 +106,7 @@ pub struct TypeForm {
     pub fields: String,
 }
 
-/// What a program exports.
+/// The exports of a program.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Exports {
     /// In order of declaration.
@@ -117,7 +118,7 @@ pub struct Exports {
 pub struct Exported {
     /// Its name.
     pub name: String,
-    /// What it is.
+    /// The kind of the export.
     pub kind: ExportKind,
     /// Its types.
     pub signature: Signature,
@@ -129,7 +130,7 @@ pub struct Exported {
     pub access: Access,
 }
 
-/// What is exported.
+/// The kinds of exports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ExportKind {
     /// Something to call.
@@ -152,7 +153,7 @@ pub enum ObjectError {
     NoSuchProcedure {
         /// As asked for.
         name: String,
-        /// What it exports.
+        /// The names that it exports.
         known: Vec<String>,
     },
     /// Both ends know other types.
@@ -197,7 +198,7 @@ pub enum ObjectError {
     /// The spec has not connected it, or the connection is closed at this time.
     #[error("`{name}` is not connected to anything at this time")]
     NotConnected {
-        /// What is called.
+        /// The name of the called export.
         name: String,
     },
 }
@@ -215,12 +216,12 @@ impl ObjectError {
         Err(Self::TooLarge { size: count(size), size_max: count(PAYLOAD_SIZE_MAX) })
     }
 
-    /// Returns whether the call may have been carried out all the same.
+    /// Returns whether the call may have been carried out despite the error.
     pub fn may_have_happened(&self) -> bool {
         matches!(self, Self::Deadline { .. } | Self::Gone)
     }
 
-    /// Returns what a person can do about it; empty if the error says it.
+    /// Returns advice for a person; empty if the error contains it.
     pub fn hint(&self) -> &'static str {
         match self {
             Self::NoSuchName { .. } => "`dca list` shows what runs",
@@ -242,8 +243,8 @@ fn known_words(known: &[String]) -> String {
 }
 
 impl Signature {
-    /// Returns whether values that one end writes can be read by the other: the same names, and the same fields where both
-    /// declare them.
+    /// Returns whether values that one end writes can be read by the other: the same names, and the same fields where
+    /// both declare them.
     pub fn fits(&self, other: &Self) -> bool {
         self.argument.fits(&other.argument) && self.result.fits(&other.result)
     }

@@ -1,5 +1,5 @@
-//! The size of the next request for a stream: large enough to keep the link full, and no larger than urgent messages may wait
-//! behind.
+//! The size of the next request for a stream: large enough to keep the link full, and no larger than urgent messages
+//! may wait behind.
 //!
 //! An answer takes a round trip, which is the same for every size, and the time that its bytes need, which is not. Two
 //! answers of different size tell one from the other. While only one size is known, four times as much is asked for.
@@ -9,11 +9,11 @@ use std::time::Duration;
 /// The most that is asked for, in bytes.
 pub const SIZE_MAX: usize = 4 << 20;
 
-/// How long an answer is waited for, besides what it is expected to take.
+/// How long to wait for an answer, in addition to its expected time.
 const PULL_TIME: Duration = Duration::from_secs(2);
-/// How long the bytes of an answer should be on their way; what is urgent waits behind one answer at the most.
+/// How long the bytes of an answer should be in transit; urgent messages wait behind one answer at most.
 const CHUNK_TIME: Duration = Duration::from_millis(250);
-/// The same in round trips, where those are long: the link rests for one of them in so many.
+/// The same in round trips, for long ones: the link rests for one round trip in so many.
 const CHUNK_ROUNDS: u32 = 6;
 /// The longest that the bytes of an answer should be on their way, however long a round trip is.
 const CHUNK_TIME_MAX: Duration = Duration::from_secs(16);
@@ -21,7 +21,7 @@ const CHUNK_TIME_MAX: Duration = Duration::from_secs(16);
 const SIZE_FIRST: usize = 4 << 10;
 /// The fewest bytes to ask for.
 const SIZE_MIN: usize = 1 << 10;
-/// The most that is asked for where a round trip is short: what has come is taken in one turn, which others wait for.
+/// The most that is requested over a short round trip: an answer is processed in one turn, for which others wait.
 const SIZE_NEAR: usize = 256 << 10;
 /// How many times more than the last time is asked for at most.
 const GROWTH_MAX: usize = 64;
@@ -63,7 +63,7 @@ impl Pace {
         if more >= bytes_base && longer > Duration::ZERO {
             self.rate = Some((more, longer));
         }
-        // What is quicker than the link was has shown that it is another one now.
+        // An answer quicker than the measured rate shows that the link has changed.
         self.rate = self.rate.filter(|rate| sending(*rate, bytes) <= took);
         let (fits, most) = match self.rate {
             Some(rate) => {

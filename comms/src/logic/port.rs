@@ -6,7 +6,7 @@ use std::num::NonZeroUsize;
 /// The policy for a value that finds the queue full.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Policy {
-    /// A queue of one: the newest value replaces the one before.
+    /// A queue of one: the newest value replaces the previous one.
     Latest,
     /// The oldest value gives way.
     DropOldest(NonZeroUsize),
@@ -118,7 +118,7 @@ mod tests {
     }
 
     proptest! {
-        /// Against the plainest model: a growing list of what a reader should see.
+        /// Compared with the simplest model: a growing list of the values that a reader should see.
         #[test]
         fn loses_only_what_its_policy_says(policy in policies(), steps: Vec<Option<u16>>) {
             let (mut queue, mut model, mut lost) = (Queue::new(policy), Vec::new(), 0);

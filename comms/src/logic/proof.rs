@@ -1,17 +1,17 @@
-//! What comes with a message in a team: a signature of who says it, so that nobody says it for somebody else, whoever passes
-//! it on.
+//! The proof of a message's sender in a team: a signature, so that no relay can send a message in another's name.
 
 use super::codec::{Enveloped, Kind};
 use serde::{Deserialize, Serialize};
 
-/// Who has said a message: an Ed25519 key, and its signature of the message's digest.
+/// The sender of a message: an Ed25519 key, and its signature of the message's digest.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Proof {
     /// The public key. Source: RFC 8032, section 5.1.5.
     pub key: [u8; 32],
     /// The signature, 64 bytes. Source: RFC 8032, section 5.1.6.
     pub signature: Vec<u8>,
-    /// What shows whose key it is, in the form of [`crate::logic::tunnel::Introduction`]; left out where it is known.
+    /// The credential that shows the owner of the key, in the form of [`crate::logic::tunnel::Introduction`]; left out
+    /// if it is known.
     pub credential: Option<Vec<u8>>,
 }
 

@@ -1,9 +1,9 @@
-//! The seals of what programs of a team say to each other. A seal travels beside what it is for; `comms::io::data` makes and breaks
-//! them.
+//! The seals on messages between programs of a team. A seal travels beside its message; `comms::io::data` makes and
+//! opens seals.
 //!
-//! Zenoh does not say over which link something has come, and who is linked to a program for one wire could speak on any other. So what
-//! goes over a wire is sealed with a key that its two ends alone have. The consumer drops what has no valid seal, what is sealed
-//! with another key, and what comes twice.
+//! Zenoh does not report the link of a message, and a program that is linked for one wire could speak on any other. So
+//! messages over a wire are sealed with a key that only its two ends have. The consumer drops messages without a valid
+//! seal, messages sealed with another key, and repeated messages.
 
 use super::codec::{Enveloped, Kind};
 use super::time::Time;
@@ -14,31 +14,31 @@ use thiserror::Error;
 
 /// Bytes of a tag. Source: RFC 8439, section 2.8.
 pub const TAG_SIZE: usize = 16;
-/// How often a wire tells what it has refused.
+/// How often a wire reports its refusals.
 pub const TELL_EVERY: Duration = Duration::from_secs(60);
-/// How long something sealed with another key is no more than that: one end may have heard later than the other that the program there was
-/// started again.
+/// How long something sealed with another key is no more than that: one end may have heard later than the other that
+/// the program there was started again.
 pub const OTHER_KEY_WITHIN: Duration = Duration::from_secs(10);
 /// How many wires of a program are told of at most.
 const WIRES_MAX: usize = 256;
 
-/// Stands for the number of a wire where something has come over none: a call of somebody who may not call.
+/// Stands for the number of a wire if a message came over none: a call of a program that may not call.
 pub const NO_WIRE: u32 = u32::MAX;
 /// The same for a sample of a device.
 pub const DEVICE: u32 = u32::MAX - 1;
 /// The same for a link of a program that has no wire.
 pub const LINK: u32 = u32::MAX - 2;
 
-/// What is sealed.
+/// The kind of a sealed message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Content {
     /// A value of a wire.
     Value,
     /// A [`Boundary`](crate::logic::switch::Boundary) between values.
     Boundary,
-    /// An answer to who fetches.
+    /// An answer to a fetch.
     Answer,
-    /// A call of what a program exports.
+    /// A call of a program's export.
     Call,
     /// The word that its caller waits no more.
     Cancel,
@@ -46,20 +46,20 @@ pub enum Content {
     Device,
 }
 
-/// What travels beside something sealed.
+/// The attachment of a sealed message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Seal {
-    /// What is sealed.
+    /// The kind of message.
     pub content: Content,
     /// Names the key; no secret.
     pub key: u32,
-    /// Counts what the program has sealed since its start; no number comes twice.
+    /// Counts the messages that the program has sealed since its start; each number is used once.
     pub number: u64,
     /// Shows that nothing was changed.
     pub tag: [u8; TAG_SIZE],
 }
 
-/// What travels beside something that several programs get: a seal for each.
+/// The attachment of a sample for several programs: a seal for each.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Seals {
     /// In any order; each names its key.
@@ -85,24 +85,24 @@ pub enum Refusal {
     /// It is sealed with a key that is not that of the wire.
     #[error("it is sealed with the key of another program")]
     OtherKey,
-    /// It has come before, or what was sealed later has.
+    /// It has come before, or a later message has.
     #[error("it was sent a second time")]
     Repeated,
     /// It was changed, or belongs elsewhere.
     #[error("its seal is broken")]
     Broken,
-    /// Who has signed it is no visitor from the team.
+    /// The signer is not a visitor from the team.
     #[error("no node of the team vouches for who has signed it")]
     Stranger,
     /// A program that has no wire wants to link.
     #[error("it has no wire with this program")]
     NoWire,
-    /// Somebody who may only look calls a procedure.
+    /// A visitor with only the right to look calls a procedure.
     #[error("no user has signed it")]
     Unsigned,
 }
 
-/// What a program has refused on one of its wires.
+/// The refusals of a program on one of its wires.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Refused {
     /// Number of the wire in the plan.
@@ -115,7 +115,7 @@ pub struct Refused {
     pub from: Option<String>,
 }
 
-/// What a program has refused and not told yet.
+/// The refusals of a program that are not yet reported.
 #[derive(Debug, Default)]
 pub struct Refusals(BTreeMap<u32, OfWire>);
 
@@ -143,7 +143,7 @@ impl Refusals {
         (refused.count, refused.why, refused.from) = (refused.count.saturating_add(1), why, from);
     }
 
-    /// Takes note that the other end of a wire has another key now: what was sealed with a key that is not known was its.
+    /// Notes that the other end of a wire has a new key: messages sealed with an unknown key came from it.
     pub fn changed(&mut self, wire: u32) {
         self.0.entry(wire).and_modify(|of_wire| of_wire.other = None);
     }
@@ -153,7 +153,7 @@ impl Refusals {
         self.0.values().filter_map(OfWire::deadline).min()
     }
 
-    /// Returns what is to be told now: of each wire no more than once a minute.
+    /// Returns the refusals to be reported now: at most once a minute for each wire.
     pub fn take(&mut self, now: Time) -> Vec<Refused> {
         let due = self.0.values_mut().filter(|of_wire| of_wire.deadline().is_some_and(|due| due <= now));
         let told = due.filter_map(|of_wire| {

@@ -1,7 +1,7 @@
 //! Named scalars that a program publishes for people and recorders, never for another controller.
 //!
-//! Published on `key::signals(robot, instance)` whenever the program wants to, open wires or not. Self-describing, so that
-//! a recorder needs to know nothing of the program.
+//! Published on `key::signals(robot, instance)` whenever the program wants to, open wires or not. Self-describing, so
+//! that a recorder needs to know nothing of the program.
 
 use crate::logic::time::Time;
 use serde::{Deserialize, Serialize};

@@ -1,8 +1,8 @@
 //! Switching wires while data flows: nothing is lost, doubled or taken in the wrong order.
 //!
-//! A producer flips all its wires of one switch at once, between two values. It says so in band: the last word on a wire that is
-//! closed is [`Boundary::Closed`], the first on one that is opened [`Boundary::Opened`]. The consumer takes all that comes before the end
-//! of the old wires, and holds back what comes over the new ones until then ([`Intake`]).
+//! A producer flips all its wires of one switch at once, between two values. It marks this in band: the last message on
+//! a wire that is closed is [`Boundary::Closed`], the first on a wire that is opened [`Boundary::Opened`]. The consumer
+//! takes all values up to the end of the old wires, and holds back the values of the new ones until then ([`Intake`]).
 //!
 //! A switch has a *generation*, the same for all who take part in it. Boundaries may be repeated at will.
 
@@ -17,14 +17,15 @@ pub use intake::{Arrival, Intake, Passed, Taken};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// How long values of new wires are held back for the end of the old ones. Then they pass, and what still comes over the old
-/// ones is late and dropped.
+/// How long values of new wires are held back for the end of the old ones. Then they pass, and later values of the old
+/// ones are dropped.
 pub const HOLD_WITHIN: Duration = Duration::from_secs(1);
 
 /// A word in band, between the values of a wire.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Boundary {
-    /// What follows was sent after the wire was opened; of a wire that was open, after all others were flipped.
+    /// The following values were sent after the wire was opened; on a wire that was already open, after all others were
+    /// flipped.
     Opened {
         /// The switch; 0 for a wire that was opened without one.
         generation: u64,
@@ -56,7 +57,7 @@ pub struct Flip {
     pub open: Vec<Opening>,
 }
 
-/// A wire that a switch opens. One that is open gets the boundary alone.
+/// A wire that a switch opens. A wire that is already open only gets the boundary.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Opening {
     /// Number of the wire.
@@ -65,7 +66,7 @@ pub struct Opening {
     pub after: Vec<u32>,
 }
 
-/// What a consumer is told to expect of a switch.
+/// The end of a switch that a consumer has to expect.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Expect {
     /// The switch.

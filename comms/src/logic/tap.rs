@@ -1,8 +1,8 @@
-//! Values of an output as people look at them while a robot works: `dca echo`, `dca hz`.
+//! Values of an output for people who watch a robot at work: `dca echo`, `dca hz`.
 //!
-//! A program publishes each value that leaves an output on `key::tap(robot, instance, output)`, whether wires are open or not, and
-//! only while somebody listens. On `key::outputs(robot, instance)` it answers which outputs it has. An in-process group shows the outputs
-//! of its members that lead to other members, too.
+//! A program publishes each value that leaves an output on `key::tap(robot, instance, output)`, whether wires are open
+//! or not, and only while there is a subscriber. On `key::outputs(robot, instance)` it lists its outputs. An in-process
+//! group also shows the outputs of its members that lead to other members.
 
 use crate::logic::time::Time;
 use serde::{Deserialize, Serialize};
@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 /// A value as it left its output.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Tapped {
-    /// How many values have left this output since the program's start, this one included. A gap means values that were lost on
-    /// the way to the listener.
+    /// How many values have left this output since the program's start, this one included. A gap means values that were
+    /// lost on the way to the listener.
     pub number: u64,
     /// When it left, on the clock of the program's host.
     pub stamp: Time,
@@ -22,14 +22,14 @@ pub struct Tapped {
 /// The outputs of a program.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Outputs {
-    /// In order of declaration; those to devices, too.
+    /// In order of declaration, including those to devices.
     pub outputs: Vec<OutputType>,
     /// Of an in-process group: the outputs of members that lead to other members.
     pub inner: Vec<InnerOutput>,
 }
 
 impl Outputs {
-    /// Returns all outputs that can be looked at: its own, then those of its members.
+    /// Returns all outputs that can be watched: its own, then those of its members.
     pub fn all(&self) -> impl Iterator<Item = &OutputType> {
         self.outputs.iter().chain(self.inner.iter().map(|inner| &inner.output))
     }

@@ -3,16 +3,16 @@
 use super::codec::{Enveloped, Kind};
 use serde::{Deserialize, Serialize};
 
-/// The first message of each end: who is there. Its credential shows that the key of the handshake may be there.
+/// The first message of each end: its identity. Its credential shows that the key of the handshake may be there.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Introduction {
     /// The session that the tunnel is for.
     pub session: String,
-    /// What shows who this is, in the form of [`crate::io::session::Identity`].
+    /// The proof of identity, in the form of [`crate::io::session::Identity`].
     pub credential: Vec<u8>,
 }
 
-/// The second message of each end: whom it has heard of as revoked. Only who is trusted hears it.
+/// The second message of each end: the revocations it knows. It is only sent to a trusted end.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Revocations {
     /// In the form of [`crate::io::session::Identity`].

@@ -1,7 +1,8 @@
 //! The thread that answers who fetches.
 //!
-//! Who answers waits for room on the link. Zenoh's threads must not: they also hear from the system that there is room, and two that
-//! wait for each other's link keep all links of a process silent until zenoh gives one up, after 5 s.
+//! An answering thread waits for room on the link. Zenoh's threads must not wait: the system also tells them that there
+//! is room, and two that wait for each other's link keep all links of a process silent until zenoh gives one up, after
+//! 5 s.
 
 use super::{DataError, DataSession, Responder, session_error};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
@@ -9,13 +10,13 @@ use std::sync::{Arc, OnceLock};
 use zenoh::Wait as _;
 use zenoh::query::Query;
 
-/// How many questions wait. What is more gets no answer; who has asked asks again.
+/// How many queries wait. Further ones get no answer; their callers ask again.
 const WAITING_MAX: usize = 1024;
 
 /// An answer to be given.
 pub(super) type Answer = Box<dyn FnOnce() + Send>;
 
-/// The way to the thread, which begins with the first one who answers and ends with the last.
+/// The way to the thread, which starts with the first answering key and ends with the last.
 #[derive(Debug, Default)]
 pub(super) struct Answers(OnceLock<SyncSender<Answer>>);
 
@@ -39,7 +40,7 @@ impl Answers {
 }
 
 impl DataSession {
-    /// Answers whoever asks for a key, on the thread for that.
+    /// Answers queries for a key, on the thread for answers.
     pub(super) fn on_queries(
         &self,
         key: &str,

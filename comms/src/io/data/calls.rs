@@ -1,4 +1,4 @@
-//! Calls in a team: the server carries out what is sealed by a program that may call it, or signed by who only visits.
+//! Calls in a team: the server carries out calls that are sealed by an allowed program, or signed by a visitor.
 
 use super::seal::Sealed;
 use super::{Opener, Sealer};
@@ -17,16 +17,16 @@ use zenoh::bytes::ZBytes;
 pub struct Caller {
     /// Its session.
     pub session: String,
-    /// Opens what it has sealed.
+    /// Opens the seals of the other end.
     pub opener: Arc<Opener>,
     /// Seals the answers.
     pub sealer: Arc<Sealer>,
 }
 
-/// Says why a signature of this digest is not that of somebody who may visit; nothing if it is.
+/// Returns the reason why a signature of this digest is not that of a permitted visitor; none if it is.
 type Visits = Box<dyn Fn(&Proof, &Digest) -> Option<String> + Send + Sync>;
 
-/// Who may call a server in a team.
+/// The programs and visitors that may call a server in a team.
 pub struct CallGate {
     /// By the id of the key that seals the calls.
     callers: Mutex<BTreeMap<u32, Caller>>,
@@ -34,12 +34,12 @@ pub struct CallGate {
     refused: Box<dyn Fn(Refusal, Option<String>) + Send + Sync>,
 }
 
-/// Who has sent a call, or the word that it is not waited for any more.
+/// The sender of a call, or of its cancellation.
 #[derive(Debug)]
 pub(super) enum Sender {
     /// The program with this session; what seals the answer, and the number of the call.
     Caller(String, Arc<Sealer>, u64),
-    /// Somebody who looks at what runs, by a node of the team.
+    /// A client that looks at running programs, through a node of the team.
     Visitor,
 }
 
@@ -52,16 +52,16 @@ pub enum CallWay {
     Sealed {
         /// Seals the calls.
         call: Arc<Sealer>,
-        /// Seals the word that nobody waits.
+        /// Seals the cancellation.
         cancel: Arc<Sealer>,
         /// Opens the answers.
         answer: Arc<Opener>,
     },
-    /// Signed, by who only visits: nobody but the server gets to see it.
+    /// Signed, for a visitor: only the server gets to see it.
     Signed(Visitor),
 }
 
-/// Signs what a visitor says; returns nothing if it cannot.
+/// Signs a visitor's messages; returns none if it cannot.
 #[derive(Clone)]
 pub struct Visitor(pub Arc<Signs>);
 
@@ -77,11 +77,11 @@ pub fn call_digest(key: &str, call: &ObjectCall) -> Result<Digest, CodecError> {
     Ok(question(key, &[], &codec::encode(call)?))
 }
 
-/// Something to be sent to a server, and what goes beside it.
+/// A message to a server, with its attachment.
 pub(super) struct Outgoing {
     pub(super) bytes: ZBytes,
     pub(super) beside: Option<Vec<u8>>,
-    /// What its answer is about.
+    /// The number of the call that its answer belongs to.
     pub(super) number: u64,
 }
 
@@ -122,7 +122,7 @@ impl fmt::Debug for CallWay {
 }
 
 impl CallGate {
-    /// Returns one that lets nobody in but who `visits`. `refused` hears why something was dropped; it must only note it.
+    /// Returns a gate that lets in only `visits`. `refused` gets the reason of each drop; it must only note it.
     pub fn new(
         visits: impl Fn(&Proof, &Digest) -> Option<String> + Send + Sync + 'static,
         refused: impl Fn(Refusal, Option<String>) + Send + Sync + 'static,
@@ -144,7 +144,7 @@ impl CallGate {
         }
     }
 
-    /// Returns who has sent something, and what; nothing if it is to be dropped.
+    /// Returns the sender and the content of a message; none if it is to be dropped.
     pub(super) fn open(
         &self,
         wanted: Content,

@@ -1,4 +1,5 @@
-//! Devices in a team: a sample goes to several programs, and has a seal for each of those that may believe it. It is no secret.
+//! Devices in a team: a sample goes to several programs, with a seal for each program that may believe it. The sample
+//! is not secret.
 
 use super::{DataError, DataSession, Opener, Publisher, Sealer, Subscription, session_error};
 use crate::logic::codec;
@@ -9,11 +10,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 use zenoh::Wait;
 use zenoh::sample::Sample;
 
-/// Vouches for samples to those who may believe them.
+/// Vouches for samples to the programs that may believe them.
 #[derive(Debug, Default)]
 pub struct Voucher(Mutex<Vec<Arc<Sealer>>>);
 
-/// Lets in samples of those who may send them.
+/// Lets in samples of the programs that may send them.
 pub struct DeviceGate {
     senders: Mutex<Vec<Arc<Opener>>>,
     refused: Box<dyn Fn(Refusal, Option<String>) + Send + Sync>,
@@ -33,8 +34,8 @@ impl Voucher {
 }
 
 impl DeviceGate {
-    /// Returns one that lets nobody in. `refused` hears why something was dropped, and from which session that says to be; it must only
-    /// note it.
+    /// Returns a gate that lets in nothing. `refused` gets the reason of each drop, and the session that the sample
+    /// claims to come from; it must only note it.
     pub fn new(refused: impl Fn(Refusal, Option<String>) + Send + Sync + 'static) -> Self {
         Self { senders: Mutex::default(), refused: Box::new(refused) }
     }
@@ -62,7 +63,7 @@ impl fmt::Debug for DeviceGate {
 }
 
 impl Publisher {
-    /// Sends a sample that everybody can read, with a seal for each who may believe it.
+    /// Sends a sample that can be read by all, with a seal for each program that may believe it.
     ///
     /// # Errors
     /// If the session is closed.

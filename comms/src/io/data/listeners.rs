@@ -1,4 +1,4 @@
-//! Who listens to a publisher.
+//! The subscribers of a publisher.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, PoisonError};
@@ -13,7 +13,7 @@ pub(crate) struct Listeners {
     changed: Condvar,
 }
 
-/// By which ways somebody listens.
+/// The kinds of subscribers that are there.
 #[derive(Clone, Copy, Debug, Default)]
 struct Matching {
     by_zenoh: bool,
@@ -36,19 +36,19 @@ impl Listeners {
         self.change(|heard| heard.directly = is_connected);
     }
 
-    /// Returns whether anybody listens over zenoh.
+    /// Returns whether there is a subscriber over zenoh.
     pub(super) fn is_zenoh(&self) -> bool {
         self.heard.lock().unwrap_or_else(PoisonError::into_inner).by_zenoh
     }
 
-    /// Waits until somebody listens; says whether that was within the time given.
+    /// Waits for a subscriber. Returns whether one came within the given time.
     pub(super) fn wait(&self, within: Duration) -> bool {
         let heard = self.heard.lock().unwrap_or_else(PoisonError::into_inner);
         let waited = self.changed.wait_timeout_while(heard, within, |heard| !heard.is_any());
         waited.unwrap_or_else(PoisonError::into_inner).0.is_any()
     }
 
-    /// Returns whether anybody listens.
+    /// Returns whether there is a subscriber.
     pub(crate) fn is_any(&self) -> bool {
         self.is_any.load(Ordering::Acquire)
     }

@@ -1,8 +1,8 @@
-//! Calls from program to program, over the links of a data session. What they mean: [`crate::logic::object`].
+//! Calls from program to program, over the links of a data session. [`crate::logic::object`] defines their meaning.
 //!
-//! Nothing here waits for an answer: it comes to a callback on one of zenoh's threads. To send may wait for a link that takes
-//! nothing, so control loops neither call nor answer themselves: answers go out on threads of their own, and who calls has a
-//! thread for it.
+//! Nothing here waits for an answer: it is passed to a callback on one of zenoh's threads. Sending may wait for a
+//! congested link, so control loops neither call nor answer themselves: answers are sent on separate threads, and a
+//! calling program has a thread for it.
 
 use super::calls::{CallGate, CallWay, Outgoing as Prepared, Sender};
 use super::seal::Sealed;
@@ -28,19 +28,20 @@ use zenoh::sample::Sample;
 
 /// Answers that have not been sent yet. One more is lost, which its caller hears.
 const ANSWERS_MAX: usize = 256;
-/// How many answers are sent at the same time: a caller that takes nothing holds up one of them, until its link is given up.
+/// How many answers are sent at the same time. A caller that takes nothing blocks one of them, until its link is given
+/// up.
 const ANSWERING: usize = 4;
 /// Zenoh's word for an answer that did not come in time.
 const TIMEOUT: &[u8] = b"Timeout";
 
-/// What serves the calls of one key. Dropping it ends that.
+/// Serves the calls of one key. Dropping it ends the service.
 #[derive(Debug)]
 pub struct ObjectServer {
     _queryable: Queryable<()>,
     _cancels: Subscriber<()>,
 }
 
-/// What happens to an [`ObjectServer`]. It is told from zenoh's threads, so it must only be put away.
+/// An event of an [`ObjectServer`]. It is passed on from zenoh's threads, so it must only be stored.
 #[derive(Debug)]
 pub enum ObjectEvent {
     /// A call has arrived.
@@ -49,7 +50,7 @@ pub enum ObjectEvent {
     Cancelled(CallId),
 }
 
-/// A call that has arrived. Dropped without an answer, its caller hears that nobody is there any more.
+/// A call that has arrived. If it is dropped without an answer, the caller receives `Gone`.
 #[derive(Debug)]
 pub struct IncomingCall {
     /// The call.
@@ -68,14 +69,14 @@ pub struct AnswerWay {
     /// Taken once it is answered.
     query: Option<Query>,
     answers: SyncSender<Outgoing>,
-    /// What seals the answer for its caller, in a team, and the number of the call.
+    /// The sealer of the answer for its caller, in a team, and the number of the call.
     sealer: Option<(Arc<Sealer>, u64)>,
 }
 
-/// An answer on its way, with what goes beside it, or none: dropped, a query tells its caller that nobody answers.
+/// An answer in transit with its attachment, or none: dropping a query tells its caller that there is no answer.
 type Outgoing = (Query, Option<(ZBytes, Option<Vec<u8>>)>);
 
-/// A call whose answer has not come yet. Dropped, nobody waits for it any more, and the other end is told.
+/// A call whose answer has not come yet. Dropping it cancels the call, and the other end is told.
 pub struct PendingCall {
     id: CallId,
     session: zenoh::Session,
@@ -122,10 +123,11 @@ impl Drop for Awaiting {
 }
 
 impl DataSession {
-    /// Serves the calls of `key`, and hears on `cancel_key` who waits no more. With a gate, only those that it lets in.
+    /// Serves the calls of `key`, and hears on `cancel_key` of cancelled calls. With a gate, only the calls that it
+    /// lets in.
     ///
     /// # Errors
-    /// If the session is closed, or there are no threads to be had.
+    /// If the session is closed, or no thread can be started.
     pub fn serve_calls(
         &self,
         (key, cancel_key): (&str, &str),
@@ -160,8 +162,8 @@ impl DataSession {
         Ok(ObjectServer { _queryable: queryable, _cancels: cancels })
     }
 
-    /// Calls who serves `key`; `take` gets the one result, from one of zenoh's threads, so it must not wait. May itself wait for
-    /// a link that takes nothing.
+    /// Calls the server of `key`; `take` gets the one result, on one of zenoh's threads, so it must not wait. The call
+    /// itself may wait for a congested link.
     ///
     /// # Errors
     /// If the argument is too large, or the session is closed; then it was not sent.
@@ -182,7 +184,7 @@ impl DataSession {
         let on_reply = move |reply: Reply| match &theirs {
             CallWay::Open | CallWay::Signed(_) => awaiting.sink.put(result_of(&reply, within)),
             CallWay::Sealed { answer, .. } => {
-                // An error has no seal, and may be anybody's.
+                // An error has no seal, and may come from any session.
                 let opened = reply
                     .result()
                     .ok()
@@ -226,7 +228,7 @@ impl DataSession {
         (way, call): (&CallWay, &ObjectCall),
     ) -> Result<Vec<u8>, ObjectError> {
         let (result_tx, result) = sync_channel(1);
-        // Nobody waits any more only where the wait below has ended.
+        // The receiver is gone only if the wait below has ended.
         let take = move |result| result_tx.try_send(result).unwrap_or_default();
         let _pending = self.call(keys, (way, call), take)?;
         // Zenoh keeps the time; ours is for the case that it does not.
@@ -245,7 +247,7 @@ impl DataSession {
     }
 }
 
-/// Returns what was said, and by whom if a gate knows that; nothing if the gate does not let it in.
+/// Returns the message, and its sender if a gate knows it; none if the gate refuses it.
 fn admit(
     gate: Option<&CallGate>,
     content: Content,
@@ -261,7 +263,7 @@ fn may_be(gate: Option<&CallGate>, sender: Option<&Sender>, session: &str) -> bo
     gate.zip(sender).is_none_or(|(gate, sender)| gate.may_be(sender, session))
 }
 
-/// Takes what a caller sends. Called from zenoh.
+/// Takes a caller's message. Called by zenoh.
 fn hear(
     query: Query,
     gate: Option<&CallGate>,
@@ -270,7 +272,7 @@ fn hear(
 ) {
     let (nothing, key) = (ZBytes::new(), query.key_expr().clone());
     let said = (query.attachment(), query.payload().unwrap_or(&nothing));
-    // Dropped, the query tells its caller that nobody is there.
+    // Dropping the query tells its caller that there is no server.
     let Some((sender, bytes)) = admit(gate, Content::Call, said, &key) else { return };
     let call = codec::decode::<ObjectCall>(&bytes);
     let is_own = |call: &ObjectCall| may_be(gate, sender.as_ref(), &call.id.session);
@@ -324,7 +326,7 @@ impl AnswerWay {
         let answer = answer.map_err(|error| tracing::warn!(%error, "an answer cannot be written")).ok();
         let answer = match self.sealer.take() {
             None => answer.map(|bytes| (bytes.into(), None)),
-            // Nobody else can read it. A caller without a key any more is gone.
+            // Only the caller can read it. A caller that has no key any more is gone.
             Some((sealer, number)) => answer
                 .and_then(|bytes| sealer.seal(Content::Answer, number, &bytes.into()))
                 .map(|Sealed { bytes, seal, .. }| (bytes, Some(seal))),
@@ -338,7 +340,7 @@ impl AnswerWay {
 impl Drop for AnswerWay {
     fn drop(&mut self) {
         if let Some(query) = self.query.take() {
-            // Where there is no room the query is dropped here, which may wait for its link.
+            // If the queue is full, the query is dropped here, which may wait for its link.
             self.answers.try_send((query, None)).unwrap_or_default();
         }
     }

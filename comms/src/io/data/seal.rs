@@ -10,12 +10,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 use zenoh::bytes::ZBytes;
 use zeroize::Zeroizing;
 
-/// What a seal covers.
+/// The part of a message that a seal covers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cover {
-    /// Every byte, which nobody else can read.
+    /// Every byte: no third program can read them.
     Bytes,
-    /// That the sender has sent something now: for wires within a machine, whose bytes nobody else can change.
+    /// Only that the sender has sent something now: for wires within a machine, whose bytes no third program can
+    /// change.
     Sender,
 }
 
@@ -26,18 +27,18 @@ pub struct SealKey {
     cover: Cover,
 }
 
-/// Counts what a program has sealed.
+/// Counts the messages that a program has sealed.
 #[derive(Clone, Debug, Default)]
 pub struct SealCounter(Arc<AtomicU64>);
 
-/// Seals what goes out in one direction of a wire; without a key nothing goes out.
+/// Seals the messages in one direction of a wire; without a key it sends nothing.
 #[derive(Debug)]
 pub struct Sealer {
     counter: SealCounter,
     key: Mutex<Option<Arc<SealKey>>>,
 }
 
-/// Breaks the seals of what comes in; without a key nothing comes in.
+/// Opens the seals of incoming messages; without a key it accepts nothing.
 pub struct Opener {
     state: Mutex<Opening>,
     refused: Box<dyn Fn(Refusal, Option<String>) + Send + Sync>,
@@ -47,7 +48,7 @@ pub struct Opener {
 #[derive(Debug)]
 pub(super) struct Sealed {
     pub(super) bytes: ZBytes,
-    /// What goes beside them.
+    /// The seal beside them.
     pub(super) seal: Vec<u8>,
     /// The number in the seal.
     pub(super) number: u64,
@@ -175,8 +176,8 @@ impl Sealer {
 }
 
 impl Opener {
-    /// Returns one without a key. `refused` hears why something was dropped, and from which session that says to be; it must only note
-    /// it.
+    /// Returns one without a key. `refused` hears why something was dropped, and from which session that says to be; it
+    /// must only note it.
     pub fn new(refused: impl Fn(Refusal, Option<String>) + Send + Sync + 'static) -> Self {
         Self { state: Mutex::default(), refused: Box::new(refused) }
     }
@@ -189,7 +190,7 @@ impl Opener {
             state.key = key.map(Arc::new);
             return false;
         }
-        // A key that comes back has the number that it had: what it has sealed before comes no second time.
+        // A key that is set again continues with its last number, so none of its earlier messages is accepted twice.
         if let Some(before) = id(state.key.as_deref()) {
             let last = state.last;
             state.earlier.retain(|(other, _)| *other != before);
@@ -207,8 +208,8 @@ impl Opener {
         self.state.lock().unwrap_or_else(PoisonError::into_inner).key.as_ref().map(|key| key.id)
     }
 
-    /// Returns what these bytes are, and them as they were before they were sealed; nothing if they are to be dropped. What is no answer
-    /// has to come in the order in which it was sealed.
+    /// Returns the content of a message and its bytes before they were sealed; none if it is to be dropped. Messages
+    /// other than answers have to come in the order in which they were sealed.
     pub(super) fn open(
         &self,
         seal: Option<&ZBytes>,
@@ -246,7 +247,7 @@ impl Opener {
         key.open(&seal, about, &mut bytes)?;
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         if !is_answer && state.key.as_ref().is_some_and(|now| now.id == key.id) {
-            // Another thread may have broken a later one meanwhile.
+            // Another thread may have opened a later one in between.
             if seal.number <= state.last {
                 return Err(Refusal::Repeated);
             }

@@ -1,4 +1,4 @@
-//! Wires of a team: what goes over them is sealed, and what comes over them without a seal is dropped.
+//! Wires of a team: their messages are sealed, and incoming messages without a seal are dropped.
 
 use super::seal::Sealed;
 use super::{
@@ -17,18 +17,18 @@ use zenoh::bytes::ZBytes;
 use zenoh::query::{ConsolidationMode, Query, QueryTarget, Reply};
 use zenoh::sample::Sample;
 
-/// Numbers the questions of this process, so that an answer is for one of them alone.
+/// Numbers the queries of this process, so that an answer fits only one of them.
 static QUESTIONS: AtomicU64 = AtomicU64::new(1);
 
 impl Publisher {
-    /// Seals from now on what it sends numbered.
+    /// Seals all numbered values from now on.
     #[must_use]
     pub fn sealed(mut self, sealer: Arc<Sealer>) -> Self {
         self.sealer = Some(sealer);
         self
     }
 
-    /// Sends something sealed. Who has no key for it yet sends nothing.
+    /// Sends a sealed message. Without a key it sends nothing.
     pub(super) fn put_sealed(
         &self,
         sealer: &Sealer,
@@ -42,7 +42,7 @@ impl Publisher {
 }
 
 impl DataSession {
-    /// Hears a wire as [`DataSession::on_wire`] does, and drops what has no valid seal.
+    /// Hears a wire like [`DataSession::on_wire`], and drops messages without a valid seal.
     ///
     /// # Errors
     /// If the session is closed.
@@ -67,7 +67,7 @@ impl DataSession {
         self.on_samples(key, on_sample)
     }
 
-    /// Answers whoever fetches `key` as [`DataSession::answer`] does; only the other end of the wire can read it.
+    /// Answers fetches of `key` like [`DataSession::answer`]; only the other end of the wire can read the answer.
     ///
     /// # Errors
     /// If the session is closed.
@@ -97,7 +97,7 @@ impl DataSession {
         let (reply_tx, reply) = sync_channel(1);
         let question = QUESTIONS.fetch_add(1, Ordering::Relaxed);
         let on_reply = move |reply: Reply| {
-            // An error has no seal, and may be anybody's.
+            // An error has no seal, and may come from any session.
             let Ok(sample) = reply.result() else { return };
             let from = || sample.source_info().map(|source| source.source_id().zid().to_string());
             let opened = opener.open(sample.attachment(), question, sample.payload(), from);

@@ -1,9 +1,10 @@
-//! What the two ends of a direct path show each other in a team: that they are the two ends of this wire.
+//! The proofs that the two ends of a direct path exchange in a team: each shows that it is an end of this wire.
 //!
-//! Each direction of a wire has a secret that its two ends alone have. An end shows it by a keyed hash (BLAKE3) over what both have said, with
-//! random bytes of both, and over the number of its own process. The other end takes that number from the kernel, which knows whose the
-//! socket is. So what was recorded is worth nothing, and neither is what a third program passes on between the two. After that nobody
-//! else can read or write the socket, so values go over it as they are.
+//! Each direction of a wire has a secret that only its two ends know. An end proves that it has the secret by a keyed
+//! hash (BLAKE3) over the handshake, with random bytes of both, and over its own process id. The other end gets that id
+//! from the kernel, which knows the process at the other end of the socket. So a recorded proof is worthless, and so is
+//! a proof that a third program relays between the two. After that no other program can read or write the socket, so
+//! values are sent unsealed.
 
 use super::packet::{Waits, receive, send_waiting};
 use crate::io::entropy;
@@ -19,9 +20,9 @@ use zeroize::Zeroizing;
 
 /// The secrets of one wire.
 pub struct WireSecrets {
-    /// What this end shows that it has.
+    /// The secret that this end proves to have.
     pub shown: Zeroizing<[u8; 32]>,
-    /// What the other end has to show.
+    /// The secret that the other end has to prove.
     pub expected: Zeroizing<[u8; 32]>,
 }
 
@@ -34,7 +35,7 @@ pub struct Guard {
     refused: Box<dyn Fn(String) + Send + Sync>,
 }
 
-/// What both ends have said before one of them shows that it has a secret.
+/// The messages that both ends have sent before a proof.
 #[derive(Debug)]
 pub(super) struct Transcript<'a> {
     /// The consumer's hello, as it was sent.
@@ -48,7 +49,7 @@ pub(super) struct Transcript<'a> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum End {
     Consumer,
-    /// With what it says of itself.
+    /// Includes the producer's welcome.
     Producer(u128),
 }
 
@@ -65,8 +66,8 @@ impl fmt::Debug for Guard {
 }
 
 impl Guard {
-    /// Takes `secrets`, which returns those of the wire with a key, or nothing if nobody is known at its other end now. `refused` hears who
-    /// was refused, for a person; it must only note it.
+    /// Takes `secrets`, which returns the secrets of the wire with a key, or none if the other end is unknown now.
+    /// `refused` gets each refused program, for a person; it must only note it.
     pub fn new(
         secrets: impl Fn(&str) -> Option<WireSecrets> + Send + Sync + 'static,
         refused: impl Fn(String) + Send + Sync + 'static,
@@ -103,7 +104,7 @@ impl Guard {
 }
 
 impl Transcript<'_> {
-    /// Returns what shows that an end which is this process has a secret. To compare it takes as long whatever the other one is.
+    /// Returns the proof that an end in this process has a secret. A comparison takes constant time.
     pub(super) fn tag(&self, secret: &[u8; 32], end: End, process: Pid) -> blake3::Hash {
         let mut hasher = blake3::Hasher::new_keyed(secret);
         let (role, says) = match end {

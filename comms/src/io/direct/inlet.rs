@@ -1,4 +1,5 @@
-//! The consumer's end of wires, and what a loop waits on that reads them: it wakes for a value, a call of another thread or a deadline.
+//! The consumer's end of wires, and the wait of a loop that reads them: it wakes for a value, a call of another thread
+//! or a deadline.
 
 use super::loan::{Loan, Return, Value};
 use super::memory::Mapping;
@@ -18,8 +19,8 @@ use std::os::fd::OwnedFd;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
-/// How many packets of one wire are read at once: a producer that sends without end keeps nobody from the rest, and what a queue of the
-/// usual size has no room for stays in the socket until a loop has taken that.
+/// How many packets of one wire are read at once, so that a fast producer does not delay the other wires. Packets
+/// beyond the room of a queue of the usual size stay in the socket until the loop has taken some.
 const PACKETS_MAX: usize = 64;
 /// How many are read when the bell has rung, since a loop is busy: more than a socket has room for.
 const PACKETS_OF_BELL: usize = 1024;
@@ -39,7 +40,7 @@ pub struct Inlets {
     set: Mutex<Set>,
 }
 
-/// The consumer's end of one wire. Dropping it ends the connection; nothing arrives from then on.
+/// The consumer's end of one wire. Dropping it ends the connection; nothing arrives afterwards.
 #[derive(Debug)]
 pub struct Inlet {
     number: u64,
@@ -56,14 +57,14 @@ struct Set {
 struct Wire {
     stream: Arc<OwnedFd>,
     process: u128,
-    /// Whether its producer has no other wire to this program: then whatever it sends comes in order.
+    /// Whether its producer has no other wire to this program: then its values arrive in order.
     is_alone: bool,
-    /// Read, and not yet taken: what the producer has sent before over other wires comes first.
+    /// Read, and not yet taken: earlier values of the producer over other wires come first.
     packets: VecDeque<Packet>,
-    /// The order of what was read last.
+    /// The order of the value that was read last.
     order: u64,
     mappings: BTreeMap<u32, Arc<Mapping>>,
-    /// What was not taken when it was looked at last, of what lies in memory of the producer.
+    /// The value in the producer's memory that was not yet taken at the last look.
     loaned: Weak<Loan>,
     on_arrival: OnArrival,
     has_ended: bool,
@@ -97,13 +98,13 @@ impl Inlets {
     pub fn wake(&self) {
         self.is_called.store(true, Ordering::SeqCst);
         if self.is_waiting.load(Ordering::SeqCst) {
-            // It fails only where it was rung for ever.
+            // It fails only after an endless number of rings.
             rustix::io::write(&self.doorbell, &1_u64.to_ne_bytes()).unwrap_or_default();
         }
     }
 
-    /// Waits until something has arrived, which it reads, or somebody calls, or until `until`; without a deadline for ever. For one thread.
-    /// Says whether all that had arrived is read.
+    /// Waits until something has arrived, which it reads, or another thread calls, or until `until`; without a deadline
+    /// for ever. For one thread. Returns whether everything that had arrived is read.
     pub fn wait(&self, until: Option<Time>) -> bool {
         loop {
             self.is_waiting.store(true, Ordering::SeqCst);
@@ -120,7 +121,7 @@ impl Inlets {
             }
             if ready.has_arrived {
                 let has_more = self.lock().read(PACKETS_MAX);
-                // Whoever has called meanwhile finds this thread awake, about to look at everything.
+                // A thread that calls now finds this one awake and about to look at everything.
                 self.is_called.store(has_more, Ordering::SeqCst);
                 return true;
             }
@@ -135,7 +136,7 @@ impl Inlets {
         self.read_most(PACKETS_MAX);
     }
 
-    /// Reads what has arrived in the place of a loop that is busy: then it waits in the loop's queues, as long as those are.
+    /// Reads arrivals for a busy loop: they wait in the loop's queues, as long as there is room.
     pub(super) fn read_for_loop(&self) {
         self.read_most(PACKETS_OF_BELL);
     }
@@ -242,10 +243,12 @@ impl Set {
         has_more
     }
 
-    /// Reads several wires of one producer, in the order in which it has sent. Says whether something was read that waits for its turn.
+    /// Reads several wires of one producer, in the order in which it has sent. Says whether something was read that
+    /// waits for its turn.
     ///
-    /// What is read in a first pass over all sockets may have been sent after something that came to a socket behind the pass. A second pass
-    /// has that. So all that was sent up to the last packet of the first pass is here then, unless a socket has more than is read at once.
+    /// A value read in a first pass over all sockets may have been sent after a value that reached a socket behind the
+    /// pass. A second pass reads that value. So afterwards everything sent up to the last packet of the first pass is
+    /// here, unless a socket has more than is read at once.
     fn read_process(&mut self, process: u128, count_max: usize) -> bool {
         let mut wires: Vec<&mut Wire> = self.wires.values_mut().filter(|wire| wire.process == process).collect();
         let mut capped: Vec<bool> = wires.iter_mut().map(|wire| wire.fetch(&mut self.packet, count_max)).collect();
@@ -333,8 +336,8 @@ impl Wire {
         (self.on_arrival)(arrival, Sequence { publisher: (self.process, life), number });
     }
 
-    /// Takes a value in shared memory, where it stays until it is read, or the next one comes. A value that cannot be had is missing, and
-    /// counted with the next one.
+    /// Takes a value in shared memory, where it stays until it is read, or the next one comes. A value that cannot be
+    /// had is missing, and counted with the next one.
     fn shared(&mut self, header: Header, SharedValue { buffer, size }: SharedValue, file: Option<OwnedFd>) {
         if let Some(file) = file {
             match Mapping::of(&file) {

@@ -1,5 +1,5 @@
-//! What has come over a wire: bytes of this program, or bytes in memory of their producer, which does not write there until they are
-//! taken.
+//! A value that arrived over a wire: bytes of this program, or bytes in memory of their producer, which does not write
+//! there until they are taken.
 
 use super::memory::{Mapping, Reading};
 use super::packet::send;
@@ -19,7 +19,7 @@ pub enum Value {
 
 /// A value in memory of its producer. Dropping it gives the memory back.
 ///
-/// Of a wire no more than one is there at a time: when the next one comes, this one is copied.
+/// Each wire has at most one loan at a time: when the next value arrives, this one is copied.
 #[derive(Debug)]
 pub struct Loan {
     state: Mutex<State>,

@@ -1,7 +1,8 @@
-//! Memory that two programs share: a file without a name, mapped by both. It is gone once the last of them has ended, however that was.
+//! Memory that two programs share: a file without a name, mapped by both. It is gone once the last of them has ended,
+//! however that was.
 //!
-//! The one unsafe module of the direct path. It never makes a reference to shared memory: bytes are copied in and out, so whatever another
-//! program writes meanwhile, this one has bytes of some value, and never undefined behaviour.
+//! The one unsafe module of the direct path. It never makes a reference to shared memory: bytes are copied in and out.
+//! So if another program writes at the same time, this program gets bytes of some value, and never undefined behaviour.
 
 use crate::logic::decode::Source;
 use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, fcntl_get_seals, fstat, ftruncate, memfd_create};
@@ -62,10 +63,11 @@ impl Buffer {
         let flags = MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING;
         let file = memfd_create("dca-wire", flags)?;
         ftruncate(&file, u64::try_from(size).map_err(|_too_long| Errno::FBIG)?)?;
-        // Nobody can cut it, so no access ends in SIGBUS.
+        // No process can shrink the file, so no access ends in SIGBUS.
         fcntl_add_seals(&file, SealFlags::SHRINK | SealFlags::GROW)?;
         let mapping = Mapping::new(file.as_fd(), size, Access::Write)?;
-        // From now on nobody else can map it to write. Linux before 5.1 has no such seal, and consumers do not write anyway.
+        // From now on no other process can map it for writing. Linux before 5.1 has no such seal, and consumers do not
+        // write anyway.
         match fcntl_add_seals(&file, SealFlags::FUTURE_WRITE | SealFlags::SEAL) {
             Ok(()) | Err(Errno::INVAL) => Ok(Self { file, mapping }),
             Err(error) => Err(error.into()),
@@ -87,7 +89,7 @@ impl Buffer {
         self.filler().put(bytes)
     }
 
-    /// Returns what fills it anew, from its beginning.
+    /// Returns a filler that writes from its beginning.
     pub fn filler(&mut self) -> Filler<'_> {
         Filler { buffer: self, size: 0 }
     }
@@ -99,7 +101,7 @@ impl Buffer {
 }
 
 impl Filler<'_> {
-    /// Puts bytes behind those that are there; says whether there is room.
+    /// Appends bytes; returns whether there is room.
     #[inline]
     #[expect(unsafe_code, reason = "writes to mapped memory")]
     pub fn put(&mut self, bytes: &[u8]) -> bool {
@@ -107,7 +109,8 @@ impl Filler<'_> {
         if bytes.len() > mapping.size - self.size {
             return false;
         }
-        // SAFETY: the mapping is writable, and behind `size` bytes of it there is room for these; no Rust reference leads to it.
+        // SAFETY: the mapping is writable, and behind `size` bytes of it there is room for these; no Rust reference
+        // leads to it.
         unsafe {
             let to = mapping.start.cast::<u8>().as_ptr().add(self.size);
             std::ptr::copy_nonoverlapping(bytes.as_ptr(), to, bytes.len());
@@ -138,7 +141,7 @@ impl Mapping {
     #[expect(unsafe_code, reason = "there is no safe call that maps a file")]
     fn new(file: BorrowedFd<'_>, size: usize, access: Access) -> io::Result<Self> {
         let protection = if access == Access::Write { libc::PROT_READ | libc::PROT_WRITE } else { libc::PROT_READ };
-        // All pages at once: to fault one by one takes longer than to copy what is in them.
+        // All pages at once: faulting one by one takes longer than copying their content.
         let flags = libc::MAP_SHARED | libc::MAP_POPULATE;
         // SAFETY: a new mapping at a place of the kernel's choice touches no memory of this program.
         let start = unsafe { libc::mmap(std::ptr::null_mut(), size, protection, flags, file.as_raw_fd(), 0) };
@@ -170,8 +173,8 @@ impl Mapping {
             return false;
         }
         to.reserve(size);
-        // SAFETY: behind `from` the mapping is at least so long and its file cannot be cut; the vector has room for `size` bytes behind its
-        // own, and all of them are written before it has them.
+        // SAFETY: behind `from` the mapping is at least so long and its file cannot be cut; the vector has room for
+        // `size` bytes behind its own, and all of them are written before it has them.
         unsafe {
             let start = self.start.cast::<u8>().as_ptr().add(from);
             std::ptr::copy_nonoverlapping(start, to.as_mut_ptr().add(to.len()), size);

@@ -75,13 +75,13 @@ impl Memory {
 }
 
 impl<'a> Parcel<'a> {
-    /// Returns a value that is sent to nobody yet.
+    /// Returns a value that has not been sent yet.
     pub fn new(bytes: &'a [u8]) -> Self {
         Self { bytes, size: bytes.len(), buffer: None }
     }
 
-    /// Returns a value that `fill` encodes right into the memory of its output, which is expected to be about as long as the last one. None if the last
-    /// one was short, it found no room, or there is no memory.
+    /// Returns a value that `fill` encodes directly into the memory of its output, with the expected length of the last
+    /// one. None if the last one was short, `fill` found no room, or there is no memory.
     pub fn filled(memory: &Memory, fill: impl FnOnce(&mut Filler<'_>) -> bool) -> Option<Self> {
         let mut pool = memory.lock();
         let room = pool.size_last;
@@ -93,7 +93,7 @@ impl<'a> Parcel<'a> {
         Some(Self { bytes: &[], size, buffer: Some(buffer) })
     }
 
-    /// Returns a copy of its bytes, for those who do not share this memory.
+    /// Returns a copy of its bytes, for consumers that do not share this memory.
     pub fn to_vec(&self, memory: &Memory) -> Vec<u8> {
         match self.buffer {
             Some(buffer) if self.bytes.is_empty() => memory.lock().read(buffer, self.size).unwrap_or_default(),
@@ -107,15 +107,16 @@ impl Outlet {
         Self { end }
     }
 
-    /// Sends a value to the consumer if it is connected; says whether it is. A value that there is no room for is lost, and the consumer
-    /// counts it. It never waits. What goes over wires of one program comes in the order of these calls, if they are not at the same time.
+    /// Sends a value to the consumer; returns whether the consumer is connected. It never waits. A value without room
+    /// is lost, and the consumer counts it. Values over the wires of one program arrive in the order of these calls, if
+    /// they are not simultaneous.
     pub fn send(&self, parcel: &mut Parcel<'_>, number: u32) -> bool {
         let header = self.end.header(number);
         self.end.with(|connection| connection.value(header, parcel, &self.end.memory))
     }
 
-    /// Sends a word between values, with the number of the value before it; says whether the consumer is connected. A word for which there
-    /// is no room goes before any later value.
+    /// Sends a boundary between values, with the number of the previous value; returns whether the consumer is
+    /// connected. A boundary without room goes before any later value.
     pub fn mark(&self, boundary: &Boundary, number: u32) -> bool {
         let Ok(word) = codec::encode(boundary) else { return self.is_connected() };
         let packet = self.end.header(number).word(&word);
@@ -131,7 +132,7 @@ impl Outlet {
         self.end.lock().is_some()
     }
 
-    /// Returns what the consumer takes, if it is connected.
+    /// Returns the consumer's type, if it is connected.
     pub fn form(&self) -> Option<TypeForm> {
         self.end.lock().as_ref().map(|connection| connection.form.clone())
     }
@@ -152,7 +153,7 @@ impl End {
         Header { life: self.life, number, order: self.shared.orders.fetch_add(1, Ordering::Relaxed) }
     }
 
-    /// Takes a consumer, in the place of one that it had.
+    /// Connects a consumer, and replaces an earlier one.
     pub(super) fn attach(&self, new: Connection) {
         let mut connection = self.lock();
         if let Some(old) = connection.take() {
@@ -260,7 +261,7 @@ impl Connection {
         sent
     }
 
-    /// Says which buffers are not used again; what there is no room for is said later.
+    /// Tells the consumer which buffers are no longer used; a message without room is sent later.
     fn retire(&mut self, pool: &Pool) {
         let stream = &self.stream;
         self.known.retain(|buffer| pool.has(*buffer) || send(stream, &[&retire(*buffer)], None) != Sent::Whole);
@@ -301,7 +302,8 @@ impl Connection {
         Sent::Whole
     }
 
-    /// Rings the bell when it is time to, so that what waits in the socket is read also while the consumer's loop is busy.
+    /// Rings the bell when it is time to, so that what waits in the socket is read also while the consumer's loop is
+    /// busy.
     fn told(&mut self, sent: Sent, size: usize) -> Sent {
         let (count, bytes) = &mut self.unread;
         (*count, *bytes) = (*count + 1, *bytes + size);
@@ -313,7 +315,7 @@ impl Connection {
 
     fn ring(&mut self) {
         self.unread = (0, 0);
-        // It fails only where it was rung for ever, and nobody has heard it.
+        // It fails only after an endless number of unheard rings.
         rustix::io::write(&self.bell, &1_u64.to_ne_bytes()).unwrap_or_default();
     }
 

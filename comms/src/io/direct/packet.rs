@@ -1,4 +1,5 @@
-//! Packets on a Unix socket, with at most one descriptor each. Nothing here waits, but for the timeouts that a socket has.
+//! Packets on a Unix socket, with at most one descriptor each. Nothing here waits, but for the timeouts that a socket
+//! has.
 
 use rustix::io::Errno;
 use rustix::net::{
@@ -18,12 +19,12 @@ pub(super) enum Waits {
     UntilTimeout,
 }
 
-/// What became of a packet.
+/// The result of sending a packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Sent {
     /// It waits for the other side to read it.
     Whole,
-    /// There is no room for it, or no memory.
+    /// The socket has no room for it, or the system has no memory.
     NoRoom,
     /// The other side has ended.
     Gone,

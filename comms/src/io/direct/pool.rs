@@ -1,12 +1,13 @@
-//! The shared buffers of one output: each value lies in one of them for all consumers of the host, until all have released it.
+//! The shared buffers of one output: each value lies in one buffer for all consumers of the host, until all have
+//! released it.
 
 use super::memory::{Buffer, Filler};
 use std::collections::BTreeMap;
 use std::io;
 use std::os::fd::BorrowedFd;
 
-/// How many bytes the values have that one consumer has not released, and how many values at least and at most. What is more is lost for it.
-/// One of them may wait for its loop.
+/// The limit of unreleased values for one consumer, in bytes, and their least and greatest number. Further values are
+/// lost for it. One of them may wait for its loop.
 const BYTES_MAX: usize = 32 << 20;
 const COUNT_MIN: usize = 3;
 const COUNT_MAX: usize = 16;
@@ -35,7 +36,7 @@ pub(super) fn leases_max(size: usize) -> usize {
 }
 
 impl Pool {
-    /// Puts a value into a buffer that nobody uses, and returns its number.
+    /// Puts a value into an unused buffer, and returns its number.
     ///
     /// # Errors
     /// The system has no memory for another one.
@@ -45,8 +46,8 @@ impl Pool {
         filled.map(|(number, _)| number).ok_or_else(|| io::ErrorKind::StorageFull.into())
     }
 
-    /// Has a value put into a buffer that nobody uses, with room for so many bytes or more. Returns its number and how long the value is; none
-    /// if `fill` says that it found no room.
+    /// Lets `fill` write a value into an unused buffer with room for at least so many bytes. Returns the buffer's
+    /// number and the length of the value; none if `fill` finds no room.
     ///
     /// # Errors
     /// The system has no memory for another one.
@@ -71,7 +72,7 @@ impl Pool {
         self.slots.get(&number)?.buffer.read(size)
     }
 
-    /// Makes a buffer; those that are too small for values of now and that nobody uses go.
+    /// Makes a buffer; unused buffers that are too small for the present values are removed.
     fn add(&mut self, size: usize) -> io::Result<u32> {
         let buffer = Buffer::new(size.next_power_of_two().max(SIZE_MIN))?;
         self.slots.retain(|_, slot| slot.leases > 0 || slot.buffer.size() >= size);

@@ -1,5 +1,5 @@
-//! The thread of a program that takes the consumers of its wires. It also sends words that found no room, and reads what arrives for
-//! this program while its own loop is busy.
+//! The thread of a program that takes the consumers of its wires. It also sends words that found no room, and reads
+//! what arrives for this program while its own loop is busy.
 
 use super::guard::Guard;
 use super::inlet::Inlets;
@@ -15,22 +15,22 @@ use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::Duration;
 
-/// How long a consumer has to say who it is, and how many do so at a time; the oldest goes.
+/// How long a consumer has to introduce itself, and how many may do so at a time; the oldest is dropped.
 const HELLO_WITHIN: Duration = Duration::from_secs(2);
 const STRANGERS_MAX: usize = 64;
-/// How long nobody is accepted after the system has refused to.
+/// The pause before the next accept after the system has refused one.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 /// How many consumers wait for wires that are not made yet; a plan has fewer wires.
 const WAITING_MAX: usize = 10_000;
 
-/// What the thread and the ends of wires share.
+/// The state that the thread and the ends of wires share.
 #[derive(Debug)]
 pub(super) struct Shared {
     pub(super) place: Place,
     pub(super) process: u128,
     /// In a team.
     pub(super) guard: Option<Guard>,
-    /// Whether somebody else is at the other ends of wires since the thread has looked.
+    /// Whether the programs at the other ends of wires have changed since the thread last looked.
     has_keys: AtomicBool,
     /// Readable once something has changed for the thread.
     control: OwnedFd,
@@ -64,7 +64,7 @@ impl Shared {
         Self { place, process, guard, has_keys, control, is_over, lives, orders, table }
     }
 
-    /// Has the thread look again at those who have shown something that did not fit.
+    /// Makes the thread check again the strangers whose proof did not fit.
     pub(super) fn keys_changed(&self) {
         self.has_keys.store(true, Ordering::Release);
         self.wake();
@@ -72,7 +72,7 @@ impl Shared {
 
     /// Has the thread look again.
     pub(super) fn wake(&self) {
-        // It fails only where it was written for ever.
+        // It fails only after an endless number of writes.
         rustix::io::write(&self.control, &1_u64.to_ne_bytes()).unwrap_or_default();
     }
 
@@ -126,7 +126,7 @@ impl Server {
             PollFd::new(&self.bell, PollFlags::IN),
         ];
         ready.extend(self.strangers.iter().map(|stranger| PollFd::new(&stranger.stream, PollFlags::IN)));
-        // Without a flag, too, the end of a connection is told.
+        // Even without a flag, the end of a connection is reported.
         let flags = |has_words| if has_words { PollFlags::OUT } else { PollFlags::empty() };
         ready.extend(ends.iter().map(|((stream, has_words), _)| PollFd::new(stream, flags(*has_words))));
         let until = self.strangers.iter().map(|stranger| stranger.until).min();
@@ -176,7 +176,7 @@ impl Server {
         self.strangers.push_back(Stranger::new(stream, now() + HELLO_WITHIN));
     }
 
-    /// Takes those that have said who they are, and lets go of those that cannot, or did not in time.
+    /// Takes the strangers that have introduced themselves, and drops those that cannot, or did not in time.
     fn hear(&mut self, ready: &[PollFlags]) {
         let (now, has_keys) = (now(), self.shared.has_keys.swap(false, Ordering::AcqRel));
         for (stranger, ready) in std::mem::take(&mut self.strangers).into_iter().zip(ready) {

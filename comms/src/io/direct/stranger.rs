@@ -1,4 +1,4 @@
-//! Those who have connected to a program, until it is clear who they are.
+//! Connections to a program whose other end has not been identified yet.
 
 use super::guard::{End, Guard, Transcript};
 use super::outlet::Connection;
@@ -14,14 +14,14 @@ use std::io;
 use std::os::fd::{AsFd, OwnedFd};
 use std::sync::Arc;
 
-/// As much as the system lets a socket have: it cuts this to its own limit, 208 KiB unless somebody has changed it.
+/// As much as the system allows a socket: it cuts this to its own limit, 208 KiB by default.
 const SEND_BUFFER: usize = 1 << 20;
 
-/// Somebody who has connected.
+/// A new connection.
 #[derive(Debug)]
 pub(super) struct Stranger {
     pub(super) stream: OwnedFd,
-    /// How long it has to show who it is.
+    /// How long it has to prove its identity.
     pub(super) until: Time,
     said: Said,
 }
@@ -31,11 +31,12 @@ enum Said {
     Nothing,
     /// In a team.
     Hello(Asked),
-    /// What it has shown does not fit, or nobody is known at the other end of this wire: it may be one of whom the node has not told yet.
+    /// Its proof does not fit, or the other end of this wire is unknown: the node may not have told this program about
+    /// it yet.
     Claim(Asked, Claim, OwnedFd),
 }
 
-/// A wire that somebody asks for, and what is asked of who does.
+/// A requested wire, and the challenge to its client.
 #[derive(Debug)]
 struct Asked {
     hello: Hello,
@@ -43,17 +44,17 @@ struct Asked {
     challenge: Nonce,
 }
 
-/// What has happened since a stranger was looked at last.
+/// The events since a stranger was looked at last.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct News {
     /// It has said something, or has gone.
     pub(super) is_ready: bool,
-    /// The node has told who is at the other ends of wires.
+    /// The node has named the programs at the other ends of wires.
     pub(super) has_keys: bool,
     pub(super) now: Time,
 }
 
-/// What becomes of a stranger.
+/// The fate of a stranger.
 pub(super) enum Fate {
     Waits(Stranger),
     /// It is the consumer of the wire with this key.
@@ -61,12 +62,12 @@ pub(super) enum Fate {
 }
 
 impl Stranger {
-    /// Returns somebody who has said nothing yet.
+    /// Returns a stranger that has sent nothing yet.
     pub(super) const fn new(stream: OwnedFd, until: Time) -> Self {
         Self { stream, until, said: Said::Nothing }
     }
 
-    /// Goes on with what has come. In a team those are told of who have shown something that does not fit.
+    /// Processes its messages. In a team, `shared` is told of strangers whose proof does not fit.
     pub(super) fn turn(self, news: News, shared: &Shared) -> Option<Fate> {
         let who = socket_peercred(&self.stream);
         let fate = self.judge(news, shared);
@@ -122,7 +123,7 @@ impl Stranger {
         self.check((asked, claim, bell), shared, guard)
     }
 
-    /// Takes it if what it has shown fits.
+    /// Takes it if its proof fits.
     fn check(self, (asked, claim, bell): (Asked, Claim, OwnedFd), shared: &Shared, guard: &Guard) -> io::Result<Fate> {
         let transcript = Transcript { hello: &asked.bytes, challenge: asked.challenge, answer: claim.nonce };
         let other = socket_peercred(&self.stream)?.pid;

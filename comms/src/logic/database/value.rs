@@ -1,5 +1,5 @@
-//! Typed values of the database, as a program has them. The database keeps a tag and bytes, [`Stored`]; both forms are described in
-//! `dbmanager::logic::view::value`, whose bytes these are.
+//! Typed values of the database, as a program has them. The database keeps a tag and bytes, [`Stored`]; both forms are
+//! described in `dbmanager::logic::view::value`, whose bytes these are.
 
 use super::Stored;
 use crate::logic::bytes::Bytes;
@@ -48,13 +48,13 @@ pub enum Value {
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[error("it is of type {found}, not of type {expected}")]
 pub struct ValueError {
-    /// What was asked for.
+    /// The expected type.
     pub expected: &'static str,
-    /// What is there.
+    /// The actual type.
     pub found: &'static str,
 }
 
-/// A value inside of a list or table, as it is encoded.
+/// A value inside a list or table, in its encoded form.
 #[derive(Serialize, Deserialize)]
 struct Inner(u8, Bytes);
 
@@ -100,7 +100,7 @@ impl Value {
 }
 
 impl Stored {
-    /// Reads it. What cannot be read is [`Value::Opaque`].
+    /// Reads it. A value that cannot be read is [`Value::Opaque`].
     pub fn value(&self) -> Value {
         read(self.tag, &self.bytes.0, DEPTH_MAX)
     }
@@ -165,7 +165,7 @@ fn read(tag: u8, bytes: &[u8], depth: usize) -> Value {
     value.unwrap_or_else(|| Value::Opaque { tag, bytes: bytes.to_vec() })
 }
 
-/// Conversions between a type of Rust and the variant of its own.
+/// Conversions between a type of Rust and its variant.
 macro_rules! convert {
     ($($rust:ty, $variant:ident, $word:literal;)*) => {$(
         impl From<$rust> for Value {

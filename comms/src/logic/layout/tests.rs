@@ -1,4 +1,4 @@
-//! The bytes of random values of random types are those of Rust types, written by postcard.
+//! Random values of random types are encoded to the same bytes as Rust types by postcard.
 
 use super::*;
 use proptest::prelude::*;

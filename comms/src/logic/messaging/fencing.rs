@@ -1,9 +1,10 @@
-//! The check in front of a resource: it lets through who holds the lock now, and nobody who held it before.
+//! The check in front of a resource: it lets through the present holder of the lock, and no earlier one.
 //!
-//! A client that was suspended, or cut off, does not know that its lease is over. So the resource does not believe a client; it
-//! compares numbers. Each grant of a lock has a fencing number that is greater than all before it, and every command to the
-//! resource carries the number under which it was given. Invariant: the floor of a check never sinks, so what was refused once is
-//! refused for ever. Source: Gray and Cheriton, "Leases", SOSP 1989; Kleppmann, "Designing Data-Intensive Applications", chapter 8.
+//! A client that was suspended, or cut off, does not know that its lease is over. So the resource does not believe a
+//! client; it compares numbers. Each grant of a lock has a fencing number that is greater than all earlier ones, and
+//! every command to the resource carries the number of its grant. Invariant: the floor of a check never sinks, so a
+//! number that was refused once is refused for ever. Source: Gray and Cheriton, "Leases", SOSP 1989; Kleppmann,
+//! "Designing Data-Intensive Applications", chapter 8.
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -40,7 +41,8 @@ pub enum Refusal {
 }
 
 impl FencingCheck {
-    /// Returns a check at a resource that does not hear of grants: it learns the numbers from the commands that come through.
+    /// Returns a check at a resource that does not hear of grants: it learns the numbers from the commands that come
+    /// through.
     pub const fn learning() -> Self {
         Self { floor: 0, granted: None }
     }
@@ -53,7 +55,7 @@ impl FencingCheck {
     /// Lets a command through, or refuses it.
     ///
     /// # Errors
-    /// Says what is wrong with its number.
+    /// The reason for a refusal of its number.
     pub fn admit(&mut self, number: Option<u64>) -> Result<(), Refusal> {
         let number = number.ok_or(Refusal::NoLock)?;
         if number < self.floor {
@@ -72,7 +74,7 @@ impl FencingCheck {
         self.granted = self.granted.map(|granted| granted.max(number));
     }
 
-    /// Notes that a grant is over: its number is refused from now on, too.
+    /// Notes that a grant is over: its number is also refused from now on.
     pub fn close(&mut self, number: u64) {
         self.floor = self.floor.max(number.saturating_add(1));
     }

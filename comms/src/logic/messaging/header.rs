@@ -9,7 +9,7 @@ pub const NAME_SIZE_MAX: usize = 255;
 /// The most bytes of data in a message.
 pub const DATA_SIZE_MAX: usize = 1 << 20;
 
-/// Says of a message what the paper's header says.
+/// The header of a message, as in the paper.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Header {
     /// The context: `motion`, `speech`. Filters choose by it.
@@ -20,9 +20,9 @@ pub struct Header {
     pub sender: String,
     /// The queue, or the router, that the message was given to.
     pub recipient: String,
-    /// Who goes first: a greater number before a smaller one.
+    /// The order among messages: a greater number goes first.
     pub priority: u8,
-    /// What joins a reply with its request; 0 in a message that is neither.
+    /// Joins a reply with its request; 0 in a message that is neither.
     pub marker: u64,
 }
 
@@ -38,7 +38,7 @@ pub struct MessageId {
 /// A message: its header, the type of its data, and the data.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Message {
-    /// What queues and routers look at.
+    /// The part that queues and routers look at.
     pub header: Header,
     /// The type of the data, as interfaces call it: `Wrench`.
     pub type_name: String,
@@ -48,7 +48,7 @@ pub struct Message {
     pub data: Vec<u8>,
 }
 
-/// Why a message cannot be sent or taken, whatever the queue.
+/// The reason why a message can be neither sent nor received, in any queue.
 #[derive(Clone, Debug, Error, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Malformed {
     /// A part of the header is too long.

@@ -1,13 +1,13 @@
 //! A resource lock: one client at a time, by priority, for the time of a lease.
 //!
-//! The server measures the lease on its own clock, from the grant or the last renewal that reached it. A holder that dies or is cut
-//! off stops renewing, so its lease runs out, and the next one gets the lock with a greater fencing number. From then on the
-//! [`FencingCheck`] refuses the old number, whatever its holder believes. Of two hosts that cannot reach each other, the one without the
-//! server gets no lock: a partition costs availability, never exclusion.
+//! The server measures the lease on its own clock, from the grant or the last renewal that reached it. A holder that
+//! dies or is cut off stops renewing, so its lease runs out, and the next one gets the lock with a greater fencing
+//! number. From then on the [`FencingCheck`] refuses the old number, whatever its holder believes. Of two hosts that
+//! cannot reach each other, the one without the server gets no lock: a partition costs availability, never exclusion.
 //!
-//! Invariants: no fencing number is granted twice, also by a server that was started again, because a number is on the disk before
-//! it is granted ([`LockEffect::Persist`]). A server that was started again grants nothing for the time of one lease, since it does
-//! not know who held the lock.
+//! Invariants: no fencing number is granted twice, also by a server that was started again, because a number is on the
+//! disk before it is granted ([`LockEffect::Persist`]). A server that was started again grants nothing for the time of
+//! one lease, since it does not know who held the lock.
 
 use super::fencing::{FencingCheck, Refusal};
 use super::header::count;
@@ -29,13 +29,13 @@ const CLIENTS_MAX: usize = 1024;
 pub struct LockSettings {
     /// How long a grant lasts without a renewal.
     pub lease: Duration,
-    /// How long a holder may go on when somebody with a greater priority wants the lock; none if it may keep it.
+    /// How long a holder may go on when a client with a greater priority wants the lock; none if it may keep it.
     pub preempt_after: Option<Duration>,
     /// How many clients wait at most.
     pub waiting_max: usize,
 }
 
-/// What a lock is told.
+/// An input of a lock.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum LockInput {
     /// A client asks.
@@ -46,7 +46,7 @@ pub enum LockInput {
     Tick,
 }
 
-/// What a lock wants done.
+/// An effect of a lock.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum LockEffect {
     /// Write this number to the disk, then say [`LockInput::Persisted`]: no number from it on was granted.
@@ -107,7 +107,7 @@ struct Holder {
     priority: u8,
     fence: u64,
     until: Time,
-    /// Whether somebody with a greater priority waits for it to let go.
+    /// Whether a client with a greater priority waits for the lock.
     is_wanted: bool,
 }
 
@@ -175,11 +175,11 @@ impl ResourceLock {
         [grant, expiry, forgotten].into_iter().flatten().min()
     }
 
-    /// Lets a command through to the resource, or refuses it: only the holder's number is let through, and only before its
-    /// lease is over.
+    /// Lets a command through to the resource, or refuses it: only the holder's number is let through, and only before
+    /// its lease is over.
     ///
     /// # Errors
-    /// Says what is wrong with its number.
+    /// The reason for a refusal of its number.
     pub fn admit(&mut self, now: Time, number: Option<u64>) -> Result<(), Refusal> {
         self.expire(now);
         self.fencing.admit(number)
@@ -191,7 +191,7 @@ impl ResourceLock {
         self.holder.as_ref().map(|holder| holder.fence)
     }
 
-    /// Returns what people see of it.
+    /// Returns its status.
     pub fn status(&self, now: Time) -> LockStatus {
         let holder = self.holder.as_ref();
         LockStatus {
@@ -275,7 +275,7 @@ impl ResourceLock {
         effects.push(LockEffect::Answer { client, answer: LockAnswer::Denied { request, why } });
     }
 
-    /// Ends the requests of a client up to this one, whether they wait or hold.
+    /// Ends the requests of a client up to this one, both waiting and granted.
     fn release(&mut self, now: Time, client: u64, request: u64) {
         self.waiting.retain(|_, waiter| waiter.client != client || waiter.request > request);
         if self.holder.as_ref().is_some_and(|holder| holder.client == client && holder.request <= request) {
@@ -315,7 +315,7 @@ impl ResourceLock {
         self.ended.insert(client, (request, why, now));
     }
 
-    /// Gives a free lock to the first one that waits.
+    /// Gives a free lock to the first waiting client.
     fn grant(&mut self, now: Time, effects: &mut Vec<LockEffect>) {
         if self.holder.is_some() || self.waiting.is_empty() || now < self.quarantine {
             return;

@@ -1,8 +1,9 @@
 //! The client's side of a resource lock.
 //!
-//! It believes that it holds the lock for less time than the server does: it counts the time that is left from when it *sent* the
-//! request that was answered, the server from when it received it. It may still be wrong, because it may be suspended between a
-//! look at [`LockClient::held`] and its command. So the command carries the fencing number, and the resource looks at that.
+//! It believes that it holds the lock for less time than the server does: it counts the time that is left from when it
+//! *sent* the request that was answered, the server from when it received it. It may still be wrong, because it may be
+//! suspended between a look at [`LockClient::held`] and its command. So the command carries the fencing number, and the
+//! resource looks at that.
 
 use super::wire::{Denied, LockAnswer, LockRequest};
 use crate::logic::time::Time;
@@ -13,7 +14,7 @@ const RETRY: Duration = Duration::from_millis(250);
 /// The shortest time between two requests.
 const PACE: Duration = Duration::from_millis(5);
 
-/// What a client is told.
+/// An input of a client.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ClientInput {
     /// The program wants the lock, with this priority. Wanted already, only the priority changes.
@@ -31,14 +32,14 @@ pub enum ClientInput {
     Tick,
 }
 
-/// What a client wants done.
+/// An effect of a client.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ClientEffect {
     /// Call the server, then say [`ClientInput::Answer`].
     Call {
         /// The number of the call.
         call: u64,
-        /// What to ask.
+        /// The request to send.
         request: LockRequest,
         /// For how long an answer is worth something.
         within: Duration,
@@ -58,7 +59,7 @@ pub struct LockClient {
     client: u64,
     name: String,
     state: State,
-    /// Counts what the program wanted.
+    /// Counts the requests of the program.
     request: u64,
     call: u64,
     /// The call that has no answer yet, and when it was made.
@@ -88,7 +89,8 @@ enum State {
 const RELEASES_MAX: u8 = 4;
 
 impl LockClient {
-    /// Returns a client that wants nothing. `client` is a random number, drawn when the program starts; `name` is for people.
+    /// Returns a client without a request. `client` is a random number, drawn when the program starts; `name` is for
+    /// people.
     pub const fn new(client: u64, name: String) -> Self {
         Self { client, name, state: State::Idle, request: 0, call: 0, open: None, due: Time::ZERO }
     }
@@ -120,7 +122,7 @@ impl LockClient {
         }
     }
 
-    /// Returns whether somebody with a greater priority waits for this client to let go.
+    /// Returns whether a client with a greater priority waits for this one's lock.
     pub const fn is_wanted(&self) -> bool {
         matches!(self.state, State::Holding { is_wanted: true, .. })
     }
@@ -169,7 +171,7 @@ impl LockClient {
 
     fn answered(&mut self, now: Time, call: u64, answer: Option<LockAnswer>, effects: &mut Vec<ClientEffect>) {
         let Some((_, sent)) = self.open.take_if(|(open, _)| *open == call) else { return };
-        // Without an answer the question is asked again, at the pace of one that waits.
+        // Without an answer the request is repeated, at the pace of a waiting client.
         self.due = now + PACE.max(RETRY / 8);
         let Some(answer) = answer.filter(|answer| answer.request() == self.request) else { return };
         match (answer, &self.state) {
@@ -249,7 +251,7 @@ mod tests {
         Some(LockAnswer::Granted { request: 1, fence: 7, lease, left, is_wanted })
     }
 
-    /// It asks, and has the lock from when it is answered, for what was left when it asked.
+    /// It sends a request. When the answer comes, the lease counts from the moment of the request.
     #[test]
     fn a_lease_counts_from_the_question() {
         let mut client = LockClient::new(9, "task".into());

@@ -1,8 +1,8 @@
 //! A message queue: receives messages, and gives them out by priority, in the order of their arrival within one.
 //!
-//! It has one method of reception, [`MessageQueue::receive`], and says with a [`Receipt`] what became of the message. A message
-//! that is sent again, because its receipt was lost, is taken once. Invariant: of all that was accepted, each message is taken
-//! once, or dropped and counted, or waits.
+//! It has one method of reception, [`MessageQueue::receive`], and says with a [`Receipt`] what became of the message. A
+//! message that is sent again, because its receipt was lost, is taken once. Invariant: of all that was accepted, each
+//! message is taken once, or dropped and counted, or waits.
 
 use super::fencing::Refusal;
 use super::header::{Malformed, Message, count};
@@ -24,7 +24,7 @@ pub enum Full {
     Reject,
     /// The last in the order gives way: the newest of the lowest priority. If that is the new one, it is turned away.
     DropLowest,
-    /// The one that has waited longest gives way, whatever its priority.
+    /// The message that has waited longest is dropped, whatever its priority.
     DropOldest,
 }
 
@@ -35,13 +35,13 @@ pub struct QueueSettings {
     pub type_name: String,
     /// How many messages wait at most.
     pub capacity: NonZeroUsize,
-    /// What happens when they do.
+    /// The policy for a full queue.
     pub full: Full,
     /// The most bytes of data in a message.
     pub data_size_max: usize,
 }
 
-/// What became of a message.
+/// The result for a message.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Receipt {
     /// It waits in the queue, or did when it came for the first time.
@@ -70,7 +70,7 @@ pub enum Rejected {
     /// It breaks a limit.
     #[error("{0}")]
     Malformed(Malformed),
-    /// It is so old that nobody knows whether it was taken.
+    /// It is so old that it is unknown whether it was taken.
     #[error("it is so old that nobody knows whether it was taken already")]
     TooOld,
     /// Too many senders are active.
@@ -84,7 +84,7 @@ pub enum Rejected {
     Idle,
 }
 
-/// What has passed through a queue.
+/// The traffic through a queue.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct QueueCounters {
     /// How many messages wait.
@@ -109,7 +109,7 @@ pub struct MessageQueue {
     settings: QueueSettings,
     /// By priority and arrival; the first is the next to be taken.
     waiting: BTreeMap<(Reverse<u8>, u64), Message>,
-    /// The priorities by arrival: who has waited longest.
+    /// The priorities by arrival, to find the message that has waited longest.
     arrivals: BTreeMap<u64, u8>,
     arrival: u64,
     seen: Seen,
@@ -195,7 +195,7 @@ impl MessageQueue {
         Ok(())
     }
 
-    /// Takes the first message: the highest priority, and of those the one that came first.
+    /// Takes the first message: the one with the highest priority, and among equals the earliest.
     pub fn take(&mut self) -> Option<Message> {
         let ((_, arrival), message) = self.waiting.pop_first()?;
         self.arrivals.remove(&arrival);
@@ -214,7 +214,7 @@ impl MessageQueue {
         self.counters.depth = count(self.waiting.len());
     }
 
-    /// Drops everything that waits; what was taken stays known.
+    /// Drops all waiting messages; taken messages stay known.
     pub fn clear(&mut self) {
         self.counters.dropped += count(self.waiting.len());
         self.waiting.clear();
@@ -222,7 +222,7 @@ impl MessageQueue {
         self.counters.depth = 0;
     }
 
-    /// Returns what has passed through it.
+    /// Returns the counters of its traffic.
     pub fn counters(&self) -> QueueCounters {
         self.counters
     }
@@ -343,7 +343,7 @@ mod tests {
         assert_eq!((queue.counters().rejected, queue.counters().accepted), (4, 1));
     }
 
-    /// What was rejected for want of room may be sent again, with the same identifier, and is then accepted.
+    /// A message that was rejected for lack of room may be sent again, with the same identifier, and is then accepted.
     #[test]
     fn a_rejected_message_is_no_duplicate() {
         let mut queue = MessageQueue::new(settings(1, Full::Reject));

@@ -1,5 +1,5 @@
-//! Requests and replies over queues: a reply has the marker of its request, and goes to the queue that the request names as its
-//! sender.
+//! Requests and replies over queues: a reply has the marker of its request, and goes to the queue that the request
+//! names as its sender.
 //!
 //! Invariant: each request ends once, with its reply or with the reason why there is none.
 
@@ -62,7 +62,8 @@ impl Requests {
         Ok(self.marker)
     }
 
-    /// Takes the receipt of a request; says how it has ended, if that ends it. None for the receipt stands for a name that is unknown.
+    /// Takes the receipt of a request; says how it has ended, if that ends it. None for the receipt stands for a name
+    /// that is unknown.
     pub fn received(&mut self, marker: u64, receipt: Option<Receipt>) -> Option<RequestEnd> {
         let failure = match receipt {
             Some(Receipt::Accepted) => return None,
@@ -72,8 +73,8 @@ impl Requests {
         self.open.remove(&marker).map(|_| RequestEnd::Failed(failure))
     }
 
-    /// Takes a message that may be a reply; returns the marker of the request that it ends. A reply that comes too late, or twice, is
-    /// counted, and is no reply to anything.
+    /// Takes a message that may be a reply; returns the marker of the request that it ends. A late or repeated reply is
+    /// counted, and ends nothing.
     pub fn replied(&mut self, now: Time, reply: Message) -> Option<(u64, RequestEnd)> {
         let marker = reply.header.marker;
         match self.open.remove(&marker) {

@@ -1,10 +1,10 @@
 //! A router: sends each message to every queue that has subscribed and whose filters take its header.
 //!
-//! The filters are evaluated here, at the sender, so that nothing travels for nothing. Each subscriber has an outbox of its own with
-//! one message on its way: one that is slow, or gone, fills its own outbox and delays nobody. A message that was not received is sent
-//! again with the same identifier, which its queue takes once. A subscriber whose queue is not there any more, or of which nothing is heard for long, is dropped from
-//! the register. Invariant: of all messages that a subscriber's filters took, each was delivered, or refused by its queue, or lost
-//! and counted, or waits in its outbox.
+//! The filters are evaluated here, at the sender, so that no message travels in vain. Each subscriber has its own
+//! outbox with one message in transit: a slow or absent subscriber fills only its own outbox and delays no other. A
+//! message that was not received is sent again with the same identifier, which its queue takes once. A subscriber whose
+//! queue is gone, or that has been silent for long, is dropped from the register. Invariant: of all messages that a
+//! subscriber's filters took, each was delivered, or refused by its queue, or lost and counted, or waits in its outbox.
 
 use super::header::{Header, Message, NAME_SIZE_MAX, count};
 use super::queue::{Receipt, Rejected};
@@ -19,7 +19,7 @@ use std::time::Duration;
 pub const SUBSCRIBERS_MAX: usize = 256;
 /// How many filters a subscription has at most.
 pub const FILTERS_MAX: usize = 16;
-/// The longest name in the register, in bytes: that of a queue, and behind it a blank and the life of who has it, in 16 digits.
+/// The longest name in the register, in bytes: that of a queue, then a blank and the life of its owner, in 16 digits.
 const KEY_SIZE_MAX: usize = NAME_SIZE_MAX + 17;
 /// How long an answer of a queue is waited for.
 pub const DELIVER_WITHIN: Duration = Duration::from_millis(500);
@@ -31,10 +31,10 @@ pub const GONE_AFTER: Duration = Duration::from_secs(5);
 const PAUSE_MIN: Duration = Duration::from_millis(5);
 const PAUSE_MAX: Duration = Duration::from_millis(500);
 
-/// Takes some messages by their headers: those of which every part that is named matches.
+/// Takes some messages by their headers: those that match in every named part.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Filter {
-    /// This category; one that ends with `*` takes all that begin so.
+    /// This category; a category that ends with `*` takes all with this beginning.
     pub category: Option<String>,
     /// This sender; `*` at the end as above.
     pub sender: Option<String>,
@@ -55,7 +55,7 @@ pub struct RouterSettings {
     pub gone_after: Duration,
 }
 
-/// What a router is told.
+/// An input of a router.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum RouterInput {
     /// A program asks.
@@ -86,7 +86,7 @@ pub enum DeliveryEnd {
     Unknown,
 }
 
-/// What a router wants done.
+/// An effect of a router.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum RouterEffect {
     /// Answer the program that has asked.
@@ -124,7 +124,7 @@ pub enum Gone {
     WrongType,
 }
 
-/// What has passed through a router.
+/// The traffic through a router.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RouterCounters {
     /// Sent by the program.
@@ -133,7 +133,7 @@ pub struct RouterCounters {
     pub dropped_subscribers: u64,
 }
 
-/// A subscriber as people see it.
+/// The status of a subscriber.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SubscriberStatus {
     /// Its queue.
@@ -174,7 +174,7 @@ struct Subscriber {
     pause: Duration,
     /// When something was heard of it: a receipt or a renewal.
     heard: Time,
-    /// Whether the last delivery found nobody.
+    /// Whether the last delivery found no queue.
     is_unreachable: bool,
     matched: u64,
     delivered: u64,
@@ -243,7 +243,7 @@ impl Router {
         self.register.values().filter_map(Subscriber::deadline).chain(silent).min()
     }
 
-    /// Returns what people see of it; `fields` are those of its type.
+    /// Returns its status; `fields` are those of its type.
     pub fn status(&self, fields: String) -> RouterStatus {
         let subscribers = self.register.iter().map(|(queue, one)| one.status(queue.clone())).collect();
         RouterStatus { type_name: self.settings.type_name.clone(), fields, counters: self.counters, subscribers }
@@ -365,7 +365,7 @@ impl Router {
         effects.push(RouterEffect::Dropped { queue: queue.to_owned(), why, lost });
     }
 
-    /// A delivery whose end nobody tells ends by itself. Subscribers that are silent for long are dropped.
+    /// A delivery without a result ends by itself. Subscribers that are silent for long are dropped.
     fn time_out(&mut self, now: Time, effects: &mut Vec<RouterEffect>) {
         let late = |subscriber: &Subscriber| {
             let (delivery, _, sent) = subscriber.on_its_way.as_ref()?;

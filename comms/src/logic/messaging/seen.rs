@@ -1,8 +1,8 @@
-//! Which messages have been taken, so that one that is sent again is taken once.
+//! The messages that have been taken, so that a repeated message is taken once.
 //!
-//! Of each sender a window over its last numbers is kept, as IPsec does against replays (RFC 6479). A number below the window is
-//! refused: nobody knows any more whether it was taken. A sender is forgotten only when it has been silent for longer than
-//! anybody sends something again; while all places are taken by senders that are not silent, a new one is refused.
+//! For each sender a window over its last numbers is kept, as in IPsec against replays (RFC 6479). A number below the
+//! window is refused, because it is unknown whether it was taken. A sender is forgotten only when it has been silent
+//! for longer than any sender repeats a message. While all places are taken by active senders, a new sender is refused.
 
 use super::header::MessageId;
 use crate::logic::time::Time;
@@ -24,7 +24,7 @@ pub(super) enum Novelty {
     New,
     /// It was.
     Taken,
-    /// Nobody knows: it is older than what is remembered.
+    /// Unknown: it is older than the window.
     TooOld,
     /// There is no place for its sender.
     NoRoom,
@@ -154,7 +154,7 @@ mod tests {
         }
         let new = MessageId { life: 5000, number: 1 };
         assert_eq!(seen.look(at(60), new), Novelty::NoRoom);
-        // One that is heard again stays; another one goes.
+        // A sender that is heard again stays; another one is dropped.
         assert_eq!(seen.look(at(61), MessageId { life: 0, number: 1 }), Novelty::Taken);
         assert_eq!(seen.look(at(61), new), Novelty::New);
         seen.take(at(61), new);

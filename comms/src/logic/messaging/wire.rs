@@ -1,4 +1,4 @@
-//! What programs say to each other about queues, routers and locks. Each is a request and its answer.
+//! The messages between programs about queues, routers and locks. Each is a request and its answer.
 
 use super::header::Message;
 use super::queue::{Full, QueueCounters, Receipt};
@@ -13,7 +13,7 @@ use thiserror::Error;
 pub enum QueueRequest {
     /// Receive this message: the one method of a queue.
     Put(Message),
-    /// For people and tools: what has passed through it.
+    /// For people and tools: its counters.
     Look,
 }
 
@@ -26,7 +26,7 @@ pub enum QueueAnswer {
     Status(QueueStatus),
 }
 
-/// A queue as people see it.
+/// The status of a queue.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct QueueStatus {
     /// The type of its messages.
@@ -35,11 +35,11 @@ pub struct QueueStatus {
     pub fields: String,
     /// How many wait at most.
     pub capacity: u64,
-    /// What happens when they do.
+    /// The policy for a full queue.
     pub full: Full,
     /// The lock without which it takes nothing; empty if there is none.
     pub lock: String,
-    /// What has passed through it.
+    /// The traffic through it.
     pub counters: QueueCounters,
     /// The sender of the last message that it took in, as its header has it; empty before there was one.
     pub last_sender: String,
@@ -48,8 +48,8 @@ pub struct QueueStatus {
 /// To a router.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum RouterRequest {
-    /// Send to this queue whatever one of the filters takes; everything if there is none. Said again, it renews the
-    /// subscription and replaces its filters.
+    /// Sends each message that one of the filters takes to this queue; every message if there is no filter. A repeated
+    /// request renews the subscription and replaces its filters.
     Subscribe {
         /// The name of the queue.
         queue: String,
@@ -63,7 +63,7 @@ pub enum RouterRequest {
         /// The name of the queue.
         queue: String,
     },
-    /// For people and tools: who has subscribed.
+    /// For people and tools: its subscribers.
     Look,
 }
 
@@ -97,9 +97,9 @@ pub enum RouterRefusal {
     /// The queue takes another type.
     #[error("the router sends `{sent}`, and the queue takes `{taken}`")]
     WrongType {
-        /// What the router sends.
+        /// The type that the router sends.
         sent: String,
-        /// What the queue takes.
+        /// The type that the queue takes.
         taken: String,
     },
     /// The filters are too many or too long.
@@ -112,16 +112,16 @@ pub enum RouterRefusal {
     },
 }
 
-/// A router as people see it.
+/// The status of a router.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RouterStatus {
     /// The type of its messages.
     pub type_name: String,
     /// The fields of that type, as a spec spells them; empty if it does not name them.
     pub fields: String,
-    /// What has passed through it.
+    /// The traffic through it.
     pub counters: RouterCounters,
-    /// Who has subscribed, by name.
+    /// Its subscribers, by name.
     pub subscribers: Vec<SubscriberStatus>,
 }
 
@@ -132,11 +132,11 @@ pub enum LockRequest {
     Acquire {
         /// One life of one client: a random number.
         client: u64,
-        /// Who that is, for people.
+        /// The name of the client, for people.
         name: String,
         /// Counts the requests of that client.
         request: u64,
-        /// Who goes first: a greater number before a smaller one.
+        /// The order among clients: a greater number goes first.
         priority: u8,
     },
     /// Keep the lock for another lease.
@@ -153,7 +153,7 @@ pub enum LockRequest {
         /// This request and all before it are over.
         request: u64,
     },
-    /// For people and tools: who holds it.
+    /// For people and tools: its holder.
     Look,
 }
 
@@ -170,7 +170,7 @@ pub enum LockAnswer {
         lease: Duration,
         /// How much of it was left when the server answered.
         left: Duration,
-        /// Whether somebody with a greater priority waits: then it is not renewed.
+        /// Whether a client with a greater priority waits: then the lease is not renewed.
         is_wanted: bool,
     },
     /// The client waits: it asks again, and is forgotten if it does not within one lease.
@@ -179,7 +179,7 @@ pub enum LockAnswer {
         request: u64,
         /// How many others wait before it.
         ahead: u64,
-        /// Who holds the lock; empty if nobody does.
+        /// The holder of the lock; empty if there is none.
         holder: String,
         /// How long a grant lasts.
         lease: Duration,
@@ -206,7 +206,7 @@ pub enum Denied {
     /// Its lease is over.
     #[error("the lease is over: it was not renewed in time")]
     Expired,
-    /// Somebody with a greater priority has it.
+    /// A client with a greater priority has it.
     #[error("somebody with a greater priority has taken the lock")]
     Preempted,
     /// It has let go.
@@ -220,10 +220,10 @@ pub enum Denied {
     TooManyWait,
 }
 
-/// A lock as people see it.
+/// The status of a lock.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LockStatus {
-    /// Who holds it.
+    /// The holder.
     pub holder: Option<String>,
     /// Under which number.
     pub fence: Option<u64>,
@@ -231,7 +231,7 @@ pub struct LockStatus {
     pub left: Option<Duration>,
     /// How long a grant lasts.
     pub lease: Duration,
-    /// Who waits, in their order.
+    /// The waiting clients, in their order.
     pub waiting: Vec<String>,
     /// How often it was granted since the server's start.
     pub grants: u64,

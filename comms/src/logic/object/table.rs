@@ -1,4 +1,5 @@
-//! The calls that wait for the loop of the program that is called: bounded, in order of arrival, each until its deadline.
+//! The calls that wait for the loop of the program that is called: bounded, in order of arrival, each until its
+//! deadline.
 
 use super::{CallId, ObjectError};
 use crate::logic::time::Time;
@@ -38,7 +39,7 @@ pub enum Admission<T> {
 pub enum Next<T> {
     /// It is to be carried out.
     Run(T),
-    /// Nobody waits for it any more; it was not carried out.
+    /// Its caller no longer waits for it; it was not carried out.
     Expired(T),
 }
 
@@ -124,7 +125,7 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
-        /// Against the plainest model: a list of all calls that were ever admitted, and what became of each.
+        /// Compared with the simplest model: a list of all calls that were ever admitted, with their ends.
         #[test]
         fn each_call_has_one_end_and_in_order(steps in steps()) {
             let (mut table, mut model, mut now) = (CallTable::default(), Vec::<(u8, u64, u64, usize)>::new(), 0);

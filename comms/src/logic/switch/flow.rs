@@ -1,5 +1,5 @@
-//! The producer's end of a wire, without the way itself. It passes nothing while closed, keeps the rate limit, and repeats the last
-//! value when it opens.
+//! The producer's end of a wire, without the way itself. It passes nothing while closed, keeps the rate limit, and
+//! repeats the last value when it opens.
 
 use crate::logic::control::Shape;
 use crate::logic::time::Time;
@@ -15,7 +15,7 @@ pub struct Flow {
     sent: u64,
     /// How many values have passed in all; after `u32::MAX` comes 0.
     number: u32,
-    /// Kept for who is connected later.
+    /// Kept for consumers that connect later.
     last: Option<Vec<u8>>,
 }
 
@@ -33,7 +33,7 @@ impl Flow {
         self.pass(now)
     }
 
-    /// Returns whether the last value is kept for who comes later.
+    /// Returns whether the last value is kept for later consumers.
     pub fn is_latched(&self) -> bool {
         self.shape.latch
     }
@@ -60,7 +60,7 @@ impl Flow {
         self.open
     }
 
-    /// Opens the wire; returns what is to be sent at once. Nothing changes on a wire that is open.
+    /// Opens the wire; returns the value to be sent at once. Nothing changes on a wire that is open.
     pub fn open(&mut self, now: Time) -> Option<Vec<u8>> {
         if self.open {
             return None;

@@ -1,14 +1,16 @@
-//! The consumer's count of the values that were lost on a wire: each has a sequence number, and a number that is missing is one of them.
+//! The consumer's count of the values that were lost on a wire: each has a sequence number, and each missing number is
+//! a lost value.
 
-/// Identifies what has published on a wire: a session and, within it, the publisher. A program that is started again is another one.
+/// Identifies a publisher on a wire: its session and, within it, the publisher. A restarted program has another id.
 pub type PublisherId = (u128, u32);
 
-/// The sequence number of what comes over a wire.
+/// The sequence number of a value on a wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sequence {
-    /// Who has sent it.
+    /// The publisher.
     pub publisher: PublisherId,
-    /// How many values it had sent over this wire then, a value included that has this number itself. After `u32::MAX` comes 0.
+    /// How many values it had sent over this wire then, a value included that has this number itself. After `u32::MAX`
+    /// comes 0.
     pub number: u32,
 }
 
@@ -51,7 +53,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever arrives: all that was sent between the first word and the last one has come, or is counted.
+        /// For any arrivals: each value sent between the first arrival and the last has arrived or is counted.
         #[test]
         fn what_does_not_arrive_is_counted(first: u32, sent in proptest::collection::vec(any::<[bool; 2]>(), 0..200)) {
             let (mut gaps, mut number, mut lost) = (Gaps::default(), first, 0);

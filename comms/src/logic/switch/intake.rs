@@ -9,7 +9,7 @@ const EXPECTED_MAX: usize = 64;
 /// How many wires that are linked no more are remembered; the lowest number gives way.
 const UNLINKED_MAX: usize = 4096;
 
-/// What arrives on a wire.
+/// An arrival on a wire.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Arrival<T> {
     /// A value.
@@ -18,7 +18,7 @@ pub enum Arrival<T> {
     Boundary(Boundary),
 }
 
-/// What the consumer gets, in this order.
+/// The consumer's events, in this order.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Passed<T> {
     /// A value.
@@ -32,7 +32,8 @@ pub enum Passed<T> {
 pub struct Taken {
     /// The switch.
     pub generation: u64,
-    /// How many values of the wires that it closed were sent and have not arrived, and how many were held back and found no room.
+    /// How many values of the wires that it closed were sent and have not arrived, and how many were held back and
+    /// found no room.
     pub lost: u64,
     /// How many values came over old wires after they were given up, since the last switch; they were dropped.
     pub late: u64,
@@ -57,7 +58,7 @@ struct Wire<T> {
     closed: Option<u64>,
     /// How many values have come since its opening, if that has come.
     received: Option<u64>,
-    /// What waits, and how much there is room for.
+    /// The waiting values, and their limit.
     held: VecDeque<T>,
     /// The switch that values wait for, until when at most, and the wires that are to close first.
     hold: Option<(u64, Time)>,
@@ -96,7 +97,7 @@ impl<T> Default for Wire<T> {
 }
 
 impl<T> Intake<T> {
-    /// Takes what has arrived on a wire, of which at most `held_max` values are held back; the oldest gives way.
+    /// Takes an arrival on a wire, of which at most `held_max` values are held back; the oldest is dropped.
     pub fn arrive(&mut self, now: Time, (wire, held_max): (u32, usize), arrival: Arrival<T>, out: &mut Vec<Passed<T>>) {
         match arrival {
             // It was under way when the wire was forgotten.
@@ -109,7 +110,7 @@ impl<T> Intake<T> {
         self.settle(out);
     }
 
-    /// Expects a switch. One that is expected already is not expected twice.
+    /// Expects a switch. A second call for the same switch has no effect.
     pub fn expect(&mut self, now: Time, what: Expect, out: &mut Vec<Passed<T>>) {
         if self.expected.len() >= EXPECTED_MAX
             && let Some((_, given_up)) = self.expected.pop_first()
@@ -120,7 +121,7 @@ impl<T> Intake<T> {
         self.settle(out);
     }
 
-    /// Gives up what is not waited for any longer.
+    /// Gives up the expectations whose time is over.
     pub fn tick(&mut self, now: Time, out: &mut Vec<Passed<T>>) {
         let late: BTreeSet<u32> = self
             .wires
@@ -152,7 +153,7 @@ impl<T> Intake<T> {
         self.unlinked.remove(&wire);
     }
 
-    /// Forgets a wire that is not linked any more; what it has held back passes, and nobody waits for its end.
+    /// Forgets a wire that is no longer linked. Its held values pass, and its end is no longer expected.
     pub fn forget(&mut self, number: u32, out: &mut Vec<Passed<T>>) {
         if self.unlinked.len() >= UNLINKED_MAX {
             self.unlinked.pop_first();

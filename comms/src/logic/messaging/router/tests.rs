@@ -109,7 +109,7 @@ fn who_is_gone_is_dropped_from_the_register_and_counted() {
         let dropped = RouterEffect::Dropped { queue: name.into(), why, lost };
         assert_eq!(handle(&mut router, at(1), ended), [dropped]);
     }
-    // Nobody hears of this one any more, and nothing is sent to it either.
+    // This subscriber is not heard of any more, and nothing is sent to it either.
     handle(&mut router, at(0), subscribe("c", vec![]));
     handle(&mut router, at(3000), subscribe("c", vec![]));
     assert_eq!(router.deadline(), Some(at(8000)));
@@ -123,12 +123,13 @@ fn wrong_type() -> Receipt {
     Receipt::Rejected(Rejected::WrongType { expected: "A".into(), found: "B".into() })
 }
 
-/// A network in which deliveries, and receipts, are lost, late and doubled; real queues at the other end, of which some are slow.
+/// A network in which deliveries, and receipts, are lost, late and doubled; real queues at the other end, of which some
+/// are slow.
 struct Net {
     random: Random,
     router: Router,
     queues: Vec<(MessageQueue, Vec<u64>)>,
-    /// What is on its way: to a queue, or a receipt.
+    /// The messages in transit: to a queue, or a receipt.
     flying: Vec<(Time, RouterEffect)>,
     receipts: Vec<(Time, RouterInput)>,
     /// The numbers that each subscriber's filter took.
@@ -259,14 +260,15 @@ impl Net {
             let (one, expected) = (&status.subscribers[reader], &self.expected[reader]);
             prop_assert_eq!(one.matched, expected.len() as u64);
             prop_assert_eq!((one.waiting, queue.counters().depth, one.refused), (0, 0, 0));
-            // Each at most once, none that the filter does not take, and what is missing is counted.
+            // Each at most once, none outside the filter, and missing ones are counted.
             let mut sorted = read.clone();
             sorted.sort_unstable();
             sorted.dedup();
             prop_assert_eq!(sorted.len(), read.len());
             prop_assert!(read.iter().all(|number| expected.contains(number)));
             let missing = expected.len() as u64 - read.len() as u64;
-            // A message whose receipt was lost may have been taken by the queue and given up by the router, never the reverse.
+            // A message whose receipt was lost may have been taken by the queue and given up by the router, never the
+            // reverse.
             prop_assert!(missing <= one.lost, "{} missing, {} counted", missing, one.lost);
             prop_assert_eq!(one.delivered + one.lost, one.matched);
         }

@@ -1,4 +1,4 @@
-//! Bytes that other versions rely on: if one of these fails, the version of its message has to go up.
+//! Bytes that other versions rely on: if one of these tests fails, the version of its message has to go up.
 
 use super::super::fencing::Refusal;
 use super::super::header::{Malformed, sample};

@@ -56,9 +56,9 @@ fn what_comes_over_a_new_wire_waits_for_the_end_of_the_old_one() {
     let word = Taken { generation: 7, lost: 0, late: 0, missing: vec![] };
     let order = [10, 11].map(Passed::Value).into_iter().chain([Passed::Taken(word)]).chain([20, 21].map(Passed::Value));
     assert_eq!(passed, order.collect::<Vec<_>>());
-    // In band it is in order without a word of the node, too.
+    // The boundaries alone keep the order, without a message of the node.
     assert_eq!(values(&check(None, &all, 6)), [10, 11, 20, 21]);
-    // One that the line has lost is counted.
+    // A value that the line has lost is counted.
     let lossy: Vec<_> = all.iter().filter(|(.., arrival)| *arrival != value(11)).cloned().collect();
     assert_eq!(taken(&check(Some(expect), &lossy, 6)), [Taken { generation: 7, lost: 1, late: 0, missing: vec![] }]);
 }
@@ -111,7 +111,7 @@ fn nobody_waits_for_a_wire_that_is_linked_no_more() {
             intake.forget(1, &mut out);
         }
         assert_eq!((values(&out), taken(&out)), (vec![20], vec![word.clone()]));
-        // What was under way is late.
+        // Values in transit are late.
         intake.arrive(at(3), (1, 3), value(10), &mut out);
         intake.arrive(at(3), (1, 3), closed(7, 1), &mut out);
         assert_eq!((values(&out), intake.deadline()), (vec![20], None));
@@ -152,12 +152,13 @@ enum Word {
     Expect(Expect),
 }
 
-/// Two producers, each with two wires to one consumer, that count on through all switches. Each line keeps its order and takes its
-/// own time; orders of the supervisor take another one. What a line loses is counted, and nothing else is.
+/// Two producers, each with two wires to one consumer; their counts go on through all switches. Each line keeps its
+/// order and has its own delay; orders of the supervisor have another one. Losses of a line are counted, and nothing
+/// else is lost.
 struct Lines {
     random: Random,
     loses: bool,
-    /// What is under way: when it comes, and the line; then what.
+    /// The messages in transit: their time and line, and their content.
     data: BTreeMap<(u64, u64), (u32, Arrival<u32>)>,
     orders: BTreeMap<(u64, u64), (usize, Word)>,
     clear_at: BTreeMap<u32, u64>,
@@ -184,7 +185,7 @@ impl Lines {
     }
 }
 
-/// Wires of a set: one of each producer. The consumer is the number 2.
+/// The wires of a set: one of each producer. The consumer is number 2.
 fn switch(lines: &mut Lines, now: u64, generation: u64, from: [u32; 2], to: [u32; 2]) {
     for producer in 0..2_u32 {
         let mine = |wire: &u32| wire % 2 == producer;
@@ -213,7 +214,7 @@ fn flip_all(lines: &mut Lines, flows: &mut BTreeMap<u32, Flow>, now: u64, to: us
     }
 }
 
-/// Returns how many values were lost, and what the consumer has said of it.
+/// Returns the number of lost values, and the consumer's count.
 fn run(seed: u64, loses: bool) -> (u64, u64) {
     let random = Random::new(seed);
     let (data, orders, clear_at) = Default::default();
@@ -299,7 +300,7 @@ fn what_lines_lose_is_counted_by_the_switch_that_ends_them() {
         assert!(told <= here, "seed {seed}");
         (lost, counted) = (lost + here, counted + told);
     }
-    // What is lost on wires that are open at the end is told by nobody.
+    // Losses on wires that are open at the end are not reported.
     assert!(counted * 10 > lost * 8, "{counted} of {lost}");
     assert_eq!(HOLD_WITHIN, Duration::from_secs(1));
 }

@@ -1,7 +1,9 @@
-//! Seeded schedules: clients, a server and two resources, with crashes, pauses, partitions, delays, losses and duplicates.
+//! Seeded schedules: clients, a server and two resources, with crashes, pauses, partitions, delays, losses and
+//! duplicates.
 //!
-//! One resource is in the server's program and asks its lock; the other is elsewhere and only compares numbers. The judge keeps
-//! the plainest record, a list of all grants and of all commands that came through, and looks for what must never be.
+//! One resource is in the server's program and asks its lock; the other is elsewhere and only compares numbers. The
+//! judge keeps the plainest record, a list of all grants and of all commands that came through, and looks for
+//! violations.
 //!
 //! More of them: `DCA_SCHEDULES=100000 cargo test -p comms --lib lock::tests::schedules -- --nocapture`.
 
@@ -61,7 +63,7 @@ struct Client {
     life: u64,
     /// It does nothing before this time: it is suspended, or dead.
     asleep: u64,
-    /// What it looked up before it fell asleep, and sends when it wakes up.
+    /// The number it looked up before it was suspended, and sends when it resumes.
     in_hand: Option<u64>,
     wants: bool,
     got: u64,
@@ -78,7 +80,7 @@ struct World {
     clients: Vec<Client>,
     elsewhere: FencingCheck,
     flying: Vec<(u64, Parcel)>,
-    /// Who is cut off from the server, until when.
+    /// For each client, the time until which it is cut off from the server.
     cut: Vec<u64>,
     lives: u64,
     judge: Judge,
@@ -86,7 +88,7 @@ struct World {
 
 #[derive(Default)]
 struct Judge {
-    /// Who had which number.
+    /// The client of each number.
     owners: BTreeMap<u64, u64>,
     /// The greatest number that came through, at each resource.
     through: [u64; 2],
@@ -205,7 +207,7 @@ impl World {
                     if let LockAnswer::Granted { fence, .. } = &answer {
                         self.judge.granted(client, *fence);
                     }
-                    // Only an answer to the one who asks now has a way; the others ask again.
+                    // Only the answer to the present caller has a way; the others ask again.
                     let Some((to, life, call)) = asker.filter(|(_, life, _)| *life == client) else { continue };
                     self.send(ms, to, || Parcel::Answer { to, life, call, answer: answer.clone() });
                 }
@@ -252,7 +254,7 @@ impl World {
         self.judge.acted(client, fence, usize::from(!local), holder);
     }
 
-    /// What goes wrong.
+    /// A random disturbance.
     fn disturb(&mut self, ms: u64) {
         let client = usize::try_from(self.random.below(CLIENTS as u64)).unwrap();
         let span = 20 + self.random.below(300);
