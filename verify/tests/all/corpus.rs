@@ -96,8 +96,8 @@ fn the_faults_of_the_door_are_those_of_the_manual() {
     let table = verify::fmea(&plan, &sites, &LIMITS, Faults::One);
     assert!(table.unfinished.is_empty(), "{:?}", table.unfinished);
     let page = format!(
-        "# Every single fault of the door\n\n`dca fmea specs/door_opening.dca --markdown` prints this table; what its columns say is in \
-         [Proofs before the run](verify.md#what-each-fault-does).\n\n{}",
+        "# Every single fault of the door\n\n`dca fmea specs/door_opening.dca --markdown` prints this table. \
+         [Proofs before the run](verify.md#what-each-fault-does) explains its columns.\n\n{}",
         table.markdown()
     );
     expect_test::expect_file![root().join("docs/src/verify_door.md")].assert_eq(&page);
