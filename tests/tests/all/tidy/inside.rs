@@ -1,7 +1,8 @@
-//! The chapter *Inside* is true: its timings are the constants of the code, and its steps name functions.
+//! The manual is true: its timings are the constants of the code, its steps name functions, and its commands verbs.
 
-use super::sources::{root, sources};
+use super::sources::{files, root, sources};
 use super::{Source, check};
+use std::collections::BTreeSet;
 use std::fs;
 use std::time::Duration;
 
@@ -110,4 +111,37 @@ fn the_ways_of_the_manual_name_functions() {
     }
     assert!(steps > 40, "only {steps} steps");
     check("each step of a way through the code names a function that is there", &wrong);
+}
+
+/// Returns the verbs of `dca`: the variants of `Verb`, and their other names.
+fn verbs(sources: &[Source]) -> BTreeSet<String> {
+    let declared = |text: &str| {
+        let body = text.split("enum Verb {\n").nth(1)?.split("\n}\n").next()?;
+        let variants = body.lines().filter_map(|line| line.strip_prefix("    ")?.split_once('('));
+        let variants = variants.map(|(name, _)| name.to_lowercase());
+        let aliases = body.split("alias = \"").skip(1).filter_map(|rest| rest.split('"').next()).map(str::to_owned);
+        Some(variants.chain(aliases).collect::<Vec<_>>())
+    };
+    let own = sources.iter().filter(|source| source.path.starts_with("cli/src/"));
+    own.filter_map(|source| declared(&source.text)).flatten().chain(["help".to_owned()]).collect()
+}
+
+#[test]
+fn pages_name_verbs_that_are_there() {
+    let (verbs, mut wrong) = (verbs(&sources()), Vec::new());
+    assert!(verbs.len() > 40, "only {} verbs", verbs.len());
+    for (path, file) in files().into_iter().filter(|(path, _)| path.ends_with(".md")) {
+        let text = fs::read_to_string(file).expect("a page can be read");
+        for (index, line) in text.lines().enumerate() {
+            let in_text = quoted(line).into_iter().filter_map(|quote| quote.strip_prefix("dca "));
+            let command = line.strip_prefix("$ dca ").or_else(|| line.strip_prefix("dca "));
+            for words in in_text.chain(command) {
+                let verb = words.split(|c: char| !c.is_ascii_lowercase()).next().unwrap_or_default();
+                if !verb.is_empty() && !verbs.contains(verb) {
+                    wrong.push(format!("{path}:{}: `dca {verb}`", index + 1));
+                }
+            }
+        }
+    }
+    check("each verb of `dca` that a page names is there", &wrong);
 }
