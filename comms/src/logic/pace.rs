@@ -1,8 +1,12 @@
 //! The size of the next request for a stream: large enough to keep the link full, and no larger than urgent messages
 //! may wait behind.
 //!
-//! An answer takes a round trip, which is the same for every size, and the time that its bytes need, which is not. Two
-//! answers of different size tell one from the other. While only one size is known, four times as much is asked for.
+//! An answer takes a round trip, which is the same for every size, and the time that its bytes need, which is not. A word in front
+//! of the bytes tells one from the other ([`Pace::timed`]). Without it two answers of different size do, and while only one
+//! size is known, four times as much is asked for.
+//!
+//! Nodes give each other up after 6 s of silence. Their words wait behind the bytes of an answer, so these take less than that on any
+//! link.
 
 use std::time::Duration;
 
@@ -15,8 +19,13 @@ const PULL_TIME: Duration = Duration::from_secs(2);
 const CHUNK_TIME: Duration = Duration::from_millis(250);
 /// The same in round trips, for long ones: the link rests for one round trip in so many.
 const CHUNK_ROUNDS: u32 = 6;
-/// The longest that the bytes of an answer should be on their way, however long a round trip is.
-const CHUNK_TIME_MAX: Duration = Duration::from_secs(16);
+/// The longest that the bytes of an answer should be on their way, besides half a round trip.
+const CHUNK_TIME_MAX: Duration = Duration::from_secs(2);
+/// The same where the next answer is asked for while the bytes of one are on their way: then a round trip and a quarter keeps the
+/// link full, and up to twice as much is on its way.
+const TIMED_TIME_MAX: Duration = Duration::from_millis(2500);
+/// The most that an answer is expected to take which was not full.
+const EXPECTED_MAX: Duration = Duration::from_secs(16);
 /// The bytes to ask a peer for whose link is not known yet. On the slowest radio they arrive in time.
 const SIZE_FIRST: usize = 4 << 10;
 /// The fewest bytes to ask for.
@@ -31,8 +40,10 @@ const GROWTH_MAX: usize = 64;
 pub struct Pace {
     /// The size of the quickest full answer, and how long it took.
     base: Option<(usize, Duration)>,
-    /// How many bytes need how long, besides a round trip, once two sizes are known.
+    /// How many bytes need how long, besides a round trip, once that is known.
     rate: Option<(usize, Duration)>,
+    /// The shortest round trip of the answers whose bytes were timed.
+    round: Option<Duration>,
     /// How many bytes are asked for, once the link is known.
     chunk: Option<usize>,
     /// How long that many should take.
@@ -52,7 +63,17 @@ impl Pace {
 
     /// Notes how long an answer took that was not `full`: its size says nothing.
     pub fn heard(&mut self, took: Duration) {
-        self.expected = self.expected.max(took.min(CHUNK_TIME_MAX));
+        self.expected = self.expected.max(took.min(EXPECTED_MAX));
+    }
+
+    /// Notes that the first word of a full answer took `round`, and its bytes came `sending` later.
+    pub fn timed(&mut self, bytes: usize, round: Duration, sending: Duration) {
+        let round = self.round.map_or(round, |before| before.min(round));
+        let sending = sending.max(Duration::from_millis(1));
+        (self.round, self.rate, self.base) = (Some(round), Some((bytes, sending)), None);
+        let time = CHUNK_TIME.max((round * 5 / 4).min(TIMED_TIME_MAX));
+        self.expected = round + 2 * time;
+        self.ask_for(bytes, fitting((bytes, sending), time), time);
     }
 
     /// Notes how long a full answer of so many bytes took.
@@ -65,31 +86,41 @@ impl Pace {
         }
         // An answer quicker than the measured rate shows that the link has changed.
         self.rate = self.rate.filter(|rate| sending(*rate, bytes) <= took);
-        let (fits, most) = match self.rate {
+        let (fits, time) = match self.rate {
             Some(rate) => {
                 let quickest = if took < took_base { (bytes, took) } else { (bytes_base, took_base) };
                 let round = quickest.1.saturating_sub(sending(rate, quickest.0));
-                let time = CHUNK_TIME.max((CHUNK_ROUNDS * round).min(CHUNK_TIME_MAX));
+                let time = CHUNK_TIME.max((CHUNK_ROUNDS * round).min(CHUNK_TIME_MAX + round / 2));
                 self.expected = round + time;
-                let fits = time.as_nanos() * in_wide(rate.0) / rate.1.as_nanos();
-                let most = if time > CHUNK_TIME { SIZE_MAX } else { SIZE_NEAR };
-                (usize::try_from(fits).unwrap_or(usize::MAX), most)
+                (fitting(rate, time), time)
             }
             None => {
                 self.expected = 2 * took;
-                (4 * bytes, SIZE_NEAR)
+                (4 * bytes, CHUNK_TIME)
             }
         };
         if self.base.is_none() || took < took_base {
             self.base = Some((bytes, took));
         }
+        self.ask_for(bytes, fits, time);
+    }
+
+    /// Asks for as much from now on as fits into a time, after an answer of so many bytes.
+    fn ask_for(&mut self, bytes: usize, fits: usize, time: Duration) {
+        let most = if time > CHUNK_TIME { SIZE_MAX } else { SIZE_NEAR };
         self.chunk = Some(fits.min(GROWTH_MAX * bytes).clamp(SIZE_MIN, most));
     }
 
     /// Notes that no answer came in time.
     pub fn lost(&mut self) {
         self.chunk = Some((self.chunk() / 4).max(SIZE_MIN));
+        self.round = None;
     }
+}
+
+/// Returns how many bytes are on their way for `time` at a rate.
+fn fitting((bytes, sending): (usize, Duration), time: Duration) -> usize {
+    usize::try_from(time.as_nanos() * in_wide(bytes) / sending.as_nanos().max(1)).unwrap_or(usize::MAX)
 }
 
 fn in_wide(size: usize) -> u128 {
@@ -106,13 +137,15 @@ fn sending((bytes, time): (usize, Duration), size: usize) -> Duration {
 mod tests {
     use super::*;
 
-    /// Returns what share of the time of the bytes alone `total` bytes take on a link of this rate and round trip.
+    /// Returns what share of the time of the bytes alone `total` bytes take on a link of this rate and round trip. No answer keeps
+    /// the words of nodes back for so long that one is given up.
     fn ratio(total: usize, rate: f64, round: f64) -> f64 {
         let (mut pace, mut left, mut time) = (Pace::default(), total, round);
         while left > 0 {
             let chunk = pace.chunk().min(left);
             let took = round + chunk as f64 / rate;
             assert!(took <= pace.wait().as_secs_f64() || round > 2.0, "{chunk} bytes take {took} s");
+            assert!(took - round <= 4.0, "{chunk} bytes are on their way for {} s", took - round);
             pace.arrived(chunk, Duration::from_secs_f64(took));
             (left, time) = (left - chunk, time + took);
         }
@@ -122,18 +155,31 @@ mod tests {
     #[test]
     fn the_link_is_full_at_any_delay() {
         // As much as takes ten round trips and a second.
-        for (total, rate, round) in [
-            (1_200_000, 1e6, 0.02),
-            (3_000_000, 1e6, 0.2),
-            (5_000_000, 1e6, 0.4),
-            (9_000_000, 3e6, 0.2),
-            (68_750, 50e3 / 8.0, 1.0),
-            (1_100_000, 1e5, 1.0),
-            (3_100_000, 1e5, 3.0),
+        for (total, rate, round, most) in [
+            (1_200_000, 1e6, 0.02, 1.5),
+            (3_000_000, 1e6, 0.2, 1.5),
+            (5_000_000, 1e6, 0.4, 1.5),
+            (9_000_000, 3e6, 0.2, 1.5),
+            (68_750, 50e3 / 8.0, 1.0, 1.6),
+            (1_100_000, 1e5, 1.0, 1.6),
+            (3_100_000, 1e5, 3.0, 2.0),
         ] {
             let ratio = ratio(total, rate, round);
             println!("{rate} B/s, {round} s: {ratio:.2}");
-            assert!(ratio < 1.5, "{rate} B/s, {round} s: {ratio}");
+            assert!(ratio < most, "{rate} B/s, {round} s: {ratio}");
+        }
+    }
+
+    #[test]
+    fn a_word_in_front_of_an_answer_tells_the_rate_at_once() {
+        for (rate, round, expected) in [(6250, 1000, 7812), (6250, 20, 1562), (100_000, 3000, 250_000)] {
+            let mut pace = Pace::default();
+            let sending = Duration::from_millis(4096 * 1000 / rate);
+            pace.timed(4096, Duration::from_millis(round), sending);
+            // An answer that was asked for while another was on its way waits for that one.
+            pace.timed(4096, Duration::from_millis(5 * round), sending);
+            let chunk = pace.chunk();
+            assert!(chunk.abs_diff(expected) <= expected / 20, "{rate} B/s, {round} ms: {chunk}");
         }
     }
 

@@ -42,6 +42,14 @@ pub enum Message {
     Ack(VersionVector),
     /// To all: new transactions of mine, for who has the one before them.
     DeltaPush(DeltaPush),
+    /// Right before a [`Chunk::Txns`] with more to come: the last transaction of each origin in it. Until its bytes have come, the next
+    /// pull can be on its way, so that a link with a long delay is not idle in between.
+    Coming {
+        /// The number of the pull.
+        number: u32,
+        /// The last transactions.
+        last: VersionVector,
+    },
 }
 
 /// The part of a message in an exchange with one peer.
@@ -65,7 +73,7 @@ impl Message {
             Self::Pull(_) => Pattern::Request { within: PULL_WITHIN },
             Self::ChunkRequest(_) => Pattern::Request { within: CHUNK_WITHIN },
             Self::Chunk(_) | Self::SnapshotChunk { .. } => Pattern::Response,
-            Self::Push(_) | Self::DeltaPush(_) | Self::Hello(_) | Self::Ack(_) => Pattern::OneWay,
+            Self::Push(_) | Self::DeltaPush(_) | Self::Hello(_) | Self::Ack(_) | Self::Coming { .. } => Pattern::OneWay,
         }
     }
 }
@@ -100,9 +108,11 @@ pub struct Hello {
 /// A question for transactions.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Pull {
+    /// Its number, which the answer repeats.
+    pub number: u32,
     /// The durable transactions of the sender.
     pub vector: VersionVector,
-    /// The transactions that the sender has buffered because it cannot read them.
+    /// The transactions that the sender has buffered because it cannot read them, or that are on their way to it.
     pub pending: VersionVector,
     /// About how many bytes to answer with.
     pub size_max: u32,
@@ -128,6 +138,8 @@ pub struct Join {
 pub enum Chunk {
     /// Transactions, in an order in which they can be applied.
     Txns {
+        /// The number of the pull.
+        number: u32,
         /// The transactions of the sender.
         vector: VersionVector,
         /// Some of what you lack.

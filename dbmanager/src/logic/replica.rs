@@ -44,7 +44,7 @@ use crate::logic::message::{Chunk, Message, Pull};
 use crate::logic::owner::Owners;
 use crate::logic::record::{OpenError, StoredRecords};
 use crate::logic::state::State;
-use crate::logic::txn::{FORMAT, FORMAT_FIRST};
+use crate::logic::txn::{EncodedTxn, FORMAT, FORMAT_FIRST};
 use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use action::Action;
 use comms::logic::random::Random;
@@ -239,10 +239,29 @@ impl Replica {
             let may = (self.pulls_max(), self.ledger.identity.asked());
             let Some(peer) = self.peers.choose(now, may, &mut self.random) else { return };
             self.ledger.identity.asks(peer, &mut self.random);
-            let size_max = u32::try_from(self.peers.asked(now, peer)).unwrap_or(u32::MAX);
-            let (vector, pending) = (self.log().vector().clone(), self.ledger.pending().vector());
-            let pull = Pull { vector, pending, size_max, join: self.ledger.join() };
-            effects.push(Effect::Send(peer, Message::Pull(pull)));
+            let asked = self.peers.asked(now, peer);
+            effects.push(self.pull(peer, asked, self.ledger.pending().vector()));
+        }
+    }
+
+    /// Returns the question, by its number and about how many bytes, for what is neither here nor `pending`.
+    fn pull(&self, peer: ReplicaId, (number, size): (u32, usize), pending: VersionVector) -> Effect {
+        let (vector, size_max) = (self.log().vector().clone(), u32::try_from(size).unwrap_or(u32::MAX));
+        Effect::Send(peer, Message::Pull(Pull { number, vector, pending, size_max, join: self.ledger.join() }))
+    }
+
+    /// A peer has said what its answer has, which is on its way: it is asked for what comes after that.
+    fn ask_ahead(
+        &mut self,
+        now: Time,
+        from: ReplicaId,
+        (number, last): (u32, VersionVector),
+        effects: &mut Vec<Effect>,
+    ) {
+        if let Some(asked) = self.peers.announced(now, from, number) {
+            let mut pending = self.ledger.pending().vector();
+            pending.join(&last);
+            effects.push(self.pull(from, asked, pending));
         }
     }
 
@@ -290,7 +309,10 @@ impl Replica {
             Message::Ack(vector) if self.members().is_active(from) => {
                 self.ledger.acks.note(from, &vector);
             }
-            Message::Push(_) | Message::DeltaPush(_) | Message::Ack(_) => {}
+            Message::Coming { number, last } if self.is_member() && !stranger => {
+                self.ask_ahead(now, from, (number, last), effects);
+            }
+            Message::Push(_) | Message::DeltaPush(_) | Message::Ack(_) | Message::Coming { .. } => {}
         }
         self.go_on(now, effects);
     }
@@ -316,18 +338,26 @@ impl Replica {
     }
 
     fn receive_chunk(&mut self, now: Time, (from, chunk): (ReplicaId, Chunk), effects: &mut Vec<Effect>) {
-        let full = matches!(chunk, Chunk::Txns { more: true, .. });
-        let asked = self.peers.answered(now, from, full);
-        let known = asked || self.members().is_active(from);
+        let (number, full) = match &chunk {
+            Chunk::Txns { number, txns, more, .. } => {
+                (Some(*number), more.then(|| txns.iter().map(EncodedTxn::size).sum()))
+            }
+            Chunk::Snapshot(_) | Chunk::Retired(_) | Chunk::Fork { .. } | Chunk::Known(_) | Chunk::Behind(_) => {
+                (None, None)
+            }
+        };
+        let answered = self.peers.answered(now, from, number, full);
+        let (asked, known) = (answered.in_time, answered.in_time || self.members().is_active(from));
         let mut rules = Vec::new();
         match chunk {
-            Chunk::Txns { vector, txns, more } if self.is_member() && known => {
+            Chunk::Txns { vector, txns, more, .. } if self.is_member() && known => {
                 let missing = self.ledger.receive(now, (from, txns), effects);
                 self.peers.served(from);
                 if self.members().is_active(from) {
                     self.ledger.acks.note(from, &vector);
                 }
-                if (more || !self.ledger.have().dominates(&vector)) && !missing {
+                // Of two that were on their way the first may be lost.
+                if (more || !self.ledger.have().dominates(&vector)) && (answered.follows || !missing) {
                     self.peers.ahead(from, now);
                 }
             }

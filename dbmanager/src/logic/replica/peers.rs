@@ -4,6 +4,9 @@
 //! *Rule.* A pull without an answer in time ([`Pace::wait`]) is over, and the peer is left alone for a while that is four times as
 //! long after each silence, up to 12.8 s. How much is asked for at a time follows the speed of the link, so that neither
 //! an answer nor what is urgent is late on a slow one.
+//!
+//! A peer that has announced its answer ([`Message::Coming`](crate::logic::message::Message::Coming)) is asked for the next one at once, so
+//! two may be on their way. They come in order; the second is of use only after the first.
 
 use crate::logic::timing::{
     HELLO_PERIOD_MAX, HELLO_PERIOD_MIN, PULL_AFTER_PUSH, PULL_ANSWER_LATE_MAX, SILENCES_MAX, pull_pause,
@@ -24,6 +27,8 @@ const PEERS_MAX: usize = 1024;
 #[derive(Debug, Default)]
 pub(super) struct PeerTable {
     peers: BTreeMap<ReplicaId, Peer>,
+    /// The number of the last pull.
+    number: u32,
     hello_at: Time,
     /// Between the last two hellos; at the beginning none.
     hello_period: Duration,
@@ -37,8 +42,12 @@ struct Peer {
     ask_at: Time,
     /// An answer is waited for until then.
     pulling: Option<Time>,
-    /// When it was asked what it has not answered yet, in time or not.
-    asked_at: Option<Time>,
+    /// What it has not answered yet, in time or not.
+    asked: Option<Asked>,
+    /// When it announced the answer to that.
+    announced: Option<Time>,
+    /// What it was asked while that answer is on its way.
+    next: Option<Asked>,
     /// How much it is asked for.
     pace: Pace,
     /// How often it has not answered since it last did.
@@ -47,6 +56,24 @@ struct Peer {
     dropped: u32,
     /// The newest format it reads, once it has said so.
     format: Option<u8>,
+}
+
+/// A pull.
+#[derive(Clone, Copy, Debug)]
+struct Asked {
+    number: u32,
+    at: Time,
+    /// Whether the answer to the pull before it was on its way.
+    follows: bool,
+}
+
+/// The answer to a pull.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Answered {
+    /// Whether it was waited for.
+    pub(super) in_time: bool,
+    /// Whether the answer before it was on its way when it was asked for.
+    pub(super) follows: bool,
 }
 
 impl PeerTable {
@@ -72,6 +99,7 @@ impl PeerTable {
         (self.hello_at, self.hello_period) = (now, HELLO_PERIOD_MIN);
         for peer in self.peers.values_mut() {
             peer.ahead |= peer.pulling.take().is_some();
+            (peer.announced, peer.next) = (None, None);
             (peer.ask_at, peer.silences) = (peer.ask_at.min(now), 0);
         }
     }
@@ -85,7 +113,7 @@ impl PeerTable {
     pub(super) fn expire(&mut self, now: Time) {
         for peer in self.peers.values_mut() {
             if peer.pulling.is_some_and(|until| until <= now) {
-                peer.pulling = None;
+                (peer.pulling, peer.announced, peer.next) = (None, None, None);
                 peer.silences = (peer.silences + 1).min(SILENCES_MAX);
                 peer.pace.lost();
                 peer.ask_at = now + pull_pause(peer.silences);
@@ -155,18 +183,52 @@ impl PeerTable {
         self.ahead(origin, now + PULL_AFTER_PUSH);
     }
 
-    /// Notes an answer; returns whether one was waited for. One that was `full` shows how fast the link is.
-    pub(super) fn answered(&mut self, now: Time, origin: ReplicaId, full: bool) -> bool {
-        let Some(peer) = self.peers.get_mut(&origin) else { return false };
-        (peer.ahead, peer.silences) = (false, 0);
-        let asked = peer.pulling.take().is_some();
-        // One that comes late shows how long the way is, too.
-        match peer.asked_at.take().map(|at| now.since(at)) {
-            Some(took) if full => peer.pace.arrived(peer.pace.chunk(), took),
-            Some(took) => peer.pace.heard(took),
-            None => {}
+    /// Notes an answer, with its bytes if it was a full one: those show how fast the link is.
+    /// An answer of transactions has the `number` of its pull; one that has come before is none.
+    pub(super) fn answered(
+        &mut self,
+        now: Time,
+        origin: ReplicaId,
+        number: Option<u32>,
+        full: Option<usize>,
+    ) -> Answered {
+        let repeated = Answered { in_time: false, follows: false };
+        let Some(peer) = self.peers.get_mut(&origin) else { return repeated };
+        let is_to = |asked: &Asked| number.is_none_or(|number| number == asked.number);
+        if peer.next.as_ref().is_some_and(is_to) {
+            // The answer before it is lost, or this one ends the exchange.
+            (peer.asked, peer.announced) = (peer.next.take(), None);
+        } else if peer.pulling.is_some() && !peer.asked.as_ref().is_some_and(is_to) {
+            return repeated;
         }
-        asked
+        (peer.ahead, peer.silences) = (false, 0);
+        let (in_time, asked, announced) = (peer.pulling.take().is_some(), peer.asked.take(), peer.announced.take());
+        // One that comes late shows how long the way is, too.
+        match (asked, announced, full) {
+            (Some(asked), Some(at), Some(bytes)) => peer.pace.timed(bytes, at.since(asked.at), now.since(at)),
+            (Some(asked), None, Some(bytes)) => peer.pace.arrived(bytes, now.since(asked.at)),
+            (Some(asked), _, None) => peer.pace.heard(now.since(asked.at)),
+            (None, ..) => {}
+        }
+        if let Some(next) = peer.next.take() {
+            (peer.asked, peer.pulling) = (Some(next), Some(now + peer.pace.wait()));
+        }
+        Answered { in_time, follows: asked.is_some_and(|asked| asked.follows) }
+    }
+
+    /// A peer has said that its answer to a pull is on its way. Returns number and size of the next one, if it is to be asked now: of
+    /// two that are asked, each answers with what the other may send too.
+    pub(super) fn announced(&mut self, now: Time, origin: ReplicaId, number: u32) -> Option<(u32, usize)> {
+        let is_alone = self.pulling() == 1;
+        let peer = self.peers.get_mut(&origin).filter(|peer| peer.pulling.is_some() && peer.announced.is_none())?;
+        peer.asked.filter(|asked| asked.number == number)?;
+        peer.announced = Some(now);
+        if !is_alone {
+            return None;
+        }
+        self.number = self.number.wrapping_add(1);
+        peer.next = Some(Asked { number: self.number, at: now, follows: true });
+        Some((self.number, peer.pace.chunk()))
     }
 
     /// Chooses a peer to ask now; none if as many are asked as may be. Whoever has asked one `sponsor` asks nobody else as long
@@ -186,12 +248,15 @@ impl PeerTable {
         chosen.filter(|_| self.pulling() < pulls_max)
     }
 
-    /// A peer is asked; returns for how many bytes.
-    pub(super) fn asked(&mut self, now: Time, origin: ReplicaId) -> usize {
-        let Some(peer) = self.peers.get_mut(&origin) else { return 0 };
+    /// A peer is asked; returns the number of the pull, and for how many bytes.
+    pub(super) fn asked(&mut self, now: Time, origin: ReplicaId) -> (u32, usize) {
+        let Some(peer) = self.peers.get_mut(&origin) else { return (0, 0) };
+        self.number = self.number.wrapping_add(1);
         peer.pulling = Some(now + peer.pace.wait());
-        peer.asked_at = peer.asked_at.filter(|at| now.since(*at) < PULL_ANSWER_LATE_MAX).or(Some(now));
-        peer.pace.chunk()
+        let late = peer.asked.filter(|asked| now.since(asked.at) < PULL_ANSWER_LATE_MAX);
+        let asked = late.unwrap_or(Asked { number: self.number, at: now, follows: false });
+        peer.asked = Some(asked);
+        (asked.number, peer.pace.chunk())
     }
 
     fn pulling(&self) -> usize {
@@ -238,6 +303,35 @@ mod tests {
         assert_eq!(pauses, [200, 800, 3_200, 12_800, 12_800, 12_800]);
         table.met(at(0));
         assert_eq!(table.choose(at(0), (1, None), &mut random), Some(A), "it has come back");
+    }
+
+    #[test]
+    fn while_an_answer_is_on_its_way_the_next_one_is_asked_for() {
+        let (mut table, answered) = (PeerTable::default(), |follows| Answered { in_time: true, follows });
+        table.ahead(A, at(0));
+        assert_eq!(table.announced(at(0), A, 1), None, "it was not asked");
+        let (first, size) = table.asked(at(0), A);
+        let (second, as_much) = table.announced(at(1000), A, first).unwrap();
+        assert_eq!((as_much, table.announced(at(1001), A, first)), (size, None), "once");
+        // 50 kbit/s.
+        assert_eq!(table.answered(at(1655), A, Some(first), Some(4096)), answered(false));
+        assert!(!table.answered(at(1656), A, Some(first), Some(4096)).in_time, "it is repeated");
+        let (third, size) = table.announced(at(2000), A, second).unwrap();
+        assert!((7500..=8000).contains(&size), "{size} bytes are on their way for a round trip and a quarter");
+        assert_eq!(table.answered(at(2655), A, Some(second), Some(4096)), answered(true));
+        assert_eq!(table.answered(at(4000), A, Some(third), None), answered(true), "it is the last one");
+        // The first of two is lost.
+        table.ahead(A, at(5000));
+        let (first, _) = table.asked(at(5000), A);
+        let (second, _) = table.announced(at(6000), A, first).unwrap();
+        assert_eq!(table.answered(at(7000), A, Some(second), None), answered(true));
+        assert_eq!(table.pulling(), 0);
+        // A link that is new has lost what was on the way.
+        table.ahead(A, at(8000));
+        let (first, _) = table.asked(at(8000), A);
+        table.announced(at(8100), A, first);
+        table.met(at(8200));
+        assert_eq!(table.choose(at(8200), (1, None), &mut Random::new(1)), Some(A));
     }
 
     #[test]

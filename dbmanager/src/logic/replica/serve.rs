@@ -7,7 +7,8 @@ use super::ledger::Ledger;
 use crate::logic::member;
 use crate::logic::message::{CHUNK_SIZE_MAX, Chunk, Join, Message, Pull};
 use crate::logic::notary::{self, Claim, Notary};
-use crate::logic::version_vector::ReplicaId;
+use crate::logic::txn::EncodedTxn;
+use crate::logic::version_vector::{ReplicaId, VersionVector};
 
 /// How many origins one admission replaces.
 const REPLACED_MAX: usize = 1024;
@@ -36,6 +37,9 @@ pub(super) fn pull(ledger: &Ledger, from: ReplicaId, pull: &Pull) -> Vec<Action>
     }
     let size_max = usize::try_from(pull.size_max).unwrap_or(CHUNK_SIZE_MAX).min(CHUNK_SIZE_MAX);
     let txns = beyond(ledger, pull, size_max);
+    if let Some(Chunk::Txns { txns, more: true, .. }) = &txns {
+        actions.push(Action::send(from, Message::Coming { number: pull.number, last: last_of(txns) }));
+    }
     actions.push(txns.map_or(Action::Offer, |txns| Action::send(from, Message::Chunk(txns))));
     actions
 }
@@ -104,17 +108,25 @@ fn beyond(ledger: &Ledger, pull: &Pull, size_max: usize) -> Option<Chunk> {
         txns.extend(pending);
         more = rest;
     }
-    Some(Chunk::Txns { vector: ledger.log().vector().clone(), txns, more })
+    Some(Chunk::Txns { number: pull.number, vector: ledger.log().vector().clone(), txns, more })
+}
+
+/// Returns the last transaction of each origin.
+fn last_of(txns: &[EncodedTxn]) -> VersionVector {
+    let mut last = VersionVector::default();
+    for (header, _) in txns.iter().filter_map(|txn| txn.split().ok()) {
+        last.join(&[(header.stamp.origin, header.seq)].into_iter().collect());
+    }
+    last
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::logic::replica::tests::{Team, put};
-    use crate::logic::version_vector::VersionVector;
 
     fn question(vector: VersionVector, join: Option<Join>) -> Pull {
-        Pull { vector, pending: VersionVector::default(), size_max: 1 << 20, join }
+        Pull { number: 1, vector, pending: VersionVector::default(), size_max: 1 << 20, join }
     }
 
     #[test]

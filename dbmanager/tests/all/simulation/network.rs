@@ -36,6 +36,8 @@ pub(crate) struct Network {
     pub(crate) sent: u64,
     /// The shortest and the longest way, in microseconds.
     pub(crate) latency_us: [u64; 2],
+    /// How long the bytes of a message have occupied a slow radio at most, with what was before it: all else waits for that long.
+    pub(crate) occupied_max: Duration,
     /// Directions in which nothing gets through.
     cut: BTreeSet<(usize, usize)>,
     /// Bytes per second of slow radios.
@@ -58,6 +60,7 @@ impl Network {
             size_max: usize::MAX,
             sent: 0,
             latency_us: LATENCY_US,
+            occupied_max: Duration::ZERO,
             cut: BTreeSet::new(),
             radios: BTreeMap::new(),
             queues: BTreeMap::new(),
@@ -154,6 +157,7 @@ impl Network {
             return None;
         }
         *free = waiting + Duration::from_nanos(size as u64 * 1_000_000_000 / rate);
+        self.occupied_max = self.occupied_max.max(free.since(now));
         Some(*free)
     }
 }

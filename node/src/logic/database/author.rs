@@ -18,7 +18,8 @@ impl Database {
             | Message::ChunkRequest(_)
             | Message::SnapshotChunk { .. }
             | Message::Ack(_)
-            | Message::DeltaPush(_) => None,
+            | Message::DeltaPush(_)
+            | Message::Coming { .. } => None,
         };
         let known = self.replica.members().robot(envelope.from);
         let other = [known, said].into_iter().flatten().find(|robot| *robot != author);
