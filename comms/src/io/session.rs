@@ -48,6 +48,8 @@ use tokio::sync::watch;
 
 /// How long [`Session::close`] waits. Zenoh alone can take 10 s when a peer has vanished.
 const CLOSE_WITHIN: Duration = Duration::from_secs(2);
+/// How long nothing comes from a session whose link is cut: on the slowest radio a part of an answer comes each 0.3 s.
+const CUT_AFTER: Duration = Duration::from_secs(2);
 /// How long a command line without a node waits for the first nodes to answer, and how often it looks.
 const SCOUT: [Duration; 2] = [Duration::from_millis(500), Duration::from_millis(20)];
 /// Zenoh's thread pools in a process that only sends and receives: one for almost all, since a hand-over between pools costs
@@ -245,10 +247,10 @@ impl Session {
         self.opened.set_patience(session, Duration::from_millis(millis));
     }
 
-    /// Gives the link to a session up, whose process takes nothing any more although its system does. A link to a process of the same
-    /// machine is left to its lease.
+    /// Ends the link to a session whose process has stopped although its system goes on: nothing comes from it any more. A link to a
+    /// process of the same machine is left to its lease.
     pub fn cut(&self, session: &str) {
-        self.opened.cut(session);
+        self.opened.cut_if_silent(session, CUT_AFTER);
     }
 
     /// Opens the session of a command line through the node that listens on `socket`.

@@ -176,8 +176,24 @@ impl Opened {
     }
 
     /// Ends the links to a session.
+    #[cfg(test)]
     pub(crate) fn cut(&self, session: &str) {
         self.dialler.cut(session);
+    }
+
+    /// Ends the links to a session, unless something comes from it within `time`. A long answer on a slow link keeps back all other
+    /// words, and would be lost with the link.
+    pub(crate) fn cut_if_silent(&self, session: &str, time: Duration) {
+        let (dialler, session) = (self.dialler.clone(), session.to_owned());
+        let ends = dialler.ends_of(&session);
+        let received = move || ends.iter().filter_map(|both| patience::received(*both)).sum::<u64>();
+        let before = received();
+        ZRuntime::Net.spawn(async move {
+            tokio::time::sleep(time).await;
+            if received() == before {
+                dialler.cut(&session);
+            }
+        });
     }
 
     /// Notes, as long as this session lives, why nodes that it was told of are not linked. Zenoh dials them itself, and says

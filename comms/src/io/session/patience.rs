@@ -97,9 +97,19 @@ fn millis(time: Duration) -> u32 {
     u32::try_from(time.as_millis()).unwrap_or(u32::MAX)
 }
 
-/// Returns the round trip of a link, smoothed. Source: tcp(7), `TCP_INFO`. No crate in use has a safe signature for it.
-#[expect(unsafe_code, reason = "rustix does not read TCP_INFO")]
+/// Returns the round trip of a link, smoothed.
 fn round_trip(socket: &TcpStream) -> Option<Duration> {
+    info(socket).map(|info| Duration::from_micros(u64::from(info.tcpi_rtt)))
+}
+
+/// Returns how many bytes have come over a link; none if the link was not found.
+pub(super) fn received(ends: Ends) -> Option<u64> {
+    info(&find(ends)?).map(|info| info.tcpi_bytes_received)
+}
+
+/// Returns what the system knows of a link. Source: tcp(7), `TCP_INFO`. No crate in use has a safe signature for it.
+#[expect(unsafe_code, reason = "rustix does not read TCP_INFO")]
+fn info(socket: &TcpStream) -> Option<libc::tcp_info> {
     // SAFETY: `tcp_info` is a plain C structure of integers, for which all zeros are a valid value.
     let mut info: libc::tcp_info = unsafe { std::mem::zeroed() };
     let mut size = libc::socklen_t::try_from(size_of_val(&info)).ok()?;
@@ -108,12 +118,13 @@ fn round_trip(socket: &TcpStream) -> Option<Duration> {
         let to = (&raw mut info).cast();
         libc::getsockopt(socket.as_raw_fd(), libc::IPPROTO_TCP, libc::TCP_INFO, to, &raw mut size)
     };
-    (answer == 0).then(|| Duration::from_micros(u64::from(info.tcpi_rtt)))
+    (answer == 0).then_some(info)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::io::Write as _;
     use std::net::TcpListener;
 
     #[test]
@@ -127,6 +138,18 @@ mod tests {
             assert_eq!(tcp_user_timeout(stream).unwrap(), 1250);
         }
         assert!(!set_as_measured((ends(&near).0, ends(&near).0)), "there is no such link");
+    }
+
+    #[test]
+    fn the_system_counts_what_comes_over_a_link() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let near = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        let mut far = listener.accept().unwrap().0;
+        let ends = (near.local_addr().unwrap(), near.peer_addr().unwrap());
+        assert_eq!((received(ends), received((ends.0, ends.0))), (Some(0), None));
+        far.write_all(b"words").unwrap();
+        near.peek(&mut [0; 5]).unwrap();
+        assert_eq!(received(ends), Some(5));
     }
 
     #[test]

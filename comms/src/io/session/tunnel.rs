@@ -183,8 +183,12 @@ impl Tunnels {
 
     /// Lets a tunnel carry nothing for so long before it is given up; says whether there is one.
     pub(super) fn set_patience(&self, session: &str, patience: Duration) -> bool {
-        let ends = self.table().get(session).map(|standing| standing.ends);
-        ends.is_some_and(|ends| patience::set(ends, patience))
+        self.ends_of(session).is_some_and(|ends| patience::set(ends, patience))
+    }
+
+    /// Returns the two ends of the tunnel to a session.
+    pub(super) fn ends_of(&self, session: &str) -> Option<Ends> {
+        self.table().get(session).map(|standing| standing.ends)
     }
 
     /// Returns the sessions whose tunnels have stood for so long.

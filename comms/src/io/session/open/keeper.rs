@@ -50,8 +50,13 @@ impl Dialler {
         if self.tunnels.as_ref().is_some_and(|tunnels| tunnels.cut(session)) {
             return;
         }
-        let ends = lock(&self.links).ends_of(session);
-        ends.into_iter().for_each(patience::cut);
+        self.ends_of(session).into_iter().for_each(patience::cut);
+    }
+
+    /// Returns the two ends of each TCP link to a session.
+    pub(super) fn ends_of(&self, session: &str) -> Vec<patience::Ends> {
+        let through = self.tunnels.as_ref().and_then(|tunnels| tunnels.ends_of(session));
+        through.map_or_else(|| lock(&self.links).ends_of(session), |ends| vec![ends])
     }
 }
 

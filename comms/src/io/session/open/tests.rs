@@ -157,3 +157,34 @@ fn who_was_dialled_in_vain_is_dialled_again() {
     other.close();
     node.close();
 }
+
+/// A node that is busy with a long answer is silent otherwise, and its link stays.
+#[test]
+fn a_link_over_which_something_comes_is_not_cut() {
+    // Nodes say a word each 7.5 s, so that nothing else comes in the meantime.
+    let open = || {
+        let settings = Settings::node().listen(&["tcp/127.0.0.1:0".to_owned()]);
+        Opened::open(settings, Redial::Listed, Search::Off, None).unwrap()
+    };
+    let (a, b, within) = (open(), open(), Duration::from_secs(20));
+    a.dial(&b.id(), &b.locators(), within).unwrap();
+    let heard = a.session.declare_subscriber("x").wait().unwrap();
+    while b.session.put("x", "").wait().is_err()
+        || heard.recv_timeout(Duration::from_millis(50)).ok().flatten().is_none()
+    {}
+    let (events_tx, events) = sync_channel(16);
+    let on_event = move |event: TransportEvent| events_tx.try_send(event.kind()).unwrap_or_default();
+    let _listener = a.session.info().transport_events_listener().history(false).callback(on_event).wait().unwrap();
+    let window = Duration::from_millis(200);
+    a.cut_if_silent(&b.id(), window);
+    for _ in 0..20 {
+        b.session.put("x", "").wait().unwrap();
+        assert!(heard.recv_timeout(within).unwrap().is_some());
+        std::thread::sleep(window / 10);
+    }
+    assert!(events.try_recv().is_err(), "the link stands");
+    a.cut_if_silent(&b.id(), window);
+    assert_eq!(events.recv_timeout(within), Ok(SampleKind::Delete));
+    a.close();
+    b.close();
+}
