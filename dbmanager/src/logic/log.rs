@@ -149,7 +149,7 @@ impl Log {
     }
 
     /// Returns what follows `vector`, each chain without a gap, in the order of application.
-    fn after(&self, vector: &VersionVector) -> impl Iterator<Item = (Dot, &EncodedTxn)> {
+    pub(crate) fn after(&self, vector: &VersionVector) -> impl Iterator<Item = (Dot, &EncodedTxn)> {
         let next = |origin, after: u64| {
             let dot = Dot { origin, seq: after.saturating_add(1) };
             self.txns.get(&dot).map(|logged| (logged.index, (dot, &logged.encoded)))

@@ -32,6 +32,7 @@ use dbmanager::logic::replica::{self, Alarm, CommitRequest, Replica};
 use dbmanager::logic::txn::{Draft, EncodedTxn, TxnError};
 use dbmanager::logic::version_vector::ReplicaId;
 use dbmanager::logic::view::as_of::Checkpoints;
+use dbmanager::logic::view::conflict::RaceCount;
 use dbmanager::logic::view::past::Past;
 use dbmanager::logic::view::schema::{self, Schemas};
 use dbmanager::logic::view::watch::Watch;
@@ -128,6 +129,8 @@ pub struct Database {
     more: bool,
     /// Whether what the own keys say to the node has changed in this turn.
     resettled: bool,
+    /// The number of races, as it was last counted.
+    races: RaceCount,
     /// The schemas, since they were last read from the state.
     schemas: Option<Schemas>,
     /// States from which earlier moments are worked out.
@@ -167,6 +170,7 @@ impl Database {
             watchers: BTreeMap::new(),
             more: false,
             resettled: true,
+            races: RaceCount::default(),
             schemas: None,
             checkpoints: Checkpoints::default(),
         }

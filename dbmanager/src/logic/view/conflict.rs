@@ -7,6 +7,10 @@
 //! have decided before. No database that takes writes while it is cut off can prevent any of them; this one lists them. They
 //! are over when somebody writes the key having seen both.
 
+mod count;
+
+pub use count::RaceCount;
+
 use super::past::{Past, When, has_seen};
 use super::value::Datum;
 use crate::logic::clock::Timestamp;

@@ -144,13 +144,13 @@ impl Database {
     }
 
     /// Returns the transaction that settles a key: one more write, which has seen all of the others.
-    pub(super) fn settle(&self, resolve: &Resolve) -> Result<Commit, Reply> {
+    pub(super) fn settle(&mut self, resolve: &Resolve) -> Result<Commit, Reply> {
         let Resolve { key, choice, reason, level, within, seen } = resolve;
-        let (state, versions) = (self.replica.state(), self.replica.state().versions(key));
-        let is_raced = || self.past().races(key.as_str()).iter().any(|race| race.key == *key);
-        if !state.is_conflict(key) && !is_raced() {
+        let past = Past { log: self.replica.log(), state: self.replica.state() };
+        if !past.state.is_conflict(key) && self.races.race_at(&past, key).is_none() {
             return Err(self.settled_already(key, choice));
         }
+        let versions = self.replica.state().versions(key);
         if *seen != conflict::seen(versions.iter().map(|version| version.dot)) {
             let what =
                 if seen.is_empty() { "say which writes you have seen" } else { "there are others than you have seen" };

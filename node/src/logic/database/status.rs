@@ -13,7 +13,9 @@ pub(super) const HEARD_WITHIN: Duration = Duration::from_secs(30);
 
 impl Database {
     /// Returns how the replica and its team are.
-    pub(super) fn status(&self, now: Time) -> Status {
+    pub(super) fn status(&mut self, now: Time) -> Status {
+        let past = Past { log: self.replica.log(), state: self.replica.state() };
+        let races = self.races.of(&past);
         let (state, log, stable) = (self.state(), self.replica.log(), self.replica.stable());
         let count = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);
         let past = Past { log, state };
@@ -45,7 +47,7 @@ impl Database {
             state: format!("{:032x}", state.digest()),
             keys: count(state.scan("").filter(|(key, _)| state.get(key).is_some()).count()),
             conflicts: count(state.conflicts("").count()),
-            races: count(self.past().races("").len()),
+            races: count(races),
             log_len: count(log.len()),
             log_size: count(log.size()),
             clock: quality(self.wall.quality).to_owned(),
