@@ -36,6 +36,17 @@ pub enum KeyError {
         /// The first such segment.
         segment: String,
     },
+    /// A segment whose letters look like those of another one.
+    #[error(
+        "the key `{key}` has {letter:?} (U+{:04X}) beside Latin letters, which it looks like: another key would look the same",
+        u32::from(*letter)
+    )]
+    LookAlike {
+        /// The text.
+        key: String,
+        /// The first such letter.
+        letter: char,
+    },
     /// A character with a meaning of its own, or one that cannot be seen.
     #[error("the key `{key}` has a forbidden character: {character:?}")]
     Character {
@@ -66,13 +77,19 @@ impl Key {
     /// If it is none.
     pub fn new(text: impl Into<String>) -> Result<Self, KeyError> {
         let key = Self::stored(text.into())?;
+        if let Some(character) = key.0.chars().find(|character| is_unseen(*character)) {
+            return Err(KeyError::Character { key: key.into(), character });
+        }
+        if let Some(letter) = key.0.split('/').find_map(look_alike) {
+            return Err(KeyError::LookAlike { key: key.into(), letter });
+        }
         match key.0.split('/').find(|segment| matches!(*segment, "." | "..")) {
             Some(segment) => Err(KeyError::Path { key: key.to_string(), segment: segment.to_owned() }),
             None => Ok(key),
         }
     }
 
-    /// Returns the key that `text` is, which an earlier version may have written: it took `.` and `..`.
+    /// Returns the key that `text` is, which an earlier version may have written: it took `.`, `..` and letters that look alike.
     fn stored(key: String) -> Result<Self, KeyError> {
         if key.len() > KEY_SIZE_MAX {
             return Err(KeyError::Long { size: key.len() });
@@ -102,6 +119,30 @@ impl Key {
             _ => Namespace::Team,
         }
     }
+}
+
+/// Returns whether a character cannot be seen, or looks like a blank: blanks of other widths, marks of direction, joiners, fillers.
+/// Source: Unicode 16, general categories `Cf` and `Zs`, and `Default_Ignorable_Code_Point`.
+fn is_unseen(character: char) -> bool {
+    let is_other_blank = character != ' ' && character.is_whitespace();
+    let is_ignorable = matches!(u32::from(character),
+        0xad | 0x34f | 0x61c | 0x115f | 0x1160 | 0x17b4 | 0x17b5 | 0x180b..=0x180f | 0x200b..=0x200f | 0x202a..=0x202e
+        | 0x2060..=0x206f | 0x3164 | 0xfe00..=0xfe0f | 0xfeff | 0xffa0 | 0xfff0..=0xfffb | 0x1bca0..=0x1bca3
+        | 0x1d173..=0x1d17a | 0xe0000..=0xe0fff);
+    is_other_blank || is_ignorable
+}
+
+/// Returns the first letter of a segment that looks like a Latin one and stands beside Latin ones. A name that is all Greek or all
+/// Cyrillic is a name. Source: UTS 39, section 5.2, for the scripts whose letters look like Latin ones, and full-width forms.
+fn look_alike(segment: &str) -> Option<char> {
+    let looks_latin = |letter: &char| {
+        letter.is_alphanumeric()
+            && matches!(u32::from(*letter),
+                0x370..=0x52f | 0x531..=0x587 | 0x13a0..=0x13ff | 0x1c80..=0x1c8f | 0x1f00..=0x1fff | 0x2c80..=0x2cff
+                | 0x2de0..=0x2dff | 0xa4d0..=0xa4ff | 0xa640..=0xa69f | 0xab70..=0xabbf | 0xff10..=0xff5a | 0x1d400..=0x1d7ff)
+    };
+    let has_latin = segment.chars().any(|letter| letter.is_ascii_alphabetic());
+    segment.chars().find(looks_latin).filter(|_| has_latin)
 }
 
 impl TryFrom<String> for Key {
@@ -135,6 +176,38 @@ mod tests {
             assert!(postcard::from_bytes::<Key>(&postcard::to_stdvec(bad).unwrap()).is_ok());
         }
         for good in ["team/...", "team/.a", "team/a..b"] {
+            assert!(Key::new(good).is_ok(), "{good}");
+        }
+    }
+
+    #[test]
+    fn a_key_does_not_look_like_another_one() {
+        let alike = |text: &str| match Key::new(text) {
+            Err(KeyError::LookAlike { letter, .. }) => Some(letter),
+            _ => None,
+        };
+        // Cyrillic and Greek beside Latin, full width, mathematical.
+        for (text, letter) in [
+            ("team/\u{430}b", '\u{430}'),
+            ("te\u{430}m/b", '\u{430}'),
+            ("a\u{3bf}", '\u{3bf}'),
+            ("x\u{ff21}", '\u{ff21}'),
+        ] {
+            assert_eq!(alike(text), Some(letter), "{text}");
+            assert!(
+                postcard::from_bytes::<Key>(&postcard::to_stdvec(text).unwrap()).is_ok(),
+                "one that is there can be read"
+            );
+        }
+        let why = Key::new("team/\u{430}b").unwrap_err().to_string();
+        assert!(why.contains("(U+0430) beside Latin letters"), "{why}");
+        for unseen in ['\u{200b}', '\u{a0}', '\u{202e}', '\u{feff}', '\u{3164}', '\u{ad}', '\u{e0041}'] {
+            let (key, character) = (format!("team/a{unseen}b"), unseen);
+            assert_eq!(Key::new(key.clone()), Err(KeyError::Character { key, character }));
+        }
+        for good in
+            ["team/a b", "команда/рука", "team/κάμερα", "team/ось_1", "チーム/腕", "team/größe", "robot/r2/温度_c"]
+        {
             assert!(Key::new(good).is_ok(), "{good}");
         }
     }
