@@ -10,6 +10,7 @@ use anyhow::{Context, anyhow, bail};
 use dbmanager::logic::key::Key;
 use dbmanager::logic::txn::{Condition, Require, Write};
 use dbmanager::logic::view::token;
+use dbmanager::logic::view::value::Datum;
 use node::console::{self, Failure};
 use node::logic::database::question::{AsOf, Question, Reply};
 use std::path::{Path, PathBuf};
@@ -18,7 +19,8 @@ use std::path::{Path, PathBuf};
 const FILE_MAX: usize = 256 << 20;
 
 /// The kinds of lines of a transaction.
-const LINES: &str = "a line is `put KEY VALUE`, `delete KEY` or `require KEY absent|exists|TRANSACTION`";
+const LINES: &str = "a line is `put KEY VALUE`, `delete KEY` or `require KEY absent|exists|TRANSACTION`; a key with blanks \
+                     stands in quotes";
 
 /// The arguments of `dca db export`.
 #[derive(Debug, clap::Args)]
@@ -39,7 +41,8 @@ pub struct Export {
 /// The arguments of `dca db tx`.
 #[derive(Debug, clap::Args)]
 pub struct Tx {
-    /// One change a line: `put KEY VALUE`, `delete KEY`, `require KEY absent|exists|TRANSACTION`; `-` for standard input
+    /// One change a line: `put KEY VALUE`, `delete KEY`, `require KEY absent|exists|TRANSACTION`, with quotes around a key that has
+    /// blanks; `-` for standard input
     #[arg(default_value = "-")]
     file: PathBuf,
     #[command(flatten)]
@@ -107,10 +110,10 @@ fn changes(text: &str) -> anyhow::Result<(Vec<Require>, Vec<Write>)> {
 
 fn change(line: &str, requires: &mut Vec<Require>, writes: &mut Vec<Write>) -> anyhow::Result<()> {
     let (verb, rest) = line.split_once(' ').unwrap_or((line, ""));
-    let (key, value) = rest.trim().split_once(' ').map_or((rest.trim(), ""), |(key, value)| (key, value.trim()));
     if !["put", "delete", "require"].contains(&verb) {
         bail!(LINES);
     }
+    let (key, value) = key_and_rest(rest.trim())?;
     let key = Key::new(key)?;
     if verb != "require" && writes.iter().any(|write| write.key == key) {
         bail!("`{key}` is written by an earlier line; a transaction writes a key once");
@@ -130,10 +133,29 @@ fn change(line: &str, requires: &mut Vec<Require>, writes: &mut Vec<Write>) -> a
     Ok(())
 }
 
+/// Splits a key from what follows it. A key with blanks stands in quotes, as a text in TOML.
+fn key_and_rest(text: &str) -> anyhow::Result<(String, &str)> {
+    let Some(quoted) = text.strip_prefix('"') else {
+        let (key, rest) = text.split_once(' ').unwrap_or((text, ""));
+        return Ok((key.to_owned(), rest.trim()));
+    };
+    // A backslash keeps the quote after it from being the end.
+    let mut escaped = false;
+    let end = quoted.find(|character| {
+        let is_end = character == '"' && !escaped;
+        escaped = character == '\\' && !escaped;
+        is_end
+    });
+    let (key, rest) = text.split_at(end.map(|end| end + 2).context("the key has no second quote")?);
+    match Datum::from_toml(key).with_context(|| format!("reading the key {key}"))? {
+        Datum::Text(key) if rest.is_empty() || rest.starts_with(' ') => Ok((key, rest.trim())),
+        _ => bail!("a blank separates the key {key} from what follows it"),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dbmanager::logic::view::value::Datum;
 
     #[test]
     fn a_transaction_as_text() {
@@ -154,5 +176,17 @@ mod tests {
         check("put team/a 1\ndelete team/a", "line 2, `delete team/a`: `team/a` is written by an earlier line");
         check("require team/a 7", "`7` is no transaction");
         check("put a//b 1", "empty segment");
+        check("put \"team/a b 1", "the key has no second quote");
+        check("put \"team/a b\"1", "a blank separates the key \"team/a b\" from what follows it");
+        check("put \"team/a b\"", "the value is missing");
+    }
+
+    #[test]
+    fn a_key_with_blanks_stands_in_quotes() {
+        let text =
+            "put \"team/a b\" \"c d\"\ndelete \"team/a  \\\"c\\\"\"\nrequire \"team/x y\" absent\nput team/z 1\n";
+        let (requires, writes) = changes(text).unwrap();
+        let keys: Vec<&str> = writes.iter().map(|write| write.key.as_str()).collect();
+        assert_eq!((keys, requires[0].key.as_str()), (vec!["team/a b", "team/a  \"c\"", "team/z"], "team/x y"));
     }
 }
