@@ -12,6 +12,7 @@ mod network;
 mod processes;
 mod program;
 mod pushed_hand;
+mod slow_link;
 mod terminal;
 mod trace;
 
@@ -22,6 +23,7 @@ pub use hosts::{Hosts, NAMES};
 pub use network::Network;
 pub use processes::{Busy, Process, descriptors, memory, threads};
 pub use program::{Ended, Program, Stream};
+pub use slow_link::{Line, SlowLink};
 pub use trace::{Sample, Trace, peak, rate, window};
 
 use comms::io::clock::{Wakeup, now};

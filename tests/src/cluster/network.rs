@@ -25,12 +25,21 @@ impl Network {
     /// # Panics
     /// The kernel refuses a step.
     pub fn new(hosts: usize) -> Option<Self> {
-        let test = std::thread::current().name().unwrap_or("a test").to_owned();
-        let skip = |why: &str| {
-            // The test harness keeps what its macros print; this is for everyone to see.
-            writeln!(std::io::stderr(), "{test}: skipped: {why}").unwrap_or_default();
-            None
-        };
+        let network = Self::begin(hosts)?;
+        let bridge = format!("{}b", network.name);
+        ip(&format!("-n {bridge} link add br0 type bridge"));
+        ip(&format!("-n {bridge} link set br0 up"));
+        for number in network.hosts() {
+            let host = network.namespace(number);
+            ip(&format!("link add eth0 netns {host} type veth peer name port{number} netns {bridge}"));
+            ip(&format!("-n {bridge} link set port{number} master br0 up"));
+            network.connect(number);
+        }
+        Some(network)
+    }
+
+    /// Makes hosts without interfaces to others.
+    pub(super) fn begin(hosts: usize) -> Option<Self> {
         if !getuid().is_root() {
             return skip("needs root, for network namespaces");
         }
@@ -44,8 +53,29 @@ impl Network {
         }
         // From here on a failure removes everything that was made.
         let network = Self { name, hosts };
-        network.make();
+        for number in network.hosts() {
+            let host = network.namespace(number);
+            ip(&format!("netns add {host}"));
+            ip(&format!("-n {host} link set lo up"));
+        }
         Some(network)
+    }
+
+    /// Gives a host its address on its interface, which is there.
+    pub(super) fn connect(&self, number: usize) {
+        let host = self.namespace(number);
+        ip(&format!("-n {host} address add 10.77.0.{number}/24 dev eth0"));
+        ip(&format!("-n {host} link set eth0 up"));
+        // As on a machine with a gateway: multicast goes out of the one interface.
+        ip(&format!("-n {host} route add default via 10.77.0.254"));
+    }
+
+    /// Moves an interface of this machine to a host.
+    pub(super) fn take(&self, number: usize, interface: &str) {
+        let host = self.namespace(number);
+        ip(&format!("link set {interface} netns {host}"));
+        ip(&format!("-n {host} link set {interface} name eth0"));
+        self.connect(number);
     }
 
     /// Returns the namespace of host `number`.
@@ -98,23 +128,6 @@ impl Network {
             work()
         })
     }
-
-    fn make(&self) {
-        let bridge = format!("{}b", self.name);
-        ip(&format!("-n {bridge} link add br0 type bridge"));
-        ip(&format!("-n {bridge} link set br0 up"));
-        for number in 1..=self.hosts {
-            let host = self.namespace(number);
-            ip(&format!("netns add {host}"));
-            ip(&format!("link add eth0 netns {host} type veth peer name port{number} netns {bridge}"));
-            ip(&format!("-n {bridge} link set port{number} master br0 up"));
-            ip(&format!("-n {host} link set lo up"));
-            ip(&format!("-n {host} address add 10.77.0.{number}/24 dev eth0"));
-            ip(&format!("-n {host} link set eth0 up"));
-            // As on a machine with a gateway: multicast goes out of the one interface.
-            ip(&format!("-n {host} route add default via 10.77.0.254"));
-        }
-    }
 }
 
 impl Drop for Network {
@@ -124,6 +137,13 @@ impl Drop for Network {
         }
         drop(try_ip(&format!("netns del {}b", self.name)));
     }
+}
+
+/// Says on the terminal why a test cannot have a network. The test harness keeps what its macros print; this is for everyone to see.
+pub(super) fn skip<T>(why: &str) -> Option<T> {
+    let test = std::thread::current().name().unwrap_or("a test").to_owned();
+    writeln!(std::io::stderr(), "{test}: skipped: {why}").unwrap_or_default();
+    None
 }
 
 fn ip(arguments: &str) {

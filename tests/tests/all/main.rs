@@ -52,6 +52,7 @@ mod refused_programs;
 mod rooms;
 mod seals;
 mod service;
+mod slow_links;
 mod stop;
 mod stories;
 mod streams;
