@@ -63,7 +63,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     match simulation.outcome() {
         Some(Transition::Done) => Ok(()),
         Some(Transition::Aborted(_)) => Err(Failure::Reported),
-        Some(Transition::Stopped | Transition::Started | Transition::Stopping | Transition::Waits(_)) => Ok(()),
+        Some(
+            Transition::Stopped
+            | Transition::Started
+            | Transition::Stopping
+            | Transition::Waits(_)
+            | Transition::Limited(_),
+        ) => Ok(()),
         None => Err(anyhow!("`main` has not ended; {}", running(&simulation)).into()),
     }
 }
@@ -184,6 +190,7 @@ fn line(happening: &SimulationEvent) -> String {
         Transition::Stopped => "stopped".to_owned(),
         Transition::Stopping => "is asked to stop".to_owned(),
         Transition::Waits(time) => format!("waits {}", seconds(*time)),
+        Transition::Limited(time) => format!("begins what may take {}", seconds(*time)),
     };
     format!("{:>10}  {} {transition}\n", seconds(happening.at), happening.path)
 }

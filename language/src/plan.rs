@@ -16,6 +16,7 @@ mod on_boot;
 mod parameter;
 mod policy;
 mod supervision;
+mod timer;
 mod validate;
 
 use serde::{Deserialize, Serialize};
@@ -35,6 +36,7 @@ pub use policy::{
     BACKOFF_MAX, BACKOFF_MIN, Backoff, LinkLoss, Policy, REALTIME_MAX, Realtime, Replacement, Restart, Usage, Watchdog,
 };
 pub use supervision::{Intensity, RESTARTS_MAX, Strategy, Supervision};
+pub use timer::TimerKind;
 pub use validate::PlanError;
 
 /// The deepest nesting of groups and of expressions that is accepted.

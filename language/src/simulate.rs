@@ -10,7 +10,7 @@ mod replay;
 mod trace;
 
 use crate::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, Value, step};
-use crate::plan::{DEADLINE, LEAVES_MAX, MemberKind, Plan};
+use crate::plan::{DEADLINE, LEAVES_MAX, MemberKind, Plan, TimerKind};
 use chart::Timeline;
 use replay::Pending;
 use std::collections::{BTreeMap, VecDeque};
@@ -51,6 +51,8 @@ pub enum Transition {
     Stopping,
     /// A wait of this length begins.
     Waits(Duration),
+    /// A part of a group begins that may take so long: `P within 5 s`.
+    Limited(Duration),
 }
 
 /// The end of a leaf.
@@ -249,9 +251,19 @@ impl<'a> Simulation<'a> {
         self.log.push(SimulationEvent { at: self.now, path, transition });
     }
 
-    /// Notes what became of a wait; it has a line of its own in the chart.
-    fn note_wait(&mut self, Timer { group, after, .. }: Timer, transition: &Transition) {
-        let line = format!("{}/wait({} s)", self.plan.groups[group].path, after.as_secs_f64());
+    fn is_limit(&self, timer: Timer) -> bool {
+        let kind = self.plan.groups[timer.group].expression.timers().get(timer.timer as usize).copied();
+        kind == Some(TimerKind::Limit)
+    }
+
+    /// Notes what became of a wait, or of a limit; it has a line of its own in the chart.
+    fn note_wait(&mut self, timer: Timer, transition: &Transition) {
+        let (path, seconds) = (&self.plan.groups[timer.group].path, timer.after.as_secs_f64());
+        let line = if self.is_limit(timer) {
+            format!("{path}/within {seconds} s")
+        } else {
+            format!("{path}/wait({seconds} s)")
+        };
         self.timeline.note(&line, self.now, transition);
     }
 
@@ -320,9 +332,11 @@ impl<'a> Simulation<'a> {
             },
             Command::Arm { timer, activation, after } => {
                 self.counter += 1;
-                self.note(self.plan.groups[group].path.clone(), Transition::Waits(after));
-                let due = self.now.saturating_add(after);
                 let timer = Timer { group, timer, activation, after };
+                let transition =
+                    if self.is_limit(timer) { Transition::Limited(after) } else { Transition::Waits(after) };
+                self.note(self.plan.groups[group].path.clone(), transition);
+                let due = self.now.saturating_add(after);
                 self.note_wait(timer, &Transition::Started);
                 self.timers.insert((due, self.counter), timer);
             }

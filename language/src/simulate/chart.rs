@@ -43,7 +43,7 @@ struct Bar {
 }
 
 impl Timeline {
-    /// Notes what became of a process, or of a wait whose line is `path wait(5 s)`.
+    /// Notes what became of a process, or of a wait or limit, whose line is `path/wait(5 s)` or `path/within 5 s`.
     pub(super) fn note(&mut self, line: &str, at: Duration, transition: &Transition) {
         match transition {
             Transition::Started if self.bars.len() < BARS_MAX => {
@@ -55,7 +55,7 @@ impl Timeline {
                     self.bars[bar].end = Some((at, transition.clone()));
                 }
             }
-            Transition::Started | Transition::Stopping | Transition::Waits(_) => {}
+            Transition::Started | Transition::Stopping | Transition::Waits(_) | Transition::Limited(_) => {}
         }
     }
 
@@ -103,7 +103,7 @@ impl Timeline {
         let line = |path: &&str| {
             let (name, depth) = (path.rsplit('/').next().unwrap_or(path), path.matches('/').count());
             let kind = match () {
-                () if path.ends_with(')') => Kind::Wait,
+                () if path.ends_with(')') || name.starts_with("within ") => Kind::Wait,
                 () if plan.groups.iter().any(|group| group.path == **path) => Kind::Group,
                 () if services.contains(path) => Kind::Service,
                 () => Kind::Task,
@@ -213,7 +213,7 @@ fn mark(out: &mut String, transition: &Transition, (x, y): (f64, f64)) {
                 y - 4.5
             ),
         ),
-        Transition::Started | Transition::Stopping | Transition::Waits(_) => {}
+        Transition::Started | Transition::Stopping | Transition::Waits(_) | Transition::Limited(_) => {}
     }
 }
 
@@ -240,7 +240,12 @@ fn reason(bar: &Bar) -> Option<&str> {
         Some((_, Transition::Aborted(why))) => Some(why),
         Some((
             _,
-            Transition::Done | Transition::Stopped | Transition::Started | Transition::Stopping | Transition::Waits(_),
+            Transition::Done
+            | Transition::Stopped
+            | Transition::Started
+            | Transition::Stopping
+            | Transition::Waits(_)
+            | Transition::Limited(_),
         ))
         | None => None,
     }
@@ -291,6 +296,6 @@ mod tests {
         assert_eq!(chart.matches("<circle").count(), 2, "{chart}");
         assert_eq!(chart.matches("fill=\"#555555\"").count(), 3, "{chart}");
         assert_eq!(chart.matches("l9 9").count(), 3, "{chart}");
-        assert!(chart.contains("wait(5 s)") && chart.contains("&lt;lost&gt;"), "{chart}");
+        assert!(chart.contains(">within 5 s<") && chart.contains("&lt;lost&gt;"), "{chart}");
     }
 }

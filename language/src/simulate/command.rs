@@ -136,7 +136,7 @@ mod tests {
                 0ns main/log Started
                 0ns main/hit Started
                 0ns main/arm Started
-                0ns main Waits(10s)
+                0ns main Limited(10s)
                 0ns main/hit/sensor Started
                 0ns main/hit/threshold Started
                     runs: main/hit/sensor main/hit/threshold main/arm main/log
@@ -174,7 +174,7 @@ mod tests {
                 0ns main/log Started
                 0ns main/hit Started
                 0ns main/arm Started
-                0ns main Waits(10s)
+                0ns main Limited(10s)
                 0ns main/hit/sensor Started
                 0ns main/hit/threshold Started
                     runs: main/hit/sensor main/hit/threshold main/arm main/log
@@ -205,7 +205,7 @@ mod tests {
                 0ns main/log Started
                 0ns main/hit Started
                 0ns main/arm Started
-                0ns main Waits(10s)
+                0ns main Limited(10s)
                 0ns main/hit/sensor Started
                 0ns main/hit/threshold Started
                     runs: main/hit/sensor main/hit/threshold main/arm main/log
@@ -227,7 +227,7 @@ mod tests {
                 0ns main/log Started
                 0ns main/hit Started
                 0ns main/arm Started
-                0ns main Waits(10s)
+                0ns main Limited(10s)
                 0ns main/hit/sensor Started
                 0ns main/hit/threshold Started
                     runs: main/hit/sensor main/hit/threshold main/arm main/log

@@ -4,7 +4,7 @@ use crate::finding::{Finding, diagnostic, help};
 use crate::model::{Model, walk};
 use crate::story::{Step, Story, seconds, timer_of};
 use language::algebra::{Command, Event, Outcome, Program, State, StepRecord, step};
-use language::plan::{Expression, Group};
+use language::plan::{Expression, Group, TimerKind};
 use language::{Code, Span};
 
 /// So many steps before the deviation are told.
@@ -107,9 +107,19 @@ impl Teller<'_, '_> {
             }
             Event::Elapsed { timer, .. } => {
                 let time = timer_of(&self.source.expression, *timer as usize);
-                format!("{} have passed", time.map_or_else(|| "some seconds".to_owned(), seconds))
+                let time = time.map_or_else(|| "some seconds".to_owned(), seconds);
+                if self.is_limit(*timer) {
+                    format!("the limit of {time} has passed")
+                } else {
+                    format!("{time} have passed")
+                }
             }
         }
+    }
+
+    /// Whether a timer is that of a `within`.
+    fn is_limit(&self, timer: u32) -> bool {
+        self.source.expression.timers().get(timer as usize) == Some(&TimerKind::Limit)
     }
 
     /// Whether the bytes of a member's value begin with a tag.
@@ -127,6 +137,10 @@ impl Teller<'_, '_> {
             Command::Disconnect { set } => format!("closes {}", self.set(*set)),
             Command::Activate { member, .. } => format!("starts {}", self.name(*member)),
             Command::Stop { member, .. } => format!("stops {}", self.name(*member)),
+            Command::Arm { timer, after, .. } if self.is_limit(*timer) => {
+                format!("sets a limit of {}", seconds(*after))
+            }
+            Command::Cancel { timer, .. } if self.is_limit(*timer) => "drops the limit".to_owned(),
             Command::Arm { after, .. } => format!("waits for {}", seconds(*after)),
             Command::Cancel { .. } => "waits no longer".to_owned(),
         };
