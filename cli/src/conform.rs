@@ -1,6 +1,7 @@
 //! `dca conform`: compares what supervisors did in a recorded run with a spec.
 
 mod difference;
+mod numbered;
 
 use crate::io::recorder;
 use crate::logic::record::{Entry, Run};
@@ -13,6 +14,7 @@ use language::plan::Group;
 use node::console::{self, Failure};
 use node::logic::protocol::{Change, Report};
 use node::logic::table::counted;
+use numbered::{numbered, with_reasons};
 use std::path::PathBuf;
 use verify::{Conformance, Coverage, Steps, Verdict, told};
 
@@ -54,13 +56,22 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let loaded = load(&arguments.spec, &arguments.controllers, &arguments.values, Refusal::Text)?;
     if let Some(difference) = difference(&run.header.plan, &loaded.plan) {
+        if loaded.lacks_interfaces {
+            return Err(anyhow!(
+                "the spec names modules whose interface is not known here, so it cannot be compared with the record: name the \
+                 programs that offer them with `--controllers PROGRAM` ({difference})"
+            )
+            .into());
+        }
         return Err(anyhow!(
             "the record is of another version of the spec: {difference}; the spec that ran is in the record, as `spec.dca`"
         )
         .into());
     }
     let recorded = Recorded::of(&run);
-    let found = arguments.limits.with(|limits| verify::conform(&loaded.plan, &loaded.sites, &recorded.lives, limits));
+    let lives = numbered(&recorded.lives, &run.header.plan, &loaded.plan);
+    let plan = with_reasons(loaded.plan, &run.header.plan);
+    let found = arguments.limits.with(|limits| verify::conform(&plan, &loaded.sites, &lives, limits));
     if found.steps == 0 {
         return Err(undecided(&format!("the record has no step of a supervisor: {}", recorded.without_steps(&run))));
     }
@@ -201,10 +212,11 @@ fn line(one: &Coverage) -> String {
 mod tests {
     use super::*;
     use crate::logic::record::Header;
-    use language::algebra::{Outcome, StepRecord, Value};
+    use language::algebra::{Command, Outcome, Program, State, StepRecord, Value, step};
     use language::plan::Plan;
-    use language::{Options, Source, compile};
+    use language::{Options, Source, compile, compile_with_sites};
     use std::time::Duration;
+    use verify::{Alone, Always, Limits};
 
     fn plan(text: &str) -> Plan {
         let compiled = compile(&Source::new("test.dca", text), &[], &Options::named("test"));
@@ -217,6 +229,47 @@ mod tests {
             instantiated_processes{ a instof Step(c1); b instof Step(c1); }
             internal_event_actions{ a ; b }
         }";
+
+    /// A run of this text conforms to another text that says the same.
+    #[test]
+    fn what_says_the_same_is_the_same_version() {
+        let text = "module Step { done; }
+            process main(){
+                host{c1}
+                instantiated_processes{ a instof Step(c1); b instof Step(c1); }
+                internal_event_actions{ b ; (a within 5 s) }
+            }";
+        let recorded = plan(text);
+        let moved = text
+            .replace("a instof Step(c1); b instof", "b instof Step(c1);\n// moved\na instof")
+            .replace("5 s", "5000 ms");
+        let (compiled, sites) = compile_with_sites(&Source::new("test.dca", moved), &[], &Options::named("test"));
+        let (spec, sites) = compiled.plan.zip(sites).expect("it has a plan");
+        assert_eq!(difference(&recorded, &spec), None);
+        // `b` is done, the deadline of `a` passes, and `a` has stopped.
+        let program = Program::compile(&recorded.groups[0]);
+        let (mut state, mut steps, mut next) = (State::new(&program), Vec::new(), Some(Event::Start(Value::EMPTY)));
+        while let Some(event) = next.take() {
+            let mut commands = Vec::new();
+            let outcome = step(&program, &mut state, event.clone(), &mut commands);
+            for command in &commands {
+                next = match *command {
+                    Command::Activate { member: 1, activation, .. } => {
+                        Some(Event::Done { member: 1, activation, value: Value::EMPTY })
+                    }
+                    Command::Arm { timer, activation, .. } => Some(Event::Elapsed { timer, activation }),
+                    Command::Stop { member, activation } => Some(Event::Stopped { member, activation }),
+                    _ => next,
+                };
+            }
+            steps.push(StepRecord::new(event, commands, outcome));
+        }
+        assert!(steps.last().is_some_and(|step| matches!(step.outcome, Some(Outcome::Aborted(_)))), "{steps:?}");
+        let lives = numbered(&[vec![steps]], &recorded, &spec);
+        let limits = Limits { states: 10_000, memory: 16 << 20, threads: &Alone, goes_on: &Always };
+        let found = verify::conform(&with_reasons(spec, &recorded), &sites, &lives, &limits);
+        assert_eq!(found.deviations, Vec::new());
+    }
 
     fn recorded(numbers: &[Option<u64>]) -> Recorded {
         let report = |number: &Option<u64>| match number {

@@ -12,7 +12,7 @@ use comms::logic::human::size;
 use comms::logic::time::Time;
 use language::plan::Plan;
 use language::sites::Sites;
-use language::{Severity, Source, Texts, compile_with_sites, render};
+use language::{Code, Severity, Source, Texts, compile_with_sites, render};
 use node::console::{self, Failure};
 use serde_json::{Value, json};
 use std::num::NonZeroUsize;
@@ -165,6 +165,8 @@ pub(crate) struct Loaded {
     pub(crate) interfaces: Vec<Source>,
     pub(crate) plan: Plan,
     pub(crate) sites: Sites,
+    /// Whether a module is used of which no interface is known.
+    pub(crate) lacks_interfaces: bool,
 }
 
 /// How it is said why a spec is refused.
@@ -195,6 +197,7 @@ pub(crate) fn compiled(
 ) -> Result<Loaded, Failure> {
     let interfaces = check::others(&spec, controllers)?;
     let (compiled, sites) = compile_with_sites(&spec, &interfaces, &check::options(file, false));
+    let lacks_interfaces = compiled.diagnostics.iter().any(|found| found.code == Code::W0205);
     let Some((plan, sites)) = compiled.plan.zip(sites) else {
         let mut diagnostics = compiled.diagnostics;
         diagnostics.retain(|found| found.severity == Severity::Error);
@@ -208,7 +211,7 @@ pub(crate) fn compiled(
         }
         return Err(Failure::Reported);
     };
-    Ok(Loaded { spec, interfaces, plan, sites })
+    Ok(Loaded { spec, interfaces, plan, sites, lacks_interfaces })
 }
 
 /// Runs the verb.

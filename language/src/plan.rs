@@ -391,6 +391,24 @@ impl Expression {
         }
     }
 
+    /// Returns the direct operands, to change them.
+    pub fn operands_mut(&mut self) -> Vec<&mut Self> {
+        match self {
+            Self::Run { .. } | Self::Skip | Self::Never | Self::Fail(_) | Self::Wait(_) => Vec::new(),
+            Self::Concurrent(of) | Self::FailFast(of) | Self::Disable(of) | Self::AnyOf { of, .. } => {
+                of.iter_mut().collect()
+            }
+            Self::Sequence(p, q)
+            | Self::Conditional(p, q)
+            | Self::Recurrent(p, q)
+            | Self::Otherwise(p, q)
+            | Self::Finally(p, q) => vec![p, q],
+            Self::Match(arms) => arms.iter_mut().map(|arm| &mut arm.body).collect(),
+            Self::Shield { of, .. } | Self::Using { of, .. } | Self::Tagged { of, .. } => vec![of],
+            Self::Asynchronous { source, pool } => std::iter::once(&mut **source).chain(pool).collect(),
+        }
+    }
+
     /// Returns the tags that it gives itself, `P as found`, in the order of the text.
     pub fn tags(&self) -> Vec<&str> {
         let own = if let Self::Tagged { tag, .. } = self { Some(tag.as_str()) } else { None };

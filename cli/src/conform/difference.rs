@@ -4,8 +4,8 @@
 //! it was connected. Processes are found by their paths, so their order in the plan is none of it.
 
 use language::plan::{
-    Argument, Backoff, Claim, Constant, Expression, Group, Leaf, LeafKind, LinkLoss, MemberKind, Plan, Policy,
-    Replacement, Restart, Strategy, Supervision, Wire,
+    Argument, Backoff, Claim, Constant, DEADLINE, Expression, Group, Leaf, LeafKind, LinkLoss, MemberKind, Plan,
+    Policy, Replacement, Restart, Strategy, Supervision, Wire,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -108,7 +108,10 @@ fn is_same((one, p): (&Group, &Expression), (other, q): (&Group, &Expression)) -
             name(one, *member) == name(other, *theirs) && labels(one, sets) == labels(other, others)
         }
         (Expression::Wait(time), Expression::Wait(theirs)) => time == theirs,
-        (Expression::Fail(why), Expression::Fail(theirs)) => why == theirs,
+        (Expression::Fail(why), Expression::Fail(theirs)) => {
+            // The reason of a deadline quotes its text and its line; its time is that of the `wait` before it.
+            why == theirs || why.starts_with(DEADLINE) && theirs.starts_with(DEADLINE)
+        }
         (Expression::AnyOf { count, .. }, Expression::AnyOf { count: theirs, .. }) => count == theirs,
         (Expression::Match(arms), Expression::Match(theirs)) => {
             arms.iter().map(|arm| &arm.tag).eq(theirs.iter().map(|arm| &arm.tag))
@@ -387,5 +390,9 @@ mod tests {
         other.name = "another".to_owned();
         assert_eq!(difference(&plan(SPEC), &other), None);
         assert_eq!(difference(&plan(SPEC), &plan(SPEC)), None);
+        // A deadline is quoted in the plan, with its line.
+        let moved =
+            SPEC.replace("process Cell", "// what the robot does\n\n        process Cell").replace("5 s", "5000 ms");
+        assert_eq!(difference(&plan(SPEC), &plan(&moved)), None);
     }
 }

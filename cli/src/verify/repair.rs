@@ -14,7 +14,7 @@ const ROUNDS_MAX: usize = 16;
 
 /// Shows the repairs of a spec.
 pub(super) fn show(file: &Path, loaded: &Loaded, report: &Report, limits: &Limits<'_>) {
-    let Loaded { spec, interfaces, plan, sites } = loaded;
+    let Loaded { spec, interfaces, plan, sites, .. } = loaded;
     let found = repairs(&Verified { spec, plan, sites, report }, interfaces, &check::options(file, false), limits);
     if found.is_empty() {
         console::say("no repair is known that could be verified\n");

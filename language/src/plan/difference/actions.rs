@@ -51,40 +51,21 @@ impl GroupNumbers {
     }
 }
 
-/// Whether two expressions mean the same: the line in which a deadline stands does not count.
+/// Whether two expressions mean the same: where a deadline stands, and how its text spells it, does not count.
 pub(super) fn same(before: &Expression, after: &Expression) -> bool {
-    before == after || without_lines(before.clone()) == without_lines(after.clone())
+    let without_places = |expression: &Expression| {
+        let mut expression = expression.clone();
+        forget_places(&mut expression);
+        expression
+    };
+    before == after || without_places(before) == without_places(after)
 }
 
-fn without_lines(mut expression: Expression) -> Expression {
-    match &mut expression {
-        Expression::Fail(why) if why.starts_with(DEADLINE) => {
-            if let Some(line) = why.rfind(" in line ") {
-                why.truncate(line);
-            }
-        }
-        Expression::Run { .. } | Expression::Skip | Expression::Never | Expression::Fail(_) | Expression::Wait(_) => {}
-        Expression::Concurrent(of)
-        | Expression::FailFast(of)
-        | Expression::Disable(of)
-        | Expression::AnyOf { of, .. } => of.iter_mut().for_each(forget_lines),
-        Expression::Sequence(p, q)
-        | Expression::Conditional(p, q)
-        | Expression::Recurrent(p, q)
-        | Expression::Otherwise(p, q)
-        | Expression::Finally(p, q) => [p, q].into_iter().for_each(|of| forget_lines(of)),
-        Expression::Match(arms) => arms.iter_mut().for_each(|arm| forget_lines(&mut arm.body)),
-        Expression::Shield { of, .. } | Expression::Using { of, .. } | Expression::Tagged { of, .. } => {
-            forget_lines(of);
-        }
-        Expression::Asynchronous { source, pool } => {
-            forget_lines(source);
-            pool.iter_mut().for_each(forget_lines);
-        }
+fn forget_places(expression: &mut Expression) {
+    if let Expression::Fail(why) = expression
+        && why.starts_with(DEADLINE)
+    {
+        why.truncate(DEADLINE.len());
     }
-    expression
-}
-
-fn forget_lines(expression: &mut Expression) {
-    *expression = without_lines(std::mem::replace(expression, Expression::Skip));
+    expression.operands_mut().into_iter().for_each(forget_places);
 }
