@@ -177,7 +177,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
                 Finding::proved(format!("{}: {} (it takes at most {})", self.group(), self.property.text, seconds(end)))
             }
             Some(end) => self.fails(&format!("it may take {}", seconds(end)), None),
-            None => self.fails("nothing limits how long it takes: write `P within 30 s`, or declare `duration 1 s .. 5 s;` in a module, or `assume p takes 1 s .. 5 s`", None),
+            None => self.fails(&self.times.without_limit(self.property.group), None),
         }
     }
 
@@ -300,7 +300,17 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         match most {
             Some(most) if most <= limit => None,
             Some(most) => Some(self.fails(&format!("it may take {} until it has stopped", seconds(most)), None)),
-            None => Some(self.fails("no limit ends it: write `P within 5 s` around both", None)),
+            None => {
+                let name = |process: ProcessRef| match process.member {
+                    Some(slot) => self.times.model.name(process.group, slot),
+                    None => self.times.model.group_name(process.group),
+                };
+                let (hung, who) = (name(hung), name(who));
+                Some(self.fails(
+                    &format!("no limit ends `{who}` while `{hung}` hangs: write `P within 5 s` around both"),
+                    None,
+                ))
+            }
         }
     }
 

@@ -1,5 +1,6 @@
 //! How long things take, as far as limits, pauses and declared durations say it.
 
+mod culprit;
 mod turn;
 
 use crate::model::Model;

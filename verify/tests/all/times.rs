@@ -102,3 +102,35 @@ fn what_is_cut_off_stops_by_its_own_rules() {
         assert!(!stops_after_loss(policy, least - 1), "`{policy}`: {} s", least - 1);
     }
 }
+
+#[test]
+fn the_step_without_a_limit_is_named() {
+    let text = "module Step { done; }
+        module Quick { done; duration 1 s .. 3 s; }
+        process Part(){
+            instantiated_processes{ quick instof Quick(c1); drill instof Step(c1); }
+            internal_event_actions{ quick ; drill }
+        }
+        process main(){
+            host{c1}
+            instantiated_processes{ quick instof Quick(c1); part instof Part(); weld instof Quick(c1) { restart transient; } }
+            internal_event_actions{ EXPRESSION }
+            verify{ finishes within 1 min; }
+        }";
+    let told = |expression: &str| {
+        let source = Source::new("test.dca", text.replace("EXPRESSION", expression));
+        let (compiled, sites) = compile_with_sites(&source, &[], &Options::named("test"));
+        let (plan, sites) = compiled.plan.zip(sites).unwrap_or_else(|| panic!("{:?}", compiled.diagnostics));
+        let found = verify::sentences(&plan, &sites, &LIMITS);
+        let help = found.iter().filter_map(|finding| finding.diagnostic.as_ref()).flat_map(|found| found.help.clone());
+        help.collect::<Vec<_>>().join("; ")
+    };
+    let cases = [
+        ("quick ; part", "nothing limits how long `part/drill` takes: write `drill within 30 s`, declare"),
+        ("weld ; quick", "nothing limits how long `weld` takes, which is started again as often as it dies"),
+        ("quick ;; skip", "nothing limits how long `main` takes: a part of it begins anew"),
+    ];
+    for (expression, expected) in cases {
+        assert!(told(expression).contains(expected), "{expression}: {}", told(expression));
+    }
+}
