@@ -55,6 +55,7 @@ pub(crate) mod tapped;
 pub mod team;
 pub mod test;
 pub mod verify;
+mod work;
 
 use clap::{Args, Parser, Subcommand};
 use client::signer::KeyPlace;

@@ -5,6 +5,7 @@ mod repair;
 use crate::check::json::diagnostic;
 use crate::follow::Spec;
 use crate::io::{named_file, whole_file};
+use crate::work::Work;
 use crate::{Controllers, Values, check};
 use anyhow::{Context as _, anyhow};
 use comms::io::clock;
@@ -18,7 +19,7 @@ use serde_json::{Value, json};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use verify::{Assumption, Became, Finding, GoesOn, Limits, Report, Story, Threads, Verdict, told};
+use verify::{Assumption, Became, Finding, GoesOn, Limits, Report, Story, Threads, Verdict, WorkDone, told};
 
 /// As many states of one exploration are looked at, unless the command line says otherwise.
 const STATES: u32 = 20_000_000;
@@ -117,13 +118,23 @@ impl Proof {
     }
 }
 
-/// The time until which something goes on.
+/// The time at which the work has to end, and the progress that a person sees until then.
 #[derive(Debug)]
-struct Until(Time);
+struct Until {
+    time: Time,
+    work: Work,
+}
 
 impl GoesOn for Until {
     fn goes_on(&self) -> bool {
-        clock::now() < self.0
+        clock::now() < self.time
+    }
+
+    fn hear(&self, done: WorkDone) {
+        match done {
+            WorkDone::Jobs { what, done, of } => self.work.jobs(what, done, of),
+            WorkDone::States(count) => self.work.states(count),
+        }
     }
 }
 
@@ -152,7 +163,7 @@ impl Threads for Cores {
 impl LimitArgs {
     /// Does something within the limits.
     pub(crate) fn with<T>(self, work: impl FnOnce(&Limits<'_>) -> T) -> T {
-        let until = Until(clock::now() + Duration::from_secs(self.seconds));
+        let until = Until { time: clock::now() + Duration::from_secs(self.seconds), work: Work::new() };
         let threads = self.threads.or_else(|| std::thread::available_parallelism().ok()).map_or(1, NonZeroUsize::get);
         let (threads, memory) = (Cores(threads.min(THREADS_MAX)), self.memory.saturating_mul(1 << 20));
         work(&Limits { states: self.states, memory, threads: &threads, goes_on: &until })

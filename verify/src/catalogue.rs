@@ -6,7 +6,7 @@
 mod outside;
 mod stops;
 
-use crate::explore::{Found, Graph, Limits, Nobody, Reached, explore, is_over};
+use crate::explore::{Found, Graph, Limits, Nobody, Reached, WorkDone, explore, is_over};
 use crate::finding::{Finding, diagnostic, help};
 use crate::limits::late;
 use crate::model::{Ends, Model, Seat, run_nodes};
@@ -47,8 +47,10 @@ struct Asked {
 pub(crate) fn explore_parts(model: &mut Model<'_>, limits: &Limits<'_>) -> Catalogue {
     let mut catalogue = Catalogue::default();
     let mut asked = Asked::default();
-    for part in inside_out(model) {
-        explore_part(model, part, limits, (&mut catalogue, &mut asked));
+    let parts = inside_out(model);
+    for (done, part) in parts.iter().enumerate() {
+        limits.goes_on.hear(WorkDone::Jobs { what: "groups", done, of: parts.len() });
+        explore_part(model, *part, limits, (&mut catalogue, &mut asked));
     }
     let suspects = std::mem::take(&mut asked.suspects);
     outside::judge(model, suspects, limits, (&mut catalogue, &mut asked));

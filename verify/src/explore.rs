@@ -36,6 +36,25 @@ pub struct Limits<'l> {
 pub trait GoesOn: std::fmt::Debug + Sync {
     /// Returns whether to go on.
     fn goes_on(&self) -> bool;
+
+    /// Hears how far the work has come, for a person who waits.
+    fn hear(&self, _done: WorkDone) {}
+}
+
+/// How far a verification has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WorkDone {
+    /// So many jobs of one kind are done.
+    Jobs {
+        /// The kind: `groups`, `sentences`, `faults`, `pairs of faults`.
+        what: &'static str,
+        /// How many are done.
+        done: usize,
+        /// How many there are.
+        of: usize,
+    },
+    /// An exploration has found so many states. Its total is not known beforehand.
+    States(u32),
 }
 
 /// For tests and small specs: there is always time.
@@ -118,6 +137,7 @@ pub(crate) fn explore(
     let mut workers = vec![Mutex::new(Worker::new(system))];
     let (mut state, mut degree) = (0, 1);
     while state < graph.store.count() {
+        limits.goes_on.hear(WorkDone::States(graph.store.count()));
         graph.reached = over(&graph, limits);
         if graph.reached.is_some() {
             break;

@@ -11,7 +11,7 @@ mod settle;
 mod span;
 mod watcher;
 
-use crate::explore::{Limits, Nobody, explore};
+use crate::explore::{Limits, Nobody, WorkDone, explore};
 use crate::model::{Model, short};
 use crate::property::around;
 use crate::story::{Story, seconds};
@@ -23,6 +23,7 @@ use language::plan::MemberKind;
 pub(crate) use pairs::pairs;
 pub(crate) use settle::{NOTED_AFTER, stops_by_itself_after};
 use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 /// How bad a fault is, the worst last.
@@ -153,6 +154,7 @@ pub(crate) fn table(times: &Times<'_, '_>, limits: &Limits<'_>) -> Table {
     let is_many = jobs.len() >= 2 * limits.threads.count();
     let threads = if is_many { &Alone } else { limits.threads };
     let own = Limits { threads, goes_on: limits.goes_on, ..*limits };
+    let (done, of) = (AtomicUsize::new(0), jobs.len());
     let found = each(if is_many { limits.threads } else { &Alone }, jobs, |_, strikes| {
         let (times, mut table) = (Times::new(model, assumed.clone()), Table::default());
         for strike in strikes {
@@ -161,6 +163,8 @@ pub(crate) fn table(times: &Times<'_, '_>, limits: &Limits<'_>) -> Table {
                 of_strikes(&times, &[strike], &own, &mut table);
             }
         }
+        let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+        limits.goes_on.hear(WorkDone::Jobs { what: "programs and hosts", done, of });
         table
     });
     let mut table = Table::default();

@@ -30,7 +30,7 @@ mod times;
 mod wires;
 
 pub use conform::{Conformance, Coverage, Steps, conform};
-pub use explore::{Always, GoesOn, Limits, Reached};
+pub use explore::{Always, GoesOn, Limits, Reached, WorkDone};
 pub use export::{Transitions, transitions};
 pub use fault::{COLUMNS, Mission, Row, Severity, Table};
 pub use finding::{Assumption, Finding, Verdict};

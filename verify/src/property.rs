@@ -6,7 +6,7 @@ pub(crate) mod monitor;
 mod stops;
 mod watch;
 
-use crate::explore::{Found, Graph, Limits, explore};
+use crate::explore::{Found, Graph, Limits, WorkDone, explore};
 use crate::finding::{Assumption, Finding, Verdict, diagnostic, help};
 use crate::model::Model;
 use crate::story::{seconds, story, tell};
@@ -20,12 +20,13 @@ use watch::{Goal, Watch};
 
 /// Answers every sentence.
 pub(crate) fn check(times: &Times<'_, '_>, limits: &Limits<'_>) -> Vec<Finding> {
-    let properties = times.model.sites.properties.iter();
-    let answer = |property: &Property| {
+    let of = times.model.sites.properties.len();
+    let answer = |(done, property): (usize, &Property)| {
+        limits.goes_on.hear(WorkDone::Jobs { what: "sentences", done, of });
         let found = Question { times, limits, property }.answer()?;
         Some(Finding { place: Some(property.span), ..found })
     };
-    properties.filter_map(answer).collect()
+    times.model.sites.properties.iter().enumerate().filter_map(answer).collect()
 }
 
 /// One sentence about one group.

@@ -8,6 +8,7 @@ use super::databases::{Databases, refusal};
 use super::file::read;
 use super::readers::Readers;
 use super::write::{CommitArgs, CommitProgress};
+use crate::logic::estimate::Estimate;
 use crate::logic::mission::{Line, Style};
 use crate::output::Output;
 use anyhow::{Context, anyhow};
@@ -151,12 +152,14 @@ struct Progress {
     output: Output,
     keys: usize,
     done: usize,
+    begun: Time,
     told: Time,
 }
 
 impl Progress {
     fn new(keys: usize) -> Self {
-        Self { output: Output::standard(), keys, done: 0, told: clock::now() }
+        let now = clock::now();
+        Self { output: Output::standard(), keys, done: 0, begun: now, told: now }
     }
 
     fn more(&mut self, keys: usize) {
@@ -164,7 +167,9 @@ impl Progress {
         let now = clock::now();
         if self.output.style() != Style::Plain || now.since(self.told) >= TELL_EVERY {
             self.told = now;
-            self.output.line(&Line::Live(format!("{} of {} keys are written", self.done, self.keys)));
+            let mut estimate = Estimate::default();
+            estimate.jobs(Duration::ZERO, "keys", (self.done, self.keys));
+            self.output.line(&Line::Live(format!("written: {}", estimate.line(now.since(self.begun)))));
         }
     }
 }
@@ -238,6 +243,7 @@ fn partly(failure: Failure, done: usize, count: usize) -> Failure {
         Failure::Refused(error) if done > 0 => Failure::Refused(add(error)),
         Failure::Unreachable(error) if done > 0 => Failure::Unreachable(add(error)),
         Failure::Refused(_)
+        | Failure::Usage(_)
         | Failure::Unreachable(_)
         | Failure::Reported
         | Failure::ReportedUnreachable

@@ -1,7 +1,7 @@
 //! Pairs of faults that are worse together than each fault alone.
 
 use super::{Row, Severity, Strike, Table, Target, of_strikes, rank, strikes, table};
-use crate::explore::Limits;
+use crate::explore::{Limits, WorkDone};
 use crate::times::Times;
 use std::collections::BTreeMap;
 
@@ -22,27 +22,28 @@ pub(crate) fn pairs(times: &Times<'_, '_>, limits: &Limits<'_>) -> Table {
         let fault = (strike.name.as_str(), strike.kind.word());
         in_phase.get(&(fault.0, fault.1, phase)).or_else(|| alone.get(&fault)).copied()
     };
-    let all = strikes(times.model);
-    for (index, one) in all.iter().enumerate() {
-        for other in &all[index + 1..] {
-            if one.name == other.name || matches!((one.target, other.target), (Target::Host(_), Target::Host(_))) {
-                continue;
-            }
-            let mut found = Table::default();
-            of_strikes(times, &[one, other], limits, &mut found);
-            pairs.states += found.states;
-            if !found.unfinished.is_empty() {
-                pairs.unfinished.append(&mut found.unfinished);
-                continue;
-            }
-            let is_worse = |row: &Row| [one, other].into_iter().all(|it| severity(it, &row.phase) < Some(row.severity));
-            let rows = found.rows.into_iter().filter(is_worse);
-            let bad = |row: &Row| rank(row.severity, row.safe_within);
-            let worse = rows.reduce(|worst, row| if bad(&row) > bad(&worst) { row } else { worst });
-            match worse {
-                Some(row) => pairs.rows.push(row),
-                None => pairs.harmless += 1,
-            }
+    let strikes = strikes(times.model);
+    let with_others = |(index, one)| strikes[index + 1..].iter().map(move |other| (one, other));
+    let is_pair = |(one, other): &(&Strike, &Strike)| {
+        one.name != other.name && !matches!((one.target, other.target), (Target::Host(_), Target::Host(_)))
+    };
+    let all: Vec<(&Strike, &Strike)> = strikes.iter().enumerate().flat_map(with_others).filter(is_pair).collect();
+    for (done, (one, other)) in all.iter().copied().enumerate() {
+        limits.goes_on.hear(WorkDone::Jobs { what: "pairs of faults", done, of: all.len() });
+        let mut found = Table::default();
+        of_strikes(times, &[one, other], limits, &mut found);
+        pairs.states += found.states;
+        if !found.unfinished.is_empty() {
+            pairs.unfinished.append(&mut found.unfinished);
+            continue;
+        }
+        let is_worse = |row: &Row| [one, other].into_iter().all(|it| severity(it, &row.phase) < Some(row.severity));
+        let rows = found.rows.into_iter().filter(is_worse);
+        let bad = |row: &Row| rank(row.severity, row.safe_within);
+        let worse = rows.reduce(|worst, row| if bad(&row) > bad(&worst) { row } else { worst });
+        match worse {
+            Some(row) => pairs.rows.push(row),
+            None => pairs.harmless += 1,
         }
     }
     pairs

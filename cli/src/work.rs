@@ -1,0 +1,75 @@
+//! The progress of long work, told to a person who waits: how much is done, and about how long the rest takes.
+
+use crate::logic::estimate::{Estimate, PATIENCE};
+use crate::logic::mission::{Line, Style};
+use crate::output::Output;
+use comms::io::clock;
+use comms::logic::time::Time;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// How often the line at a terminal is drawn again.
+const DRAWN_EVERY: Duration = Duration::from_millis(200);
+/// How often a file or a pipe gets a line.
+const LINE_EVERY: Duration = Duration::from_secs(10);
+
+/// Some work that has begun. Nothing is said of work that is soon over.
+#[derive(Debug)]
+pub(crate) struct Work(Mutex<Told>);
+
+#[derive(Debug)]
+struct Told {
+    output: Output,
+    estimate: Estimate,
+    begun: Time,
+    last: Option<Time>,
+}
+
+impl Work {
+    /// Begins now.
+    pub(crate) fn new() -> Self {
+        let told = Told { output: Output::standard(), estimate: Estimate::default(), begun: clock::now(), last: None };
+        Self(Mutex::new(told))
+    }
+
+    /// Takes note that so many jobs of a kind are done.
+    pub(crate) fn jobs(&self, what: &'static str, done: usize, of: usize) {
+        let mut told = self.told();
+        let at = clock::now().since(told.begun);
+        told.estimate.jobs(at, what, (done, of));
+        told.tell();
+    }
+
+    /// Takes note of how many states an exploration has found.
+    pub(crate) fn states(&self, count: u32) {
+        let mut told = self.told();
+        told.estimate.states(count);
+        told.tell();
+    }
+
+    fn told(&self) -> MutexGuard<'_, Told> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Told {
+    fn tell(&mut self) {
+        let now = clock::now();
+        let (patience, every) = match self.output.style() {
+            Style::Terminal(_) => (PATIENCE, DRAWN_EVERY),
+            Style::Plain => (LINE_EVERY, LINE_EVERY),
+        };
+        let elapsed = now.since(self.begun);
+        if elapsed < patience || self.last.is_some_and(|last| now.since(last) < every) {
+            return;
+        }
+        self.last = Some(now);
+        self.output.line(&Line::Live(self.estimate.line(elapsed)));
+    }
+}
+
+impl Drop for Told {
+    fn drop(&mut self) {
+        self.output.clear();
+    }
+}
