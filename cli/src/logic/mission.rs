@@ -202,6 +202,11 @@ impl Mission {
         self.phases.all().last().filter(|phase| phase.end.is_none())
     }
 
+    /// Returns the programs that run now inside groups of the current phase: paths below its group, `hit/force`.
+    pub fn inner(&self) -> impl Iterator<Item = &str> {
+        self.phases.inner()
+    }
+
     /// Returns the length of the longest phase name of the plan.
     pub fn phase_width(&self) -> usize {
         self.phases.name_width()

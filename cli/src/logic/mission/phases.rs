@@ -121,6 +121,8 @@ pub(super) struct Phases {
     steps: Vec<Step>,
     /// Slot of each member of the group that has the steps, by absolute path.
     slots: BTreeMap<String, (u32, String)>,
+    /// The programs below members that are groups, by absolute path: those that run now.
+    inner: BTreeMap<String, bool>,
     phases: Vec<Phase>,
     dropped: usize,
 }
@@ -134,7 +136,24 @@ impl Phases {
                 slots.insert(format!("{}/{}", group.path, member.name), (slot, member.name.clone()));
             }
         }
-        Self { steps, slots, phases: Vec::new(), dropped: 0 }
+        let of_member = |path: &&String| slots.keys().any(|member| is_below(path, member));
+        let inner = plan.leaves.iter().map(|leaf| &leaf.path).filter(of_member).map(|path| (path.clone(), false));
+        let inner = inner.collect();
+        Self { steps, slots, inner, phases: Vec::new(), dropped: 0 }
+    }
+
+    /// Returns the programs that run below the members of the current phase: their paths below these, `hit/force`. Services are
+    /// among them.
+    pub(super) fn inner(&self) -> impl Iterator<Item = &str> {
+        let phase = self.phases.last();
+        let active = move |slot: &u32| phase.is_some_and(|phase| phase.active.contains(slot));
+        let members: Vec<&String> =
+            self.slots.iter().filter(|(_, (slot, _))| active(slot)).map(|(path, _)| path).collect();
+        let running = self.inner.iter().filter(|(_, runs)| **runs).map(|(path, _)| path.as_str());
+        running.filter_map(move |path| {
+            let member = members.iter().find(|member| is_below(path, member))?;
+            path.get(member.rfind('/')? + 1..)
+        })
     }
 
     /// Goes on with the steps of another plan. Phases that are over stay as they were; the one that runs is the step of the new plan
@@ -142,6 +161,10 @@ impl Phases {
     pub(super) fn replan(&mut self, plan: &Plan) {
         let next = Self::new(plan);
         let old = std::mem::replace(&mut self.slots, next.slots);
+        let ran = std::mem::replace(&mut self.inner, next.inner);
+        for (path, runs) in &mut self.inner {
+            *runs = ran.get(path).copied().unwrap_or_default();
+        }
         let moved = old.iter().filter_map(|(path, (slot, _))| Some((*slot, self.slots.get(path)?.0)));
         let moved: BTreeMap<u32, u32> = moved.collect();
         let taken_over =
@@ -179,6 +202,13 @@ impl Phases {
     }
 
     pub(super) fn change(&mut self, path: &str, change: &Change, at: Duration) {
+        if let Some(runs) = self.inner.get_mut(path) {
+            match change {
+                Change::Activated => *runs = true,
+                Change::Ended(_) => *runs = false,
+                _ => {}
+            }
+        }
         let Some((member, name)) = self.slots.get(path).cloned() else { return };
         if *change == Change::Activated {
             let Some(step) = self.step_of(member) else { return };
@@ -269,4 +299,9 @@ impl Phases {
             peaks: Vec::new(),
         });
     }
+}
+
+/// Returns whether a path is below another.
+fn is_below(path: &str, above: &str) -> bool {
+    path.strip_prefix(above).is_some_and(|rest| rest.starts_with('/'))
 }

@@ -7,6 +7,8 @@ use std::time::Duration;
 const PLAIN_EVERY: Duration = Duration::from_secs(2);
 /// The widest column of phase names.
 const NAME_MAX: usize = 40;
+/// As many programs inside groups are named.
+const INNER_MAX: usize = 3;
 
 /// Where the lines go.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -104,8 +106,17 @@ fn live_line(mission: &Mission) -> String {
         let unit = if track.unit.is_empty() { String::new() } else { format!(" {}", track.unit) };
         format!("{} {}{unit}", mission.title(track), track.text(track.last))
     });
-    let values = values.collect::<Vec<_>>().join(" · ");
+    let inner = Some(inner(mission)).filter(|inner| !inner.is_empty());
+    let values = inner.into_iter().chain(values).collect::<Vec<_>>().join(" · ");
     line(mission, (now, '▸', name, took), &values)
+}
+
+/// Returns the programs that run inside groups of the current step: `hit/force, hit/arm and 2 more`.
+fn inner(mission: &Mission) -> String {
+    let running: Vec<&str> = mission.inner().collect();
+    let shown = running.iter().take(INNER_MAX).copied().collect::<Vec<_>>().join(", ");
+    let more = running.len().saturating_sub(INNER_MAX);
+    if more > 0 { format!("{shown} and {more} more") } else { shown }
 }
 
 fn end_line(mission: &Mission, phase: &Phase) -> String {
@@ -138,7 +149,8 @@ mod tests {
     use super::*;
     use crate::logic::mission::tests::{OPENING, door, feed, seconds};
     use expect_test::{Expect, expect};
-    use node::logic::protocol::{Ending, Report};
+    use language::{Options, Source, compile};
+    use node::logic::protocol::{Change, Ending, Report};
 
     fn check(style: Style, expect: &Expect) {
         let mut mission = Mission::new(&door());
@@ -199,6 +211,38 @@ mod tests {
                 ~   22.5 s  ▸ …                         0.0 s  force 28.8 N · angle 74.0 deg
             "#]],
         );
+    }
+
+    #[test]
+    fn the_programs_inside_a_group_are_named() {
+        let text = "module Step(host) { done; }
+            process Patrol(){
+                instantiated_processes{ drive instof Step(c1); look instof Step(c1); }
+                internal_event_actions{ drive , look }
+            }
+            process main(){
+                host{c1}
+                instantiated_processes{ patrol instof Patrol(); home instof Step(c1); }
+                internal_event_actions{ patrol ; home }
+            }";
+        let plan = compile(&Source::new("a.dca", text), &[], &Options::named("a")).plan.unwrap();
+        let mut mission = Mission::new(&plan);
+        mission.report(&Report::Go { took: seconds(0.1), signals: Vec::new() });
+        let mut shown = |path: &str, change: Change| {
+            mission.report(&Report::Process { path: path.to_owned(), change, at: seconds(1.0) });
+            live_line(&mission)
+        };
+        let done = || Change::Ended(Ending::Done(Vec::new()));
+        shown("main/patrol", Change::Activated);
+        shown("main/patrol/drive", Change::Activated);
+        let both = shown("main/patrol/look", Change::Activated);
+        assert!(both.ends_with("s  patrol/drive, patrol/look"), "{both}");
+        let one = shown("main/patrol/drive", done());
+        assert!(one.ends_with("s  patrol/look"), "{one}");
+        shown("main/patrol/look", done());
+        shown("main/patrol", done());
+        let home = shown("main/home", Change::Activated);
+        assert!(home.ends_with(" s") && home.contains("▸ home"), "a step that is a program names itself: {home}");
     }
 
     #[test]
