@@ -57,6 +57,18 @@ pub struct FollowArgs {
     ports: Vec<String>,
 }
 
+/// A person has not waited for the end of a mission.
+#[derive(Debug, thiserror::Error)]
+#[error("`{name}` was left while it was stopping")]
+pub(crate) struct Left {
+    name: String,
+}
+
+/// Returns whether a person has not waited.
+pub(crate) fn is_left(result: &Result<(), Failure>) -> bool {
+    matches!(result, Err(Failure::Refused(why)) if why.is::<Left>())
+}
+
 /// A spec that is ready to run, with the text it was made from.
 #[derive(Clone, Debug)]
 pub(crate) struct Spec {
@@ -251,7 +263,7 @@ impl Watch {
     /// Asks for the end once; the mission's own reports say when it has come. The second time nobody waits.
     async fn stop(&mut self, client: &Client, home: &str, asked: &mut Option<Answers>) -> Result<(), Failure> {
         if asked.is_some() {
-            return Err(anyhow!("`{}` was left while it was stopping", self.name).into());
+            return Err(anyhow!(Left { name: self.name.clone() }).into());
         }
         self.output.note("stopping everything; once more to leave without waiting");
         *asked = Some(client.stop_on(home, &self.name, self.deployment.as_ref()).await?);

@@ -3,6 +3,7 @@
 
 use crate::client::Client;
 use crate::follow::Spec;
+use crate::reader::Leave;
 use crate::verify::Proof;
 use crate::{Controllers, Values, check, deploy, follow};
 use anyhow::{Context, anyhow};
@@ -22,6 +23,8 @@ use tokio::task::JoinSet;
 
 /// How long the nodes have to leave.
 const LEAVE_WITHIN: Duration = Duration::from_secs(30);
+/// How long the nodes have when a person does not wait. The shims end the programs that are left, once their node is gone.
+const LEAVE_AT_ONCE: Duration = Duration::from_millis(300);
 
 /// The arguments of `dca run`.
 #[derive(Debug, clap::Args)]
@@ -60,7 +63,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     block_on(async {
         let mut nodes = Nodes::start(&spec.plan.hosts, &arguments).await?;
         let result = nodes.carry(spec, &arguments.following).await;
-        nodes.leave().await;
+        nodes.leave(if follow::is_left(&result) { LEAVE_AT_ONCE } else { LEAVE_WITHIN }).await;
         result
     })
 }
@@ -99,7 +102,7 @@ impl Nodes {
                 // A node that ends at once is never ready: why it ended says more.
                 Ok(_) = is_ready.wait_for(|ready| *ready) => {}
                 why = ended(&mut nodes.running) => {
-                    nodes.leave().await;
+                    nodes.leave(LEAVE_WITHIN).await;
                     return Err(why.err().unwrap_or_else(|| anyhow!("the node `{host}` ended at once")).into());
                 }
             }
@@ -120,16 +123,25 @@ impl Nodes {
         result
     }
 
-    /// Ends the nodes and removes their folder.
-    async fn leave(&mut self) {
+    /// Ends the nodes and removes their folder. Another Ctrl-C cuts the time short.
+    async fn leave(&mut self, within: Duration) {
         self.leave.send_replace(true);
-        let deadline = clock::now() + LEAVE_WITHIN;
+        let mut deadline = clock::now() + within;
+        let mut impatient = Leave::new().ok();
         loop {
+            let asked = async {
+                match &mut impatient {
+                    Some(leave) => leave.asked().await,
+                    None => std::future::pending().await,
+                }
+            };
             tokio::select! {
                 ended = self.running.join_next() => if ended.is_none() { break },
+                () = asked => deadline = deadline.min(clock::now() + LEAVE_AT_ONCE),
                 () = clock::sleep_until(deadline) => break,
             }
         }
+        self.running.abort_all();
         cgroup::leave();
         remove(&self.base);
     }

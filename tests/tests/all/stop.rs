@@ -1,5 +1,6 @@
 //! Every way to end a mission before its time leaves nothing behind.
 
+use comms::io::clock;
 use dca_tests::cluster::{Cluster, Process, Program, SOON, Stream, Trace, executable, spec, wait_until};
 use node::logic::protocol::Ending;
 use rustix::process::Signal;
@@ -311,4 +312,26 @@ fn sockets_go_with_their_deployment() {
         assert!(wait_until(SOON, || sockets().is_empty()).is_some(), "{:?}", sockets());
         assert!(here.ask(&["logs", "sleep"]).out.contains(word));
     }
+}
+
+/// Who presses Ctrl-C twice does not wait for a program that takes its time; nothing of it stays all the same.
+#[test]
+fn who_asks_twice_does_not_wait() {
+    const STUBBORN: &str = "
+module Stubborn(host) { exec \"sh -c 'trap : TERM INT; while :; do sleep 0.1; done'\"; plain; stop within 40 s; }
+process main() { host { c1 } instantiated_processes { a instof Stubborn(c1); } internal_event_actions { a } }
+";
+    let cluster = Cluster::new();
+    let mission = cluster.here().dca(&["run", "--no-record", &cluster.file("stubborn.dca", STUBBORN)]);
+    mission.wait_for(Stream::Err, "▸", SOON);
+    mission.signal(Signal::INT);
+    mission.wait_for(Stream::Err, "once more to leave without waiting", SOON);
+    let asked = clock::now();
+    mission.signal(Signal::INT);
+    let ended = mission.ended(SOON);
+    let took = clock::now() - asked;
+    assert!(ended.code == Some(1) && ended.err.contains("was left while it was stopping"), "{ended}");
+    println!("over {took:.2?} after the second Ctrl-C");
+    assert!(took < Duration::from_secs(20), "the program has 40 s to stop: {took:?}");
+    cluster.expect_nothing_left(Duration::from_secs(10));
 }
