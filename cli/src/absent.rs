@@ -28,6 +28,8 @@ pub(crate) struct Absences {
     pub(crate) back: BTreeSet<String>,
     /// Hosts that are not waited for: their keys are revoked.
     pub(crate) revoked: BTreeSet<String>,
+    /// Hosts that answer although their keys are revoked: that of this machine.
+    pub(crate) outlawed: BTreeSet<String>,
 }
 
 /// Asks every node that has said how it is. One of an older version knows of nobody.
@@ -69,18 +71,19 @@ pub(crate) async fn ask(found: &[(&Client, Statuses)]) -> Absences {
     away.back = back.filter(|host| !there.contains(*host)).cloned().collect();
     let silent = found.iter().flat_map(|(_, statuses)| &statuses.silent).filter(|host| !is_told(host));
     away.silent = silent.chain(&away.back).cloned().collect();
-    away.leave_out(&revoked(found, &away).await);
+    let revoked = revoked(found, &away).await;
+    away.leave_out(&revoked);
+    away.outlawed = &there & &revoked;
     away
 }
 
-/// Returns the hosts whose keys are revoked, as the nodes that answer have met them. Nobody is asked where all hosts answer.
+/// Returns the hosts whose keys are revoked, as the nodes that answer have met them. Where all hosts answer, only the node of this
+/// machine is asked, which may be one of them.
 async fn revoked(found: &[(&Client, Statuses)], away: &Absences) -> BTreeSet<String> {
-    let mut revoked = BTreeSet::new();
-    if away.hosts.is_empty() && away.silent.is_empty() {
-        return revoked;
-    }
+    let (mut revoked, is_whole) = (BTreeSet::new(), away.hosts.is_empty() && away.silent.is_empty());
     for (client, statuses) in found {
-        revoked.extend(client.revoked(statuses.nodes.iter().map(|node| node.host.as_str())).await);
+        let nodes = statuses.nodes.iter().map(|node| node.host.as_str());
+        revoked.extend(client.revoked(nodes.filter(|host| !is_whole || client.local() == Some(*host))).await);
     }
     revoked
 }
@@ -205,13 +208,26 @@ impl Absences {
         let back = |host: &String| {
             format!("warning: `{host}` has just come back, and has not answered yet: what runs there is not known")
         };
-        let twice = self.duplicates.iter().map(duplicate).chain(self.revoked.iter().map(revoked));
+        let twice = self
+            .outlawed
+            .iter()
+            .map(|host| outlawed(host))
+            .chain(self.duplicates.iter().map(duplicate))
+            .chain(self.revoked.iter().map(revoked));
         twice
             .chain(self.back.iter().map(back))
             .chain(self.hosts.iter().map(host))
             .chain(self.ends.iter().map(end))
             .collect()
     }
+}
+
+/// Says that a host that answers is none of the team any more.
+pub(crate) fn outlawed(host: &str) -> String {
+    format!(
+        "warning: the keys of `{host}` are revoked: no other node of the team works with it; `dca team invite {host}`, on the operator's \
+         machine, takes it into the team again, with new keys"
+    )
 }
 
 /// Says that two nodes have one name.
@@ -295,6 +311,8 @@ mod tests {
         assert_eq!((away.hosts.len(), away.silent.len()), (1, 0));
         assert_eq!(away.revoked, ["c3", "c4"].map(str::to_owned).into());
         assert_eq!(away.word("c3"), "c3 is revoked");
+        away.outlawed = ["c1".to_owned()].into();
+        assert!(away.warnings()[0].starts_with("warning: the keys of `c1` are revoked"), "{:?}", away.warnings());
         let Some(Failure::Unreachable(why)) = away.may_have("deployment `door`") else { panic!("c2 may have it") };
         assert_eq!(
             why.to_string(),

@@ -207,6 +207,7 @@ async fn change_by_canary(
 /// Returns what runs under the name of a plan, as the node of its home says.
 async fn running(client: &Client, plan: &Plan) -> Result<Option<Revision>, Failure> {
     let home = home(plan)?;
+    client.refuse_revoked(std::slice::from_ref(&home)).await?;
     if !client.finds(&home).await? {
         return Err(Failure::Unreachable(anyhow!(
             "no node answers for the host `{home}`, where `main` runs; start `dca-node --name {home}` on it, in the \

@@ -207,13 +207,21 @@ impl Client {
 
     /// Connects through a node that has its sockets in this folder; nothing if none runs.
     async fn through(folder: &Path, keys: &KeyPlace) -> Result<Option<Self>, Failure> {
-        let mut problem = None;
-        for (name, socket) in run_dir::running(folder)? {
+        let (mut problem, mut outlawed) = (None, None);
+        let running = run_dir::running(folder)?;
+        let has_others = running.len() > 1;
+        for (name, socket) in running {
             match Session::open_client(&socket).await {
                 Ok(session) => {
                     let session = authenticated(session, &socket)?;
                     let signing = Signing::of(keys.clone());
-                    return Ok(Some(Self { session, local: Some(name), base: Some(folder.to_owned()), signing }));
+                    let client = Self { session, local: Some(name), base: Some(folder.to_owned()), signing };
+                    // One whose keys are revoked reaches nobody else.
+                    if has_others && client.is_outlawed().await {
+                        outlawed.get_or_insert(client);
+                        continue;
+                    }
+                    return Ok(Some(client));
                 }
                 Err(error @ OpenError::NoNode { .. }) => {
                     problem = Some(anyhow!(error).context(format!("connecting to the node `{name}`")));
@@ -226,7 +234,11 @@ impl Client {
                 }
             }
         }
-        problem.map_or(Ok(None), |problem| Err(Failure::Unreachable(problem)))
+        match (outlawed, problem) {
+            (Some(client), _) => Ok(Some(client)),
+            (None, Some(problem)) => Err(Failure::Unreachable(problem)),
+            (None, None) => Ok(None),
+        }
     }
 
     /// Connects to the node that has this socket.

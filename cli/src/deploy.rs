@@ -53,6 +53,7 @@ pub(crate) async fn deploy(
     following: (&follow::FollowArgs, StartMode),
     rollout: Option<&Rollout>,
 ) -> Result<(), Failure> {
+    client.refuse_revoked(&spec.plan.hosts).await?;
     let hosts = client.hosts(&spec.plan.hosts).await?;
     let missing: Vec<&str> = spec.plan.hosts.iter().filter(|host| !hosts.contains(*host)).map(String::as_str).collect();
     if let Some(first) = missing.first() {

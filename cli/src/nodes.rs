@@ -1,7 +1,7 @@
 //! `dca nodes`: lists the nodes that can be reached, and those that no longer can.
 
 use crate::ConnectArgs;
-use crate::absent::{self, Absences, ago, duplicate};
+use crate::absent::{self, Absences, ago, duplicate, outlawed};
 use crate::client::{ANSWER_WITHIN, Client, Clients};
 use comms::io::clock;
 use node::console::{self, Failure, block_on};
@@ -48,6 +48,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     rows.extend(away.duplicates.iter().map(twice));
     away.duplicates.iter().for_each(|one| console::note(&duplicate(one)));
+    away.outlawed.iter().for_each(|host| console::note(&outlawed(host)));
     console::say(&table(&rows));
     unlinked.iter().for_each(|sentence| console::note(sentence));
     Ok(())

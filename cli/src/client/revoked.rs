@@ -1,7 +1,9 @@
 //! Robots that nobody asks any more: their keys are revoked, and no node of the team links to them.
 
 use super::{ANSWER_WITHIN, Client};
+use anyhow::anyhow;
 use comms::io::clock;
+use node::console::Failure;
 use node::logic::protocol::{Answer, Request};
 use std::collections::BTreeSet;
 use team::visitor::VisitorIdentity;
@@ -20,5 +22,24 @@ impl Client {
             }
         }
         identity.revoked(&shown)
+    }
+
+    /// Returns whether the keys of the node that it goes through are revoked.
+    pub(crate) async fn is_outlawed(&self) -> bool {
+        let Some(local) = self.local() else { return false };
+        self.revoked(std::iter::once(local)).await.contains(local)
+    }
+
+    /// Refuses to work with hosts whose keys are revoked: their nodes may run, and no other node of the team links to them.
+    pub(crate) async fn refuse_revoked(&self, hosts: &[String]) -> Result<(), Failure> {
+        let revoked = self.revoked(self.local().into_iter()).await;
+        match hosts.iter().find(|host| revoked.contains(*host)) {
+            None => Ok(()),
+            Some(host) => Err(anyhow!(
+                "the keys of the host `{host}` are revoked, so no node of the team works with it; `dca team invite {host}` takes it \
+                 into the team again, with new keys"
+            )
+            .into()),
+        }
     }
 }

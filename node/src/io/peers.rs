@@ -383,6 +383,9 @@ async fn spread_revocations(member: Arc<Member>, mut revoked: Subscription, sess
                     return;
                 }
                 session.judge_again();
+                if let Err(error) = member.check() {
+                    tracing::error!(error = format!("{error:#}"), "the others of the team refuse this node");
+                }
                 if let Err(error) = session.put(&key::revoked(&own.host), member.revocations()) {
                     tracing::warn!(%error, "cannot tell the others who is revoked");
                 }

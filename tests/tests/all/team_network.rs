@@ -300,6 +300,13 @@ fn a_revoked_robot_is_cut_off() {
     assert_eq!(stopped.code, Some(0), "{stopped}");
     let expected = ["c1: stopped; no program runs", "c2: stopped; no program runs", "c3: its keys are revoked"];
     assert!(expected.iter().all(|line| stopped.out.contains(line)), "{stopped}");
+    let onto_c3 = "module Idle(host) { exec \"sleep 9\"; plain; }
+        process main() { host { c2 } instantiated_processes { a instof Idle(c3); } internal_event_actions { a } }";
+    let deploy = with(&["deploy", "-", "--no-record"], &team.keys);
+    let deployed = team.host(2).ask_given(&deploy, onto_c3.as_bytes());
+    assert!(deployed.code == Some(1) && deployed.err.contains("the keys of the host `c3` are revoked"), "{deployed}");
+    let is_told = || team.host(3).ask(&["status"]).err.contains("warning: the keys of `c3` are revoked");
+    assert!(wait_until(SOON, is_told).is_some(), "it hears so itself: {}", team.host(3).ask(&["status"]));
     let is_alone = wait_until(SOON, || !sees(3, "c2"));
     assert!(is_alone.is_some(), "{}{}", team.host(3).ask(&["status"]), team.host(3).ask(&["nodes"]));
     team.nodes[2].kill();
