@@ -1,6 +1,9 @@
 //! Puts together what all nodes say of hosts that do not answer.
 
 use crate::client::{ANSWER_WITHIN, Client, Statuses};
+use crate::logic::process_name::{DeploymentName, ProcessName};
+use crate::logic::suggestion;
+use crate::logic::tap::Wanted;
 use anyhow::anyhow;
 use comms::io::clock;
 use comms::logic::human::span;
@@ -88,41 +91,63 @@ async fn revoked(found: &[(&Client, Statuses)], away: &Absences) -> BTreeSet<Str
     revoked
 }
 
-/// Says that no node that answers has something; hosts that do not answer may have it.
-pub(crate) async fn missing(what: &str, found: &[(&Client, Statuses)]) -> Failure {
-    nowhere(what, &ask(found).await)
+/// Says that no node that answers has a process; hosts that do not answer may have it.
+pub(crate) async fn no_process(name: &ProcessName, found: &[(&Client, Statuses)]) -> Failure {
+    no_process_of(name, found, &ask(found).await)
 }
 
-/// As [`missing`] does, by what has been asked already.
-pub(crate) fn nowhere(what: &str, away: &Absences) -> Failure {
-    away.may_have(what).unwrap_or_else(|| Failure::Refused(anyhow!("no {what} is running; `dca status` lists what is")))
+/// Says that no node that answers has a process with an output.
+pub(crate) async fn no_output(wanted: &Wanted, found: &[(&Client, Statuses)]) -> Failure {
+    let near = suggestion::process(wanted.process(), paths(found));
+    nowhere(&format!("process with an output `{wanted}`"), near, &ask(found).await)
+}
+
+/// The same, without asking the nodes again.
+pub(crate) fn no_process_of(name: &ProcessName, found: &[(&Client, Statuses)], away: &Absences) -> Failure {
+    let near = suggestion::process(name, paths(found));
+    nowhere(&format!("process `{name}`"), near, away)
+}
+
+/// Says that no node that answers has something; hosts that do not answer may have it.
+pub(crate) fn nowhere(what: &str, near: Option<String>, away: &Absences) -> Failure {
+    let hint = suggestion::question(near, "`dca status` lists what is");
+    away.may_have(what).unwrap_or_else(|| Failure::Refused(anyhow!("no {what} is running; {hint}")))
+}
+
+/// Returns every process that a node runs, with its deployment.
+fn paths<'a>(found: &'a [(&Client, Statuses)]) -> impl Iterator<Item = (&'a Deployment, &'a str)> + Clone {
+    let parts = found.iter().flat_map(|(_, statuses)| &statuses.nodes).flat_map(|node| &node.deployments);
+    parts.flat_map(|part| part.processes.iter().map(|process| (&part.deployment, process.path.as_str())))
 }
 
 /// Returns the deployment of a name that has not begun, with its home and the connection to that.
 pub(crate) fn waiting<'a, 'b>(
-    name: &str,
+    name: &DeploymentName,
     found: &'b [(&'a Client, Statuses)],
 ) -> Option<(&'a Client, &'b str, &'b WaitingDeployment)> {
     let nodes = found.iter().flat_map(|(client, statuses)| statuses.nodes.iter().map(move |node| (*client, node)));
     let mut all =
         nodes.flat_map(|(client, node)| node.waiting.iter().map(move |one| (client, node.host.as_str(), one)));
-    all.find(|(_, _, one)| one.name == name)
+    all.find(|(_, _, one)| name.is_called(&one.name))
 }
 
 /// Says why no node that answers runs a deployment: it has ended but for some hosts, or it is missing.
-pub(crate) async fn not_running(name: &str, found: &[(&Client, Statuses)]) -> Failure {
+pub(crate) async fn not_running(name: &DeploymentName, found: &[(&Client, Statuses)]) -> Failure {
     if let Some((_, home, one)) = waiting(name, found) {
         return Failure::Refused(anyhow!("`{name}` {one} on `{home}`; `dca stop {name}` ends that"));
     }
     let away = ask(found).await;
-    match away.ends.iter().rfind(|end| end.deployment.name == name) {
+    match away.ends.iter().rfind(|end| name.is(&end.deployment)) {
         Some(end) => Failure::Unreachable(anyhow!(
             "`{}` has ended, but {} not confirmed that nothing of it is left: its programs may still run there; \
              `dca stop {name} --forget` takes it off the list",
             end.deployment,
             confirmers(end)
         )),
-        None => nowhere(&format!("deployment `{name}`"), &away),
+        None => {
+            let near = suggestion::deployment(name, paths(found).map(|(deployment, _)| deployment));
+            nowhere(&format!("deployment `{name}`"), near, &away)
+        }
     }
 }
 

@@ -3,6 +3,7 @@
 //! What has been seen of it so far is told again by its home. There is no record: that ended with the command that made it.
 
 use crate::client::{ANSWER_WITHIN, Client, Clients, Statuses, unasked};
+use crate::logic::process_name::DeploymentName;
 use crate::stop::{Located, locate};
 use crate::{ConnectArgs, absent, follow};
 use anyhow::anyhow;
@@ -14,7 +15,8 @@ use std::collections::BTreeSet;
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// The deployment; the only one that runs if none is named
-    name: Option<String>,
+    #[arg(value_parser = DeploymentName::parse)]
+    name: Option<DeploymentName>,
     #[command(flatten)]
     connect: ConnectArgs,
 }
@@ -23,16 +25,16 @@ pub struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     block_on(async {
         let clients = Clients::open(&arguments.connect).await?;
-        let attached = attach(&clients, arguments.name.as_deref()).await;
+        let attached = attach(&clients, arguments.name.as_ref()).await;
         clients.close().await;
         attached
     })
 }
 
-async fn attach(clients: &Clients, name: Option<&str>) -> Result<(), Failure> {
+async fn attach(clients: &Clients, name: Option<&DeploymentName>) -> Result<(), Failure> {
     let all = clients.statuses().await?;
     let name = match name {
-        Some(name) => name.to_owned(),
+        Some(name) => name.clone(),
         None => only_one(&all).await?,
     };
     let Located { client, deployment, home } = locate(all, &name).await?;
@@ -43,12 +45,12 @@ async fn attach(clients: &Clients, name: Option<&str>) -> Result<(), Failure> {
 }
 
 /// Returns the name of the only deployment that runs.
-async fn only_one(all: &[(&Client, Statuses)]) -> Result<String, Failure> {
+async fn only_one(all: &[(&Client, Statuses)]) -> Result<DeploymentName, Failure> {
     let parts = all.iter().flat_map(|(_, found)| &found.nodes).flat_map(|node| &node.deployments);
     let names: BTreeSet<&str> = parts.map(|part| part.deployment.name.as_str()).collect();
     match &Vec::from_iter(names)[..] {
-        [] => Err(absent::missing("deployment", all).await),
-        [one] => Ok((*one).to_owned()),
+        [] => Err(absent::nowhere("deployment", None, &absent::ask(all).await)),
+        [one] => DeploymentName::parse(one).map_err(|why| anyhow!(why).into()),
         several => Err(anyhow!("several run: `{}`; name one", several.join("`, `")).into()),
     }
 }

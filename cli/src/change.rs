@@ -4,13 +4,17 @@
 use crate::client::{ANSWER_WITHIN, Client, Clients, unasked};
 use crate::follow::Spec;
 use crate::io::user;
+use crate::logic::process_name::{DeploymentName, ProcessName};
+use crate::logic::suggestion;
 use crate::reader::Leave;
 use crate::stop::{Located, locate};
 use crate::{ConnectArgs, Controllers, Values, check, stored};
 use anyhow::anyhow;
 use language::plan::{Plan, PlanChange, difference};
 use node::console::{self, Failure, block_on};
-use node::logic::protocol::{Answer, ChangeRequest, ChangeStage, ChangeUnderway, Report, Request, Revision};
+use node::logic::protocol::{
+    Answer, ChangeRequest, ChangeStage, ChangeUnderway, Deployment, Report, Request, Revision,
+};
 use node::logic::table::counted;
 use serde_json::json;
 use std::path::PathBuf;
@@ -35,11 +39,12 @@ pub struct PlanArguments {
 /// The arguments of `dca replace`.
 #[derive(Debug, clap::Args)]
 pub struct ReplaceArguments {
-    /// The deployment
-    name: String,
-    /// Processes whose programs are started anew: absolute paths, or the end of one
-    #[arg(required = true)]
-    processes: Vec<String>,
+    /// The deployment: NAME, or NAME@NUMBER for one run of it
+    #[arg(value_parser = DeploymentName::parse)]
+    name: DeploymentName,
+    /// The processes whose programs are started again: their paths, or the ends of these
+    #[arg(required = true, value_parser = ProcessName::parse_one)]
+    processes: Vec<ProcessName>,
     #[command(flatten)]
     probation: Probation,
     #[command(flatten)]
@@ -94,7 +99,7 @@ async fn replace_by(clients: &Clients, arguments: &ReplaceArguments) -> Result<(
     let Some(revision) = revision(client, &home, &deployment.name).await? else {
         return Err(anyhow!("`{}` does not run any more", deployment.name).into());
     };
-    let meant = arguments.processes.iter().map(|process| meant(&revision.plan, std::iter::empty(), process));
+    let meant = arguments.processes.iter().map(|name| meant(&revision.plan, std::iter::empty(), (&deployment, name)));
     let again = meant.collect::<Result<Vec<String>, String>>().map_err(|why| anyhow!(why))?;
     let plan = revision.plan.clone();
     change(client, &home, (revision, plan, again), arguments.probation).await
@@ -107,18 +112,21 @@ const PROGRAMS_TOLD: usize = 20;
 pub(crate) fn meant<'a>(
     plan: &'a Plan,
     groups: impl Iterator<Item = &'a String>,
-    process: &str,
+    (deployment, name): (&Deployment, &ProcessName),
 ) -> Result<String, String> {
-    let (end, live) = (format!("/{process}"), plan.live_leaves());
+    let (process, live) = (name.process().unwrap_or_default(), plan.live_leaves());
     let leaves = live.iter().filter_map(|number| plan.leaves.get(*number as usize));
     let paths = leaves.map(|leaf| &leaf.path).chain(groups);
-    let found: Vec<&String> = paths.filter(|path| *path == process || path.ends_with(&end)).collect();
+    let found: Vec<&String> = paths.filter(|path| name.is_process(deployment, path)).collect();
     match found[..] {
         [one] => Ok(one.clone()),
         [] => {
             let live = live.iter().filter_map(|number| plan.leaves.get(*number as usize));
             let mut all: Vec<&str> = live.map(|leaf| leaf.path.as_str()).collect();
             all.sort_unstable();
+            if let Some(near) = suggestion::process(name, all.iter().map(|path| (deployment, *path))) {
+                return Err(format!("`{}` has no program `{process}`; did you mean `{near}`?", plan.name));
+            }
             let more = if all.len() > PROGRAMS_TOLD { ", …" } else { "" };
             all.truncate(PROGRAMS_TOLD);
             let all = all.join("`, `");

@@ -437,7 +437,7 @@ pub(crate) fn unasked(host: &str, answer: &Answer) -> Failure {
 /// Returns what a failure says.
 pub(crate) fn words(failure: &Failure) -> String {
     match failure {
-        Failure::Refused(error) | Failure::Unreachable(error) => format!("{error:#}"),
+        Failure::Refused(error) | Failure::Usage(error) | Failure::Unreachable(error) => format!("{error:#}"),
         Failure::Reported | Failure::ReportedUnreachable | Failure::Limited => String::new(),
     }
 }

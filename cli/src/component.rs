@@ -6,21 +6,23 @@
 use crate::change::{Probation, change, meant, revision};
 use crate::client::Clients;
 use crate::io::named_file;
+use crate::logic::process_name::{DeploymentName, ProcessName};
 use crate::stop::{Located, locate};
 use crate::{ConnectArgs, Controllers, check};
 use anyhow::anyhow;
 use language::plan::{Constant, Failing, Leaf, Plan, difference};
 use language::{Code, Options, Source, compile, render, without_groups};
 use node::console::{self, Failure, block_on};
-use node::logic::protocol::Revision;
+use node::logic::protocol::{Deployment, Revision};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// The arguments of `dca add`.
 #[derive(Debug, clap::Args)]
 pub struct AddArguments {
-    /// The deployment
-    name: String,
+    /// The deployment: NAME, or NAME@NUMBER for one run of it
+    #[arg(value_parser = DeploymentName::parse)]
+    name: DeploymentName,
     /// The new program as in a spec: `logger instof Logger("c1", period = 1 s)`
     instance: String,
     /// A connection between it and a program of its group, as in a spec: `sensor, Out -> logger, In`; may be given more than once
@@ -46,17 +48,19 @@ pub struct AddArguments {
 /// The arguments of `dca remove`.
 #[derive(Debug, clap::Args)]
 pub struct RemoveArguments {
-    /// The deployment
-    name: String,
-    /// The process that is taken away, with all that is below it: its absolute path, or the end of one
-    process: String,
+    /// The deployment: NAME, or NAME@NUMBER for one run of it
+    #[arg(value_parser = DeploymentName::parse)]
+    name: DeploymentName,
+    /// The process that is taken away, with all that is below it: its path, or the end of it
+    #[arg(value_parser = ProcessName::parse_one)]
+    process: ProcessName,
     #[command(flatten)]
     connect: ConnectArgs,
 }
 
 /// Runs `dca add`.
 pub(crate) fn add(arguments: &AddArguments) -> Result<(), Failure> {
-    changed(&arguments.name, &arguments.connect, arguments.probation, |running| {
+    changed(&arguments.name, &arguments.connect, arguments.probation, |_, running| {
         let name = name_of(&arguments.instance);
         let piece = piece(arguments, (name, running))?;
         let failing = if arguments.optional { Failing::IsIgnored } else { Failing::Counts };
@@ -66,20 +70,20 @@ pub(crate) fn add(arguments: &AddArguments) -> Result<(), Failure> {
 
 /// Runs `dca remove`.
 pub(crate) fn remove(arguments: &RemoveArguments) -> Result<(), Failure> {
-    changed(&arguments.name, &arguments.connect, Probation::none(), |running| {
+    changed(&arguments.name, &arguments.connect, Probation::none(), |deployment, running| {
         let live = running.live_groups();
         let groups = live.iter().filter_map(|number| running.groups.get(*number as usize)).map(|group| &group.path);
-        let path = meant(running, groups, &arguments.process).map_err(|why| anyhow!(why))?;
+        let path = meant(running, groups, (deployment, &arguments.process)).map_err(|why| anyhow!(why))?;
         running.without_process(&path).map_err(|why| anyhow!(why).into())
     })
 }
 
 /// Changes what runs to what becomes of its plan.
 fn changed(
-    name: &str,
+    name: &DeploymentName,
     connect: &ConnectArgs,
     probation: Probation,
-    wanted: impl Fn(&Plan) -> Result<Plan, Failure>,
+    wanted: impl Fn(&Deployment, &Plan) -> Result<Plan, Failure>,
 ) -> Result<(), Failure> {
     block_on(async {
         let clients = Clients::open(connect).await?;
@@ -87,7 +91,7 @@ fn changed(
             let Located { client, deployment, home } = locate(clients.statuses().await?, name).await?;
             let found: Option<Revision> = revision(client, &home, &deployment.name).await?;
             let running = found.ok_or_else(|| anyhow!("`{}` does not run any more", deployment.name))?;
-            let plan = wanted(&running.plan)?;
+            let plan = wanted(&deployment, &running.plan)?;
             let found = difference(&running.plan, &plan).map_err(|obstacles| anyhow!(obstacles.join("; ")))?;
             found.changes.iter().for_each(|change| console::note(&change.to_string()));
             change(client, &home, (running, plan, Vec::new()), probation).await

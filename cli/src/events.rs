@@ -2,8 +2,10 @@
 
 use crate::ConnectArgs;
 use crate::client::feed::{Feed, FeedItem, Mode};
+use crate::logic::process_name::DeploymentName;
 use crate::logic::record::report_kind;
 use crate::logic::sentence::{change_text, date_and_time, report_text};
+use crate::logic::suggestion;
 use crate::reader::Reader;
 use anyhow::anyhow;
 use comms::io::clock;
@@ -17,8 +19,9 @@ use std::time::Duration;
 /// The arguments of `dca events`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// Only of this deployment
-    name: Option<String>,
+    /// Only of this deployment: NAME, or NAME@NUMBER for one run of it
+    #[arg(value_parser = DeploymentName::parse)]
+    name: Option<DeploymentName>,
     /// Go on as things happen, until Ctrl-C
     #[arg(short, long)]
     follow: bool,
@@ -52,8 +55,8 @@ struct Printer<'a> {
     /// When the first event of each deployment came. A home counts the age of all of them from one moment.
     arrived: BTreeMap<Deployment, Time>,
     lost: BTreeSet<String>,
-    /// Whether there was any event.
-    is_empty: bool,
+    /// The deployments of all events, also of those that are not printed.
+    known: BTreeSet<Deployment>,
 }
 
 /// Runs the verb.
@@ -63,7 +66,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         waiting: Some(Vec::new()),
         arrived: BTreeMap::new(),
         lost: BTreeSet::new(),
-        is_empty: true,
+        known: BTreeSet::new(),
     };
     let end = block_on(async {
         let mut reader = Reader::new()?;
@@ -100,6 +103,9 @@ impl Printer<'_> {
                         return Ok(Some(End::Unread));
                     }
                 }
+                if let Some(why) = self.unknown().filter(|_| self.arguments.follow) {
+                    console::note(&format!("note: waiting for it: {why}"));
+                }
                 if !self.arguments.follow {
                     return Ok(Some(if self.lost.is_empty() { End::Complete } else { End::Incomplete }));
                 }
@@ -118,11 +124,22 @@ impl Printer<'_> {
         Ok((!is_read).then_some(End::Unread))
     }
 
+    /// Says that no event is of the deployment that is named, if that is so.
+    fn unknown(&self) -> Option<String> {
+        let name = self.arguments.name.as_ref()?;
+        if self.known.iter().any(|deployment| name.is(deployment)) {
+            return None;
+        }
+        let near = suggestion::deployment(name, self.known.iter());
+        let hint = suggestion::question(near, "`dca events` prints all that is known");
+        Some(format!("no node knows a deployment `{name}`; {hint}"))
+    }
+
     fn event(&mut self, event: Event) -> anyhow::Result<bool> {
-        if self.arguments.name.as_ref().is_some_and(|name| *name != event.deployment.name) {
+        self.known.insert(event.deployment.clone());
+        if self.arguments.name.as_ref().is_some_and(|name| !name.is(&event.deployment)) {
             return Ok(true);
         }
-        self.is_empty = false;
         if let Some(waiting) = &mut self.waiting {
             let arrived = self.arrived.entry(event.deployment.clone()).or_insert_with(clock::now);
             waiting.push((arrived.since(Time::ZERO).saturating_sub(event.ago), event));
@@ -157,13 +174,12 @@ impl Printer<'_> {
             End::Interrupted => "interrupted",
             End::Unread => return Ok(()),
         };
-        if self.arguments.json {
+        let unknown = self.unknown().filter(|_| end == End::Complete);
+        if self.arguments.json && unknown.is_none() {
             console::say(&json!({ "end": word, "lost": self.lost }).to_string());
         }
-        if let (End::Complete, true, false, Some(name)) =
-            (end, self.is_empty, self.arguments.json, &self.arguments.name)
-        {
-            console::note(&format!("no node knows of `{name}`; `dca events` prints what they know"));
+        if let Some(why) = unknown {
+            return Err(Failure::Usage(anyhow!(why)));
         }
         let lost: Vec<&str> = self.lost.iter().map(String::as_str).collect();
         match end {

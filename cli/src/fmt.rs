@@ -65,7 +65,7 @@ mod tests {
         match run(&Arguments { files, check }) {
             Ok(()) => false,
             Err(Failure::Reported | Failure::ReportedUnreachable | Failure::Limited) => true,
-            Err(Failure::Refused(error) | Failure::Unreachable(error)) => panic!("{error:#}"),
+            Err(Failure::Refused(error) | Failure::Usage(error) | Failure::Unreachable(error)) => panic!("{error:#}"),
         }
     }
 

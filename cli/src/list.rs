@@ -7,7 +7,7 @@ use crate::absent;
 use crate::client::{Client, Clients, words};
 use crate::io::taps::Taps;
 use crate::logic::object::{Listed, ListedKind};
-use crate::logic::process_name::ProcessName;
+use crate::logic::queues::ShownName;
 use crate::object::exports_of;
 use crate::tapped::{locations, outputs_of};
 use anyhow::anyhow;
@@ -23,9 +23,9 @@ use tokio::task::JoinSet;
 /// The arguments of `dca list`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// A process: [DEPLOYMENT:]INSTANCE, of its path the end is enough [default: all]
-    #[arg(value_parser = ProcessName::parse)]
-    instance: Option<ProcessName>,
+    /// A process, or one name of it: [DEPLOYMENT:]INSTANCE[.NAME], of its path the end is enough [default: all]
+    #[arg(value_parser = ShownName::parse)]
+    instance: Option<ShownName>,
     /// Print an array of JSON, one object for each name
     #[arg(long)]
     json: bool,
@@ -74,25 +74,26 @@ fn whole(silent: &BTreeSet<String>) -> Result<(), Failure> {
 async fn listed(
     clients: &Clients,
     taps: &Arc<Taps>,
-    instance: Option<&ProcessName>,
+    instance: Option<&ShownName>,
 ) -> Result<(Vec<Listed>, BTreeSet<String>), Failure> {
     let all = clients.statuses().await?;
     let away = absent::ask(&all).await;
     let hosts = away.hosts.iter().map(|one| &one.host).chain(&away.silent);
     let mut silent: BTreeSet<String> = hosts.map(|host| format!("the node `{host}`")).collect();
-    let is_meant = |deployment: &str, path: &str| instance.is_none_or(|name| name.is_process(deployment, path));
+    let is_meant =
+        |deployment: &Deployment, path: &str| instance.is_none_or(|name| name.process.is_process(deployment, path));
     let (mut places, mut is_any, mut rows) = (BTreeSet::new(), false, Vec::new());
     let mut requests = JoinSet::new();
     for (client, statuses) in &all {
         for leaf in leaves(&statuses.nodes) {
-            if is_meant(&leaf.deployment.name, &leaf.process.path) {
+            if is_meant(leaf.deployment, &leaf.process.path) {
                 is_any = true;
                 places.insert((leaf.deployment.clone(), leaf.host.to_owned()));
             }
         }
         for (deployment, host) in std::mem::take(&mut places) {
             for (path, dial) in locations(client, &host, &deployment).await? {
-                if is_meant(&deployment.name, &path) {
+                if is_meant(&deployment, &path) {
                     requests.spawn(program(Arc::clone(taps), deployment.clone(), path, dial));
                 }
             }
@@ -102,12 +103,12 @@ async fn listed(
                 continue;
             };
             let meant = names.ports.into_iter().filter(|port| !port.is_output && port.deployment == deployment);
-            let meant = meant.filter(|port| is_meant(&deployment.name, &port.path));
+            let meant = meant.filter(|port| is_meant(&deployment, &port.path));
             rows.extend(meant.map(input));
         }
     }
     if let (false, Some(instance)) = (is_any, instance) {
-        return Err(absent::nowhere(&format!("process `{instance}`"), &away));
+        return Err(absent::no_process_of(&instance.process, &all, &away));
     }
     let mut exported = BTreeSet::new();
     while let Some(joined) = requests.join_next().await {
@@ -119,6 +120,7 @@ async fn listed(
     }
     // A procedure is the end of a connection, too.
     let is_input = |row: &Listed| row.kind == ListedKind::Input;
+    rows.retain(|row| instance.is_none_or(|name| name.is_state(&row.name)));
     rows.retain(|row| !is_input(row) || !exported.contains(&(row.process.clone(), row.name.clone())));
     Ok((rows, silent))
 }

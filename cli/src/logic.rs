@@ -15,5 +15,6 @@ pub mod record;
 mod routers;
 pub(crate) mod sentence;
 pub(crate) mod story_test;
+pub(crate) mod suggestion;
 pub(crate) mod tap;
 pub mod tree;

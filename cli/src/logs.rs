@@ -5,14 +5,14 @@ mod list;
 use crate::client::{Answers, Clients, Statuses, unasked, words};
 use crate::follow::RUNS;
 use crate::io::recorder;
-use crate::logic::tap::is_path;
+use crate::logic::process_name::ProcessName;
 use crate::reader::Reader;
 use crate::{ConnectArgs, absent};
 use anyhow::anyhow;
 use node::console::{self, Failure, block_on};
 use node::io::{folder, run_dir};
 use node::logic::printable::Printable;
-use node::logic::protocol::{Answer, NodeStatus, Request, SEVERAL, leaves};
+use node::logic::protocol::{Answer, Deployment, NodeStatus, Request, SEVERAL, leaves};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
@@ -22,17 +22,15 @@ const RECORDS_MAX: usize = 20;
 /// The arguments of `dca logs`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// The process: a path such as `main/dooropensyst/hit`, or the end of one; without it, the processes are listed
-    #[arg(default_value = "", hide_default_value = true)]
-    process: String,
+    /// The process: [DEPLOYMENT:]INSTANCE, of its path the end is enough; without it or with `DEPLOYMENT:`, the processes are
+    /// listed
+    #[arg(value_parser = ProcessName::parse)]
+    process: Option<ProcessName>,
     /// Go on as it writes
     #[arg(short, long)]
     follow: bool,
-    /// In this deployment
-    #[arg(long)]
-    deployment: Option<String>,
     /// List the processes as JSON
-    #[arg(long, conflicts_with_all = ["process", "follow", "raw"])]
+    #[arg(long, conflicts_with_all = ["follow", "raw"])]
     json: bool,
     /// Pass its bytes on as they are: control characters may do anything to a terminal
     #[arg(long)]
@@ -47,6 +45,17 @@ pub struct Arguments {
     connect: ConnectArgs,
 }
 
+impl Arguments {
+    /// Returns the name of the process; empty if all of a deployment are meant, or all that there are.
+    fn name(&self) -> ProcessName {
+        self.process.clone().unwrap_or_else(|| ProcessName::new(""))
+    }
+
+    fn is_meant(&self, deployment: &Deployment, path: &str) -> bool {
+        self.name().is_process(deployment, path)
+    }
+}
+
 /// Why no node has what a process writes.
 enum NoOutput {
     /// Every node has answered, or none runs: it is over.
@@ -58,7 +67,7 @@ enum NoOutput {
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let without = if arguments.recorded {
-        let (runs, process) = (arguments.runs.display(), &arguments.process);
+        let (runs, process) = (arguments.runs.display(), arguments.name());
         Some(NoOutput::Over(anyhow!("no record in `{runs}` has a process `{process}`").into()))
     } else {
         block_on(from_nodes(arguments))?
@@ -83,8 +92,9 @@ async fn from_nodes(arguments: &Arguments) -> Result<Option<NoOutput>, Failure> 
         Err(failure) if runs_any(&arguments.connect) => return Ok(Some(NoOutput::Unknown(failure))),
         Err(failure) => return Ok(Some(NoOutput::Over(failure))),
     };
-    if arguments.process.is_empty() {
-        let listed = list::all(&clients, arguments.deployment.as_deref(), arguments.json).await;
+    let name = arguments.name();
+    if name.process().is_none() {
+        let listed = list::all(&clients, &name, arguments.json).await;
         clients.close().await;
         return listed.map(|()| None);
     }
@@ -118,11 +128,11 @@ async fn print(clients: &Clients, arguments: &Arguments) -> Result<Option<NoOutp
         }
         [] => {
             let away = absent::ask(&all).await;
-            let runs_there = away.processes.iter().any(|one| is_meant(arguments, &one.deployment.name, &one.path));
+            let runs_there = away.processes.iter().any(|one| arguments.is_meant(&one.deployment, &one.path));
             if !runs_there && ended(clients, arguments).await? {
                 return Ok(None);
             }
-            let failure = absent::nowhere(&format!("process `{}`", arguments.process), &away);
+            let failure = absent::no_process_of(&arguments.name(), &all, &away);
             Ok(Some(match (&failure, clients.hanging()) {
                 (Failure::Unreachable(_), _) => NoOutput::Unknown(failure),
                 (_, Some(why)) => NoOutput::Unknown(Failure::Unreachable(anyhow!("{why}"))),
@@ -130,10 +140,10 @@ async fn print(clients: &Clients, arguments: &Arguments) -> Result<Option<NoOutp
             }))
         }
         many => {
-            let of = |(_, (_, deployment, path)): &(_, (_, String, String))| format!("`{path}` of `{deployment}`");
+            let of = |(_, (_, deployment, path)): &(_, (_, String, String))| format!("`{deployment}:{path}`");
             let all = many.iter().map(of).collect::<Vec<_>>().join(", ");
-            let how = "give more of the path, or `--deployment`";
-            Err(anyhow!("`{}` may be any of {all}; {how}", arguments.process).into())
+            let how = "give more of the path, or the deployment before it: `DEPLOYMENT:INSTANCE`";
+            Err(anyhow!("`{}` may be any of {all}; {how}", arguments.name()).into())
         }
     }
 }
@@ -147,7 +157,9 @@ fn request(arguments: &Arguments, deployment: Option<String>, process: String) -
 async fn ended(clients: &Clients, arguments: &Arguments) -> Result<bool, Failure> {
     for client in clients.iter() {
         for host in client.hosts(&[]).await? {
-            let request = request(arguments, arguments.deployment.clone(), arguments.process.clone());
+            let name = arguments.name();
+            let deployment = name.deployment().map(|named| named.plain().to_owned());
+            let request = request(arguments, deployment, name.process().unwrap_or_default().to_owned());
             let mut answers = client.ask_on(&host, &request)?;
             let Some(Ok(answer)) = answers.next().await else { continue };
             if let Answer::Output(first) = answer {
@@ -199,21 +211,23 @@ fn recorded(arguments: &Arguments) -> Option<Result<(), Failure>> {
                 continue;
             }
         };
-        let name = &run.header.plan.name;
+        // A record does not say which run of its deployment it is of.
+        let (name, deployment) =
+            (arguments.name().of_any_run(), Deployment { name: run.header.plan.name.clone(), epoch: 0 });
         let meant: Vec<&str> = run
             .header
             .plan
             .leaves
             .iter()
             .map(|leaf| leaf.path.as_str())
-            .filter(|path| is_meant(arguments, name, path))
+            .filter(|path| name.is_process(&deployment, path))
             .collect();
         let path = match meant[..] {
             [] => continue,
             [path] => path,
             _ => {
                 let paths = meant.join("`, `");
-                return Some(Err(anyhow!("`{}` may be any of `{paths}`", arguments.process).into()));
+                return Some(Err(anyhow!("`{}` may be any of `{paths}`", arguments.name()).into()));
             }
         };
         let why = if arguments.recorded { "" } else { "no node runs it; " };
@@ -234,16 +248,10 @@ fn recorded(arguments: &Arguments) -> Option<Result<(), Failure>> {
     None
 }
 
-/// Returns whether a process of a deployment is the one that was asked for.
-fn is_meant(arguments: &Arguments, deployment: &str, path: &str) -> bool {
-    let is_named = arguments.deployment.as_ref().is_none_or(|wanted| wanted == deployment);
-    is_named && is_path(path, &arguments.process)
-}
-
 /// Returns host, deployment and path of every leaf that is meant, whether its program is alive or not.
 fn find(statuses: &[NodeStatus], arguments: &Arguments) -> BTreeSet<(String, String, String)> {
     let leaves = leaves(statuses).into_iter();
-    let found = leaves.filter(|leaf| is_meant(arguments, &leaf.deployment.name, &leaf.process.path));
+    let found = leaves.filter(|leaf| arguments.is_meant(leaf.deployment, &leaf.process.path));
     found.map(|leaf| (leaf.host.to_owned(), leaf.deployment.name.clone(), leaf.process.path.clone())).collect()
 }
 
@@ -275,8 +283,10 @@ mod tests {
             assert_eq!(found, expected);
         };
         check(&["force"], &[("c2", "main/hit/force")]);
-        check(&["main/arm", "--deployment", "door"], &[("c1", "main/arm")]);
-        check(&["main/arm", "--deployment", "window"], &[]);
+        check(&["door:main/arm"], &[("c1", "main/arm")]);
+        check(&["door@1:arm"], &[("c1", "main/arm")]);
+        check(&["main/arm.Out"], &[("c1", "main/arm")]);
+        check(&["window:main/arm"], &[]);
         check(&["hit"], &[]);
         check(&["main"], &[]);
     }

@@ -150,7 +150,7 @@ fn meant<'a>(all: &'a [(&'a Client, Statuses)], name: &ObjectName) -> Vec<Progra
     let programs =
         all.iter().flat_map(|(client, statuses)| leaves(&statuses.nodes).into_iter().map(|at| Program { client, at }));
     let programs: Vec<Program<'a>> = programs.collect();
-    let is_meant = |program: &&Program<'a>| name.process.is_process(&program.at.deployment.name, program.path());
+    let is_meant = |program: &&Program<'a>| name.process.is_process(program.at.deployment, program.path());
     let mut meant: Vec<Program<'a>> = programs.iter().filter(is_meant).copied().collect();
     // The whole of a path goes before the end of another.
     let is_whole = |program: &Program<'a>| Some(program.path()) == name.process.process();
@@ -173,7 +173,7 @@ fn meant<'a>(all: &'a [(&'a Client, Statuses)], name: &ObjectName) -> Vec<Progra
 async fn find<'a>(all: &'a [(&'a Client, Statuses)], taps: &Taps, name: &ObjectName) -> Result<Found<'a>, Failure> {
     let meant = meant(all, name);
     let program = match meant.as_slice() {
-        [] => return Err(absent::missing(&format!("process `{}`", name.process), all).await),
+        [] => return Err(absent::no_process(&name.process, all).await),
         [one] => *one,
         several => {
             let names = several.iter().map(|one| format!("`{}:{}`", one.at.deployment.name, one.path()));

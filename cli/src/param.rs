@@ -3,6 +3,8 @@
 use super::absent::Absences;
 use super::db::databases::DatabaseArgs;
 use super::db::write::CommitArgs;
+use super::logic::process_name::ProcessName;
+use super::logic::suggestion;
 use anyhow::{Context, anyhow};
 use clap::Subcommand;
 use dbmanager::logic::key::Key;
@@ -11,8 +13,8 @@ use dbmanager::logic::view::value::Datum;
 use language::plan::{Accepts, Constant, Parameter};
 use node::console::{self, Failure};
 use node::logic::database::settings::{key_of_parameter, parameter_key, spelt, stands_for};
-use node::logic::parameters::{no_parameter, without_main};
-use node::logic::protocol::{InstanceParameters, ParameterStatus};
+use node::logic::parameters::no_parameter;
+use node::logic::protocol::{Deployment, InstanceParameters, ParameterStatus, leaves};
 use node::logic::table::table;
 use std::collections::BTreeMap;
 
@@ -38,8 +40,9 @@ enum Verb {
 /// The arguments of `dca param list`.
 #[derive(Debug, clap::Args)]
 struct List {
-    /// A program: its path, or the end of it such as `hit/force` [default: all]
-    instance: Option<String>,
+    /// A program: [DEPLOYMENT:]INSTANCE, of its path the end is enough [default: all]
+    #[arg(value_parser = ProcessName::parse)]
+    instance: Option<ProcessName>,
     #[command(flatten)]
     database: DatabaseArgs,
 }
@@ -47,8 +50,9 @@ struct List {
 /// The arguments of `dca param get`.
 #[derive(Debug, clap::Args)]
 struct Get {
-    /// A program: its path, or the end of it such as `hit/force`
-    instance: String,
+    /// A program: [DEPLOYMENT:]INSTANCE, of its path the end is enough, such as `hit/force`
+    #[arg(value_parser = ProcessName::parse)]
+    instance: ProcessName,
     /// The parameter
     parameter: String,
     #[command(flatten)]
@@ -58,8 +62,9 @@ struct Get {
 /// The arguments of `dca param set`.
 #[derive(Debug, clap::Args)]
 struct Set {
-    /// A program: its path, or the end of it such as `hit/force`
-    instance: String,
+    /// A program: [DEPLOYMENT:]INSTANCE, of its path the end is enough, such as `hit/force`
+    #[arg(value_parser = ProcessName::parse)]
+    instance: ProcessName,
     /// The parameter
     parameter: String,
     /// A quantity such as `20 N`, a number in SI units, `true`, `false`, or a text
@@ -72,8 +77,9 @@ struct Set {
 /// The arguments of `dca param unset`.
 #[derive(Debug, clap::Args)]
 struct Unset {
-    /// A program: its path, or the end of it such as `hit/force`
-    instance: String,
+    /// A program: [DEPLOYMENT:]INSTANCE, of its path the end is enough, such as `hit/force`
+    #[arg(value_parser = ProcessName::parse)]
+    instance: ProcessName,
     /// The parameter
     parameter: String,
     #[command(flatten)]
@@ -202,13 +208,13 @@ impl Unset {
 }
 
 impl Program {
-    /// Its deployment, and its path without `main`.
+    /// Its deployment and its path, as other verbs print them.
     fn name(&self) -> String {
-        format!("{}/{}", self.told.deployment.name, without_main(&self.told.path))
+        format!("{}:{}", self.told.deployment.name, self.told.path)
     }
 
-    fn is_called(&self, name: &str) -> bool {
-        stands_for(name, &self.told.path) || name == self.told.path || name == self.name()
+    fn is_called(&self, name: &ProcessName) -> bool {
+        name.is_process(&self.told.deployment, &self.told.path)
     }
 
     fn parameter(&self, name: &str) -> Result<&Parameter, Failure> {
@@ -280,7 +286,7 @@ impl Program {
 
 impl Found {
     /// Returns the one program that is meant.
-    fn one(&self, name: &str) -> Result<&Program, Failure> {
+    fn one(&self, name: &ProcessName) -> Result<&Program, Failure> {
         let mut found = self.programs.iter().filter(|program| program.is_called(name));
         match (found.next(), found.next()) {
             (Some(program), None) => Ok(program),
@@ -293,10 +299,10 @@ impl Found {
     }
 
     /// Says that no program is called so: a host that does not answer may have it, or there is none.
-    fn lacks(&self, name: &str) -> Failure {
-        let names = || self.programs.iter().map(|program| without_main(&program.told.path));
+    fn lacks(&self, name: &ProcessName) -> Failure {
+        let known = || self.programs.iter().map(|program| (&program.told.deployment, program.told.path.as_str()));
         self.away.may_have(&format!("program `{name}`")).unwrap_or_else(|| {
-            let hint = match language::nearest(name, names()) {
+            let hint = match suggestion::process(name, known()) {
                 Some(near) => format!("did you mean `{near}`?"),
                 None if self.programs.is_empty() => "nothing runs".to_owned(),
                 None => "`dca param list` lists all".to_owned(),
@@ -307,7 +313,7 @@ impl Found {
 }
 
 /// Finds the keys that set a parameter of a program that does not run: of any robot that can be reached.
-fn stored(database: &DatabaseArgs, instance: &str, parameter: &str) -> Result<Vec<String>, Failure> {
+fn stored(database: &DatabaseArgs, instance: &ProcessName, parameter: &str) -> Result<Vec<String>, Failure> {
     database.with(async |databases| {
         let mut found = Vec::new();
         for host in databases.robots().await? {
@@ -319,9 +325,11 @@ fn stored(database: &DatabaseArgs, instance: &str, parameter: &str) -> Result<Ve
 }
 
 /// Whether a key sets a parameter of a program with this name: its path, with its deployment or without, or the end of it.
-fn is_set_by(key: &str, name: &str, parameter: &str) -> bool {
+fn is_set_by(key: &str, name: &ProcessName, parameter: &str) -> bool {
     let Some((_, deployment, instance, of)) = parameter_key(key) else { return false };
     let whole = format!("{deployment}/{instance}");
+    let name = name.process().unwrap_or_default();
+    let name = name.strip_prefix("main/").unwrap_or(name);
     let is_end =
         |short: &str, long: &str| long.strip_suffix(short).is_some_and(|rest| rest.is_empty() || rest.ends_with('/'));
     // The key may name less of the path than the person does, and the other way round.
@@ -400,13 +408,18 @@ mod tests {
             ("force", true),
             ("hit/force", true),
             ("door/hit/force", true),
+            ("main/hit/force", true),
+            ("door:main/hit/force", true),
+            ("door@2:hit/force", true),
+            ("gate:hit/force", false),
             ("door/task/hit/force", true),
             ("task/hit/force", false),
             ("orce", false),
             ("gate/hit/force", false),
         ] {
-            assert_eq!(is_set_by(key, name, "threshold"), is_it, "{name}");
+            assert_eq!(is_set_by(key, &ProcessName::new(name), "threshold"), is_it, "{name}");
         }
-        assert!(!is_set_by(key, "force", "zero") && !is_set_by("team/a", "force", "threshold"));
+        let force = ProcessName::new("force");
+        assert!(!is_set_by(key, &force, "zero") && !is_set_by("team/a", &force, "threshold"));
     }
 }

@@ -159,7 +159,7 @@ async fn find(
     for (client, statuses) in &all {
         let mut places = BTreeSet::new();
         for leaf in leaves(&statuses.nodes) {
-            if name.is_none_or(|name| name.process.is_process(&leaf.deployment.name, &leaf.process.path)) {
+            if name.is_none_or(|name| name.process.is_process(leaf.deployment, &leaf.process.path)) {
                 is_any = true;
                 places.insert((leaf.deployment.clone(), leaf.host.to_owned()));
             }
@@ -170,14 +170,14 @@ async fn find(
                 continue;
             };
             for (path, dial) in located {
-                if name.is_none_or(|name| name.process.is_process(&deployment.name, &path)) {
+                if name.is_none_or(|name| name.process.is_process(&deployment, &path)) {
                     requests.spawn(states(Arc::clone(taps), deployment.clone(), path, dial));
                 }
             }
         }
     }
     if let (false, Some(name)) = (is_any, name) {
-        return Err(absent::nowhere(&format!("process `{}`", name.process), &away));
+        return Err(absent::no_process_of(&name.process, &all, &away));
     }
     while let Some(joined) = requests.join_next().await {
         let (mut place, read) = joined.map_err(anyhow::Error::from)?;

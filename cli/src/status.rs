@@ -7,18 +7,23 @@ mod watch;
 
 use crate::ConnectArgs;
 use crate::absent::{self, Absences, open_hosts};
-use crate::client::{Client, Clients, Statuses};
+use crate::client::{Client, Clients, Statuses, feed};
+use crate::logic::process_name::DeploymentName;
+use crate::logic::suggestion;
 use crate::logic::tree::{Unknown, tree};
+use anyhow::anyhow;
 use node::console::{self, Failure, block_on};
 use node::logic::printable::one_line;
-use node::logic::protocol::{Absent, LostValues, Network, NodeStatus, RefusedValues};
+use node::logic::protocol::{Absent, Deployment, LostValues, Network, NodeStatus, RefusedValues};
 use node::logic::table::table;
+use std::collections::BTreeSet;
 
 /// The arguments of `dca status`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// Only this deployment
-    name: Option<String>,
+    /// Only this deployment: NAME, or NAME@NUMBER for one run of it
+    #[arg(value_parser = DeploymentName::parse)]
+    name: Option<DeploymentName>,
     /// Print everything as JSON; with `--watch` each state on one line
     #[arg(long)]
     json: bool,
@@ -49,28 +54,54 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         clients.close().await;
         asked
     })?;
-    only(&mut statuses, &mut away, arguments.name.as_deref());
+    if let Some(name) = &arguments.name {
+        find(name, &statuses, &away, &arguments.connect)?;
+    }
+    only(&mut statuses, &mut away, arguments.name.as_ref());
     if arguments.json {
         console::say(&serde_json::to_string_pretty(&nodes(&statuses, &away))?);
     } else {
-        console::say(&text(&statuses, &away, arguments.name.as_deref()));
+        console::say(&text(&statuses, &away, arguments.name.as_ref()));
     }
     away.warnings().iter().for_each(|warning| console::note(warning));
     Ok(())
 }
 
+/// Checks that some node knows a deployment: one that runs, waits, or is over.
+fn find(name: &DeploymentName, statuses: &[NodeStatus], away: &Absences, connect: &ConnectArgs) -> Result<(), Failure> {
+    let parts = statuses.iter().flat_map(|status| &status.deployments).map(|part| &part.deployment);
+    let open = away.ends.iter().map(|end| &end.deployment);
+    let running = parts.chain(open).chain(away.processes.iter().map(|one| &one.deployment));
+    let is_waiting = statuses.iter().flat_map(|status| &status.waiting).any(|one| name.is_called(&one.name));
+    if is_waiting || running.clone().any(|deployment| name.is(deployment)) {
+        return Ok(());
+    }
+    let over: BTreeSet<Deployment> = block_on(feed::deployments(connect))?;
+    if over.iter().any(|deployment| name.is(deployment)) {
+        console::note(&format!("`{name}` is over; `dca events {name}` says how it ended"));
+        return Ok(());
+    }
+    let what = format!("deployment `{name}`");
+    if let Some(failure) = away.may_have(&what) {
+        return Err(failure);
+    }
+    let near = suggestion::deployment(name, running.chain(&over));
+    let hint = suggestion::question(near, "`dca status` lists all that run");
+    Err(Failure::Usage(anyhow!("no node knows a {what}; {hint}")))
+}
+
 /// Leaves out what is not of the deployment, if one is named.
-fn only(statuses: &mut [NodeStatus], away: &mut Absences, name: Option<&str>) {
+fn only(statuses: &mut [NodeStatus], away: &mut Absences, name: Option<&DeploymentName>) {
     let Some(name) = name else { return };
     for status in statuses {
-        status.deployments.retain(|one| one.deployment.name == name);
-        status.waiting.retain(|one| one.name == name);
+        status.deployments.retain(|one| name.is(&one.deployment));
+        status.waiting.retain(|one| name.is_called(&one.name));
     }
-    away.ends.retain(|end| end.deployment.name == name);
-    away.processes.retain(|one| one.deployment.name == name);
+    away.ends.retain(|end| name.is(&end.deployment));
+    away.processes.retain(|one| name.is(&one.deployment));
     for absent in away.told.values_mut() {
-        absent.ends.retain(|end| end.deployment.name == name);
-        absent.processes.retain(|one| one.deployment.name == name);
+        absent.ends.retain(|end| name.is(&end.deployment));
+        absent.processes.retain(|one| name.is(&one.deployment));
     }
 }
 
@@ -86,7 +117,7 @@ fn nodes(statuses: &[NodeStatus], away: &Absences) -> Vec<Node> {
     statuses.iter().map(|status| Node { absent: absent(status), status: status.clone() }).collect()
 }
 
-fn text(statuses: &[NodeStatus], away: &Absences, name: Option<&str>) -> String {
+fn text(statuses: &[NodeStatus], away: &Absences, name: Option<&DeploymentName>) -> String {
     let unknown: Vec<Unknown<'_>> = away
         .processes
         .iter()
@@ -120,7 +151,7 @@ fn text(statuses: &[NodeStatus], away: &Absences, name: Option<&str>) -> String 
     blocks.retain(|block| !block.is_empty());
     if blocks.len() == usize::from(!stopped.is_empty()) {
         let hosts: Vec<&str> = statuses.iter().map(|status| status.host.as_str()).collect();
-        let what = name.map_or_else(|| "nothing".to_owned(), |name| format!("nothing of `{}`", one_line(name)));
+        let what = name.map_or_else(|| "nothing".to_owned(), |name| format!("nothing of `{}`", one_line(name.text())));
         let open = |status: &&NodeStatus| status.network != Network::Host || status.policy.is_some();
         let networks = statuses.iter().filter(open).map(|status| vec![status.host.clone(), guard(status)]);
         let blocks = [

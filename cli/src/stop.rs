@@ -9,6 +9,7 @@ mod away;
 use crate::ConnectArgs;
 use crate::absent::{self, confirmers};
 use crate::client::{ANSWER_WITHIN, Answers, Client, Clients, Statuses, unasked, words};
+use crate::logic::process_name::DeploymentName;
 use anyhow::anyhow;
 use comms::io::clock;
 use comms::logic::human::span;
@@ -29,8 +30,9 @@ const ASK_EVERY: Duration = Duration::from_millis(200);
 /// The arguments of `dca stop`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// The deployment
-    name: String,
+    /// The deployment: NAME, or NAME@NUMBER for one run of it
+    #[arg(value_parser = DeploymentName::parse)]
+    name: DeploymentName,
     /// Take it off the list of ends that hosts have not confirmed: nobody asks them any more
     #[arg(long)]
     forget: bool,
@@ -58,7 +60,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         clients.close().await;
         result
     })?;
-    let name = &arguments.name;
+    let name = arguments.name.text();
     let Some(unconfirmed) = unconfirmed else { return Ok(()) };
     if arguments.json {
         console::say(
@@ -81,13 +83,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// Takes every end of that name off the lists of all nodes.
-async fn forget(clients: &Clients, name: &str) -> Result<(), Failure> {
+async fn forget(clients: &Clients, name: &DeploymentName) -> Result<(), Failure> {
     let all = clients.statuses().await?;
     let away = absent::ask(&all).await;
     let mut ends = Vec::new();
     for (client, node) in all.iter().flat_map(|(client, found)| found.nodes.iter().map(move |node| (client, node))) {
         let told = away.told.get(&node.host).map_or(&[][..], |absent| &absent.ends);
-        for end in told.iter().filter(|end| end.deployment.name == name) {
+        for end in told.iter().filter(|end| name.is(&end.deployment)) {
             let request = Request::Forget { deployment: end.deployment.clone() };
             let request = client.signed(&node.host, request, end.deployment.epoch).await?;
             let answer = client.ask(&node.host, &request, ANSWER_WITHIN).await?;
@@ -105,7 +107,7 @@ async fn forget(clients: &Clients, name: &str) -> Result<(), Failure> {
     }
     waiting.iter().for_each(|waiting| console::note(&format!("note: {waiting}")));
     if ends.is_empty()
-        && let Some(part) = parts.find(|part| part.deployment.name == name)
+        && let Some(part) = parts.find(|part| name.is(&part.deployment))
     {
         return Err(anyhow!("`{}` is {}; `dca stop {name}` ends it", part.deployment, part.phase).into());
     }
@@ -133,11 +135,14 @@ pub(crate) struct Located<'a> {
 }
 
 /// Finds the deployment of that name among what all nodes say.
-pub(crate) async fn locate<'a>(all: Vec<(&'a Client, Statuses)>, name: &str) -> Result<Located<'a>, Failure> {
+pub(crate) async fn locate<'a>(
+    all: Vec<(&'a Client, Statuses)>,
+    name: &DeploymentName,
+) -> Result<Located<'a>, Failure> {
     let mut found = Vec::new();
     for (client, Statuses { nodes, silent, .. }) in &all {
         let mut parts = nodes.iter().flat_map(|node| &node.deployments);
-        if let Some(part) = parts.find(|part| part.deployment.name == name) {
+        if let Some(part) = parts.find(|part| name.is(&part.deployment)) {
             found.push((*client, part, silent));
         }
     }
@@ -161,17 +166,17 @@ pub(crate) async fn locate<'a>(all: Vec<(&'a Client, Statuses)>, name: &str) -> 
 }
 
 /// Stops a deployment, or ends its waiting; returns the hosts that could not confirm that nothing of it is left.
-async fn stop(clients: &Clients, name: &str) -> Result<Vec<String>, Failure> {
+async fn stop(clients: &Clients, name: &DeploymentName) -> Result<Vec<String>, Failure> {
     let all = clients.statuses().await?;
     match absent::waiting(name, &all) {
-        Some((client, home, _)) => stop_waiting(client, home, name).await?,
+        Some((client, home, waiting)) => stop_waiting(client, home, &waiting.name).await?,
         None => return stop_running(locate(all, name).await?).await,
     }
     let deadline = clock::now() + CONFIRMED_WITHIN;
     loop {
         let all = clients.statuses().await?;
         let away = absent::ask(&all).await;
-        let ends = away.ends.iter().filter(|end| end.deployment.name == name);
+        let ends = away.ends.iter().filter(|end| name.is(&end.deployment));
         let open: BTreeSet<String> = ends.flat_map(|end| end.hosts.iter().map(|open| open.host.clone())).collect();
         let answers = |host: &String| all.iter().flat_map(|(_, found)| &found.nodes).any(|node| node.host == *host);
         if !open.iter().any(answers) || clock::now() >= deadline {

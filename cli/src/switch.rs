@@ -3,11 +3,12 @@
 use crate::ConnectArgs;
 use crate::change::revision;
 use crate::client::{Clients, unasked};
+use crate::logic::process_name::{DeploymentName, ProcessName};
 use crate::stop::{Located, locate};
 use anyhow::anyhow;
 use language::plan::Plan;
 use node::console::{self, Failure, block_on};
-use node::logic::protocol::{Answer, Request, SetsSwitched, SwitchRequest};
+use node::logic::protocol::{Answer, Deployment, Request, SetsSwitched, SwitchRequest};
 use std::str::FromStr;
 use std::time::Duration;
 
@@ -17,9 +18,10 @@ const ANSWER_WITHIN: Duration = Duration::from_secs(12);
 /// The arguments of `dca switch`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// The deployment
-    name: String,
-    /// The process, as an absolute path or the end of one, and all labels of it that are to be open: `hit/force[lbl2]`
+    /// The deployment: NAME, or NAME@NUMBER for one run of it
+    #[arg(value_parser = DeploymentName::parse)]
+    name: DeploymentName,
+    /// The process, as a path or the end of one, and all labels of it that are to be open: `hit/force[lbl2]`
     #[arg(value_name = "PROCESS[LABEL,...]")]
     process: Labelled,
     /// Print how it went as JSON
@@ -32,7 +34,7 @@ pub(crate) struct Arguments {
 /// A process and labels of its connection sets.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Labelled {
-    process: String,
+    process: ProcessName,
     labels: Vec<String>,
 }
 
@@ -45,7 +47,7 @@ impl FromStr for Labelled {
             return Err("give a process and its labels, such as `hit/force[lbl2]`; `hit/force[]` closes all".to_owned());
         };
         let labels = labels.split(',').map(|label| label.trim().to_owned()).filter(|label| !label.is_empty());
-        Ok(Self { process: process.to_owned(), labels: labels.collect() })
+        Ok(Self { process: ProcessName::parse_one(process)?, labels: labels.collect() })
     }
 }
 
@@ -63,6 +65,7 @@ async fn switch(clients: &Clients, arguments: &Arguments) -> Result<(), Failure>
     let Located { client, deployment, home } = locate(clients.statuses().await?, &arguments.name).await?;
     let plan = revision(client, &home, &deployment.name).await?.map(|revision| revision.plan);
     let Labelled { process, labels } = arguments.process.clone();
+    let process = path(plan.as_ref(), &deployment, &process)?;
     let request = Request::Switch(SwitchRequest { name: deployment.name.clone(), process, labels });
     let request = client.signed(&home, request, deployment.epoch).await?;
     let answer = client.ask(&home, &request, ANSWER_WITHIN).await?;
@@ -80,6 +83,18 @@ async fn switch(clients: &Clients, arguments: &Arguments) -> Result<(), Failure>
     let silent = switched.unconfirmed.join("`, `");
     let why = anyhow!("`{silent}` did not confirm the switch in time; what they send and take changes once they go on");
     Err(Failure::Unreachable(why))
+}
+
+/// Returns the path of the one process that is meant, or else its end, of which the home says why it is none.
+fn path(plan: Option<&Plan>, deployment: &Deployment, process: &ProcessName) -> Result<String, Failure> {
+    if process.deployment().is_some_and(|named| !named.is(deployment)) {
+        return Err(Failure::Usage(anyhow!("`{process}` is not a process of `{deployment}`")));
+    }
+    let leaves = plan.iter().flat_map(|plan| &plan.leaves).map(|leaf| &leaf.path);
+    let groups = plan.iter().flat_map(|plan| &plan.groups).map(|group| &group.path);
+    let all: Vec<&String> = leaves.chain(groups).filter(|path| process.is_process(deployment, path)).collect();
+    let end = || process.process().unwrap_or_default().to_owned();
+    Ok(if let [one] = all[..] { one.clone() } else { end() })
 }
 
 /// Returns what was switched, one line for each wire, and how long it took.
@@ -124,12 +139,13 @@ mod tests {
     fn a_process_is_followed_by_its_labels() {
         let check = |text: &str, process: &str, labels: &[&str]| {
             let labels = labels.iter().map(|label| (*label).to_owned()).collect();
-            assert_eq!(text.parse(), Ok(Labelled { process: process.to_owned(), labels }));
+            assert_eq!(text.parse(), Ok(Labelled { process: ProcessName::new(process), labels }));
         };
         check("hit/force[lbl2]", "hit/force", &["lbl2"]);
         check("force[a, b]", "force", &["a", "b"]);
         check("force[]", "force", &[]);
-        for wrong in ["force", "[a]", "force[a", "force]"] {
+        check("door@3:main/force[a]", "door@3:main/force", &["a"]);
+        for wrong in ["force", "[a]", "force[a", "force]", "force.Out[a]"] {
             assert!(wrong.parse::<Labelled>().is_err(), "{wrong}");
         }
     }

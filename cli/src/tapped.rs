@@ -29,12 +29,10 @@ const SECOND: Duration = Duration::from_secs(1);
 /// Which outputs are followed.
 #[derive(Debug, clap::Args)]
 pub(crate) struct TapArgs {
-    /// The output, and the end of its process's path: `force.Out`, `hit/force.Out`; of a device: `plant.arm/state`; inside
+    /// The output, and the end of its process's path: `force.Out`, `door:hit/force.Out`; of a device: `plant.arm/state`; inside
     /// an in-process group: `filter.smooth.Out`; without a process all that have it
-    output: String,
-    /// In this deployment
-    #[arg(long)]
-    deployment: Option<String>,
+    #[arg(value_parser = Wanted::parse)]
+    output: Wanted,
     /// Print objects of JSON, one on a line; the last has `end`
     #[arg(long)]
     pub(crate) json: bool,
@@ -183,12 +181,11 @@ async fn find<'a>(
     clients: &'a Clients,
     arguments: &TapArgs,
 ) -> Result<(&'a Client, Deployment, String, Programs), Failure> {
-    let (wanted, all) = (Wanted::new(&arguments.output), clients.statuses().await?);
+    let (wanted, all) = (&arguments.output, clients.statuses().await?);
     let mut meant: BTreeMap<Deployment, (&Client, BTreeMap<String, BTreeSet<String>>)> = BTreeMap::new();
     for (client, statuses) in &all {
         for leaf in leaves(&statuses.nodes) {
-            let is_named = arguments.deployment.as_ref().is_none_or(|name| *name == leaf.deployment.name);
-            if is_named && wanted.is_process(&leaf.process.path) {
+            if wanted.process().is_process(leaf.deployment, &leaf.process.path) {
                 let (_, hosts) = meant.entry(leaf.deployment.clone()).or_insert((*client, BTreeMap::new()));
                 hosts.entry(leaf.host.to_owned()).or_default().insert(leaf.process.path.clone());
             }
@@ -206,14 +203,20 @@ async fn find<'a>(
             found.push((client, deployment, programs));
         }
     }
-    let what = format!("process with an output `{}`", arguments.output);
+    let what = format!("process with an output `{wanted}`");
     if found.len() > 1 {
         let names: Vec<String> = found.iter().map(|(_, deployment, _)| format!("`{}`", deployment.name)).collect();
-        return Err(
-            anyhow!("several deployments have a {what}: {}; choose one with `--deployment`", names.join(", ")).into()
-        );
+        return Err(anyhow!(
+            "several deployments have a {what}: {}; write one before it, as in `{}:{}`",
+            names.join(", "),
+            found[0].1.name,
+            wanted.bare()
+        )
+        .into());
     }
-    let Some((client, deployment, programs)) = found.pop() else { return Err(absent::missing(&what, &all).await) };
+    let Some((client, deployment, programs)) = found.pop() else {
+        return Err(absent::no_output(wanted, &all).await);
+    };
     let mut parts = all.iter().flat_map(|(_, statuses)| &statuses.nodes).flat_map(|node| &node.deployments);
     let home = parts.find(|part| part.deployment == deployment).map(|part| part.home.clone());
     let home = home.ok_or_else(|| anyhow!("`{deployment}` has no home"))?;
@@ -254,7 +257,7 @@ async fn hear(
     deployment: &Deployment,
     programs: &Programs,
 ) -> Result<(Vec<FollowedOutput>, Receiver<(usize, Tapped)>), Failure> {
-    let wanted = Wanted::new(&arguments.output);
+    let wanted = &arguments.output;
     let (sink, values) = mpsc::channel(VALUES_MAX);
     let (mut followed, mut known, mut failure) = (Vec::new(), BTreeSet::new(), None);
     for (path, _, dial) in programs {

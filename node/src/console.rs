@@ -30,6 +30,8 @@ pub enum Failure {
     Refused(anyhow::Error),
     /// The command was refused, and every reason has been printed: exit code 1.
     Reported,
+    /// The command names something that does not exist: exit code 2.
+    Usage(anyhow::Error),
     /// Somebody could not be reached: exit code 3.
     Unreachable(anyhow::Error),
     /// Somebody could not be reached, and that has been printed: exit code 3.
@@ -101,6 +103,7 @@ pub fn finish(result: Result<(), Failure>) -> ExitCode {
         Err(Failure::ReportedUnreachable) => return ExitCode::from(3),
         Err(Failure::Limited) => return ExitCode::from(4),
         Err(Failure::Refused(error)) => (error, 1),
+        Err(Failure::Usage(error)) => (error, 2),
         Err(Failure::Unreachable(error)) => (error, 3),
     };
     complain(&error);

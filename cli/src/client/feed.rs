@@ -92,6 +92,20 @@ pub(crate) struct Feed {
     tasks: JoinSet<()>,
 }
 
+/// Returns every deployment of which some node has an event, also those that are over.
+pub(crate) async fn deployments(connect: &ConnectArgs) -> Result<BTreeSet<Deployment>, Failure> {
+    let (mut feed, mut all) = (Feed::open(connect, Mode::Snapshot).await?, BTreeSet::new());
+    loop {
+        match feed.next().await {
+            FeedItem::Event(event) => drop(all.insert(event.deployment)),
+            FeedItem::Current => break,
+            FeedItem::Left(_) | FeedItem::Lost(..) | FeedItem::Back(_) => {}
+        }
+    }
+    feed.close().await;
+    Ok(all)
+}
+
 impl Feed {
     /// Begins to listen to every node that can be reached.
     pub(crate) async fn open(connect: &ConnectArgs, mode: Mode) -> Result<Self, Failure> {

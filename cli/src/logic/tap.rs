@@ -1,6 +1,7 @@
 //! What `dca echo` and `dca hz` make of the values that leave an output: which outputs are meant, what is in a value, what was
 //! lost on the way, how often values come.
 
+use crate::logic::process_name::ProcessName;
 use crate::logic::record::{decoded, messages};
 use comms::logic::human::span;
 use comms::logic::layout::Message;
@@ -8,29 +9,44 @@ use comms::logic::tap::{OutputType, Outputs, Tapped};
 use comms::logic::time::Time;
 use language::Source;
 use serde_json::{Value, json};
+use std::fmt::{self, Display, Formatter};
 use std::time::Duration;
 
-/// The outputs that a person means: `Out`, `force.Out`, `hit/force.Out`, `plant.arm/state`, inside a group `filter.smooth.Out`.
+/// The outputs that a person means: `Out`, `force.Out`, `door:hit/force.Out`, `plant.arm/state`, inside a group `filter.smooth.Out`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Wanted {
-    /// The end of a path; every process if absent.
-    process: Option<String>,
+    process: ProcessName,
     output: String,
 }
 
 impl Wanted {
-    pub(crate) fn new(text: &str) -> Self {
-        // No path has a dot; inside a group an output has one behind its member.
-        let (process, output) = match text.split_once('.') {
-            Some((process, output)) => (Some(process.to_owned()), output),
-            None => (None, text),
+    /// Reads `[[DEPLOYMENT:]INSTANCE.]OUTPUT`; says what is wrong with it.
+    pub(crate) fn parse(text: &str) -> Result<Self, String> {
+        let (process, output) = match ProcessName::with_name(text) {
+            (process, Some(output)) => (process, output),
+            // Without a process every one may have it.
+            (_, None) => {
+                let output = text.rfind(':').map_or(0, |colon| colon + 1);
+                (ProcessName::new(&text[..output]), &text[output..])
+            }
         };
-        Self { process, output: output.to_owned() }
+        if output.is_empty() {
+            return Err(format!(
+                "`{text}` names no output: expected [[DEPLOYMENT:]INSTANCE.]OUTPUT, such as `hit/force.Out`"
+            ));
+        }
+        Ok(Self { process, output: output.to_owned() })
     }
 
-    /// Returns whether the process with this path is meant.
-    pub(crate) fn is_process(&self, path: &str) -> bool {
-        self.process.as_ref().is_none_or(|process| is_path(path, process))
+    /// Returns it as a text without a deployment.
+    pub(crate) fn bare(&self) -> String {
+        let process = self.process.process().map(|process| format!("{process}.")).unwrap_or_default();
+        format!("{process}{}", self.output)
+    }
+
+    /// Returns the processes that are meant.
+    pub(crate) fn process(&self) -> &ProcessName {
+        &self.process
     }
 
     /// Returns whether the output of this name is meant, of a process that is.
@@ -39,9 +55,11 @@ impl Wanted {
     }
 }
 
-/// Returns whether a path is the one that a person means, by the whole of it or its end.
-pub(crate) fn is_path(path: &str, meant: &str) -> bool {
-    path.strip_suffix(meant).is_some_and(|before| before.is_empty() || before.ends_with('/'))
+impl Display for Wanted {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let dot = if self.process.process().is_some() { "." } else { "" };
+        write!(f, "{}{dot}{}", self.process, self.output)
+    }
 }
 
 /// Returns the type of an output's values, as far as the program names what is in them. `all` has the types that it may be
@@ -185,6 +203,7 @@ fn a_second(bytes: f64) -> String {
 mod tests {
     use super::*;
     use comms::logic::tap::InnerOutput;
+    use node::logic::protocol::Deployment;
 
     fn tapped(number: u64, millis: u64) -> Tapped {
         Tapped { number, stamp: Time::from_nanos(millis * 1_000_000), bytes: vec![0; 50] }
@@ -193,12 +212,17 @@ mod tests {
     #[test]
     fn outputs_are_meant_by_the_end_of_their_path() {
         let check = |text: &str, path: &str, output: &str, expected: bool| {
-            let wanted = Wanted::new(text);
-            assert_eq!(wanted.is_process(path) && wanted.is_output(output), expected, "{text}: {path}.{output}");
+            let wanted = Wanted::parse(text).unwrap();
+            let deployment = Deployment { name: "door".into(), epoch: 2 };
+            let is_meant = wanted.process().is_process(&deployment, path) && wanted.is_output(output);
+            assert_eq!((is_meant, wanted.to_string()), (expected, text.to_owned()), "{text}: {path}.{output}");
         };
         check("Out", "main/hit/force", "Out", true);
         check("force.Out", "main/hit/force", "Out", true);
         check("hit/force.Out", "main/hit/force", "Out", true);
+        check("door:main/hit/force.Out", "main/hit/force", "Out", true);
+        check("door@2:Out", "main/hit/force", "Out", true);
+        check("gate:force.Out", "main/hit/force", "Out", false);
         check("orce.Out", "main/hit/force", "Out", false);
         check("force.In", "main/hit/force", "Out", false);
         check("plant.arm/state", "main/plant", "arm/state", true);
@@ -207,6 +231,11 @@ mod tests {
         check("arm/filter.smooth.Out", "main/arm/filter", "smooth.Out", true);
         check("smooth.Out", "main/filter", "smooth.Out", false);
         check("filter.Out", "main/filter", "smooth.Out", false);
+    }
+
+    #[test]
+    fn what_names_no_output_is_refused() {
+        assert!(["", "force.", "door:"].into_iter().all(|text| Wanted::parse(text).is_err()));
     }
 
     #[test]

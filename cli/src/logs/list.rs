@@ -2,16 +2,17 @@
 
 use crate::absent;
 use crate::client::Clients;
+use crate::logic::process_name::ProcessName;
 use node::console::{self, Failure};
 use node::logic::protocol::{LeafStatus, NodeStatus, leaves};
 use node::logic::table::table;
 
 /// Lists the programs of all deployments, or of one.
-pub(super) async fn all(clients: &Clients, deployment: Option<&str>, is_json: bool) -> Result<(), Failure> {
+pub(super) async fn all(clients: &Clients, name: &ProcessName, is_json: bool) -> Result<(), Failure> {
     let all = clients.statuses().await?;
     let away = absent::ask(&all).await;
     let nodes: Vec<NodeStatus> = all.into_iter().flat_map(|(_, found)| found.nodes).collect();
-    let rows = rows(&nodes, deployment);
+    let rows = rows(&nodes, name);
     away.warnings().iter().for_each(|warning| console::note(warning));
     if is_json {
         let object = |row: &Vec<String>| {
@@ -35,9 +36,9 @@ pub(super) async fn all(clients: &Clients, deployment: Option<&str>, is_json: bo
     Ok(())
 }
 
-fn rows(nodes: &[NodeStatus], deployment: Option<&str>) -> Vec<Vec<String>> {
+fn rows(nodes: &[NodeStatus], name: &ProcessName) -> Vec<Vec<String>> {
     let mut rows = vec![["DEPLOYMENT", "PROCESS", "STATE", "HOST"].map(str::to_owned).to_vec()];
-    let meant = leaves(nodes).into_iter().filter(|leaf| deployment.is_none_or(|name| name == leaf.deployment.name));
+    let meant = leaves(nodes).into_iter().filter(|leaf| name.is_process(leaf.deployment, &leaf.process.path));
     rows.extend(meant.map(|LeafStatus { host, deployment, process }| {
         vec![deployment.name.clone(), process.path.clone(), process.state.clone(), host.to_owned()]
     }));
@@ -56,9 +57,9 @@ mod tests {
             door_node(host, &paths.iter().map(|path| (*path, "idle", None)).collect::<Vec<_>>())
         };
         let nodes = [node("c1", &["main", "main/hit"]), node("c2", &["main/hit/force", "main/arm"])];
-        let rows = rows(&nodes, None);
+        let rows = rows(&nodes, &ProcessName::new(""));
         let found: Vec<&str> = rows[1..].iter().map(|row| row[1].as_str()).collect();
         assert_eq!(found, ["main/arm", "main/hit/force"]);
-        assert_eq!(super::rows(&nodes, Some("window")).len(), 1);
+        assert_eq!(super::rows(&nodes, &ProcessName::new("window:")).len(), 1);
     }
 }

@@ -7,6 +7,7 @@ use super::{Arguments, asked, nodes, only, text};
 use crate::absent::Absences;
 use crate::client::Clients;
 use crate::client::feed::{Feed, Mode};
+use crate::logic::process_name::DeploymentName;
 use crate::logic::sentence::date_and_time;
 use crate::output;
 use crate::reader::Reader;
@@ -67,15 +68,15 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
             tokio::select! {
                 seen = &mut looking => {
                     view = seen;
-                    only(&mut view.statuses, &mut view.away, arguments.name.as_deref());
+                    only(&mut view.statuses, &mut view.away, arguments.name.as_ref());
                     looking.set(look(feed.clients(), Some(clock::now()), &happened));
-                    is_read = shown.show(&view, arguments.name.as_deref())?;
+                    is_read = shown.show(&view, arguments.name.as_ref())?;
                 }
                 // What it is shows the next look.
                 _ = feed.next() => happened.notify_one(),
                 _ = redraw.tick() => {
                     if let Shown::Table(_) = shown {
-                        is_read = shown.show(&view, arguments.name.as_deref())?;
+                        is_read = shown.show(&view, arguments.name.as_ref())?;
                     }
                 }
                 () = reader.left() => break,
@@ -102,7 +103,7 @@ async fn look(clients: Clients, last: Option<Time>, happened: &Notify) -> View {
 
 impl Shown {
     /// Shows what is new; returns whether anybody looks.
-    fn show(&mut self, view: &View, name: Option<&str>) -> anyhow::Result<bool> {
+    fn show(&mut self, view: &View, name: Option<&DeploymentName>) -> anyhow::Result<bool> {
         let said = match self {
             Self::Table(lines) => {
                 let (rows, columns) = output::screen().unwrap_or(output::SCREEN_DEFAULT);
@@ -129,7 +130,7 @@ impl Shown {
 }
 
 impl View {
-    fn table(&self, name: Option<&str>) -> String {
+    fn table(&self, name: Option<&DeploymentName>) -> String {
         let mut table = format!("{}   (Ctrl-C to leave)\n\n", when());
         match &self.failure {
             Some(why) => table.push_str(why),

@@ -4,6 +4,7 @@
 use crate::absent::{self, Absences};
 use crate::client::{ANSWER_WITHIN, Client, Clients, Statuses, unasked};
 use crate::db::databases::Databases;
+use crate::logic::process_name::DeploymentName;
 use anyhow::anyhow;
 use comms::io::clock;
 use node::console::{self, Failure};
@@ -12,20 +13,21 @@ use node::logic::database::question::{AsOf, Question, Reply};
 use node::logic::protocol::{Answer, Deployment, Request, StopReply, Tombstone};
 
 /// Has every node that answers keep a tombstone.
-pub(super) async fn keep_tombstones(clients: &Clients, name: &str, home: &str) -> Result<(), Failure> {
+pub(super) async fn keep_tombstones(clients: &Clients, name: &DeploymentName, home: &str) -> Result<(), Failure> {
     let all = clients.statuses().await?;
     if all.iter().flat_map(|(_, found)| &found.nodes).any(|node| node.host == home) {
         return Err(anyhow!("`{home}` answers: `dca stop {name}` ends it there").into());
     }
     let away = absent::ask(&all).await;
-    let Some(epoch) = epoch(&all, &away, name, home).await else {
+    let of = |epoch| Deployment { name: name.plain().to_owned(), epoch };
+    let Some(epoch) = epoch(&all, &away, name.plain(), home).await.filter(|epoch| name.is(&of(*epoch))) else {
         return Err(anyhow!(
             "no node that answers knows of a deployment `{name}` with its home on `{home}`: {}",
             "look at the names, or stop it once that host is there again"
         )
         .into());
     };
-    let deployment = Deployment { name: name.to_owned(), epoch };
+    let deployment = of(epoch);
     let (mut keepers, mut why) = (Vec::new(), None);
     for (client, node) in all.iter().flat_map(|(client, found)| found.nodes.iter().map(move |node| (client, node))) {
         let tombstone = Tombstone { home: home.to_owned(), deployment: deployment.clone() };

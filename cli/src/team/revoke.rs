@@ -135,7 +135,7 @@ pub(super) fn could_read(keys: &KeysArgs, name: &Name, own: &[KeyId]) -> Result<
         Ok(None) => console::note(&format!(
             "which secrets `{name}` could read is not known here: no node runs on this machine. `dca db get` shows who may read each"
         )),
-        Err(Failure::Refused(why) | Failure::Unreachable(why)) => {
+        Err(Failure::Refused(why) | Failure::Usage(why) | Failure::Unreachable(why)) => {
             console::note(&format!("which secrets `{name}` could read is not known: {why:#}"));
         }
         Err(failure @ (Failure::Reported | Failure::ReportedUnreachable | Failure::Limited)) => return Err(failure),

@@ -115,7 +115,7 @@ pub fn overruled(keys: &[(String, String)], known: &[InstanceParameters]) -> Vec
                 let unit = accepts.unit().map(|unit| format!(" {unit}")).unwrap_or_default();
                 let (path, given) = (without_main(&one.path), format!("{}{unit}", given.bare()));
                 let text = read.map_or_else(|_| text.clone(), |read| format!("{read}{unit}"));
-                let unset = format!("dca param unset {}/{path} {name}", one.deployment.name);
+                let unset = format!("dca param unset {}:{path} {name}", one.deployment.name);
                 sentences
                     .push(format!("`{key}` is {text} in the database, the spec says {given}; `{unset}` removes it"));
             }
@@ -253,7 +253,7 @@ mod tests {
         assert_eq!(says(&[("door/hit/force/threshold", "10.0"), ("door/hit/force/zero", "true")]), [""; 0]);
         assert_eq!(says(&[("gate/hit/force/threshold", "12.0"), ("door/hit/threshold", "12.0")]), [""; 0]);
         let told = "`robot/c3/params/door/hit/force/threshold` is 12.0 in the database, the spec says 10; \
-                    `dca param unset door/task/hit/force threshold` removes it";
+                    `dca param unset door:task/hit/force threshold` removes it";
         assert_eq!(says(&[("door/hit/force/threshold", "12.0"), ("door/force/threshold", "10.0")]), [told]);
         assert_eq!(says(&[("door/force/zero", "false")]).len(), 1);
     }

@@ -249,11 +249,11 @@ fn what_runs_in_a_command_is_found_from_elsewhere() {
     assert_eq!((nodes.code, nodes.out.matches("c1 ").count()), (Some(0), 2), "{nodes}");
     let status = here.ask(&["status"]);
     assert!(status.out.contains("one@1") && status.out.contains("two@1"), "{status}");
-    let logs = here.ask(&["logs", "--deployment", "two", "idle"]);
+    let logs = here.ask(&["logs", "two:idle"]);
     assert_eq!((logs.code, logs.out.as_str()), (Some(0), "here I am\n"), "{logs}");
     let either = here.ask(&["logs", "idle"]);
     let told =
-        "`idle` may be any of `main/idle` of `one`, `main/idle` of `two`; give more of the path, or `--deployment`";
+        "`idle` may be any of `one:main/idle`, `two:main/idle`; give more of the path, or the deployment before it";
     assert!(either.code == Some(1) && either.err.contains(told), "{either}");
     let forget = here.ask(&["stop", "one", "--forget"]);
     assert!(forget.code == Some(1) && forget.err.contains("`one@1` is running; `dca stop one` ends it"), "{forget}");
@@ -272,10 +272,10 @@ fn what_runs_in_a_command_is_found_from_elsewhere() {
             "{silent}"
         );
     }
-    let logs = here.ask(&["logs", "idle", "--deployment", "two"]);
+    let logs = here.ask(&["logs", "two:idle"]);
     assert!(logs.code == Some(3) && logs.err.contains("does not answer") && logs.out.is_empty(), "{logs}");
     assert!(logs.err.contains("`--recorded` reads the latest record in `runs` instead"), "{logs}");
-    let logs = here.ask(&["logs", "idle", "--deployment", "two", "--recorded"]);
+    let logs = here.ask(&["logs", "two@1:idle", "--recorded"]);
     assert!(logs.err.contains("this is what `main/idle` wrote by the record in"), "{logs}");
     two.signal(Signal::CONT);
     let get = here.ask(&["db", "get", "robot/c1/deployments/two/1/begun"]);

@@ -108,3 +108,44 @@ fn ports_have_types() {
     run.signal(rustix::process::Signal::INT);
     run.ended(SOON);
 }
+
+/// A program with a group around it, which prints a line.
+const PATROL: &str = "
+module Say(host) { exec \"sh -c 'echo here I am; exec sleep 600'\"; plain; }
+process Round() { instantiated_processes { base instof Say(\"c1\"); } internal_event_actions { base } }
+process main() { host { \"c1\" } instantiated_processes { low instof Round(); } internal_event_actions { low } }
+";
+
+/// What one verb prints every verb takes; a name that nothing has is refused with the one that was meant.
+#[test]
+fn every_verb_takes_the_names_that_others_print() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    let mission = here.dca(&["deploy", "--no-record", &cluster.file("patrol.dca", PATROL)]);
+    mission.wait_for(Stream::Err, "▸", SOON);
+    let check = |arguments: &[&str], code: i32, text: &str| {
+        let ended = here.ask(arguments);
+        let is_told = ended.out.contains(text) || ended.err.contains(text);
+        assert!(ended.code == Some(code) && is_told, "{arguments:?}: {ended}");
+    };
+    for name in ["base", "low/base", "main/low/base", "patrol:base", "patrol@1:main/low/base", "patrol/low/base"] {
+        check(&["logs", name], 0, "here I am");
+    }
+    for name in ["patrol", "patrol@1"] {
+        check(&["status", name], 0, "base: Say");
+        check(&["events", name], 0, "main/low/base");
+    }
+    check(&["logs", "patrol@2:base"], 1, "no process `patrol@2:base` is running; did you mean `patrol@1:base`?");
+    check(&["logs", "bas"], 1, "did you mean `base`?");
+    check(&["stop", "patrol@2"], 1, "no deployment `patrol@2` is running; did you mean `patrol@1`?");
+    check(&["status", "patrl"], 2, "no node knows a deployment `patrl`; did you mean `patrol`?");
+    check(&["events", "patrl"], 2, "no node knows a deployment `patrl`; did you mean `patrol`?");
+    check(&["replace", "patrol", "base.Out"], 2, "`base.Out` is a port; the process that has it is `base`");
+    check(&["switch", "patrol", "gate:base[x]"], 2, "`gate:base` is not a process of `patrol@1`");
+    check(&["stop", "patrol@1"], 0, "`patrol@1` is stopped");
+    mission.ended(SOON);
+    check(&["status", "patrol"], 0, "`patrol` is over; `dca events patrol` says how it ended");
+    check(&["events", "patrol@1"], 0, "main/low/base");
+    check(&["status", "patrol@9"], 2, "did you mean `patrol@1`?");
+}

@@ -65,7 +65,7 @@ fn the_documented_parameter_changes_what_a_controller_does_while_it_runs() {
     let value = || here.ask(&["param", "get", "hit/force", "threshold"]);
     assert_eq!(value().out, "150.0\n");
     let told =
-        format!("`{KEY}` is 150.0 N in the database, the spec says 0 N; `dca param unset door_opening/hit/force");
+        format!("`{KEY}` is 150.0 N in the database, the spec says 0 N; `dca param unset door_opening:hit/force");
     assert!(mission.text(Stream::Err).contains(&told), "{}", mission.text(Stream::Err));
     // Another terminal sees the same.
     let attached = here.dca(&["attach", "door_opening"]);
@@ -113,13 +113,20 @@ fn what_no_controller_takes_is_refused() {
     check(&["param", "set", "hit/forse", "threshold", "5"], 1, "did you mean `hit/force`?");
     check(&["param", "get", "world", "radios"], 1, "did you mean `radius`?");
     check(&["param", "get", "world", "radius"], 0, "0.82");
+    for name in ["door_opening:main/hit/force", "door_opening@1:force", "door_opening/hit/force", "main/hit/force"] {
+        check(&["param", "get", name, "zero"], 0, "\"keep\"");
+    }
     check(&["param", "list", "nobody"], 1, "no program `nobody` runs");
     let list = here.ask(&["param", "list", "hit/force"]);
     let rows: Vec<Vec<&str>> =
         list.out.lines().map(|line| line.split("  ").filter(|cell| !cell.is_empty()).collect()).collect();
     let cells = |row: usize| rows[row].iter().map(|cell| cell.trim()).collect::<Vec<_>>();
-    assert_eq!(cells(1), ["door_opening/hit/force", "zero", "\"keep\"", "\"keep\"", "keep | zero"], "{list}");
-    assert_eq!(cells(2), ["door_opening/hit/force", "threshold", "150.0 N", "0.0 N", "Force in 0 N..200 N"], "{list}");
+    assert_eq!(cells(1), ["door_opening:main/hit/force", "zero", "\"keep\"", "\"keep\"", "keep | zero"], "{list}");
+    assert_eq!(
+        cells(2),
+        ["door_opening:main/hit/force", "threshold", "150.0 N", "0.0 N", "Force in 0 N..200 N"],
+        "{list}"
+    );
     // The existing key is changed, not another one with a different precedence.
     check(&["param", "set", "hit/force", "threshold", "140"], 0, KEY);
     check(&["db", "get", KEY], 0, "140.0");

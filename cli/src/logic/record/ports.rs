@@ -46,8 +46,11 @@ pub fn ports(plan: &Plan, wanted: &[String], messages: &Messages) -> Result<Vec<
     };
     let mut found = Vec::new();
     for what in wanted {
-        let output = Wanted::new(what);
-        let is_meant = |from: &LeafPort| output.is_process(&named(from).0) && output.is_output(&from.port);
+        let output = Wanted::parse(what)?;
+        let deployment = Deployment { name: plan.name.clone(), epoch: 0 };
+        let process = output.process().of_any_run();
+        let is_meant =
+            |from: &LeafPort| process.is_process(&deployment, &named(from).0) && output.is_output(&from.port);
         let meant = |wire: &Wire| what == "all" || is_meant(&wire.from);
         let wires = || (0_u32..).zip(&plan.wires).filter(|(_, wire)| meant(wire));
         if wires().next().is_none() && what != "all" {
