@@ -16,7 +16,7 @@ use node::logic::database::settings::{key_of_parameter, parameter_key, spelt, st
 use node::logic::parameters::no_parameter;
 use node::logic::protocol::{Deployment, InstanceParameters, ParameterStatus, leaves};
 use node::logic::table::table;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// The arguments of `dca param`.
 #[derive(Debug, clap::Args)]
@@ -98,6 +98,8 @@ struct Program {
 struct Found {
     programs: Vec<Program>,
     away: Absences,
+    /// The programs that are active: deployment and path.
+    active: BTreeSet<(Deployment, String)>,
 }
 
 /// Runs the verb.
@@ -171,7 +173,9 @@ impl Set {
         let datum = datum(&parameter.accepts, &value)?;
         let key = program.key(&parameter.name);
         console::note(&format!("{key} = {}", datum.to_toml()));
-        self.commit.commit(vec![], vec![Write { key: Key::new(key)?, value: Some(datum.encode()?) }])
+        self.commit.commit(vec![], vec![Write { key: Key::new(key)?, value: Some(datum.encode()?) }])?;
+        console::note(&found.counts_from(program));
+        Ok(())
     }
 }
 
@@ -285,6 +289,18 @@ impl Program {
 }
 
 impl Found {
+    /// Says from when on a value counts that a program was just given.
+    fn counts_from(&self, program: &Program) -> String {
+        let (name, module) = (program.name(), &program.told.module);
+        if self.active.contains(&(program.told.deployment.clone(), program.told.path.clone())) {
+            format!(
+                "note: `{name}` runs: it takes the value at once if `{module}` takes changes while it runs, else at its next activation"
+            )
+        } else {
+            format!("note: `{name}` is not active: the value counts from its next activation on")
+        }
+    }
+
     /// Returns the one program that is meant.
     fn one(&self, name: &ProcessName) -> Result<&Program, Failure> {
         let mut found = self.programs.iter().filter(|program| program.is_called(name));
@@ -327,6 +343,9 @@ fn stored(database: &DatabaseArgs, instance: &ProcessName, parameter: &str) -> R
 /// Whether a key sets a parameter of a program with this name: its path, with its deployment or without, or the end of it.
 fn is_set_by(key: &str, name: &ProcessName, parameter: &str) -> bool {
     let Some((_, deployment, instance, of)) = parameter_key(key) else { return false };
+    if name.deployment().is_some_and(|named| !named.is_called(deployment)) {
+        return false;
+    }
     let whole = format!("{deployment}/{instance}");
     let name = name.process().unwrap_or_default();
     let name = name.strip_prefix("main/").unwrap_or(name);
@@ -342,16 +361,22 @@ fn programs(database: &DatabaseArgs) -> Result<Found, Failure> {
     database.with(async |databases| {
         let mut programs = Vec::new();
         for host in databases.robots().await? {
-            let told = databases.parameters(&host).await?;
-            if told.is_empty() {
-                continue;
-            }
+            // What one robot does not say is no reason to keep quiet about the others: who does not answer is told with them.
+            let told = match databases.parameters(&host).await {
+                Ok(told) if told.is_empty() => continue,
+                Ok(told) => told,
+                Err(Failure::Unreachable(_)) => continue,
+                Err(failure) => return Err(failure),
+            };
             let keys = databases.parameters_of(&host, "").await?;
             let program = |told: InstanceParameters| Program { set: set(&keys, &told), host: host.clone(), told };
             programs.extend(told.into_iter().map(program));
         }
         programs.sort_by_key(Program::name);
-        Ok(Found { programs, away: databases.away().await? })
+        let (nodes, away) = databases.statuses().await?;
+        let active = leaves(&nodes).into_iter().filter(|leaf| leaf.process.state == "running");
+        let active = active.map(|leaf| (leaf.deployment.clone(), leaf.process.path.clone())).collect();
+        Ok(Found { programs, away, active })
     })
 }
 

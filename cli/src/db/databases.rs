@@ -12,7 +12,7 @@ use dbmanager::logic::view::past::Keys;
 use dbmanager::logic::view::value::Datum;
 use node::console::{self, Failure, block_on};
 use node::logic::database::question::{AsOf, Question, Reply};
-use node::logic::protocol::{Answer, InstanceParameters, Request, TeamOfNode};
+use node::logic::protocol::{Answer, InstanceParameters, NodeStatus, Request, TeamOfNode};
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -179,14 +179,16 @@ impl<'a> Databases<'a> {
         Ok(all)
     }
 
-    /// Returns which hosts do not answer, as all nodes together say.
-    pub(crate) async fn away(&self) -> Result<Absences, Failure> {
-        Ok(absent::ask(&[(self.client, self.client.statuses().await?)]).await)
+    /// Returns what runs on the hosts that answer, and which hosts do not answer, as all nodes together say.
+    pub(crate) async fn statuses(&self) -> Result<(Vec<NodeStatus>, Absences), Failure> {
+        let found = [(self.client, self.client.statuses().await?)];
+        let away = absent::ask(&found).await;
+        Ok((found.into_iter().flat_map(|(_, statuses)| statuses.nodes).collect(), away))
     }
 
-    /// Returns the robots that can be reached now.
+    /// Returns the robots that can be reached now, without those whose keys are revoked. The node of this machine knows at once.
     pub(crate) async fn robots(&self) -> Result<Vec<String>, Failure> {
-        Ok(self.client.hosts(&[]).await?.into_iter().collect())
+        Ok(self.client.all().await?.into_iter().collect())
     }
 
     /// Returns whether a robot can be reached now.
