@@ -3,10 +3,12 @@
 //! What has been seen of it so far is told again by its home. There is no record: that ended with the command that made it.
 
 use crate::client::{ANSWER_WITHIN, Client, Clients, Statuses, unasked};
+use crate::complete;
 use crate::logic::process_name::DeploymentName;
 use crate::stop::{Located, locate};
 use crate::{ConnectArgs, absent, follow};
 use anyhow::anyhow;
+use clap_complete::ArgValueCompleter;
 use node::console::{Failure, block_on};
 use node::logic::protocol::{Answer, Request};
 use std::collections::BTreeSet;
@@ -15,7 +17,7 @@ use std::collections::BTreeSet;
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// The deployment; the only one that runs if none is named
-    #[arg(value_parser = DeploymentName::parse)]
+    #[arg(value_parser = DeploymentName::parse, add = ArgValueCompleter::new(complete::deployments))]
     name: Option<DeploymentName>,
     #[command(flatten)]
     connect: ConnectArgs,

@@ -2,6 +2,7 @@
 //! starts programs anew from the files as they are now.
 
 use crate::client::{ANSWER_WITHIN, Client, Clients, unasked};
+use crate::complete;
 use crate::follow::Spec;
 use crate::io::user;
 use crate::logic::process_name::{DeploymentName, ProcessName};
@@ -10,6 +11,7 @@ use crate::reader::Leave;
 use crate::stop::{Located, locate};
 use crate::{ConnectArgs, Controllers, Values, check, stored};
 use anyhow::anyhow;
+use clap_complete::ArgValueCompleter;
 use language::plan::{Plan, PlanChange, difference};
 use node::console::{self, Failure, block_on};
 use node::logic::protocol::{
@@ -40,10 +42,10 @@ pub struct PlanArguments {
 #[derive(Debug, clap::Args)]
 pub struct ReplaceArguments {
     /// The deployment: NAME, or NAME@NUMBER for one run of it
-    #[arg(value_parser = DeploymentName::parse)]
+    #[arg(value_parser = DeploymentName::parse, add = ArgValueCompleter::new(complete::deployments))]
     name: DeploymentName,
     /// The processes whose programs are started again: their paths, or the ends of these
-    #[arg(required = true, value_parser = ProcessName::parse_one)]
+    #[arg(required = true, value_parser = ProcessName::parse_one, add = ArgValueCompleter::new(complete::processes))]
     processes: Vec<ProcessName>,
     #[command(flatten)]
     probation: Probation,
@@ -146,7 +148,7 @@ pub struct Rollout {
     #[command(flatten)]
     probation: Probation,
     /// Change the programs of this host first; the rest once they are healthy, or they are taken back
-    #[arg(long, value_name = "HOST")]
+    #[arg(long, value_name = "HOST", add = ArgValueCompleter::new(complete::hosts))]
     canary: Option<String>,
 }
 

@@ -156,6 +156,7 @@ pub(crate) fn load(
         ));
     }
     let plan = plan.ok_or(Failure::Reported)?;
+    values.strange_hosts(&plan.hosts).iter().for_each(|sentence| console::note(sentence));
     Ok(as_spec(file, (spec, interfaces), plan))
 }
 
@@ -200,7 +201,7 @@ pub(crate) fn read(file: &Path) -> Result<Source, Failure> {
 
 /// Reads the text of a spec, with values of the user as the defaults of the root's parameters.
 pub(crate) fn read_with(file: &Path, values: &Values) -> Result<Source, Failure> {
-    Ok(assign(&read(file)?, &values.assignments).map_err(anyhow::Error::from)?)
+    Ok(assign(&read(file)?, &values.assignments()).map_err(anyhow::Error::from)?)
 }
 
 /// Asks the controllers' programs for their interfaces.

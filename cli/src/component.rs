@@ -5,11 +5,13 @@
 
 use crate::change::{Probation, change, meant, revision};
 use crate::client::Clients;
+use crate::complete;
 use crate::io::named_file;
 use crate::logic::process_name::{DeploymentName, ProcessName};
 use crate::stop::{Located, locate};
 use crate::{ConnectArgs, Controllers, check};
 use anyhow::anyhow;
+use clap_complete::ArgValueCompleter;
 use language::plan::{Constant, Failing, Leaf, Plan, difference};
 use language::{Code, Options, Source, compile, render, without_groups};
 use node::console::{self, Failure, block_on};
@@ -21,7 +23,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, clap::Args)]
 pub struct AddArguments {
     /// The deployment: NAME, or NAME@NUMBER for one run of it
-    #[arg(value_parser = DeploymentName::parse)]
+    #[arg(value_parser = DeploymentName::parse, add = ArgValueCompleter::new(complete::deployments))]
     name: DeploymentName,
     /// The new program as in a spec: `logger instof Logger("c1", period = 1 s)`
     instance: String,
@@ -49,10 +51,10 @@ pub struct AddArguments {
 #[derive(Debug, clap::Args)]
 pub struct RemoveArguments {
     /// The deployment: NAME, or NAME@NUMBER for one run of it
-    #[arg(value_parser = DeploymentName::parse)]
+    #[arg(value_parser = DeploymentName::parse, add = ArgValueCompleter::new(complete::deployments))]
     name: DeploymentName,
     /// The process that is taken away, with all that is below it: its path, or the end of it
-    #[arg(value_parser = ProcessName::parse_one)]
+    #[arg(value_parser = ProcessName::parse_one, add = ArgValueCompleter::new(complete::processes))]
     process: ProcessName,
     #[command(flatten)]
     connect: ConnectArgs,

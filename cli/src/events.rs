@@ -2,12 +2,14 @@
 
 use crate::ConnectArgs;
 use crate::client::feed::{Feed, FeedItem, Mode};
+use crate::complete;
 use crate::logic::process_name::DeploymentName;
 use crate::logic::record::report_kind;
 use crate::logic::sentence::{change_text, date_and_time, report_text};
 use crate::logic::suggestion;
 use crate::reader::Reader;
 use anyhow::anyhow;
+use clap_complete::ArgValueCompleter;
 use comms::io::clock;
 use comms::logic::time::Time;
 use node::console::{self, Failure, block_on};
@@ -20,7 +22,7 @@ use std::time::Duration;
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// Only of this deployment: NAME, or NAME@NUMBER for one run of it
-    #[arg(value_parser = DeploymentName::parse)]
+    #[arg(value_parser = DeploymentName::parse, add = ArgValueCompleter::new(complete::deployments))]
     name: Option<DeploymentName>,
     /// Go on as things happen, until Ctrl-C
     #[arg(short, long)]

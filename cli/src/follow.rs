@@ -113,8 +113,10 @@ pub(crate) async fn follow(
     (following, start): (&FollowArgs, StartMode),
 ) -> Result<(), Failure> {
     let home = spec.plan.home().context("the plan names no host for `main`")?.to_owned();
-    let messages = if following.ports.is_empty() { Messages::new() } else { messages(&spec.modules) };
-    let ports = ports(&spec.plan, &following.ports, &messages).map_err(|why| anyhow!(why))?;
+    // The project file may name ports where no record is kept.
+    let wanted = if following.no_record { &[][..] } else { &following.ports };
+    let messages = if wanted.is_empty() { Messages::new() } else { messages(&spec.modules) };
+    let ports = ports(&spec.plan, wanted, &messages).map_err(|why| anyhow!(why))?;
     let (request, plan, by) = (entropy::number()?, spec.plan.clone(), user::name_and_host());
     let request = Request::Deploy { request, plan, by, start };
     let request = client.signed(&home, request, 0).await?; // Who cannot sign leaves no record.

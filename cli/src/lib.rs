@@ -9,6 +9,7 @@ pub mod change;
 pub mod check;
 pub mod client;
 pub mod clock;
+mod complete;
 pub mod completions;
 pub mod component;
 pub mod conform;
@@ -40,6 +41,7 @@ pub mod object;
 pub mod output;
 pub(crate) mod outputs;
 pub mod param;
+mod project;
 mod queue;
 pub(crate) mod reader;
 pub mod report;
@@ -57,11 +59,11 @@ pub mod test;
 pub mod verify;
 mod work;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, CommandFactory as _, Parser, Subcommand};
 use client::signer::KeyPlace;
 use comms::io::session::{self, Role};
 use language::Assignment;
-use node::console::{finish, on_own_stack, parsed};
+use node::console::{finish, on_own_stack, parsed_by};
 use node::io::{logging, run_dir};
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
@@ -176,13 +178,13 @@ pub struct ConnectArgs {
     /// Look for nodes on the local network too (unauthenticated)
     #[arg(long)]
     pub lan: bool,
-    /// Folder with the sockets of this machine's nodes
+    /// Folder with the sockets of this machine's nodes [env: DCA_RUN_DIR]
     #[arg(long, value_name = "DIR")]
     pub run_dir: Option<PathBuf>,
     /// The folder with your key, for nodes in a team [default: $XDG_CONFIG_HOME/dca or ~/.config/dca]
     #[arg(long = "keys", value_name = "DIR")]
     pub key_folder: Option<PathBuf>,
-    /// A file of mode 0600 whose first line is the passphrase of your key [default: asked for at the terminal]
+    /// A file of mode 0600 whose first line is the passphrase of your key [env: DCA_PASSPHRASE_FILE] [default: asked for at the terminal]
     #[arg(long = "passphrase", value_name = "FILE")]
     pub key_passphrase: Option<PathBuf>,
 }
@@ -210,7 +212,8 @@ fn seconds(text: &str, range: &RangeInclusive<f64>) -> Result<f64, String> {
 /// Where the controllers' programs are.
 #[derive(Clone, Debug, Args)]
 pub struct Controllers {
-    /// A program that offers controller types; may be given more than once [default: dca-controller beside this program]
+    /// A program that offers controller types; may be given more than once [env: DCA_CONTROLLERS, with `:` between several]
+    /// [default: dca-controller beside this program]
     #[arg(long = "controllers", value_name = "PROGRAM")]
     pub programs: Vec<PathBuf>,
 }
@@ -221,6 +224,37 @@ pub struct Values {
     /// Give this parameter of `main` a value, such as `--set robot=r7`; may be given more than once [default: as in the spec]
     #[arg(id = "set", long = "set", value_name = "NAME=VALUE", value_parser = assignment)]
     assignments: Vec<Assignment>,
+    /// The values that the project file gives.
+    #[arg(id = "defaults", long = "project-set", hide = true, value_parser = assignment)]
+    defaults: Vec<Assignment>,
+    /// The hosts that the project file lists.
+    #[arg(id = "hosts", long = "project-host", hide = true)]
+    hosts: Vec<String>,
+}
+
+impl Values {
+    /// Returns the values of the project file that are not given otherwise, and those that are given.
+    fn assignments(&self) -> Vec<Assignment> {
+        let is_given = |one: &&Assignment| self.assignments.iter().any(|other| other.name == one.name);
+        let defaults = self.defaults.iter().filter(|one| !is_given(one));
+        defaults.chain(&self.assignments).cloned().collect()
+    }
+
+    /// Returns the values without those of the project file, for a verb that writes into the spec.
+    fn without_defaults(&self) -> Self {
+        Self { defaults: Vec::new(), ..self.clone() }
+    }
+
+    /// Returns a sentence for each host that the project file does not list, if it lists any.
+    fn strange_hosts(&self, hosts: &[String]) -> Vec<String> {
+        let is_strange = |host: &&String| !self.hosts.is_empty() && !self.hosts.contains(host);
+        let sentence = |host: &String| {
+            let near = language::nearest(host, self.hosts.iter().map(String::as_str));
+            let hint = near.map_or(String::new(), |near| format!("; did you mean `{near}`?"));
+            format!("warning: `{host}` is none of the hosts in `{}`{hint}", project::FILE)
+        };
+        hosts.iter().filter(is_strange).map(sentence).collect()
+    }
 }
 
 /// Reads `NAME=VALUE`.
@@ -236,7 +270,12 @@ pub fn main() -> ExitCode {
 }
 
 fn run_verb() -> ExitCode {
-    let command: Command = match parsed() {
+    complete::answer();
+    let command = match project::with_defaults(Command::command()) {
+        Ok(command) => command,
+        Err(failure) => return finish(Err(failure)),
+    };
+    let command: Command = match parsed_by(command) {
         Ok(command) => command,
         Err(code) => return code,
     };
@@ -292,7 +331,6 @@ fn run_verb() -> ExitCode {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
     #[test]
     fn every_verb_can_be_parsed() {

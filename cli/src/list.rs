@@ -5,12 +5,14 @@
 use crate::ConnectArgs;
 use crate::absent;
 use crate::client::{Client, Clients, words};
+use crate::complete;
 use crate::io::taps::Taps;
 use crate::logic::object::{Listed, ListedKind};
 use crate::logic::queues::ShownName;
 use crate::object::exports_of;
 use crate::tapped::{locations, outputs_of};
 use anyhow::anyhow;
+use clap_complete::ArgValueCompleter;
 use comms::logic::control::Dial;
 use node::console::{self, Failure, block_on};
 use node::logic::printable::printable;
@@ -24,7 +26,7 @@ use tokio::task::JoinSet;
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// A process, or one name of it: [DEPLOYMENT:]INSTANCE[.NAME], of its path the end is enough [default: all]
-    #[arg(value_parser = ShownName::parse)]
+    #[arg(value_parser = ShownName::parse, add = ArgValueCompleter::new(complete::processes))]
     instance: Option<ShownName>,
     /// Print an array of JSON, one object for each name
     #[arg(long)]

@@ -3,12 +3,14 @@
 mod list;
 
 use crate::client::{Answers, Clients, Statuses, unasked, words};
+use crate::complete;
 use crate::follow::RUNS;
 use crate::io::recorder;
 use crate::logic::process_name::ProcessName;
 use crate::reader::Reader;
 use crate::{ConnectArgs, absent};
 use anyhow::anyhow;
+use clap_complete::ArgValueCompleter;
 use node::console::{self, Failure, block_on};
 use node::io::{folder, run_dir};
 use node::logic::printable::Printable;
@@ -24,7 +26,7 @@ const RECORDS_MAX: usize = 20;
 pub struct Arguments {
     /// The process: [DEPLOYMENT:]INSTANCE, of its path the end is enough; without it or with `DEPLOYMENT:`, the processes are
     /// listed
-    #[arg(value_parser = ProcessName::parse)]
+    #[arg(value_parser = ProcessName::parse, add = ArgValueCompleter::new(complete::processes))]
     process: Option<ProcessName>,
     /// Go on as it writes
     #[arg(short, long)]

@@ -3,12 +3,14 @@
 //! The nodes say where a program is; the call goes straight to it.
 
 use crate::client::{ANSWER_WITHIN, Client, Clients, Statuses, unasked};
+use crate::complete;
 use crate::io::taps::Taps;
 use crate::logic::object::{ObjectName, argument, result};
 use crate::reader::Reader;
 use crate::tapped::locations;
 use crate::{ConnectArgs, absent};
 use anyhow::anyhow;
+use clap_complete::ArgValueCompleter;
 use comms::io::clock;
 use comms::io::data::call_digest;
 use comms::logic::control::Dial;
@@ -25,7 +27,7 @@ use std::time::Duration;
 #[derive(Debug, clap::Args)]
 struct ObjectArgs {
     /// What is meant: [DEPLOYMENT:]INSTANCE.NAME, such as `hand.Grip`; of the path of the instance its end is enough
-    #[arg(value_parser = ObjectName::parse)]
+    #[arg(value_parser = ObjectName::parse, add = ArgValueCompleter::new(complete::processes))]
     name: ObjectName,
     /// How many seconds the program has to answer
     #[arg(long, value_name = "SECONDS", default_value = "5", value_parser = |text: &str| crate::seconds(text, &(0.001..=86_400.0)), allow_negative_numbers = true)]

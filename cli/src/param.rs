@@ -5,8 +5,10 @@ use super::db::databases::DatabaseArgs;
 use super::db::write::CommitArgs;
 use super::logic::process_name::ProcessName;
 use super::logic::suggestion;
+use crate::complete;
 use anyhow::{Context, anyhow};
 use clap::Subcommand;
+use clap_complete::ArgValueCompleter;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::txn::Write;
 use dbmanager::logic::view::value::Datum;
@@ -41,7 +43,7 @@ enum Verb {
 #[derive(Debug, clap::Args)]
 struct List {
     /// A program: [DEPLOYMENT:]INSTANCE, of its path the end is enough [default: all]
-    #[arg(value_parser = ProcessName::parse)]
+    #[arg(value_parser = ProcessName::parse, add = ArgValueCompleter::new(complete::processes))]
     instance: Option<ProcessName>,
     #[command(flatten)]
     database: DatabaseArgs,
@@ -51,7 +53,7 @@ struct List {
 #[derive(Debug, clap::Args)]
 struct Get {
     /// A program: [DEPLOYMENT:]INSTANCE, of its path the end is enough, such as `hit/force`
-    #[arg(value_parser = ProcessName::parse)]
+    #[arg(value_parser = ProcessName::parse, add = ArgValueCompleter::new(complete::processes))]
     instance: ProcessName,
     /// The parameter
     parameter: String,
@@ -63,7 +65,7 @@ struct Get {
 #[derive(Debug, clap::Args)]
 struct Set {
     /// A program: [DEPLOYMENT:]INSTANCE, of its path the end is enough, such as `hit/force`
-    #[arg(value_parser = ProcessName::parse)]
+    #[arg(value_parser = ProcessName::parse, add = ArgValueCompleter::new(complete::processes))]
     instance: ProcessName,
     /// The parameter
     parameter: String,
@@ -78,7 +80,7 @@ struct Set {
 #[derive(Debug, clap::Args)]
 struct Unset {
     /// A program: [DEPLOYMENT:]INSTANCE, of its path the end is enough, such as `hit/force`
-    #[arg(value_parser = ProcessName::parse)]
+    #[arg(value_parser = ProcessName::parse, add = ArgValueCompleter::new(complete::processes))]
     instance: ProcessName,
     /// The parameter
     parameter: String,

@@ -3,6 +3,7 @@
 //! The nodes say where the programs are; each is asked itself.
 
 use crate::client::{ANSWER_WITHIN, Client, Clients, words};
+use crate::complete;
 use crate::io::taps::Taps;
 use crate::logic::queues::{Shown, ShownName};
 use crate::object::exports_of;
@@ -10,6 +11,7 @@ use crate::reader::Reader;
 use crate::tapped::locations;
 use crate::{ConnectArgs, absent};
 use anyhow::anyhow;
+use clap_complete::ArgValueCompleter;
 use comms::io::clock;
 use comms::logic::control::Dial;
 use comms::logic::object::{ExportKind, Exported};
@@ -28,7 +30,7 @@ const WATCH_EVERY: Duration = Duration::from_millis(100);
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// One of them, or those of a process: [DEPLOYMENT:]INSTANCE[.NAME], of the path its end is enough [default: all]
-    #[arg(value_parser = ShownName::parse)]
+    #[arg(value_parser = ShownName::parse, add = ArgValueCompleter::new(complete::processes))]
     name: Option<ShownName>,
     /// Go on, and print them whenever something has changed; looks ten times in a second
     #[arg(long)]

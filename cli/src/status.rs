@@ -8,10 +8,12 @@ mod watch;
 use crate::ConnectArgs;
 use crate::absent::{self, Absences, open_hosts};
 use crate::client::{Client, Clients, Statuses, feed};
+use crate::complete;
 use crate::logic::process_name::DeploymentName;
 use crate::logic::suggestion;
 use crate::logic::tree::{Unknown, tree};
 use anyhow::anyhow;
+use clap_complete::ArgValueCompleter;
 use node::console::{self, Failure, block_on};
 use node::logic::printable::one_line;
 use node::logic::protocol::{Absent, Deployment, LostValues, Network, NodeStatus, RefusedValues};
@@ -22,7 +24,7 @@ use std::collections::BTreeSet;
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// Only this deployment: NAME, or NAME@NUMBER for one run of it
-    #[arg(value_parser = DeploymentName::parse)]
+    #[arg(value_parser = DeploymentName::parse, add = ArgValueCompleter::new(complete::deployments))]
     name: Option<DeploymentName>,
     /// Print everything as JSON; with `--watch` each state on one line
     #[arg(long)]

@@ -9,8 +9,10 @@ mod away;
 use crate::ConnectArgs;
 use crate::absent::{self, confirmers};
 use crate::client::{ANSWER_WITHIN, Answers, Client, Clients, Statuses, unasked, words};
+use crate::complete;
 use crate::logic::process_name::DeploymentName;
 use anyhow::anyhow;
+use clap_complete::ArgValueCompleter;
 use comms::io::clock;
 use comms::logic::human::span;
 use node::console::{self, Failure, block_on};
@@ -31,13 +33,13 @@ const ASK_EVERY: Duration = Duration::from_millis(200);
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// The deployment: NAME, or NAME@NUMBER for one run of it
-    #[arg(value_parser = DeploymentName::parse)]
+    #[arg(value_parser = DeploymentName::parse, add = ArgValueCompleter::new(complete::deployments))]
     name: DeploymentName,
     /// Take it off the list of ends that hosts have not confirmed: nobody asks them any more
     #[arg(long)]
     forget: bool,
     /// Stop it although its home HOST does not answer: the others tell that when it is there again
-    #[arg(long, value_name = "HOST", conflicts_with_all = ["forget", "json"])]
+    #[arg(long, value_name = "HOST", conflicts_with_all = ["forget", "json"], add = ArgValueCompleter::new(complete::hosts))]
     away: Option<String>,
     /// Print what has become of it as JSON
     #[arg(long, conflicts_with = "forget")]

@@ -3,9 +3,11 @@
 use crate::ConnectArgs;
 use crate::change::revision;
 use crate::client::{Clients, unasked};
+use crate::complete;
 use crate::logic::process_name::{DeploymentName, ProcessName};
 use crate::stop::{Located, locate};
 use anyhow::anyhow;
+use clap_complete::ArgValueCompleter;
 use language::plan::Plan;
 use node::console::{self, Failure, block_on};
 use node::logic::protocol::{Answer, Deployment, Request, SetsSwitched, SwitchRequest};
@@ -19,10 +21,10 @@ const ANSWER_WITHIN: Duration = Duration::from_secs(12);
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
     /// The deployment: NAME, or NAME@NUMBER for one run of it
-    #[arg(value_parser = DeploymentName::parse)]
+    #[arg(value_parser = DeploymentName::parse, add = ArgValueCompleter::new(complete::deployments))]
     name: DeploymentName,
     /// The process, as a path or the end of one, and all labels of it that are to be open: `hit/force[lbl2]`
-    #[arg(value_name = "PROCESS[LABEL,...]")]
+    #[arg(value_name = "PROCESS[LABEL,...]", add = ArgValueCompleter::new(complete::processes))]
     process: Labelled,
     /// Print how it went as JSON
     #[arg(long)]

@@ -4,11 +4,13 @@
 //! deployment says when a program was started again, and when all is over.
 
 use crate::client::{ANSWER_WITHIN, Answers, Client, Clients, unasked, words};
+use crate::complete;
 use crate::io::taps::Taps;
 use crate::logic::tap::{Wanted, message};
 use crate::reader::Reader;
 use crate::{ConnectArgs, absent};
 use anyhow::anyhow;
+use clap_complete::ArgValueCompleter;
 use comms::io::clock;
 use comms::logic::control::Dial;
 use comms::logic::layout::Message;
@@ -31,7 +33,7 @@ const SECOND: Duration = Duration::from_secs(1);
 pub(crate) struct TapArgs {
     /// The output, and the end of its process's path: `force.Out`, `door:hit/force.Out`; of a device: `plant.arm/state`; inside
     /// an in-process group: `filter.smooth.Out`; without a process all that have it
-    #[arg(value_parser = Wanted::parse)]
+    #[arg(value_parser = Wanted::parse, add = ArgValueCompleter::new(complete::outputs))]
     output: Wanted,
     /// Print objects of JSON, one on a line; the last has `end`
     #[arg(long)]

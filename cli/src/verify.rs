@@ -228,7 +228,10 @@ pub(crate) fn compiled(
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let refusal = if arguments.json { Refusal::Json } else { Refusal::Text };
-    let loaded = load(&arguments.file, &arguments.controllers, &arguments.values, refusal)?;
+    // Edits are written into the text of the spec, so they are proved for that text.
+    let is_own = arguments.fix || arguments.test.is_some();
+    let values = if is_own { arguments.values.without_defaults() } else { arguments.values.clone() };
+    let loaded = load(&arguments.file, &arguments.controllers, &values, refusal)?;
     if let Some(format) = arguments.export {
         return export(&loaded, arguments.limits, format);
     }

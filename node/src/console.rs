@@ -6,7 +6,7 @@ mod given;
 
 use crate::logic::printable::printable;
 use anyhow::anyhow;
-use clap::Parser;
+use clap::{FromArgMatches, Parser};
 use comms::io::stack;
 use std::io::{self, Write};
 use std::process::ExitCode;
@@ -51,7 +51,17 @@ impl<E: Into<anyhow::Error>> From<E> for Failure {
 /// # Errors
 /// With the exit code, where there is nothing left to do.
 pub fn parsed<T: Parser>() -> Result<T, ExitCode> {
-    T::try_parse().map_err(|answer| {
+    parsed_by(T::command())
+}
+
+/// The same, by a command line that is not quite that of its type.
+///
+/// # Errors
+/// As [`parsed`].
+pub fn parsed_by<T: FromArgMatches>(mut command: clap::Command) -> Result<T, ExitCode> {
+    let matches = command.try_get_matches_from_mut(std::env::args_os());
+    let read = matches.and_then(|matches| T::from_arg_matches(&matches).map_err(|error| error.format(&mut command)));
+    read.map_err(|answer| {
         let is_result = !answer.use_stderr();
         let taken = if is_result { results().flush() } else { Ok(()) };
         let text = answer.render().to_string();

@@ -4,7 +4,9 @@ use crate::ConnectArgs;
 use crate::absent::{self, Absences};
 use crate::client::signer::KeyPlace;
 use crate::client::{Answers, Client, unasked};
+use crate::complete;
 use anyhow::anyhow;
+use clap_complete::ArgValueCompleter;
 use comms::io::clock;
 use comms::logic::time::Time;
 use dbmanager::logic::key::{Key, KeyError};
@@ -24,7 +26,7 @@ pub(crate) const ANSWER_WITHIN: Duration = Duration::from_secs(10);
 #[derive(Debug, clap::Args)]
 pub struct DatabaseArgs {
     /// Ask the copy of this robot [default: the one on this machine]
-    #[arg(long, value_name = "ROBOT")]
+    #[arg(long, value_name = "ROBOT", add = ArgValueCompleter::new(complete::hosts))]
     robot: Option<String>,
     /// Print JSON
     #[arg(long)]

@@ -3,3 +3,4 @@
 mod editors;
 mod lsp;
 mod nodes;
+mod project;

@@ -42,7 +42,7 @@ pub(crate) struct Arguments {
     /// when it is started again]
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     pub(super) agent_loss_grace: Option<Duration>,
-    /// Folder for sockets and output; its path, a slash and the node's name have 45 bytes at the most
+    /// Folder for sockets and output [env: DCA_RUN_DIR]; its path, a slash and the node's name have 45 bytes at the most
     #[arg(long, value_name = "DIR")]
     pub(super) run_dir: Option<PathBuf>,
     /// Folder for the database, which survives this node [default: /var/lib/dca, or dca in the user's state folder]

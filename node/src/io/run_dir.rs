@@ -145,9 +145,15 @@ pub enum RunDirError {
     },
 }
 
-/// Returns the default base folder of this user: that of the node which the service manager keeps running as this user, if
+/// The variable with the base folder, where no option says it.
+const VARIABLE: &str = "DCA_RUN_DIR";
+
+/// Returns the default base folder of this user: what `DCA_RUN_DIR` says, else that of the node which the service manager keeps running as this user, if
 /// there is one (`RuntimeDirectory=` of its unit), else one of the user's own.
 pub fn default_base() -> PathBuf {
+    if let Some(folder) = std::env::var_os(VARIABLE).filter(|folder| !folder.is_empty()) {
+        return folder.into();
+    }
     let uid = getuid().as_raw();
     let service = PathBuf::from(SERVICE);
     let run = PathBuf::from(format!("/run/user/{uid}"));
