@@ -26,6 +26,7 @@ pub mod fmea;
 pub mod fmt;
 pub mod follow;
 pub mod graph;
+mod help;
 pub mod hz;
 pub mod io;
 pub mod list;
@@ -271,7 +272,7 @@ pub fn main() -> ExitCode {
 
 fn run_verb() -> ExitCode {
     complete::answer();
-    let command = match project::with_defaults(Command::command()) {
+    let command = match project::with_defaults(help::with_help(Command::command())) {
         Ok(command) => command,
         Err(failure) => return finish(Err(failure)),
     };

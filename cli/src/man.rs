@@ -1,6 +1,7 @@
 //! `dca man`: writes the pages for `man`, one for each verb.
 
 use crate::Command;
+use crate::help::with_help;
 use anyhow::{Context as _, anyhow};
 use clap::CommandFactory as _;
 use node::console::{self, Failure};
@@ -31,7 +32,7 @@ fn write(folder: &Path) -> std::io::Result<usize> {
     fs::create_dir_all(folder)?;
     let mut count = 0;
     // The name of a page is that of its command: `dca-db-put.1`.
-    let mut next = vec![Command::command().disable_help_subcommand(true), node::command::command()];
+    let mut next = vec![with_help(Command::command()).disable_help_subcommand(true), node::command::command()];
     while let Some(mut command) = next.pop() {
         command.build();
         next.extend(
