@@ -38,14 +38,14 @@ pub(crate) fn near<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>
         if (longer - shorter) * 3 > longer {
             return None;
         }
-        let distance = distance(name, candidate);
-        (distance * 3 <= longer * EDIT).then_some((distance, candidate))
+        let distance = distance_within(name, candidate, longer * EDIT / 3)?;
+        Some((distance, candidate))
     });
     let mut found: Vec<(usize, &str)> = similar.collect();
     found.sort_by_key(|&(distance, _)| distance);
     let mut known = BTreeSet::new();
     let names: Vec<&str> = found.into_iter().map(|(_, name)| name).filter(|name| known.insert(*name)).collect();
-    let is_like = |candidate: &str| fold(candidate) == fold(name);
+    let is_like = |candidate: &str| folded(candidate).eq(folded(name));
     let like = names.iter().filter(|candidate| is_like(candidate)).count();
     let is_same = like == 1 && names.first().is_some_and(|first| is_like(first));
     let mut names = names.into_iter();
@@ -54,7 +54,11 @@ pub(crate) fn near<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>
 
 /// A name without its case and its `_`.
 pub(crate) fn fold(name: &str) -> String {
-    name.chars().filter(|&c| c != '_').flat_map(char::to_lowercase).collect()
+    folded(name).collect()
+}
+
+fn folded(name: &str) -> impl Iterator<Item = char> {
+    name.chars().filter(|&c| c != '_').flat_map(char::to_lowercase)
 }
 
 /// Returns how many pairs of letters a comparison looks at, at least one.
@@ -70,13 +74,21 @@ fn length(name: &str) -> usize {
 /// The Damerau-Levenshtein distance (adjacent swaps count once) in tenths of an edit, where characters that look alike
 /// are nearly equal: `lb11` and `lbl1` differ by 1.
 fn distance(one: &str, other: &str) -> usize {
-    let one: Vec<char> = one.chars().take(LENGTH_MAX).collect();
-    let other: Vec<char> = other.chars().take(LENGTH_MAX).collect();
-    let mut before_last: Vec<usize> = Vec::new();
-    let mut last: Vec<usize> = (0..=other.len()).map(|column| column * EDIT).collect();
-    for row in 1..=one.len() {
-        let mut current = vec![row * EDIT];
-        for column in 1..=other.len() {
+    distance_within(one, other, usize::MAX).unwrap_or(usize::MAX)
+}
+
+/// The same distance; none if it is larger than `most`. A spec with a thousand mistakes is compared at each keystroke, so this
+/// allocates nothing, and stops at the first row that is too far away.
+fn distance_within(one: &str, other: &str, most: usize) -> Option<usize> {
+    let (one, other) = (&letters(one), &letters(other));
+    let ((one, rows), (other, columns)) = ((&one.0, one.1), (&other.0, other.1));
+    let mut before_last = [0; LENGTH_MAX + 1];
+    let mut last: [usize; LENGTH_MAX + 1] = std::array::from_fn(|column| column * EDIT);
+    for row in 1..=rows {
+        let mut current = [0; LENGTH_MAX + 1];
+        current[0] = row * EDIT;
+        let mut least = current[0];
+        for column in 1..=columns {
             let replace = last[column - 1] + cost(one[row - 1], other[column - 1]);
             let mut best = replace.min(last[column] + EDIT).min(current[column - 1] + EDIT);
             let is_swap =
@@ -84,11 +96,26 @@ fn distance(one: &str, other: &str) -> usize {
             if is_swap {
                 best = best.min(before_last[column - 2] + EDIT);
             }
-            current.push(best);
+            current[column] = best;
+            least = least.min(best);
+        }
+        // A swap takes the row before the last, so both have to be too far away.
+        if least > most && last[..=columns].iter().all(|distance| *distance > most) {
+            return None;
         }
         before_last = std::mem::replace(&mut last, current);
     }
-    last[other.len()]
+    Some(last[columns]).filter(|distance| *distance <= most)
+}
+
+/// The letters of a name that are compared, and how many they are.
+fn letters(name: &str) -> ([char; LENGTH_MAX], usize) {
+    let (mut letters, mut count) = (['\0'; LENGTH_MAX], 0);
+    for (place, letter) in letters.iter_mut().zip(name.chars()) {
+        *place = letter;
+        count += 1;
+    }
+    (letters, count)
 }
 
 /// Returns the shape that a letter shares with others that look like it, if there are any.
@@ -146,6 +173,11 @@ mod tests {
         check("Hit", &["hit", "bit"], Some("hit"));
         check("", &["a"], None);
         assert_eq!(distance("ca", "ac"), EDIT);
+        for (one, other) in [("leaf3", "leaf4x"), ("ca", "ac"), ("approach", "aproahc"), ("", "abc"), ("abcdef", "")] {
+            let whole = distance(one, other);
+            assert_eq!(distance_within(one, other, whole), Some(whole), "{one} {other}");
+            assert_eq!(distance_within(one, other, whole.saturating_sub(1)), None, "{one} {other}");
+        }
         assert!(is_look_alike("lb11", "lbl1"));
         assert!(!is_look_alike("lb11", "lb12"));
     }

@@ -60,7 +60,12 @@ impl Lines {
         let start = self.starts.get(line).copied().unwrap_or(0);
         let column = match encoding {
             Encoding::Utf8 => offset - start,
-            Encoding::Utf16 => self.units_before(text, offset) - self.units_before(text, start),
+            // Most lines are short, and most have nothing but ASCII.
+            Encoding::Utf16 => match text.as_bytes().get(start..offset) {
+                Some(line) if line.is_ascii() => line.len(),
+                Some(line) if line.len() <= BLOCK => units(line),
+                Some(_) | None => self.units_before(text, offset) - self.units_before(text, start),
+            },
         };
         Position { line: number(line), character: number(column) }
     }
