@@ -10,7 +10,7 @@ use crate::{Controllers, Values, output};
 use anyhow::{Context, anyhow};
 use language::plan::{Environment, Plan};
 use language::{
-    Code, Compiled, Content, Diagnostic, Options, Severity, Source, Style, Texts, assign, compile, gather, render,
+    Code, Compiled, Content, Diagnostic, Options, Role, Severity, Source, Style, Texts, assign, compile, gather, render,
 };
 use node::console::{self, Failure};
 use node::io::programs;
@@ -230,24 +230,31 @@ pub(crate) fn others_with(
     };
     let mut others = gather(spec, &|path| content(path, read));
     others.extend(interfaces(controllers)?);
-    others.extend(python_interfaces(spec, &others)?);
+    others.extend(python_interfaces(spec, &others));
     Ok(others)
 }
 
-/// Asks the programs in Python that modules of a spec name for their interfaces, each once.
-fn python_interfaces(spec: &Source, others: &[Source]) -> Result<Vec<Source>, Failure> {
+/// Asks the programs in Python that modules of a spec name for their interfaces, each once. A program that fails is a source with the reason,
+/// for each of its modules.
+fn python_interfaces(spec: &Source, others: &[Source]) -> Vec<Source> {
     let texts: Vec<Source> = std::iter::once(spec).chain(others).cloned().collect();
-    let mut asked: Vec<(String, Environment)> = Vec::new();
+    let mut asked: Vec<(String, Environment, Result<(), String>)> = Vec::new();
     let mut interfaces = Vec::new();
     for module in language::asked(&texts) {
         let command = module.exec.strip_suffix(&module.name).unwrap_or(&module.exec).trim_end().to_owned();
-        let program = (command.clone(), module.environment.clone());
-        if !asked.contains(&program) {
-            interfaces.push(Source::new(command, programs::interfaces_of(&module)?));
-            asked.push(program);
+        let known = asked.iter().find(|(other, of, _)| *other == command && *of == module.environment);
+        let answered = known.map(|(.., answered)| answered.clone()).unwrap_or_else(|| {
+            let answered = programs::interfaces_of(&module).map_err(|error| error.to_string());
+            let told = answered.map(|text| interfaces.push(Source::new(command.clone(), text)));
+            asked.push((command, module.environment.clone(), told.clone()));
+            told
+        });
+        if let Err(why) = answered {
+            let role = Role::Missing(why);
+            interfaces.push(Source { name: module.exec, text: String::new(), role });
         }
     }
-    Ok(interfaces)
+    interfaces
 }
 
 /// Returns the content of a path in a `use`: a folder, or else a file, which `read` reads.

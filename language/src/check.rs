@@ -68,6 +68,7 @@ fn compile_all(
     types::check(&mut model, &mut diagnostics);
     resource_args::take(&mut model, &mut diagnostics);
     hosts::check(&model, &mut diagnostics);
+    declare::silent::check(&model, interfaces, &mut diagnostics);
     let root = types::root(&model, &mut diagnostics);
     if types::is_finite(&model, root, &mut diagnostics) {
         ports::check(&mut model, &mut diagnostics);

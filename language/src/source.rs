@@ -27,7 +27,8 @@ pub enum Role {
     Part,
     /// A folder that it uses: the names of the specs in it, each a part. The text is empty.
     Folder(Vec<String>),
-    /// A file or folder that it uses but that could not be read, for this reason.
+    /// A file or folder that it uses but that could not be read, for this reason; or the `exec` of a module whose program in Python was
+    /// asked for its interface, and failed.
     Missing(String),
 }
 

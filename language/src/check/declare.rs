@@ -4,6 +4,7 @@ mod environment;
 mod module;
 mod process;
 mod python;
+pub(super) mod silent;
 mod template;
 
 pub(super) use template::Templates;
