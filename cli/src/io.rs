@@ -1,5 +1,6 @@
 //! Files of the command line: the record of a run, and files that a person names; and the machine that it runs on.
 
+mod interpreter;
 pub(crate) mod keyring;
 pub mod machine;
 pub mod named_file;

@@ -1,5 +1,6 @@
 //! Looks at the machine that this command runs on.
 
+use super::interpreter;
 use crate::logic::checkup::{Folder, FoundPolicy, Machine};
 use comms::io::clock;
 use comms::io::session;
@@ -35,6 +36,7 @@ pub async fn look(run: &Path, state: Option<&Path>) -> Machine {
         shim: shim(&programs::beside("dca-shim")),
         version: env!("CARGO_PKG_VERSION").to_owned(),
         controllers: controllers(&programs::beside("dca-controller")),
+        interpreters: interpreter::found(),
         nodes: run_dir::running(run).unwrap_or_default().into_iter().map(|(name, _)| name).collect(),
         policies: policies(state),
     }

@@ -76,10 +76,34 @@ pub struct Machine {
     pub version: String,
     /// How many controller types `dca-controller` beside this program offers, or why none.
     pub controllers: Result<usize, String>,
+    /// The interpreters that programs in Python would have here.
+    pub interpreters: Vec<Interpreter>,
     /// The nodes that run on this machine, of this user.
     pub nodes: Vec<String>,
     /// The execution policies of this machine and its nodes: their files, or why one cannot be used.
     pub policies: Vec<Result<FoundPolicy, String>>,
+}
+
+/// An interpreter of Python.
+#[derive(Clone, Debug)]
+pub struct Interpreter {
+    /// The path by which it is started.
+    pub path: String,
+    /// Whether it belongs to a virtual environment.
+    pub is_of_venv: bool,
+    /// Its version, or why it does not start.
+    pub version: Result<String, String>,
+    /// The package `dca` that it loads, or why it loads none.
+    pub package: Result<Package, String>,
+}
+
+/// The package `dca` of an interpreter.
+#[derive(Clone, Debug)]
+pub struct Package {
+    /// Its version.
+    pub version: String,
+    /// The folder that it was loaded from.
+    pub folder: String,
 }
 
 /// An execution policy that can be used.
@@ -107,7 +131,9 @@ pub fn findings(machine: &Machine) -> Vec<Check> {
     let mut checks = vec![kernel(machine), containment(machine), clock(machine), discovery(machine)];
     checks.extend([listening(machine), files(machine), realtime(machine)]);
     checks.extend(machine.folders.iter().map(|(name, folder)| space(name, folder)));
-    checks.extend([shim(machine), controllers(machine), policy(machine), nodes(machine)]);
+    checks.extend([shim(machine), controllers(machine)]);
+    checks.extend(machine.interpreters.iter().map(|one| python(one, &machine.version)));
+    checks.extend([policy(machine), nodes(machine)]);
     checks
 }
 
@@ -248,6 +274,25 @@ fn controllers(machine: &Machine) -> Check {
     )
 }
 
+fn python(interpreter: &Interpreter, own: &str) -> Check {
+    let Interpreter { path, is_of_venv, version, package } = interpreter;
+    let hint = "programs with `python` in a spec need it: `pip install` the folder `python` of DCA into their environment, of the same version";
+    let (level, finding) = match (version, package) {
+        (Err(why), _) => (Level::Warning, format!("`{path}` does not start: {why}")),
+        (Ok(version), Err(_)) if !is_of_venv => (Level::Ok, format!("`{path}` is Python {version}, without `dca`")),
+        (Ok(version), Err(why)) => {
+            (Level::Warning, format!("`{path}` is Python {version}, and `import dca` fails: {why}"))
+        }
+        (Ok(version), Ok(package)) => {
+            let level = if package.version == own { Level::Ok } else { Level::Warning };
+            let other = if level == Level::Ok { String::new() } else { format!("; these programs have {own}") };
+            let Package { version: of, folder } = package;
+            (level, format!("`{path}` is Python {version}, with `dca` {of} from `{folder}`{other}"))
+        }
+    };
+    check("python", level, finding, hint)
+}
+
 fn policy(machine: &Machine) -> Check {
     let wrong: Vec<&str> = machine.policies.iter().filter_map(|one| one.as_ref().err().map(String::as_str)).collect();
     let files: Vec<&str> = machine.policies.iter().flatten().map(|one| one.path.as_str()).collect();
@@ -287,6 +332,16 @@ fn nodes(machine: &Machine) -> Check {
 mod tests {
     use super::*;
 
+    fn python(version: &str) -> Interpreter {
+        let package = Package { version: version.into(), folder: "/venv/dca".into() };
+        Interpreter {
+            path: ".venv/bin/python".into(),
+            is_of_venv: true,
+            version: Ok("3.12.1".into()),
+            package: Ok(package),
+        }
+    }
+
     fn good() -> Machine {
         let folder = Folder { path: "/run/dca".into(), free: Some(4 << 30), writing: Ok(()) };
         Machine {
@@ -302,6 +357,7 @@ mod tests {
             shim: Ok("1".into()),
             version: "1".into(),
             controllers: Ok(20),
+            interpreters: vec![python("1")],
             nodes: vec!["c1".into()],
             policies: vec![Ok(FoundPolicy { path: "/etc/dca/policy.toml".into(), could_be_changed_by: None })],
         }
@@ -311,7 +367,9 @@ mod tests {
     fn a_good_machine_has_no_hints() {
         let checks = findings(&good());
         assert!(checks.iter().all(|check| check.level == Level::Ok && check.hint.is_none()), "{checks:#?}");
-        assert_eq!(checks.len(), 12);
+        assert_eq!(checks.len(), 13);
+        let python = checks.iter().find(|check| check.name == "python").map(|check| check.finding.as_str());
+        assert_eq!(python, Some("`.venv/bin/python` is Python 3.12.1, with `dca` 1 from `/venv/dca`"));
     }
 
     /// Checks that one finding of a machine with a flaw has this level and says this; the others are good.
@@ -345,6 +403,19 @@ mod tests {
         check_flaw(|it| it.shim = Err("it is not there".into()), Level::Failed, "shim", "it is not there");
         check_flaw(|it| it.controllers = Err("no".into()), Level::Warning, "controllers", "no");
         check_flaw(|it| it.policies.push(Err("line 3: no".into())), Level::Failed, "policy", "line 3: no");
+        check_flaw(
+            |it| it.interpreters = vec![python("2")],
+            Level::Warning,
+            "python",
+            "with `dca` 2 from `/venv/dca`; these programs have 1",
+        );
+        check_flaw(
+            |it| it.interpreters[0].package = Err("no".into()),
+            Level::Warning,
+            "python",
+            "`import dca` fails: no",
+        );
+        check_flaw(|it| it.interpreters[0].version = Err("no".into()), Level::Warning, "python", "does not start: no");
         let weak = || Ok(FoundPolicy { path: "p".into(), could_be_changed_by: Some("ann".into()) });
         check_flaw(
             |it| it.policies.push(weak()),

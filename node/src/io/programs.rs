@@ -22,6 +22,8 @@ const TROUBLE_MAX: u64 = 64 << 10;
 const TROUBLE_LINES: usize = 5;
 /// How long a program in Python may take for an answer.
 const PYTHON_WITHIN: Duration = Duration::from_secs(5);
+/// The variable that tells a program which version of DCA starts it. A program in Python compares it with that of its package.
+pub(crate) const VERSION_VARIABLE: &str = "DCA_VERSION";
 /// How long an executable may take for an answer.
 pub const ANSWER_WITHIN: Duration = Duration::from_secs(10);
 
@@ -128,6 +130,7 @@ pub fn interfaces_of(module: &AskedModule) -> Result<String, ProgramsError> {
     let Some((program, rest)) = words.split_first() else { return Ok(String::new()) };
     let mut command = Command::new(program);
     command.args(rest).arg(INTERFACE).envs(&module.environment.variables).stderr(Stdio::piped());
+    command.env(VERSION_VARIABLE, env!("CARGO_PKG_VERSION"));
     if let Some(folder) = &module.environment.directory {
         command.current_dir(folder);
     }
@@ -170,12 +173,25 @@ pub fn ask(program: &Path, arguments: &[&str], within: Duration) -> io::Result<(
     run(command, within).map(|Answer { text, status, .. }| (text, status))
 }
 
+/// The same, with the last lines on its standard error.
+///
+/// # Errors
+/// As [`ask`].
+pub fn ask_with_trouble(program: &Path, arguments: &[&str], within: Duration) -> io::Result<Answer> {
+    let mut command = Command::new(program);
+    command.args(arguments).stderr(Stdio::piped());
+    run(command, within)
+}
+
 /// The answer of a program.
-struct Answer {
-    text: String,
+#[derive(Clone, Debug)]
+pub struct Answer {
+    /// The text on its standard output.
+    pub text: String,
     /// The last lines on its standard error, where that is a pipe.
-    trouble: String,
-    status: ExitStatus,
+    pub trouble: String,
+    /// How it ended.
+    pub status: ExitStatus,
 }
 
 fn run(mut command: Command, within: Duration) -> io::Result<Answer> {

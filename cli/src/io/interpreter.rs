@@ -1,0 +1,44 @@
+//! Asks the interpreters of Python which package `dca` they load.
+
+use crate::logic::checkup::{Interpreter, Package};
+use comms::logic::human::cause;
+use node::io::programs::{ANSWER_WITHIN, ask_with_trouble};
+use std::path::Path;
+
+/// The interpreter of a virtual environment in this folder, where `dca new --python` makes it.
+const OF_VENV: &str = ".venv/bin/python";
+/// The interpreter of a module without an environment.
+const OF_PATH: &str = "python3";
+/// Prints the version of the interpreter at once, and then what it loads: a crash of that leaves the first line.
+const LOOK: &str = "import sys
+print('.'.join(map(str, sys.version_info[:3])), flush=True)
+import dca, os
+print(dca.__version__, os.path.dirname(dca.__file__), sep='\\n')
+";
+
+/// Returns the interpreter of the environment in this folder, or else that of `PATH`; nothing if there is no Python.
+pub(super) fn found() -> Vec<Interpreter> {
+    let venv = Path::new(OF_VENV);
+    // A link that leads nowhere is found, too: that is what is wrong with it.
+    let path = if venv.symlink_metadata().is_ok() { venv } else { Path::new(OF_PATH) };
+    Some(look(path)).into_iter().filter(|one| path == venv || one.version.is_ok()).collect()
+}
+
+/// Asks an interpreter.
+fn look(path: &Path) -> Interpreter {
+    let (shown, is_of_venv) = (path.display().to_string(), path == Path::new(OF_VENV));
+    let told = match ask_with_trouble(path, &["-c", LOOK], ANSWER_WITHIN) {
+        Ok(told) => told,
+        Err(error) => {
+            let (version, package) = (Err(cause(&error)), Err("it does not start".to_owned()));
+            return Interpreter { path: shown, is_of_venv, version, package };
+        }
+    };
+    let mut lines = told.text.lines().map(str::to_owned);
+    let version = lines.next().ok_or_else(|| format!("it ends with {}", told.status));
+    let package = match (lines.next(), lines.next()) {
+        (Some(version), Some(folder)) => Ok(Package { version, folder }),
+        _ => Err(told.trouble.lines().last().map_or_else(|| told.status.to_string(), str::to_owned)),
+    };
+    Interpreter { path: shown, is_of_venv, version, package }
+}
