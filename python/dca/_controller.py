@@ -3,6 +3,7 @@
 import inspect
 import io
 import logging
+import os
 import signal
 import sys
 import typing
@@ -405,9 +406,21 @@ def declaration(cls: Any) -> Declaration:
     return found
 
 
+def _refuse_other_version() -> None:
+    """Ends this program if a node of another version starts it: the two may not understand each other."""
+    wanted = os.environ.get("DCA_VERSION", _dca.__version__)
+    if wanted != _dca.__version__:
+        folder = os.path.dirname(__file__)
+        sys.exit(
+            f"`dca` {_dca.__version__} from `{folder}` does not run under DCA {wanted}: install that version into the environment "
+            f"of `{sys.executable}`"
+        )
+
+
 def run(*controllers: type[Any]) -> None:
     """Runs this process as the controller that its arguments name; all that a main program has to do. It does not return."""
     declarations = [declaration(cls) for cls in controllers]
+    _refuse_other_version()
     arguments = sys.argv[1:]
     if len(declarations) == 1 and (not arguments or arguments[0] not in (*_MODES, declarations[0].name)):
         # A program of one controller needs no word for it.

@@ -10,12 +10,16 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 
 
+def target() -> Path:
+    """Returns the folder that cargo builds in."""
+    return Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
+
+
 def program() -> Path | None:
     """Returns `dca`: `$DCA`, or what `cargo build` has built."""
     if "DCA" in os.environ:
         return Path(os.environ["DCA"])
-    target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
-    found = target / "debug" / "dca"
+    found = target() / "debug" / "dca"
     return found if found.exists() else None
 
 

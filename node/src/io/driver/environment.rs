@@ -1,6 +1,7 @@
 //! The environment of a program: the variables of its node, of its module, and those that the node sets.
 
 use super::{Driver, start};
+use crate::io::programs::VERSION_VARIABLE;
 use crate::io::run_dir::{CONTROL_VARIABLE, DATA_SOCKET, DATA_VARIABLE, TEAM_VARIABLE};
 use crate::logic::effect::SpawnOrder;
 use comms::io::session::Reach;
@@ -57,6 +58,7 @@ impl Driver {
         let mut environment = self.config.inherited.variables(own, &order.environment);
         let path = |path: &Path| path.display().to_string();
         let mut set = |name: &str, value: String| drop(environment.insert(name.to_owned(), value));
+        set(VERSION_VARIABLE, env!("CARGO_PKG_VERSION").to_owned());
         set("DCA_INSTANCE", order.word());
         set("DCA_DEPLOYMENT", order.process.deployment.name.clone());
         set("DCA_DIR", path(dir));

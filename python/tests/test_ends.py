@@ -1,0 +1,147 @@
+"""What ends a Python program from outside, or keeps it from its start: each has its cause in the mission, and nothing is left."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+import venv
+from pathlib import Path
+
+import pytest
+
+WAITS = """
+import os
+from pathlib import Path
+import dca
+
+@dca.task("Waits.", every="20 ms")
+class Bad:
+    def main_calc(self, tick):
+        Path("pid").write_text(str(os.getpid()))
+        {act}
+
+if __name__ == "__main__":
+    {before}
+    dca.run(Bad)
+"""
+
+# The module says its interface itself, so the program is not asked before PREPARE.
+SPEC = """
+module Bad(host: Host) {{ python "bad.py"; venv "{venv}"; done; stop within 500 ms; }}
+process main(){{
+    host{{c1}}
+    instantiated_processes{{ bad instof Bad(c1){policy}; }}
+    internal_event_actions{{ bad within 30 s }}
+}}
+"""
+
+
+def write(missions, act="pass", before="pass", policy="", environment=".venv"):
+    missions.write("bad.py", WAITS.format(act=act, before=before))
+    missions.write("bad.dca", SPEC.format(policy=policy, venv=environment))
+
+
+def pid_of(missions, running):
+    until = time.monotonic() + 30
+    while time.monotonic() < until and running.poll() is None:
+        text = (missions.folder / "pid").read_text() if (missions.folder / "pid").exists() else ""
+        if text:
+            return int(text)
+    pytest.fail(f"it did not start: {running.communicate(timeout=30)}")
+
+
+def is_there(pid):
+    """Whether the process lives: one that has ended may wait for its parent."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+@pytest.mark.parametrize(
+    ("number", "policy", "expected"),
+    [
+        (signal.SIGKILL, "", "SIGKILL"),
+        (signal.SIGSTOP, " { watchdog 500 ms; }", "its loop has not come round"),
+        (signal.SIGTERM, "", ""),
+    ],
+)
+def test_a_program_that_is_signalled(missions, number, policy, expected):
+    write(missions, policy=policy)
+    command = [str(missions.dca), "run", "bad.dca"]
+    pipes = dict(stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    with subprocess.Popen(command, cwd=missions.folder, **pipes) as running:
+        pid = pid_of(missions, running)
+        os.kill(pid, number)
+        out, _ = running.communicate(timeout=40)
+    assert running.returncode == 1 and expected in out, out
+    assert not is_there(pid)
+
+
+def test_a_program_that_takes_too_much_memory(missions):
+    write(missions, act="self.hoard = bytearray(1 << 30)", policy=" { memory 300 MB; }")
+    ended = missions.run("bad.dca")
+    out = ended.stdout + ended.stderr
+    if "control group" in out:
+        pytest.skip("this machine has no control groups to limit memory with")
+    assert ended.returncode == 1 and ("memory" in out or "MemoryError" in out), out
+
+
+def test_a_package_of_another_version_is_refused_at_prepare(missions):
+    write(missions, before="dca._controller._dca.__version__ = '0.0.1'")
+    ended = missions.run("bad.dca")
+    out = ended.stdout + ended.stderr
+    assert ended.returncode == 1, out
+    assert "`dca` 0.0.1 from `" in out and "does not run under DCA" in out and sys.executable.split("/")[-1][:6] in out, out
+
+
+def test_an_environment_without_the_package_is_refused_at_prepare(missions):
+    # The one that was there has been replaced.
+    venv.create(missions.folder / "other", with_pip=False, symlinks=True)
+    write(missions, environment="other")
+    ended = missions.run("bad.dca")
+    out = ended.stdout + ended.stderr
+    assert ended.returncode == 1 and "No module named 'dca'" in out, out
+
+
+def test_an_environment_that_is_gone_is_refused_at_prepare(missions):
+    write(missions, environment="gone")
+    ended = missions.run("bad.dca")
+    assert ended.returncode == 1 and "there is no program `gone/bin/python`" in ended.stdout + ended.stderr
+
+
+def test_an_exception_while_it_begins(missions):
+    write(missions, before="raise SystemExit('not today')")
+    ended = missions.run("bad.dca")
+    assert ended.returncode == 1 and "not today" in ended.stdout + ended.stderr, ended.stdout + ended.stderr
+
+
+def test_a_failing_program_is_a_diagnostic_at_each_instance(missions):
+    missions.write("bad.py", "import nothing_of_this_name\n")
+    missions.write(
+        "bad.dca",
+        """
+module Bad { python "bad.py"; venv ".venv"; }
+process main(){
+    host{c1}
+    instantiated_processes{ one instof Bad(c1); two instof Bad(c1); }
+    internal_event_actions{ one within 1 s }
+}
+""",
+    )
+    checked = missions("check", "--format", "json", "bad.dca")
+    assert checked.returncode == 1
+    import json
+
+    found = [one for one in json.loads(checked.stdout)["diagnostics"] if one["code"] == "E0011"]
+    assert len(found) == 2 and all(one["place"]["start"]["line"] == 5 for one in found), checked.stdout
+    assert found[0]["help"][-1] == "ModuleNotFoundError: No module named 'nothing_of_this_name'"
+
+
+def test_doctor_names_the_interpreter_and_its_package(missions):
+    told = missions("doctor", "--json")
+    import json
+
+    [python] = [one for one in json.loads(told.stdout) if one["name"] == "python"]
+    assert python["finding"].startswith("`.venv/bin/python` is Python 3.") and "with `dca` " in python["finding"], python
