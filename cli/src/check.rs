@@ -224,14 +224,23 @@ pub(crate) fn others_with(
     controllers: &Controllers,
     change: &dyn Fn(&str, String) -> String,
 ) -> Result<Vec<Source>, Failure> {
+    let mut others = files_with(spec, change);
+    others.extend(interfaces(controllers)?);
+    others.extend(python_interfaces(spec, &others));
+    Ok(others)
+}
+
+/// The files that a spec uses.
+pub(crate) fn files(spec: &Source) -> Vec<Source> {
+    files_with(spec, &|_, text| text)
+}
+
+fn files_with(spec: &Source, change: &dyn Fn(&str, String) -> String) -> Vec<Source> {
     let read = |path: &str| {
         let text = named_file::text(Path::new(path), named_file::TEXT_MAX).map_err(|error| error.to_string())?;
         Ok(change(path, text))
     };
-    let mut others = gather(spec, &|path| content(path, read));
-    others.extend(interfaces(controllers)?);
-    others.extend(python_interfaces(spec, &others));
-    Ok(others)
+    gather(spec, &|path| content(path, read))
 }
 
 /// Asks the programs in Python that modules of a spec name for their interfaces, each once. A program that fails is a source with the reason,

@@ -57,6 +57,7 @@ mod switch;
 pub(crate) mod tapped;
 pub mod team;
 pub mod test;
+pub mod types;
 pub mod verify;
 mod work;
 
@@ -115,6 +116,8 @@ enum Verb {
     Fmt(fmt::Arguments),
     /// Draw a spec: processes, ports and connections
     Graph(graph::Arguments),
+    /// Print the record types of a spec as Python or Rust
+    Types(types::Arguments),
     /// Run the event actions of a spec with fake processes
     Sim(sim::Arguments),
     /// Explain a diagnostic code
@@ -299,6 +302,7 @@ fn run_verb() -> ExitCode {
         Verb::Fix(arguments) => fix::run(&arguments),
         Verb::Fmt(arguments) => fmt::run(&arguments),
         Verb::Graph(arguments) => graph::run(&arguments),
+        Verb::Types(arguments) => types::run(&arguments),
         Verb::Sim(arguments) => sim::run(&arguments),
         Verb::Explain(arguments) => explain::run(&arguments),
         Verb::Completions(arguments) => completions::run(&arguments),

@@ -13,6 +13,7 @@ pub mod page;
 pub(crate) mod process_name;
 pub(crate) mod queues;
 pub mod record;
+pub(crate) mod record_types;
 mod routers;
 pub(crate) mod sentence;
 pub(crate) mod story_test;

@@ -27,7 +27,7 @@ mod value;
 
 pub(crate) use sentences::{EVENTS, STATES, Word, is_word as is_sentence_word, words_of};
 
-pub(crate) use interface::{asked, exports, messages, parameters, port_types};
+pub(crate) use interface::{asked, exports, messages, parameters, port_types, record_types};
 
 use crate::diagnostic::{Code, limit};
 use crate::sites::{Property, Sites};

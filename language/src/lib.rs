@@ -57,7 +57,7 @@ pub use format::format;
 pub use gather::{Content, gather, without_groups};
 pub use graph::{Graph, graph};
 pub use host::host_name_problem;
-pub use message::{AskedModule, Layout, Message};
+pub use message::{AskedModule, FieldType, Layout, Message, RecordType};
 pub use similar::nearest;
 pub use simulate::{
     Ending, ProgramFault, RandomRun, ReplayError, Simulation, SimulationError, SimulationEvent, TraceError, TraceEvent,
@@ -118,6 +118,11 @@ pub fn quantity(text: &str, type_name: &str) -> Option<f64> {
 /// Returns the modules of these texts that are programs in Python and leave their interfaces to them.
 pub fn asked(sources: &[Source]) -> Vec<AskedModule> {
     check::asked(sources)
+}
+
+/// Returns the record types that these texts declare, in their order.
+pub fn record_types(sources: &[Source]) -> Vec<RecordType> {
+    check::record_types(sources)
 }
 
 /// Returns what each output of each module sends, as far as interfaces say it: by module, then by output.

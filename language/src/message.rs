@@ -44,3 +44,32 @@ pub struct AskedModule {
     /// The variables and the folder of the program.
     pub environment: Environment,
 }
+
+/// A record type that the texts declare, for programs in other languages.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RecordType {
+    /// Its name: `Wrench`.
+    pub name: String,
+    /// The text of its doc comments.
+    pub doc: String,
+    /// Its fields in order.
+    pub fields: Vec<(String, FieldType)>,
+}
+
+/// The type of a field, in which record types keep their names.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum FieldType {
+    /// `Number`, `Force`, `Truth`, `Text`, `Bytes`, or a type of programs.
+    Plain(String),
+    /// A record type, by its name.
+    Named(String),
+    /// A record that is written out.
+    Record(Vec<(String, Self)>),
+    /// Elements of one type.
+    List {
+        /// Of which.
+        of: Box<Self>,
+        /// How many; any number if that is not said.
+        count: Option<usize>,
+    },
+}

@@ -5,7 +5,7 @@ use super::diagnostics::Diagnostics;
 use super::range::Values;
 use super::spec::{CallRole, Direction, Kind, Module, Param, Port, Shape, Spec, Value, ValueKind};
 use super::types;
-use crate::message::{AskedModule, Layout, Message};
+use crate::message::{AskedModule, FieldType, Layout, Message, RecordType};
 use crate::plan::{Accepts, Constant, Parameter};
 use crate::source::{Origin, Source};
 use crate::syntax::{Parse, ast, parse};
@@ -55,6 +55,38 @@ pub(crate) fn port_types(interfaces: &[Source]) -> BTreeMap<String, BTreeMap<Str
 pub(crate) fn exports(interfaces: &[Source]) -> BTreeMap<String, BTreeMap<String, String>> {
     let of_module = |module: Module| (module.name.text, module.ports.into_iter().filter_map(signature).collect());
     read(interfaces).modules.into_iter().map(of_module).collect()
+}
+
+/// Returns the record types that the texts declare, in their order, each name once.
+pub(crate) fn record_types(sources: &[Source]) -> Vec<RecordType> {
+    let spec = read(sources);
+    let mut types: Vec<RecordType> = Vec::new();
+    for named in &spec.types {
+        let (name, Some(fields)) = (&named.name.text, &named.kind.fields) else { continue };
+        if types.iter().all(|other| other.name != *name) {
+            types.push(RecordType { name: name.clone(), doc: named.doc.clone(), fields: field_types(&spec, fields) });
+        }
+    }
+    types
+}
+
+fn field_types(spec: &Spec, fields: &[Param]) -> Vec<(String, FieldType)> {
+    let field = |field: &Param| Some((field.name.text.clone(), field_type(spec, field.kind.as_ref()?)));
+    fields.iter().filter_map(field).collect()
+}
+
+fn field_type(spec: &Spec, kind: &Kind) -> FieldType {
+    if let Some(fields) = &kind.fields {
+        return FieldType::Record(field_types(spec, fields));
+    }
+    match spec.shape(kind) {
+        Shape::Record(_) => FieldType::Named(kind.text.clone()),
+        Shape::List(element, count) => {
+            let element = Kind { text: element.to_owned(), span: kind.span, fields: None };
+            FieldType::List { of: Box::new(field_type(spec, &element)), count }
+        }
+        Shape::Plain(plain) => FieldType::Plain(plain.to_owned()),
+    }
 }
 
 /// Returns the modules that are programs in Python and leave their interfaces to them.
