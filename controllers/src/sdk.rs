@@ -106,6 +106,7 @@ pub use comms::logic::object::{Access, ExportKind, ObjectError};
 pub use arguments::{ArgumentError, Arguments, Kind, Parameter};
 pub use arrivals::Arrivals;
 pub use calls::{Answered, AnyCalls, CallOrder, CallPort, Calls, RawCalls};
+pub use comms::logic::control::KeyPort;
 pub use controller::{About, Configured, Controller, Outcome, Progress, Schedule, Stopping, TAG_MAX, Tick};
 pub use database::{
     Change, Database, DatabaseError, DatabaseOrder, DatabasePort, DatabaseRefusal, Entry, Expected, Transaction, TxnId,
@@ -114,7 +115,7 @@ pub use database::{
 pub use export::{Activity, CallInterface, ExportInterface, Exports, RawReply, Reply};
 pub use group::{GroupError, InProcessGroup};
 pub use interface::{Binding, Device, Direction, InnerOutput, Interface, PortInterface};
-pub use key_ports::{KeyAnswer, KeyNews, KeyPut, KeyResult};
+pub use key_ports::{KeyAnswer, KeyNews, KeyPorts, KeyPut, KeyResult};
 pub use module::{Delivery, DeliveryError, InnerValue, Module, Outlets};
 pub use port::{AnyIn, AnyOut, EVERY_MAX, Every, In, InputPort, InputSet, Message, Out, OutputPort, OutputSet, Unfit};
 pub use quantity::Quantity;

@@ -12,6 +12,7 @@ from typing import Any, Generic, NamedTuple, TypeVar, overload
 
 from . import _dca
 from ._message import encode, message_type
+from ._messaging import _Keys, _Station
 from ._quantity import name_of
 
 A = TypeVar("A")
@@ -314,6 +315,8 @@ class Declaration:
         self.ports = [value for value in declared.values() if isinstance(value, _Port)]
         self.parameters = [value for value in declared.values() if isinstance(value, _Parameter)]
         self.calls = [value for value in declared.values() if isinstance(value, Calls)]
+        self.stations = [value for value in declared.values() if isinstance(value, _Station)]
+        self.keys = [value for value in declared.values() if isinstance(value, _Keys)]
         databases = [value for value in declared.values() if isinstance(value, Database)]
         if len(databases) > 1:
             raise TypeError(f"{cls.__name__}: a controller has one dca.Database")
@@ -323,10 +326,13 @@ class Declaration:
         self._check()
 
     def _check(self) -> None:
-        names = [one.name for one in [*self.ports, *self.parameters, *self.calls, *self.exports]]
+        names = [one.name for one in [*self.ports, *self.parameters, *self.calls, *self.exports, *self.keys]]
+        names += [name for station in self.stations for name in station.names]
         if twice := {name for name in names if names.count(name) > 1}:
             raise TypeError(f"{self.cls.__name__}: there are two `{min(twice)}`")
         inputs = [port.name for port in self.ports if port.is_input] + [one.name for one in self.calls]
+        inputs += [one.name for one in self.stations if one.kind in ("sender", "lock user", "subscriber")]
+        inputs += [one.name for one in self.keys if one.kind != "writer"]
         inputs += ["database"] if self.database else []
         if self.triggered_by is not None and self.triggered_by not in inputs:
             raise TypeError(f"{self.cls.__name__}: triggered_by `{self.triggered_by}`, which is not one of its inputs or calls")
@@ -406,6 +412,27 @@ def declaration(cls: Any) -> Declaration:
     return found
 
 
+_PLAIN = frozenset(vars(logging.makeLogRecord({}))) | {"message", "asctime", "taskName"}
+
+
+class _Formatter(logging.Formatter):
+    """Writes a record on one line with its level, its logger and its fields: `INFO root: the door is open width=0.8`."""
+
+    def __init__(self) -> None:
+        super().__init__("%(levelname)s %(name)s: %(message)s")
+
+    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802
+        fields = [f"{name}={value}" for name, value in vars(record).items() if name not in _PLAIN]
+        return " ".join([super().formatMessage(record), *fields]).replace("\n", "\\n")
+
+
+def _level() -> int:
+    """Returns the level that `RUST_LOG` asks for, as it does of programs in Rust; INFO if it says none."""
+    word = os.environ.get("RUST_LOG", "").split(",")[0].strip().upper()
+    levels = {"ERROR": logging.ERROR, "WARN": logging.WARNING, "DEBUG": logging.DEBUG, "TRACE": logging.DEBUG}
+    return levels.get(word, logging.INFO)
+
+
 def _refuse_other_version() -> None:
     """Ends this program if a node of another version starts it: the two may not understand each other."""
     wanted = os.environ.get("DCA_VERSION", _dca.__version__)
@@ -430,7 +457,9 @@ def run(*controllers: type[Any]) -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(line_buffering=True)
     if not logging.getLogger().handlers:
-        logging.basicConfig(format="%(levelname)s %(name)s: %(message)s", level=logging.INFO)
+        handler = logging.StreamHandler()
+        handler.setFormatter(_Formatter())
+        logging.basicConfig(handlers=[handler], level=_level())
     # The node stops its programs; Ctrl-C ends one that was started by hand.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     sys.exit(_dca.run(declarations, arguments))

@@ -121,13 +121,152 @@ class Reply(Generic[T]):
     def refuse(self, reason: str) -> None:
         """Answers with a reason for not doing it, in one line."""
 
+class SendError(Exception):
+    """A message that is not in its queue, or may not be, and why."""
+
+class Taken(Generic[T]):
+    """A message that was taken out of a queue."""
+
+    @property
+    def data(self) -> T: ...
+    @property
+    def category(self) -> str: ...
+    @property
+    def sender(self) -> str:
+        """The process that has sent it."""
+    @property
+    def priority(self) -> int: ...
+    @property
+    def marker(self) -> int:
+        """What joins an answer with its question; 0 if it is neither."""
+    @property
+    def fence(self) -> int | None:
+        """The fencing number of the lock under which it was sent."""
+
+class Queue(Generic[T]):
+    """A queue, which others send to."""
+
+    def take(self) -> Taken[T] | None:
+        """Takes the message with the highest priority, and of those the one that came first; `None` if none waits."""
+    def __iter__(self) -> Iterator[Taken[T]]: ...
+    def __len__(self) -> int: ...
+
+class Sender(Generic[T]):
+    """The queue of another process, as its client sees it."""
+
+    def send(
+        self,
+        value: T,
+        *,
+        within: str | float,
+        category: str = "",
+        priority: int = 0,
+        marker: int = 0,
+        to: str | None = None,
+        fence: int | None = None,
+    ) -> Sending:
+        """Sends a message after this calculation, and again until its receipt comes; the queue takes it once."""
+
+class Sending:
+    """A message on its way."""
+
+    @property
+    def done(self) -> bool:
+        """Whether it is known what became of the message."""
+    def result(self) -> None:
+        """Returns nothing if the message is in the queue, or was; raises `dca.SendError` if it is not, or may not be."""
+
+class Lock:
+    """A lock as the class that has the resource sees it."""
+
+    @property
+    def held(self) -> int | None:
+        """The fencing number of the user that holds it; `None` if it is free."""
+    @property
+    def holder(self) -> str:
+        """The name of the user that holds it; empty if it is free."""
+    def admits(self, fence: int | None) -> bool:
+        """Returns whether a command with this fencing number may be carried out."""
+
+class LockUser:
+    """The lock of another process as its user sees it."""
+
+    @property
+    def held(self) -> int | None:
+        """The fencing number that goes with each command, as long as the lock may be believed to be held."""
+    @property
+    def is_wanted(self) -> bool:
+        """Whether a user with a greater priority waits for this one to let go."""
+    @property
+    def is_idle(self) -> bool:
+        """Whether nothing is wanted or held."""
+    @property
+    def holder(self) -> str:
+        """The name of the user that held it when this one was last told to wait."""
+    @property
+    def lost(self) -> str | None:
+        """Why the lock was lost, or was not to be had, since it was wanted last."""
+    def want(self, priority: int = 0) -> None:
+        """Wants the lock, with a priority."""
+    def let_go(self) -> None:
+        """Lets go of it, or waits no more."""
+
+class Router(Generic[T]):
+    """A router as its class sees it."""
+
+    @property
+    def subscribers(self) -> list[str]:
+        """The names of its subscribers."""
+    def send(self, value: T, *, category: str = "", priority: int = 0, marker: int = 0) -> None:
+        """Sends a message to all subscribers whose filters take its header."""
+    def dropped(self) -> list[tuple[str, str, int]]:
+        """Takes the subscribers that were dropped since: the name, why, and how many messages for it were lost."""
+
+class Subscriber(Generic[T]):
+    """The router of another process, as its subscriber sees it."""
+
+    @property
+    def state(self) -> str:
+        """Whether the router sends to it: `asking` as long as that is not known, `yes`, or the reason why not."""
+    def take(self) -> Taken[T] | None:
+        """Takes the next message; `None` if none waits."""
+    def set_filters(self, filters: Sequence[Any]) -> None:
+        """Wants other messages from now on."""
+    def __iter__(self) -> Iterator[Taken[T]]: ...
+    def __len__(self) -> int: ...
+
+class KeyNews:
+    """What is known of the keys that an input is connected with."""
+
+    def __iter__(self) -> Iterator[WatchChange]: ...
+
+class KeyAnswers:
+    """What became of the values that an output has put."""
+
+    def __iter__(self) -> Iterator[tuple[int, str | None]]:
+        """Iterates over the number of a put, and `None` if it was committed, else why it was not, or may not be."""
+
+class KeyWriter:
+    """An output that puts values at the keys that it is connected with."""
+
+    def put(self, key: str, value: Any, *, within: str | float, expected: str | None = None) -> int:
+        """Puts a value at a key after this calculation, or deletes it with `None`; returns the number of the put."""
+
 __version__: str
 
 class MessageType:
     name: str
     fields: str
+    inner: list[tuple[str, str]]
     def __init__(
-        self, name: str, fields: str, form: Any, *, stamp: int | None = None, allow_nan: bool = False
+        self,
+        name: str,
+        fields: str,
+        form: Any,
+        *,
+        stamp: int | None = None,
+        allow_nan: bool = False,
+        inner: Sequence[tuple[str, str]] = (),
     ) -> None: ...
     def encode(self, value: Any) -> bytes: ...
     def decode(self, bytes: bytes) -> Any: ...

@@ -13,6 +13,7 @@ A field is declared to other programs as a spec spells it, and has the bytes of 
     tuple[X, X, X]      X[3]            [X; 3]
     X | None            X[]             Option<X>, whose bytes are those of a list of at most one
     a dataclass         { ... }         a struct
+    list[M], M a message M[]            Vec<M>
 """
 
 import dataclasses
@@ -21,7 +22,7 @@ import types
 import typing
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar, overload
+from typing import Annotated, Any, TypeVar, overload
 
 from . import _dca
 from ._quantity import name_of
@@ -31,9 +32,16 @@ T = TypeVar("T")
 Bytes = bytes | bytearray | memoryview
 """A field of bytes: any of these goes out, and a read-only memoryview comes in."""
 
+class _Inner(dict[str, str]):
+    """The fields of the message types that lists in a message have as elements, by their names."""
+
+    def __init__(self, of_device: bool) -> None:
+        self.of_device = of_device
+
+
 _MESSAGE = "__dca_message__"
 _DEPTH_MAX = 60
-_TIME = ("number", "Time")
+_TIMES = (("number", "Time"), ("optional", ("number", "Time")), ("stamp",))
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,25 +51,45 @@ class Count:
     count: int
 
 
+@dataclass(frozen=True, slots=True)
+class _OfDevice:
+    """The form of a number in messages of devices."""
+
+    form: str
+
+
+Natural = Annotated[int, _OfDevice("natural")]
+"""A whole number from 0 on in the message of a device in Rust, where it is a `u16`, `u32` or `u64`."""
+Stamp = Annotated[float, _OfDevice("stamp")]
+"""The time of a device in its message in Rust, where it is a `Time`; in seconds."""
+
 @overload
 def message(cls: type[T]) -> type[T]: ...
 @overload
-def message(*, name: str | None = None, allow_nan: bool = False) -> Callable[[type[T]], type[T]]: ...
-def message(cls: type[Any] | None = None, *, name: str | None = None, allow_nan: bool = False) -> Any:
+def message(
+    *, name: str | None = None, allow_nan: bool = False, of_device: bool = False
+) -> Callable[[type[T]], type[T]]: ...
+def message(
+    cls: type[Any] | None = None, *, name: str | None = None, allow_nan: bool = False, of_device: bool = False
+) -> Any:
     """Makes a message type of a dataclass.
 
     `name` is its name in specs, that of the class otherwise. Numbers in it may be infinite, or not a number, only
-    with `allow_nan`. A field `stamp`, of type `dca.Time` or `dca.Time | None`, is the time of measurement.
+    with `allow_nan`. A message `of_device` does not declare its fields: it may have those of a device in Rust for which a spec has no word,
+    `dca.Stamp`, `dca.Natural`, and lists in lists. A field `stamp`, of type `dca.Time` or `dca.Time | None`, is the time of measurement.
     """
 
     def decorate(cls: type[T]) -> type[T]:
-        form, text = _record(cls, cls.__qualname__, 0)
+        inner = _Inner(of_device)
+        form, text = _record(cls, cls.__qualname__, 0, inner)
         names = [field for field, _ in form[2]]
         stamp = names.index("stamp") if "stamp" in names else None
-        if stamp is not None and form[2][stamp][1] not in (_TIME, ("optional", _TIME)):
+        if stamp is not None and form[2][stamp][1] not in _TIMES:
             raise TypeError(f"{cls.__qualname__}.stamp: the time of measurement is a dca.Time")
-        fields = text.removeprefix("{ ").removesuffix(" }")
-        setattr(cls, _MESSAGE, _dca.MessageType(name or cls.__name__, fields, form, stamp=stamp, allow_nan=allow_nan))
+        # A spec has no word for some fields of devices, whose messages are compared by their names.
+        fields = "" if of_device else text.removeprefix("{ ").removesuffix(" }")
+        made = _dca.MessageType(name or cls.__name__, fields, form, stamp=stamp, allow_nan=allow_nan, inner=list(inner.items()))
+        setattr(cls, _MESSAGE, made)
         return cls
 
     return decorate if cls is None else decorate(cls)
@@ -86,13 +114,13 @@ def message_type(cls: Any) -> _dca.MessageType:
     return found
 
 
-def _record(cls: type[Any], path: str, depth: int) -> tuple[Any, str]:
+def _record(cls: type[Any], path: str, depth: int, inner: _Inner) -> tuple[Any, str]:
     if not dataclasses.is_dataclass(cls):
         raise TypeError(f"{path}: a message is a dataclass; write @dataclass between @dca.message and the class")
     if depth > _DEPTH_MAX:
         raise TypeError(f"{path}: a message type is nested deeper than {_DEPTH_MAX} levels")
     fields, texts = [], []
-    for field, (form, text) in zip(dataclasses.fields(cls), _forms(cls, path, depth), strict=True):
+    for field, (form, text) in zip(dataclasses.fields(cls), _forms(cls, path, depth, inner), strict=True):
         if not field.init or field.kw_only:
             raise TypeError(f"{path}.{field.name}: a field of a message is an argument by its place")
         fields.append((field.name, form))
@@ -102,9 +130,9 @@ def _record(cls: type[Any], path: str, depth: int) -> tuple[Any, str]:
     return ("record", cls, fields), f"{{ {', '.join(texts)} }}"
 
 
-def _forms(cls: type[Any], path: str, depth: int) -> list[tuple[Any, str]]:
+def _forms(cls: type[Any], path: str, depth: int, inner: _Inner) -> list[tuple[Any, str]]:
     hints = typing.get_type_hints(cls, include_extras=True)
-    return [_form(hints[field.name], f"{path}.{field.name}", depth + 1) for field in dataclasses.fields(cls)]
+    return [_form(hints[field.name], f"{path}.{field.name}", depth + 1, inner) for field in dataclasses.fields(cls)]
 
 
 _BYTES = (("bytes",), "Bytes")
@@ -119,7 +147,7 @@ _PLAIN: dict[Any, tuple[Any, str]] = {
 }
 
 
-def _form(annotation: Any, path: str, depth: int) -> tuple[Any, str]:
+def _form(annotation: Any, path: str, depth: int, inner: _Inner) -> tuple[Any, str]:
     """Returns the form of a field, and its type as a spec spells it."""
     if annotation in _PLAIN:
         return _PLAIN[annotation]
@@ -127,8 +155,15 @@ def _form(annotation: Any, path: str, depth: int) -> tuple[Any, str]:
         return ("number", quantity), quantity
     origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
     if origin is typing.Annotated:
+        for extra in annotation.__metadata__:
+            if isinstance(extra, _OfDevice):
+                if not inner.of_device:
+                    raise TypeError(f"{path}: a spec has no word for this field; it is for @dca.message(of_device=True)")
+                return (extra.form,), "?"
         counts = [extra.count for extra in annotation.__metadata__ if isinstance(extra, Count)]
-        form, text = _form(arguments[0], path, depth)
+        form, text = _form(arguments[0], path, depth, inner)
+        if 0 in counts:
+            raise TypeError(f"{path}: a list has one element at least")
         if counts and form[0] == "list" and text.endswith("[]"):
             return ("list", form[1], counts[0], form[3]), f"{text[:-2]}[{counts[0]}]"
         return form, text
@@ -137,18 +172,20 @@ def _form(annotation: Any, path: str, depth: int) -> tuple[Any, str]:
         if all(_PLAIN.get(one) == _BYTES for one in others):
             others = [bytes]
         if len(others) == 1:
-            form, text = _form(others[0], path, depth)
-            return (form, text) if types.NoneType not in arguments else (("optional", form), _listed(text, "", path))
+            if types.NoneType not in arguments:
+                return _form(others[0], path, depth, inner)
+            form, text = _element(others[0], path, depth, inner)
+            return ("optional", form), _listed(text, "", path, inner)
     if origin is list and len(arguments) == 1:
-        form, text = _form(arguments[0], path, depth)
-        return ("list", form, None, False), _listed(text, "", path)
+        form, text = _element(arguments[0], path, depth, inner)
+        return ("list", form, None, False), _listed(text, "", path, inner)
     if origin is tuple and arguments:
         if len(arguments) == 2 and arguments[1] is Ellipsis:
-            form, text = _form(arguments[0], path, depth)
-            return ("list", form, None, True), _listed(text, "", path)
+            form, text = _element(arguments[0], path, depth, inner)
+            return ("list", form, None, True), _listed(text, "", path, inner)
         if all(one == arguments[0] for one in arguments):
-            form, text = _form(arguments[0], path, depth)
-            return ("list", form, len(arguments), True), _listed(text, str(len(arguments)), path)
+            form, text = _element(arguments[0], path, depth, inner)
+            return ("list", form, len(arguments), True), _listed(text, str(len(arguments)), path, inner)
         raise TypeError(f"{path}: the elements of a tuple are of one type; make a dataclass of others")
     if origin is typing.Literal and all(isinstance(one, str) for one in arguments):
         return ("words", [(one, one) for one in arguments]), "Text"
@@ -158,12 +195,24 @@ def _form(annotation: Any, path: str, depth: int) -> tuple[Any, str]:
             return ("words", [(one.value, one) for one in members]), "Text"
         raise TypeError(f"{path}: the values of an Enum in a message are strings")
     if dataclasses.is_dataclass(annotation) and isinstance(annotation, type):
-        return _record(annotation, path, depth)
+        return _record(annotation, path, depth, inner)
     shown = getattr(annotation, "__name__", str(annotation))
     raise TypeError(f"{path}: `{shown}` cannot be in a message; see the table in dca._message")
 
 
-def _listed(text: str, count: str, path: str) -> str:
-    if text.endswith(("]", "}")):
-        raise TypeError(f"{path}: a list of lists, records or optional values: put the inner one into a message of its own")
+def _element(annotation: Any, path: str, depth: int, inner: _Inner) -> tuple[Any, str]:
+    """Returns the form of an element of a list. A record in a list has a name, by which a spec knows it."""
+    form, text = _form(annotation, path, depth, inner)
+    if form[0] != "record":
+        return form, text
+    found: _dca.MessageType | None = annotation.__dict__.get(_MESSAGE)
+    if found is None:
+        raise TypeError(f"{path}: a record in a list is a message: write @dca.message above `{annotation.__name__}`")
+    inner.update([*found.inner, (found.name, found.fields)])
+    return form, found.name
+
+
+def _listed(text: str, count: str, path: str, inner: _Inner) -> str:
+    if not inner.of_device and text.endswith(("]", "}")):
+        raise TypeError(f"{path}: a list of lists or of optional values: put the inner one into a message of its own")
     return f"{text}[{count}]"

@@ -41,6 +41,13 @@ impl DeclaredCalls {
     }
 }
 
+impl CallsOf {
+    /// Returns the message types of its argument and its result.
+    pub(crate) fn messages(&self) -> impl Iterator<Item = &Arc<Py<MessageType>>> {
+        self.argument.iter().chain(&self.result)
+    }
+}
+
 /// The calls of one name, of one instance.
 #[derive(Debug)]
 pub(crate) struct CallState {

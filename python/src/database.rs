@@ -166,7 +166,7 @@ impl DatabaseOf {
 }
 
 /// Reads what a key has to be.
-fn expectation(word: &str) -> PyResult<Expected> {
+pub(crate) fn expectation(word: &str) -> PyResult<Expected> {
     Ok(match word {
         "absent" => Expected::Absent,
         "exists" => Expected::Exists,
@@ -277,7 +277,7 @@ impl Watch {
     }
 }
 
-fn change(py: Python<'_>, event: WatchEvent) -> PyResult<WatchChange> {
+pub(crate) fn change(py: Python<'_>, event: WatchEvent) -> PyResult<WatchChange> {
     let entries = |all: &[Entry]| all.iter().map(|entry| EntryOf::new(py, entry)).collect::<PyResult<Vec<_>>>();
     let plain = |kind, entries| WatchChange { kind, entries, by: String::new(), reason: String::new() };
     Ok(match event {

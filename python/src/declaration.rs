@@ -2,7 +2,9 @@
 
 use crate::calls::{CallsOf, DeclaredCalls};
 use crate::exports::{DeclaredExport, Export};
+use crate::keys::{DeclaredKeys, KeysOf};
 use crate::message::MessageType;
+use crate::messaging::{DeclaredStation, StationOf};
 use crate::quantity::{si, span};
 use controllers::sdk::{About, Binding, Direction, Interface, Kind, Outcome, Parameter, PortInterface, Quantity};
 use pyo3::exceptions::PyValueError;
@@ -20,6 +22,10 @@ pub(crate) struct Class {
     pub(crate) exports: Vec<Export>,
     /// In the order of the calls of the interface.
     pub(crate) calls: Vec<CallsOf>,
+    /// Queues, locks, routers, and clients of those; their calls are behind the calls of `calls`.
+    pub(crate) stations: Vec<StationOf>,
+    /// Behind the ports of `ports`.
+    pub(crate) keys: Vec<KeysOf>,
     /// The attribute of the database.
     pub(crate) database: Option<String>,
 }
@@ -47,6 +53,8 @@ struct Declaration {
     ports: Vec<DeclaredPort>,
     exports: Vec<DeclaredExport>,
     calls: Vec<DeclaredCalls>,
+    stations: Vec<DeclaredStation>,
+    keys: Vec<DeclaredKeys>,
     database: Option<String>,
     parameters: Vec<DeclaredParameter>,
     outcomes: Vec<(String, Option<String>)>,
@@ -106,17 +114,32 @@ impl Class {
             return Err(PyValueError::new_err("`every` is 0 s: a controller has a period"));
         }
         let exports: Vec<Export> = declared.exports.into_iter().map(|one| one.export(for_ever)).collect();
-        let (calls, call_interfaces) = declared.calls.into_iter().map(|one| one.calls(for_ever)).unzip();
+        let (calls, mut call_interfaces): (Vec<_>, Vec<_>) =
+            declared.calls.into_iter().map(|one| one.calls(for_ever)).unzip();
+        let stations =
+            declared.stations.into_iter().map(|one| one.station(for_ever)).collect::<PyResult<Vec<StationOf>>>()?;
+        call_interfaces.extend(stations.iter().filter_map(StationOf::calls));
+        let keys: Vec<KeysOf> = declared.keys.into_iter().map(|one| one.keys(for_ever)).collect();
+        interfaces.extend(keys.iter().map(|keys| keys.interface.clone()));
+        let of_stations = stations.iter().flat_map(StationOf::exports);
         let interface = Interface {
             type_name: for_ever(declared.name),
             about,
             ports: interfaces,
-            exports: exports.iter().map(|export| export.interface.clone()).collect(),
+            exports: exports.iter().map(|export| export.interface.clone()).chain(of_stations).collect(),
             calls: call_interfaces,
             inner: Vec::new(),
         };
         let (declaration, database) = (declaration.clone().unbind(), declared.database);
-        Ok(Arc::new(Self { declaration, interface, ports, exports, calls, database }))
+        Ok(Arc::new(Self { declaration, interface, ports, exports, calls, stations, keys, database }))
+    }
+
+    /// Returns the record types that messages of its ports, calls and exports have in lists: their names and fields.
+    pub(crate) fn inner_types(&self, py: Python<'_>) -> Vec<(String, String)> {
+        let ports = self.ports.iter().map(|port| &port.message);
+        let calls = self.calls.iter().flat_map(|calls| calls.messages());
+        let exports = self.exports.iter().flat_map(|export| export.messages());
+        ports.chain(calls).chain(exports).flat_map(|message| message.bind(py).get().inner.clone()).collect()
     }
 
     /// Returns the inputs, in order.

@@ -63,6 +63,11 @@ pub(crate) fn type_form(message: Option<&Py<MessageType>>) -> TypeForm {
 }
 
 impl Export {
+    /// Returns the message types of its argument and its result.
+    pub(crate) fn messages(&self) -> impl Iterator<Item = &Arc<Py<MessageType>>> {
+        self.argument.iter().chain(&self.result)
+    }
+
     /// Carries out a call.
     pub(crate) fn serve(&self, object: &Py<PyAny>, bytes: &[u8], activity: Activity, reply: RawReply) {
         let name = self.interface.name;

@@ -4,11 +4,12 @@
 //! `("record", CLASS, [("x", FORM), ...])`. The bytes are those of a Rust type with the same fields. An optional value has the bytes of a list
 //! of at most one.
 
+use crate::encoded::Encoded;
 use crate::piece::Piece;
-use comms::logic::layout::{Reader, Writer};
+use comms::logic::layout::Reader;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyList, PyMemoryView, PyString, PyTuple};
+use pyo3::types::{PyList, PyString, PyTuple};
 use std::sync::Arc;
 
 /// The deepest nesting of a type.
@@ -23,6 +24,10 @@ pub(crate) enum Form {
     Number,
     /// A whole number, which travels as a float.
     Whole,
+    /// A whole number of a device, which is not negative.
+    Natural,
+    /// The time of a device, in nanoseconds; seconds in Python.
+    Stamp,
     Truth,
     Text,
     /// A read-only `memoryview`; any buffer goes out.
@@ -61,6 +66,8 @@ impl Form {
         Ok(match word.as_str() {
             "number" => Self::Number,
             "whole" => Self::Whole,
+            "natural" => Self::Natural,
+            "stamp" => Self::Stamp,
             "truth" => Self::Truth,
             "text" => Self::Text,
             "bytes" => Self::Bytes,
@@ -93,7 +100,10 @@ impl Form {
             if Some(at) == stamp {
                 // Of an optional stamp the number is behind the mark that there is one.
                 let taken = before.get(..before.len() - reader.rest().len()).unwrap_or_default();
-                look.stamp = taken.last_chunk().map(|number| f64::from_le_bytes(*number));
+                look.stamp = match form {
+                    Self::Stamp => Reader::new(taken).natural().map(from_nanos),
+                    _ => taken.last_chunk().map(|number| f64::from_le_bytes(*number)),
+                };
             }
         }
         reader.rest().is_empty().then_some(look)
@@ -110,6 +120,7 @@ impl Form {
                     return None;
                 }
             }
+            Self::Natural | Self::Stamp => drop(reader.natural()?),
             Self::Truth => drop(reader.truth()?),
             Self::Text => drop(reader.text()?),
             Self::Bytes => drop(reader.piece()?),
@@ -150,6 +161,8 @@ impl Form {
                 let whole = number as i64;
                 whole.into_pyobject(py)?.into_any()
             }
+            Self::Natural => reader.natural().ok_or_else(short)?.into_pyobject(py)?.into_any(),
+            Self::Stamp => from_nanos(reader.natural().ok_or_else(short)?).into_pyobject(py)?.into_any(),
             Self::Truth => reader.truth().ok_or_else(short)?.into_pyobject(py)?.to_owned().into_any(),
             Self::Text => PyString::new(py, reader.text().ok_or_else(short)?).into_any(),
             Self::Bytes => {
@@ -183,14 +196,14 @@ impl Form {
     }
 
     /// Writes a value; `allows_nan` says whether a number may be infinite, or not a number.
-    pub(crate) fn write(&self, value: &Bound<'_, PyAny>, writer: &mut Writer<'_>, allows_nan: bool) -> PyResult<()> {
+    pub(crate) fn write(&self, value: &Bound<'_, PyAny>, encoded: &mut Encoded, allows_nan: bool) -> PyResult<()> {
         match self {
             Self::Number => {
                 let number: f64 = value.extract().map_err(|_no_number| expected("a number", value))?;
                 if !allows_nan && !number.is_finite() {
                     return Err(PyValueError::new_err(format!("{} is not a finite number", value.repr()?)));
                 }
-                writer.number(number);
+                encoded.writer().number(number);
             }
             Self::Whole => {
                 let whole: i64 = value.extract().map_err(|_no_number| expected("a whole number", value))?;
@@ -199,26 +212,36 @@ impl Form {
                 if number.abs() > WHOLE_MAX {
                     return Err(PyValueError::new_err(format!("{whole} is beyond 2^53, which a message cannot hold")));
                 }
-                writer.number(number);
+                encoded.writer().number(number);
             }
-            Self::Truth => writer.truth(value.extract().map_err(|_no_truth| expected("a bool", value))?),
+            Self::Natural => {
+                let number = value.extract().map_err(|_no_number| expected("a whole number from 0 on", value))?;
+                encoded.writer().natural(number);
+            }
+            Self::Stamp => {
+                let seconds: f64 = value.extract().map_err(|_no_number| expected("a number", value))?;
+                let since = std::time::Duration::try_from_secs_f64(seconds);
+                let since = since.map_err(|_no_time| expected("a time in seconds", value))?;
+                encoded.writer().natural(u64::try_from(since.as_nanos()).unwrap_or(u64::MAX));
+            }
+            Self::Truth => encoded.writer().truth(value.extract().map_err(|_no_truth| expected("a bool", value))?),
             Self::Text => {
                 let text = value.cast::<PyString>().map_err(|_no_text| expected("a str", value))?;
-                writer.text(&text.to_cow()?);
+                encoded.writer().text(&text.to_cow()?);
             }
-            Self::Bytes => write_bytes(value, writer)?,
+            Self::Bytes => write_bytes(value, encoded)?,
             Self::Words(words) => {
                 let found = words.iter().find(|(_, one)| value.eq(one).unwrap_or(false));
                 let (word, _) = found.ok_or_else(|| {
                     let words: Vec<&str> = words.iter().map(|(word, _)| word.as_str()).collect();
                     expected(&format!("one of `{}`", words.join("`, `")), value)
                 })?;
-                writer.text(word);
+                encoded.writer().text(word);
             }
             Self::Optional(of) => {
-                writer.truth(!value.is_none());
+                encoded.writer().truth(!value.is_none());
                 if !value.is_none() {
-                    of.write(value, writer, allows_nan)?;
+                    of.write(value, encoded, allows_nan)?;
                 }
             }
             Self::List { of, count, .. } => {
@@ -228,11 +251,11 @@ impl Form {
                         return Err(PyValueError::new_err(format!("expected {count} elements, got {length}")));
                     }
                     Some(_) => {}
-                    None => writer.length(length),
+                    None => encoded.writer().length(length),
                 }
                 let mut written = 0;
                 for element in value.try_iter()? {
-                    of.write(&element?, writer, allows_nan)?;
+                    of.write(&element?, encoded, allows_nan)?;
                     written += 1;
                 }
                 if written != length {
@@ -247,7 +270,7 @@ impl Form {
                 for (name, form) in fields {
                     let name = name.bind(value.py());
                     let in_field = |error: PyErr| within(value.py(), name, &error);
-                    form.write(&value.getattr(name)?, writer, allows_nan).map_err(in_field)?;
+                    form.write(&value.getattr(name)?, encoded, allows_nan).map_err(in_field)?;
                 }
             }
         }
@@ -255,24 +278,21 @@ impl Form {
     }
 }
 
-fn is_whole(number: f64) -> bool {
-    number.abs() <= WHOLE_MAX && number.fract().abs() < f64::MIN_POSITIVE
+fn from_nanos(nanos: u64) -> f64 {
+    std::time::Duration::from_nanos(nanos).as_secs_f64()
 }
 
-/// Writes what any buffer holds. `bytes()` of Python copies a buffer that is not one piece.
-fn write_bytes(value: &Bound<'_, PyAny>, writer: &mut Writer<'_>) -> PyResult<()> {
-    if let Ok(bytes) = value.cast::<PyBytes>() {
-        writer.piece(bytes.as_bytes());
-        return Ok(());
-    }
+fn is_whole(number: f64) -> bool {
+    number.abs() <= WHOLE_MAX && number.fract().abs().to_bits() == 0
+}
+
+/// Writes what any buffer holds.
+fn write_bytes(value: &Bound<'_, PyAny>, encoded: &mut Encoded) -> PyResult<()> {
     if value.extract::<i64>().is_ok() {
-        // Which `bytes()` would take for a length.
+        // Which `memoryview` has no word for.
         return Err(expected("bytes", value));
     }
-    let view = PyMemoryView::from(value).map_err(|_no_buffer| expected("bytes, or another buffer", value))?;
-    let bytes = view.call_method0("tobytes")?.cast_into::<PyBytes>()?;
-    writer.piece(bytes.as_bytes());
-    Ok(())
+    encoded.buffer(value).map_err(|_no_buffer| expected("bytes, or another buffer", value))
 }
 
 fn expected(what: &str, value: &Bound<'_, PyAny>) -> PyErr {

@@ -6,9 +6,12 @@
 use crate::calls::{CallState, Calls};
 use crate::database::{DatabaseOf, DatabaseState};
 use crate::declaration::Class;
+use crate::encoded::Encoded;
 use crate::ending::{Abort, Done, Tick};
 use crate::failure::told;
 use crate::input::{EveryInput, Input, InputState, Refused};
+use crate::keys::KeysState;
+use crate::messaging::Stations;
 use crate::output::{Output, OutputState};
 use crate::quantity::seconds;
 use comms::logic::database::DatabaseAnswer;
@@ -17,8 +20,8 @@ use comms::logic::object::ObjectError;
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use controllers::sdk::{
-    Activity, Arguments, CallOrder, Configured, DatabaseOrder, Delivery, DeliveryError, Interface, Kind, Module,
-    Outlets, Parameter, Progress, RawReply, Stopping, Unknown,
+    Activity, Arguments, CallOrder, Configured, DatabaseOrder, Delivery, DeliveryError, Interface, KeyPort, KeyPorts,
+    Kind, Module, Outlets, Parameter, Progress, RawReply, Stopping, Unknown,
 };
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
@@ -39,6 +42,11 @@ pub(crate) struct Instance {
     inputs: Vec<Arc<InputState>>,
     outputs: Vec<Arc<OutputState>>,
     calls: Vec<Arc<CallState>>,
+    stations: Stations,
+    /// The attributes of the object in the places of the stations.
+    station_objects: Vec<(String, Py<PyAny>)>,
+    keys: Vec<Arc<KeysState>>,
+    key_ports: KeyPorts,
     database: Arc<DatabaseState>,
     /// The calls that the spec connects.
     connected: Vec<&'static str>,
@@ -70,7 +78,17 @@ impl Instance {
             let outputs: Vec<_> = class.outputs().map(|port| OutputState::new(Arc::clone(&port.message))).collect();
             let calls: Vec<_> = class.calls.iter().map(CallState::new).collect();
             let database = Arc::default();
-            let ends = Ends { inputs: &inputs, outputs: &outputs, calls: &calls, database: &database };
+            let (stations, station_objects) =
+                Stations::make(py, &class.stations, arguments.instance()).map_err(|error| told(py, error))?;
+            let keys: Vec<Arc<KeysState>> = class.keys.iter().map(|_| Arc::default()).collect();
+            let ends = Ends {
+                inputs: &inputs,
+                outputs: &outputs,
+                calls: &calls,
+                stations: &station_objects,
+                keys: &keys,
+                database: &database,
+            };
             let object = make(py, class, &ends, arguments).map_err(|error| told(py, error))?;
             let (class, arguments, connected) = (Arc::clone(class), arguments.clone(), Vec::new());
             Ok(Self {
@@ -78,6 +96,10 @@ impl Instance {
                 inputs,
                 outputs,
                 calls,
+                stations,
+                station_objects,
+                keys,
+                key_ports: KeyPorts::default(),
                 database,
                 connected,
                 arguments,
@@ -115,6 +137,32 @@ impl Instance {
         Tick { now: seconds(now), elapsed: elapsed.as_secs_f64() }
     }
 
+    /// Hands over what has come of keys that ports are connected with.
+    fn tell_news(&mut self, now: Time) {
+        for (port, bytes) in self.key_ports.news(now) {
+            for (keys, declared) in self.keys.iter().zip(&self.class.keys).filter(|(_, of)| of.interface.name == port) {
+                keys.deliver(declared.interface.type_name, &bytes);
+            }
+        }
+    }
+
+    fn drain_encoded(&mut self, send: &mut dyn FnMut(&'static str, Encoded)) {
+        let ports = self.class.interface.ports.iter().skip(self.inputs.len());
+        for (output, declared) in self.outputs.iter().zip(ports) {
+            if let Some(encoded) = output.take() {
+                send(declared.name, encoded);
+            }
+        }
+        self.put_keys();
+    }
+
+    /// Takes what the outputs of keys put.
+    fn put_keys(&mut self) {
+        for (keys, declared) in self.keys.iter().zip(&self.class.keys) {
+            keys.take().iter().for_each(|bytes| self.key_ports.sent(declared.interface.name, bytes));
+        }
+    }
+
     /// Returns a reason to abort together with what is wrong with the inputs.
     fn explained(&self, mut reason: String) -> String {
         for (input, declared) in self.inputs.iter().zip(&self.class.interface.ports) {
@@ -127,8 +175,8 @@ impl Instance {
 
     fn begin(&mut self, py: Python<'_>, value: &[u8]) -> PyResult<()> {
         if self.is_used {
-            let Self { inputs, outputs, calls, database, .. } = &*self;
-            let ends = Ends { inputs, outputs, calls, database };
+            let Self { inputs, outputs, calls, station_objects: stations, keys, database, .. } = &*self;
+            let ends = Ends { inputs, outputs, calls, stations, keys, database };
             self.object = make(py, &self.class, &ends, &self.arguments)?;
         }
         self.is_used = true;
@@ -192,7 +240,13 @@ impl Module for Instance {
         for (calls, declared) in self.calls.iter().zip(&self.class.interface.calls) {
             calls.begin(self.connected.contains(&declared.name));
         }
-        Python::attach(|py| self.begin(py, value).map_err(|error| told(py, error)))
+        self.stations.begin(&self.connected);
+        self.stations.work(now);
+        self.keys.iter().for_each(|keys| keys.begin());
+        self.key_ports.begin(&self.class.interface.ports, now);
+        let begun = Python::attach(|py| self.begin(py, value).map_err(|error| told(py, error)));
+        self.stations.work(now);
+        begun
     }
 
     /// Parameters are attributes, which the next calculation reads.
@@ -215,11 +269,14 @@ impl Module for Instance {
     fn calculate(&mut self, now: Time) -> Progress {
         let tick = self.tick(now);
         self.database.begin(now);
+        self.stations.work(now);
+        self.tell_news(now);
         let progress = Python::attach(|py| {
             let returned = self.object.bind(py).call_method1("main_calc", (tick,));
             returned.and_then(|returned| self.progress(&returned)).map_err(|error| told(py, error))
         });
         self.inputs.iter().for_each(|input| input.mark_seen());
+        self.stations.work(now);
         match progress {
             Ok(Progress::Aborted(reason)) | Err(reason) => Progress::Aborted(self.explained(reason)),
             Ok(progress @ (Progress::Continue | Progress::Done(_))) => progress,
@@ -229,6 +286,7 @@ impl Module for Instance {
     fn stop(&mut self, now: Time) -> Stopping {
         let tick = self.tick(now);
         self.database.begin(now);
+        self.stations.work(now);
         let call = |py: Python<'_>| -> PyResult<bool> {
             let object = self.object.bind(py);
             if !object.hasattr("stop")? {
@@ -244,6 +302,7 @@ impl Module for Instance {
                 true
             })
         });
+        self.stations.work(now);
         if is_finished {
             self.inputs.iter().for_each(|input| input.clear());
             return Stopping::Finished;
@@ -253,23 +312,21 @@ impl Module for Instance {
     }
 
     fn drain(&mut self, send: &mut dyn FnMut(&'static str, Vec<u8>)) {
-        let ports = self.class.interface.ports.iter().skip(self.inputs.len());
-        for (output, declared) in self.outputs.iter().zip(ports) {
-            if let Some(bytes) = output.take() {
-                send(declared.name, bytes);
-            }
-        }
+        self.drain_encoded(&mut |port, encoded| send(port, encoded.whole()));
     }
 
     fn drain_to(&mut self, outlets: &mut dyn Outlets) {
-        self.drain(&mut |port, bytes| {
-            if !outlets.send_filled(port, &mut |filler| filler.put(&bytes)) {
-                outlets.send(port, bytes);
+        self.drain_encoded(&mut |port, encoded| {
+            if !outlets.send_filled(port, &mut |filler| encoded.each(&mut |bytes| filler.put(bytes))) {
+                outlets.send(port, encoded.whole());
             }
         });
     }
 
     fn serve(&mut self, name: &str, argument: &[u8], activity: Activity, reply: RawReply) {
+        if let Some(station) = self.stations.server(name) {
+            return station.serve((name, argument), activity, reply);
+        }
         match self.class.exports.iter().find(|export| export.interface.name == name) {
             Some(export) => export.serve(&self.object, argument, activity, reply),
             None => {
@@ -277,6 +334,10 @@ impl Module for Instance {
                 reply.answer(Err(ObjectError::NoSuchProcedure { name: name.to_owned(), known }));
             }
         }
+    }
+
+    fn connect_keys(&mut self, ports: Vec<KeyPort>) {
+        self.key_ports.connect(ports);
     }
 
     fn connect_calls(&mut self, calls: &[&'static str]) {
@@ -287,6 +348,7 @@ impl Module for Instance {
         for (calls, declared) in self.calls.iter().zip(&self.class.interface.calls) {
             calls.take().into_iter().for_each(|one| order(declared.name, one));
         }
+        self.stations.take(order);
     }
 
     fn answered(&mut self, call: &str, number: u64, result: Result<Vec<u8>, ObjectError>) -> Delivery {
@@ -294,17 +356,26 @@ impl Module for Instance {
         let Some(at) = interface.calls.iter().position(|declared| declared.name == call) else {
             return Delivery::Stored;
         };
-        self.calls[at].deliver(number, result);
+        match self.calls.get(at) {
+            Some(calls) => calls.deliver(number, result),
+            None => self.stations.caller(call).into_iter().for_each(|station| station.deliver(number, result.clone())),
+        }
         if interface.about.schedule.trigger == Some(call) { Delivery::Triggers } else { Delivery::Stored }
     }
 
     fn drain_database(&mut self, order: &mut dyn FnMut(DatabaseOrder)) {
-        self.database.take().into_iter().for_each(order);
+        self.database.take().into_iter().chain(self.key_ports.orders()).for_each(order);
     }
 
     fn database_answered(&mut self, number: u64, answer: Result<DatabaseAnswer, Unknown>) -> Delivery {
-        self.database.deliver(number, answer);
-        let triggers = self.class.interface.about.schedule.trigger == Some(DATABASE);
+        let trigger = self.class.interface.about.schedule.trigger;
+        let triggers = match self.key_ports.deliver(number, answer) {
+            Ok(()) => trigger.is_some_and(|port| self.key_ports.feeds(port)),
+            Err(answer) => {
+                self.database.deliver(number, answer);
+                trigger == Some(DATABASE)
+            }
+        };
         if triggers { Delivery::Triggers } else { Delivery::Stored }
     }
 
@@ -328,6 +399,8 @@ struct Ends<'a> {
     inputs: &'a [Arc<InputState>],
     outputs: &'a [Arc<OutputState>],
     calls: &'a [Arc<CallState>],
+    stations: &'a [(String, Py<PyAny>)],
+    keys: &'a [Arc<KeysState>],
     database: &'a Arc<DatabaseState>,
 }
 
@@ -336,6 +409,12 @@ fn make(py: Python<'_>, class: &Class, ends: &Ends<'_>, arguments: &Arguments) -
     let attributes = values(py, &class.interface, arguments)?;
     if let Some(attribute) = &class.database {
         attributes.set_item(attribute, DatabaseOf(Arc::clone(ends.database)))?;
+    }
+    for (attribute, object) in ends.stations {
+        attributes.set_item(attribute, object)?;
+    }
+    for (keys, declared) in ends.keys.iter().zip(&class.keys) {
+        attributes.set_item(&declared.attribute, keys.object(py, declared.interface.type_name)?)?;
     }
     for (calls, declared) in ends.calls.iter().zip(&class.calls) {
         attributes.set_item(&declared.attribute, Calls(Arc::clone(calls)))?;

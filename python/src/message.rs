@@ -1,7 +1,8 @@
 //! A message type: its name, its fields as a spec spells them, and its form.
 
+use crate::encoded::Encoded;
 use crate::form::{Form, Look};
-use comms::logic::layout::{Reader, Writer};
+use comms::logic::layout::Reader;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -17,6 +18,9 @@ pub(crate) struct MessageType {
     /// Its fields, as a spec spells them.
     #[pyo3(get)]
     pub(crate) fields: String,
+    /// The message types that lists in it have as elements: their names and fields.
+    #[pyo3(get)]
+    pub(crate) inner: Vec<(String, String)>,
     form: Form,
     /// The place of the field `stamp`.
     stamp: Option<usize>,
@@ -26,15 +30,16 @@ pub(crate) struct MessageType {
 #[pymethods]
 impl MessageType {
     #[new]
-    #[pyo3(signature = (name, fields, form, *, stamp = None, allow_nan = false))]
+    #[pyo3(signature = (name, fields, form, *, stamp = None, allow_nan = false, inner = Vec::new()))]
     fn new(
         name: String,
         fields: String,
         form: &Bound<'_, PyAny>,
         stamp: Option<usize>,
         allow_nan: bool,
+        inner: Vec<(String, String)>,
     ) -> PyResult<Self> {
-        Ok(Self { name, fields, form: Form::of(form, 0)?, stamp, allows_nan: allow_nan })
+        Ok(Self { name, fields, inner, form: Form::of(form, 0)?, stamp, allows_nan: allow_nan })
     }
 
     /// Returns the bytes of a value.
@@ -55,9 +60,14 @@ impl MessageType {
 impl MessageType {
     /// Returns the bytes of a value.
     pub(crate) fn bytes(&self, value: &Bound<'_, PyAny>) -> PyResult<Vec<u8>> {
-        let mut bytes = Vec::new();
-        self.form.write(value, &mut Writer::new(&mut bytes), self.allows_nan)?;
-        Ok(bytes)
+        self.encoded(value).map(Encoded::whole)
+    }
+
+    /// Returns a value that waits to be sent.
+    pub(crate) fn encoded(&self, value: &Bound<'_, PyAny>) -> PyResult<Encoded> {
+        let mut encoded = Encoded::default();
+        self.form.write(value, &mut encoded, self.allows_nan)?;
+        Ok(encoded)
     }
 
     /// Looks at the bytes of a value; none if they are not of this type.

@@ -1,5 +1,6 @@
 //! Outputs: a value is encoded when the controller sends it, and leaves after the calculation.
 
+use crate::encoded::Encoded;
 use crate::message::MessageType;
 use pyo3::prelude::*;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -8,7 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 #[derive(Debug)]
 pub(crate) struct OutputState {
     message: Arc<Py<MessageType>>,
-    pending: Mutex<Option<Vec<u8>>>,
+    pending: Mutex<Option<Encoded>>,
 }
 
 impl OutputState {
@@ -16,12 +17,12 @@ impl OutputState {
         Arc::new(Self { message, pending: Mutex::default() })
     }
 
-    fn pending(&self) -> MutexGuard<'_, Option<Vec<u8>>> {
+    fn pending(&self) -> MutexGuard<'_, Option<Encoded>> {
         self.pending.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Takes the value that waits.
-    pub(crate) fn take(&self) -> Option<Vec<u8>> {
+    pub(crate) fn take(&self) -> Option<Encoded> {
         self.pending().take()
     }
 }
@@ -35,8 +36,8 @@ pub(crate) struct Output(pub(crate) Arc<OutputState>);
 impl Output {
     /// Sends a value after this calculation; of two values in one calculation the second goes.
     fn send(&self, value: &Bound<'_, PyAny>) -> PyResult<()> {
-        let bytes = self.0.message.get().bytes(value)?;
-        *self.0.pending() = Some(bytes);
+        let encoded = self.0.message.get().encoded(value)?;
+        *self.0.pending() = Some(encoded);
         Ok(())
     }
 

@@ -20,6 +20,11 @@ pub(crate) struct Piece {
 }
 
 impl Piece {
+    /// Returns the bytes that it is a part of, and which.
+    pub(crate) fn part(&self) -> (&Arc<Vec<u8>>, Range<usize>) {
+        (&self.whole, self.range.clone())
+    }
+
     /// Returns a read-only view of a part of `whole`.
     pub(crate) fn view<'py>(
         py: Python<'py>,

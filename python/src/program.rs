@@ -27,6 +27,9 @@ fn registry(py: Python<'_>, declarations: &[Py<PyAny>]) -> PyResult<Registry> {
     for declaration in declarations {
         let class = Class::of(declaration.bind(py))?;
         let interface = class.interface.clone();
+        for (name, fields) in class.inner_types(py) {
+            registry.add_type(&name, &fields);
+        }
         registry.add_module(interface, move |_, arguments| {
             let instance = Instance::new(&Arc::clone(&class), arguments)?;
             Ok(Box::new(instance) as Box<dyn Module>)

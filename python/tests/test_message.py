@@ -165,7 +165,13 @@ def test_what_cannot_be_in_a_message_is_named():
 
     refused(dict, "Odd.x: `dict` cannot be in a message")
     refused(tuple[int, float], "Odd.x: the elements of a tuple are of one type")
-    refused(list[Point], "Odd.x: a list of lists, records")
+    refused(list[list[int]], "Odd.x: a list of lists or of optional values")
+
+    @dataclass
+    class Bare:
+        y: float
+
+    refused(list[Bare], "Odd.x: a record in a list is a message: write @dca.message above `Bare`")
     refused(int | str, "Odd.x: ")
     refused(enum.Enum("Number", {"ONE": 1}), "Odd.x: the values of an Enum in a message are strings")
     with pytest.raises(TypeError, match="write @dataclass between"):
@@ -179,6 +185,74 @@ def test_what_cannot_be_in_a_message_is_named():
 
     with pytest.raises(TypeError, match="the time of measurement is a dca.Time"):
         dca.message(Late)
+
+
+def test_a_list_of_records_has_them_by_name():
+    @dca.message
+    @dataclass
+    class Way:
+        points: list[Point]
+        ends: tuple[Point, Point]
+        back: Point | None = None
+
+    way = Way([Point(1.0), Point(2.0, 3.0)], (Point(4.0), Point(5.0)))
+    made = dca._message.message_type(Way)
+    assert made.fields == "points: Point[], ends: Point[2], back: Point[]"
+    assert made.inner == [("Point", "x: Length, y: Length")]
+    assert dca.decode(Way, dca.encode(way)) == way
+    assert dca.encode(way) == struct.pack("<B8dB", 2, 1.0, 0.0, 2.0, 3.0, 4.0, 0.0, 5.0, 0.0, 0)
+
+    @dca.service("Goes.")
+    class Goes:
+        In = dca.In(Way)
+
+        def main_calc(self, tick):
+            pass
+
+    text = dca._dca.interface([dca._controller.declaration(Goes)])
+    assert "type Point = { x: Length, y: Length };\ntype Way = { points: Point[], " in text
+
+
+def test_a_message_of_a_device_has_its_numbers():
+    @dca.message(of_device=True)
+    @dataclass
+    class FtState:
+        stamp: dca.Stamp
+        force: tuple[float, float, float]
+        zeroed: dca.Natural
+
+    assert dca._message.message_type(FtState).fields == ""
+    state = FtState(1.5, (1.0, 2.0, 3.0), 300)
+    data = dca.encode(state)
+    assert data == bytes([0x80, 0xDE, 0xA0, 0xCB, 0x05]) + struct.pack("<3d", 1.0, 2.0, 3.0) + bytes([0xAC, 0x02])
+    assert dca.decode(FtState, data) == state
+    with pytest.raises(TypeError, match="zeroed: expected a whole number from 0 on, got -1"):
+        dca.encode(FtState(1.5, (1.0, 2.0, 3.0), -1))
+    with pytest.raises(TypeError, match="stamp: expected a time in seconds, got -1.0"):
+        dca.encode(FtState(-1.0, (1.0, 2.0, 3.0), 0))
+    @dca.message(of_device=True)
+    @dataclass
+    class Command:
+        rates: tuple[float, float] | None
+        marks: tuple[tuple[float, float] | None, tuple[float, float] | None]
+        fence: dca.Natural | None
+
+    command = Command((1.0, 2.0), (None, (3.0, 4.0)), 300)
+    assert dca.encode(command) == struct.pack("<B2dBB2dBBB", 1, 1.0, 2.0, 0, 1, 3.0, 4.0, 1, 0xAC, 0x02)
+    assert dca.decode(Command, dca.encode(command)) == command
+    with pytest.raises(TypeError, match="x: a spec has no word for this field"):
+
+        @dca.message
+        @dataclass
+        class Wire:
+            x: dca.Stamp
+
+    with pytest.raises(TypeError, match="a list has one element at least"):
+
+        @dca.message
+        @dataclass
+        class Nothing:
+            x: Annotated[list[float], dca.Count(0)]
 
 
 def test_a_post_init_may_look_at_a_value():

@@ -178,13 +178,7 @@ impl<C: 'static> Exports<C> {
     }
 
     /// Carries out a call.
-    pub(super) fn serve(
-        &self,
-        controller: &mut C,
-        (name, argument): (&str, &[u8]),
-        activity: Activity,
-        reply: RawReply,
-    ) {
+    pub fn serve(&self, controller: &mut C, (name, argument): (&str, &[u8]), activity: Activity, reply: RawReply) {
         let Some(export) = self.all.iter().find(|export| export.about.name == name) else {
             return reply.answer(Err(unknown(name, &self.interfaces())));
         };

@@ -99,7 +99,7 @@ impl From<Result<TxnId, DatabaseError>> for KeyResult {
 
 /// The ports of a controller that are connected with keys, for one activation at a time.
 #[derive(Debug, Default)]
-pub(super) struct KeyPorts {
+pub struct KeyPorts {
     ports: Vec<KeyPort>,
     database: Database,
     /// The input and the keys of each watch.
@@ -114,12 +114,12 @@ pub(super) struct KeyPorts {
 
 impl KeyPorts {
     /// Takes the connections of the spec.
-    pub(super) fn connect(&mut self, ports: Vec<KeyPort>) {
+    pub fn connect(&mut self, ports: Vec<KeyPort>) {
         self.ports = ports;
     }
 
     /// Begins an activation: the inputs watch.
-    pub(super) fn begin(&mut self, interfaces: &[PortInterface], now: Time) {
+    pub fn begin(&mut self, interfaces: &[PortInterface], now: Time) {
         *self = Self { ports: std::mem::take(&mut self.ports), ..Self::default() };
         self.database.begin(now);
         for port in self.ports.iter().filter(|port| !port.is_write) {
@@ -138,12 +138,12 @@ impl KeyPorts {
     }
 
     /// Returns whether an output writes keys.
-    pub(super) fn writes(&self, output: &str) -> bool {
+    pub fn writes(&self, output: &str) -> bool {
         self.ports.iter().any(|port| port.is_write && port.port == output)
     }
 
     /// Takes what an output has sent, if it is connected.
-    pub(super) fn sent(&mut self, output: &str, bytes: &[u8]) {
+    pub fn sent(&mut self, output: &str, bytes: &[u8]) {
         let mut own = self.ports.iter().filter(|port| port.is_write && port.port == output).peekable();
         if own.peek().is_none() {
             return;
@@ -160,7 +160,7 @@ impl KeyPorts {
     }
 
     /// Returns what inputs are told before a calculation, in order: port and encoded value.
-    pub(super) fn news(&mut self, now: Time) -> Vec<(String, Vec<u8>)> {
+    pub fn news(&mut self, now: Time) -> Vec<(String, Vec<u8>)> {
         self.database.begin(now);
         let mut told = Vec::new();
         while let Some((watch, event)) = self.database.event() {
@@ -182,7 +182,7 @@ impl KeyPorts {
     }
 
     /// Takes what is to be done, in order.
-    pub(super) fn orders(&mut self) -> Vec<DatabaseOrder> {
+    pub fn orders(&mut self) -> Vec<DatabaseOrder> {
         let marked = |order| match order {
             DatabaseOrder::Ask { number, request } => DatabaseOrder::Ask { number: number | OF_PORTS, request },
             DatabaseOrder::Taken { number } => DatabaseOrder::Taken { number: number | OF_PORTS },
@@ -191,8 +191,11 @@ impl KeyPorts {
         self.database.take().into_iter().map(marked).collect()
     }
 
-    /// Takes an answer, if it is for a port; returns whether it was, and else the answer.
-    pub(super) fn deliver(
+    /// Takes an answer, if it is for a port.
+    ///
+    /// # Errors
+    /// Gives the answer back, which is not for a port.
+    pub fn deliver(
         &mut self,
         number: u64,
         answer: Result<DatabaseAnswer, Unknown>,
@@ -205,7 +208,7 @@ impl KeyPorts {
     }
 
     /// Returns whether an input is connected with keys.
-    pub(super) fn feeds(&self, input: &str) -> bool {
+    pub fn feeds(&self, input: &str) -> bool {
         self.ports.iter().any(|port| !port.is_write && port.port == input)
     }
 }

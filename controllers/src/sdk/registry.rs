@@ -12,6 +12,8 @@ use thiserror::Error;
 #[derive(Default)]
 pub struct Registry {
     types: BTreeMap<&'static str, Entry>,
+    /// The fields of record types in lists, by their names.
+    inner_types: BTreeMap<String, String>,
 }
 
 /// Makes an instance of its arguments; says why it cannot.
@@ -81,6 +83,12 @@ impl Registry {
         self
     }
 
+    /// Adds a record type that messages have in lists: `x: Length, y: Length`.
+    pub fn add_type(&mut self, name: &str, fields: &str) -> &mut Self {
+        self.inner_types.insert(name.to_owned(), fields.to_owned());
+        self
+    }
+
     /// Adds a group of controllers that share a process and a loop, see [`InProcessGroup`]; a type of the same name is replaced.
     ///
     /// # Errors
@@ -103,7 +111,8 @@ impl Registry {
 
     /// Returns all interfaces as `module` blocks of the `.dca` language, after the types of their messages.
     pub fn interface_text(&self) -> String {
-        let messages: BTreeMap<&str, &str> = self.interfaces().flat_map(Interface::messages).collect();
+        let inner = self.inner_types.iter().map(|(name, fields)| (name.as_str(), fields.as_str()));
+        let messages: BTreeMap<&str, &str> = inner.chain(self.interfaces().flat_map(Interface::messages)).collect();
         let types: String = messages.iter().map(|(name, fields)| format!("type {name} = {{ {fields} }};\n")).collect();
         let modules = self.interfaces().map(Interface::text);
         std::iter::once(types).filter(|types| !types.is_empty()).chain(modules).collect::<Vec<_>>().join("\n")

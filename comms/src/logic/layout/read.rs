@@ -99,14 +99,18 @@ impl<'a> Reader<'a> {
         Some(bytes)
     }
 
-    /// Reads a number of variable length: seven bits a byte, the lowest first.
     fn length(&mut self) -> Option<usize> {
+        self.natural().and_then(|length| usize::try_from(length).ok())
+    }
+
+    /// Takes a whole number of variable length, as a `u64` of a device: seven bits a byte, the lowest first.
+    pub fn natural(&mut self) -> Option<u64> {
         let mut length = 0_u64;
         for place in 0..LENGTH_BYTES_MAX {
             let [byte] = *self.bytes(1)? else { return None };
             length |= u64::from(byte & 0x7f).checked_shl(u32::try_from(7 * place).ok()?)?;
             if byte < 0x80 {
-                return usize::try_from(length).ok();
+                return Some(length);
             }
         }
         None

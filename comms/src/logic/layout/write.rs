@@ -77,12 +77,17 @@ impl<'a> Writer<'a> {
         self.bytes.extend(bytes);
     }
 
-    /// Writes the number of elements of a list, or the length of bytes: seven bits a byte, the lowest first.
-    pub fn length(&mut self, mut length: usize) {
-        while length >= 0x80 {
-            self.bytes.push(u8::try_from(length & 0x7f).unwrap_or(0) | 0x80);
-            length >>= 7;
+    /// Writes the number of elements of a list, or the length of bytes.
+    pub fn length(&mut self, length: usize) {
+        self.natural(u64::try_from(length).unwrap_or(u64::MAX));
+    }
+
+    /// Writes a whole number of variable length, as a `u64` of a device: seven bits a byte, the lowest first.
+    pub fn natural(&mut self, mut number: u64) {
+        while number >= 0x80 {
+            self.bytes.push(u8::try_from(number & 0x7f).unwrap_or(0) | 0x80);
+            number >>= 7;
         }
-        self.bytes.push(u8::try_from(length).unwrap_or(0));
+        self.bytes.push(u8::try_from(number).unwrap_or(0));
     }
 }

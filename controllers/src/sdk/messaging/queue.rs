@@ -1,7 +1,7 @@
 //! A queue of a controller, and the client that sends to one.
 
 use super::lock::Lock;
-use super::{Full, Header, QueueMessage, QueueStatus, Receipt, Rejected};
+use super::{Full, Header, MessageId, QueueMessage, QueueStatus, Receipt, Rejected};
 use crate::sdk::calls::Calls;
 use crate::sdk::port::{Message, is_fit};
 use comms::io::entropy;
@@ -119,6 +119,17 @@ pub(super) fn encoded<T: Message>(data: &T) -> Result<Vec<u8>, String> {
     postcard::to_stdvec(data).map_err(|cause| format!("a `{}` cannot be written: {cause}", T::TYPE))
 }
 
+impl EncodedMessage {
+    /// Returns the message as it travels.
+    pub(super) fn numbered(self, id: MessageId, sender: &str) -> Result<QueueMessage, String> {
+        let Self { type_name, data, category, recipient, priority, marker, fence } = self;
+        let header = Header { category, id, sender: sender.to_owned(), recipient, priority, marker };
+        let message = QueueMessage { header, type_name, fence, data };
+        message.check().map_err(|malformed| malformed.to_string())?;
+        Ok(message)
+    }
+}
+
 /// How sending a message ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SendEnd {
@@ -132,6 +143,25 @@ pub enum SendEnd {
     Deadline,
     /// The same, and the last word was that its program is gone.
     Gone,
+}
+
+/// A message whose data is encoded, of a program in another language.
+#[derive(Clone, Debug, Default)]
+pub struct EncodedMessage {
+    /// The type of its data.
+    pub type_name: String,
+    /// Its data.
+    pub data: Vec<u8>,
+    /// See [`Header::category`].
+    pub category: String,
+    /// The process that it is for, of those that the spec connects; the first of them if it is empty.
+    pub recipient: String,
+    /// See [`Header::priority`].
+    pub priority: u8,
+    /// See [`Header::marker`].
+    pub marker: u64,
+    /// The fencing number of the lock, for a queue in front of a resource.
+    pub fence: Option<u64>,
 }
 
 /// Sends to the queue that the spec connects: beside a field `#[calls("Orders")] orders: Calls<QueueMessage, Receipt>`.
@@ -207,15 +237,21 @@ impl<T: Message> QueueClient<T> {
         (data, fence): (&T, Option<u64>),
         within: Duration,
     ) -> Result<u64, String> {
+        let (category, recipient) = (category.to_owned(), recipient.to_owned());
+        let (type_name, data) = (T::TYPE.to_owned(), encoded(data)?);
+        self.send_encoded(now, EncodedMessage { type_name, data, category, recipient, priority, marker, fence }, within)
+    }
+
+    /// Sends a message whose data is encoded, of any type; else as [`QueueClient::send`].
+    ///
+    /// # Errors
+    /// If too many are on their way, or the data is too long.
+    pub fn send_encoded(&mut self, now: Time, message: EncodedMessage, within: Duration) -> Result<u64, String> {
         if self.sending.len() >= SENDING_MAX {
             return Err(format!("{SENDING_MAX} messages are on their way already"));
         }
-        let data = encoded(data)?;
         let id = self.numbering.next();
-        let (category, sender, recipient) = (category.to_owned(), self.sender.clone(), recipient.to_owned());
-        let header = Header { category, id, sender, recipient, priority, marker };
-        let message = QueueMessage { header, type_name: T::TYPE.to_owned(), fence, data };
-        message.check().map_err(|malformed| malformed.to_string())?;
+        let message = message.numbered(id, &self.sender)?;
         self.sending
             .insert(id.number, Sending { message, until: now + within, due: now, is_open: false, is_gone: false });
         Ok(id.number)

@@ -3,13 +3,12 @@
 //! The subscriber always has one call open at the router, and the router answers it with the next message that the filters of the
 //! subscriber take. So a spec connects a subscription as any call, filters are evaluated at the sender, and who is gone is noticed.
 
-use super::queue::encoded;
+use super::queue::{EncodedMessage, encoded};
 use super::{Queue, QueueMessage, Receipt, Rejected};
 use crate::sdk::calls::Calls;
 use crate::sdk::export::Reply;
 use crate::sdk::port::Message;
 use comms::io::entropy;
-use comms::logic::messaging::header::Header;
 use comms::logic::messaging::request::Numbering;
 use comms::logic::messaging::router::{
     DeliveryEnd, Filter, GONE_AFTER, Gone, RENEW_EVERY, Router as Machine, RouterEffect, RouterInput, RouterSettings,
@@ -114,7 +113,15 @@ impl<T: Message> Router<T> {
     /// # Errors
     /// If the system gives no random number for its life.
     pub fn new(sender: &str, outbox_max: usize) -> io::Result<Self> {
-        let settings = RouterSettings { type_name: T::TYPE.to_owned(), outbox_max, gone_after: GONE_AFTER };
+        Self::of_type(T::TYPE.to_owned(), sender, outbox_max)
+    }
+
+    /// Returns a router of messages of this type, which are encoded already, of a program in another language.
+    ///
+    /// # Errors
+    /// As of [`Router::new`].
+    pub fn of_type(type_name: String, sender: &str, outbox_max: usize) -> io::Result<Self> {
+        let settings = RouterSettings { type_name, outbox_max, gone_after: GONE_AFTER };
         Ok(Self {
             machine: Machine::new(settings),
             sender: sender.to_owned(),
@@ -142,12 +149,20 @@ impl<T: Message> Router<T> {
     /// # Errors
     /// If the data or a name is too long.
     pub fn send(&mut self, now: Time, (category, priority, marker): (&str, u8, u64), data: &T) -> Result<u64, String> {
-        let data = encoded(data)?;
+        let (type_name, data, category) = (T::TYPE.to_owned(), encoded(data)?, category.to_owned());
+        self.send_encoded(
+            now,
+            EncodedMessage { type_name, data, category, priority, marker, ..EncodedMessage::default() },
+        )
+    }
+
+    /// Sends a message whose data is encoded; else as [`Router::send`].
+    ///
+    /// # Errors
+    /// If the data or a name is too long.
+    pub fn send_encoded(&mut self, now: Time, message: EncodedMessage) -> Result<u64, String> {
         let id = self.numbering.next();
-        let (category, sender, recipient) = (category.to_owned(), self.sender.clone(), String::new());
-        let header = Header { category, id, sender, recipient, priority, marker };
-        let message = QueueMessage { header, type_name: T::TYPE.to_owned(), fence: None, data };
-        message.check().map_err(|malformed| malformed.to_string())?;
+        let message = message.numbered(id, &self.sender)?;
         self.handle(now, RouterInput::Publish(message));
         Ok(id.number)
     }
@@ -278,15 +293,26 @@ impl RouterUser {
 
     /// Takes what has come, and asks for more. Called once in each calculation.
     pub fn work<T: Message>(&mut self, now: Time, calls: &mut Calls<Subscription, Delivery>, queue: &mut Queue<T>) {
+        self.work_with(now, calls, T::TYPE, &mut |message| queue.receive(message));
+    }
+
+    /// Does the same for messages of this type, which `receive` takes.
+    pub fn work_with(
+        &mut self,
+        now: Time,
+        calls: &mut Calls<Subscription, Delivery>,
+        type_name: &str,
+        receive: &mut dyn FnMut(QueueMessage) -> Receipt,
+    ) {
         while let Some((number, answer)) = calls.answer() {
             if self.open.take_if(|(open, _)| *open == number).is_some() {
-                self.answered(now, answer, queue);
+                self.answered(now, answer, receive);
             }
         }
         // The answers to calls of an earlier activation never come.
         self.open.take_if(|(_, until)| *until <= now);
         if self.open.is_none() && self.due <= now {
-            let (name, life, type_name) = (self.name.clone(), self.life, T::TYPE.to_owned());
+            let (name, life, type_name) = (self.name.clone(), self.life, type_name.to_owned());
             let (filters, last) = (self.filters.clone(), self.last.clone());
             let subscription = Subscription { name, life, type_name, filters, last };
             self.open = Some((calls.call(subscription, ASK_WITHIN), now + 2 * ASK_WITHIN));
@@ -303,12 +329,17 @@ impl RouterUser {
         &self.state
     }
 
-    fn answered<T: Message>(&mut self, now: Time, answer: Result<Delivery, ObjectError>, queue: &mut Queue<T>) {
+    fn answered(
+        &mut self,
+        now: Time,
+        answer: Result<Delivery, ObjectError>,
+        receive: &mut dyn FnMut(QueueMessage) -> Receipt,
+    ) {
         self.due = now;
         self.state = match answer {
             Ok(Delivery::Nothing) => Subscribed::Yes,
             Ok(Delivery::Message { number, message }) => {
-                let receipt = queue.receive(message);
+                let receipt = receive(message);
                 if let Receipt::Rejected(Rejected::WrongType { .. }) = receipt {
                     self.due = now + PAUSE;
                 }
