@@ -54,6 +54,7 @@ from ._dca import (
 )
 from ._reply import Reply
 from ._message import Bytes, Count, Natural, Stamp, decode, encode, message
+from ._offload import Offloaded, offload
 from ._quantity import (
     Acceleration,
     Angle,
@@ -105,6 +106,7 @@ __all__ = [
     "LockUser",
     "Mass",
     "Natural",
+    "Offloaded",
     "Opaque",
     "Out",
     "Power",
@@ -133,6 +135,7 @@ __all__ = [
     "done",
     "encode",
     "message",
+    "offload",
     "outcome",
     "parameter",
     "procedure",
