@@ -23,4 +23,7 @@ fn tests_need_no_dependency_with_other_features_than_the_programs() {
     let tests = dependencies(&["--workspace", "--edges", "normal,build,dev"]);
     let built_again: Vec<&String> = programs.difference(&tests).collect();
     assert_eq!(built_again, Vec::<&String>::new(), "tests want other features: name these in the workspace, too");
+    let wheel = dependencies(&["--package", "dca-python", "--edges", "normal,build"]);
+    let built_again: Vec<&String> = wheel.difference(&tests).collect();
+    assert_eq!(built_again, Vec::<&String>::new(), "the wheel wants other features: name these in `python/Cargo.toml`");
 }
