@@ -189,3 +189,13 @@ process main(){
     )
     ended = missions.run("pair.dca")
     assert ended.returncode == 0, ended.stdout + ended.stderr
+
+
+def test_a_detector_of_images_and_a_service_over_http(missions):
+    pytest.importorskip("numpy")
+    for name in ("image.py", "web.py", "image.dca"):
+        shutil.copy(EXAMPLES / name, missions.folder / name)
+    ended = missions.run("image.dca")
+    logs = missions("logs", "browser").stdout
+    assert ended.returncode == 0, ended.stdout + ended.stderr + logs + missions("logs", "web").stdout
+    assert "the spot is at " in logs
