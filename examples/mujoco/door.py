@@ -1,17 +1,14 @@
-"""The robot before its door in MuJoCo, for `MujocoDoor` in mujoco.rs.
+"""The robot before its door in MuJoCo, for `MujocoDoor` in plant.py.
 
-Each line of standard input is a JSON object `{"now": ns, "begin": bool, "arm": ArmCommand?, "base": ..., "ft": ..., "gripper": ...}`.
-A world that begins is a new one. The world advances to `now`; one line answers: the states that are due, under the names of their devices, and `signals`. Messages are those of
-controllers/src/message.rs. SI units; the wall is at x = 0, the robot before it, z is up.
+`obey` takes the newest command of each device, `advance` goes on to a time, and `answer` returns the states that are due, under the names of
+their devices, and `signals`. Messages are those of controllers/src/message.rs. SI units; the wall is at x = 0, the robot before it, z is up.
 
 Lengths, masses, limits and rates are those of controllers/src/control and controllers/src/robot. Dynamics, contacts, friction and
 the grasp are MuJoCo's: nothing glues the lever to the fingers.
 """
 
-import json
 import math
 import random
-import sys
 
 import mujoco
 import numpy as np
@@ -391,18 +388,3 @@ class World:
             ["base beyond wall", "m", self.data.qpos[self.q[0]], False],
         ]
         return said
-
-
-def main():
-    arguments = dict(word.split("=", 1) for word in sys.argv[1:])
-    world = World(arguments)
-    for line in sys.stdin:
-        orders = json.loads(line)
-        world = World(arguments) if orders["begin"] else world
-        world.obey(orders["now"], orders)
-        world.advance(orders["now"])
-        print(json.dumps(world.answer(orders["now"])), flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -8,14 +8,14 @@ mod hardware;
 mod levels;
 #[path = "../machines/machines.rs"]
 mod machines;
-#[path = "../mujoco/mujoco.rs"]
-mod mujoco;
 #[path = "../patrol/patrol.rs"]
 mod patrol;
 #[path = "../pid/pid.rs"]
 mod pid;
 #[path = "../post/post.rs"]
 mod post;
+#[path = "../ratios/ratios.rs"]
+mod ratios;
 #[path = "../requests/requests.rs"]
 mod requests;
 #[path = "../serial/serial.rs"]
@@ -34,10 +34,10 @@ fn main() -> std::process::ExitCode {
     hardware::add(&mut registry);
     levels::add(&mut registry);
     machines::add(&mut registry);
-    mujoco::add(&mut registry);
     patrol::add(&mut registry);
     pid::add(&mut registry);
     post::add(&mut registry);
+    ratios::add(&mut registry);
     requests::add(&mut registry);
     serial::add(&mut registry);
     process::run(&registry)

@@ -1,0 +1,95 @@
+"""Measures controllers in Python beside those in Rust, in turn on one machine, and prints the ratios.
+
+    cargo build --release && cargo build
+    python3 -m venv .venv && .venv/bin/pip install ../../python && .venv/bin/python ratios.py
+
+`DCA` is the program `dca`, and `VENV` the environment. Medians of several rounds; other load changes the times, and the ratios much less.
+"""
+
+import os
+import re
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+TARGET = Path(os.environ.get("CARGO_TARGET_DIR", HERE.parents[1] / "target")) / os.environ.get("PROFILE", "debug")
+DCA = Path(os.environ.get("DCA", TARGET / "dca"))
+ROUNDS = int(os.environ.get("ROUNDS", "3"))
+
+PAIR = """
+module Ping {{ {ping} }}
+module Pong {{ {pong} }}
+process main(){{
+    host{{c1}}
+    instantiated_processes{{ ping instof {kind}Ping(c1, size = {size}, rounds = {rounds}); pong instof {kind}Pong(c1); }}
+    internal_connections(pong, all){{ ping, Out -> pong, In; pong, Out -> ping, In; }}
+    internal_event_actions{{ pong[all], ping within 120 s }}
+}}
+"""
+
+STEADY = """
+module Steady { python "ping.py"; venv ".venv"; }
+module Reads { python "ping.py"; venv ".venv"; }
+process main(){
+    host{c1}
+    instantiated_processes{ steady instof Steady(c1); reads instof Reads(c1); }
+    internal_connections(reads, all){ steady, Out -> reads, In; }
+    internal_event_actions{ reads[all], steady within 60 s }
+}
+"""
+
+
+def run(folder: Path, spec: str, process: str, word: str, *options: str) -> float:
+    """Runs a mission; returns the number behind a word in the log of a process."""
+    (folder / "ratios.dca").write_text(spec)
+    command = [DCA, "run", "--no-record", "ratios.dca", *options]
+    ended = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300, check=False)
+    found = re.search(rf"\b{word} ([0-9.]+)", ended.stdout + ended.stderr)
+    if found is None:
+        sys.exit(f"there is no `{word}` in what it says:\n{ended.stdout}{ended.stderr}")
+    return float(found[1])
+
+
+def hop(folder: Path, language: str, size: int, rounds: int) -> float:
+    if language == "Rust":
+        spec = PAIR.replace("module Ping {{ {ping} }}\nmodule Pong {{ {pong} }}\n", "")
+        spec = spec.format(kind="Rust", size=size, rounds=rounds)
+        return run(folder, spec, "ping", "hop", "--controllers", str(TARGET / "dca-examples"))
+    program = 'python "ping.py"; venv ".venv";'
+    return run(folder, PAIR.format(ping=program, pong=program, kind="", size=size, rounds=rounds), "ping", "hop")
+
+
+def start(*command: str) -> float:
+    """Returns how long a command takes, in milliseconds."""
+    began = time.perf_counter()
+    subprocess.run(command, cwd=HERE, stdout=subprocess.DEVNULL, check=True)
+    return (time.perf_counter() - began) * 1e3
+
+
+def main() -> None:
+    venv = Path(os.environ.get("VENV", sys.prefix))
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / ".venv").symlink_to(venv)
+        (folder / "ping.py").write_text((HERE / "ping.py").read_text())
+        for size, rounds, most in ((64, 4000, 3.0), (1 << 20, 800, 1.3)):
+            times: dict[str, list[float]] = {"Rust": [], "Python": []}
+            for _ in range(ROUNDS):
+                for language, found in times.items():
+                    found.append(hop(folder, language, size, rounds))
+            rust, python = (statistics.median(found) for found in times.values())
+            print(f"hop of {size} B: Rust {rust:.1f} µs, Python {python:.1f} µs: {python / rust:.2f} (at most {most})")
+        core = statistics.median(run(folder, STEADY, "steady", "core") for _ in range(ROUNDS))
+        print(f"a controller at 100 Hz: {core:.2f} % of a core (at most 2)")
+        python = str(venv / "bin" / "python")
+        bare = statistics.median(start(python, "-c", "pass") for _ in range(9))
+        program = statistics.median(start(python, "ping.py", "--list") for _ in range(9))
+        print(f"start: the interpreter {bare:.0f} ms, a program {program:.0f} ms: {program - bare:.0f} ms more (at most 60)")
+
+
+if __name__ == "__main__":
+    main()
