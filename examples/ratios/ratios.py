@@ -3,16 +3,16 @@
     cargo build --release && cargo build
     python3 -m venv .venv && .venv/bin/pip install ../../python && .venv/bin/python ratios.py
 
-`DCA` is the program `dca`, and `VENV` the environment. Medians of several rounds; other load changes the times, and the ratios much less.
+`DCA` is the program `dca`, and `VENV` the environment. Medians of several rounds, and of starts the time of the processor; other load changes the times, and the ratios much less.
 """
 
 import os
 import re
+import resource
 import statistics
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -46,12 +46,16 @@ process main(){
 def run(folder: Path, spec: str, process: str, word: str, *options: str) -> float:
     """Runs a mission; returns the number behind a word in the log of a process."""
     (folder / "ratios.dca").write_text(spec)
-    command = [DCA, "run", "--no-record", "ratios.dca", *options]
-    ended = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300, check=False)
-    found = re.search(rf"\b{word} ([0-9.]+)", ended.stdout + ended.stderr)
-    if found is None:
-        sys.exit(f"there is no `{word}` in what it says:\n{ended.stdout}{ended.stderr}")
-    return float(found[1])
+
+    def dca(*words: str) -> str:
+        ended = subprocess.run([DCA, *words], cwd=folder, capture_output=True, text=True, timeout=300, check=False)
+        return ended.stdout + ended.stderr
+
+    mission, logs = dca("run", "ratios.dca", *options), dca("logs", process)
+    found = re.findall(rf"\b{word} ([0-9.]+)", logs)
+    if not found:
+        sys.exit(f"`{process}` does not print `{word}`:\n{mission}{logs}")
+    return float(found[-1])
 
 
 def hop(folder: Path, language: str, size: int, rounds: int) -> float:
@@ -64,10 +68,11 @@ def hop(folder: Path, language: str, size: int, rounds: int) -> float:
 
 
 def start(*command: str) -> float:
-    """Returns how long a command takes, in milliseconds."""
-    began = time.perf_counter()
+    """Returns the time of the processor that a command takes, in milliseconds: other load does not count."""
+    began = resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run(command, cwd=HERE, stdout=subprocess.DEVNULL, check=True)
-    return (time.perf_counter() - began) * 1e3
+    ended = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return (ended.ru_utime - began.ru_utime + ended.ru_stime - began.ru_stime) * 1e3
 
 
 def main() -> None:
@@ -86,8 +91,8 @@ def main() -> None:
         core = statistics.median(run(folder, STEADY, "steady", "core") for _ in range(ROUNDS))
         print(f"a controller at 100 Hz: {core:.2f} % of a core (at most 2)")
         python = str(venv / "bin" / "python")
-        bare = statistics.median(start(python, "-c", "pass") for _ in range(9))
-        program = statistics.median(start(python, "ping.py", "--list") for _ in range(9))
+        bare = statistics.median(start(python, "-c", "pass") for _ in range(15))
+        program = statistics.median(start(python, "ping.py", "--list") for _ in range(15))
         print(f"start: the interpreter {bare:.0f} ms, a program {program:.0f} ms: {program - bare:.0f} ms more (at most 60)")
 
 
