@@ -1,39 +1,47 @@
 //! A deployment at its home node (the host of `main`): PREPARE on every host, CONNECT, GO, and the end.
 //!
 //! ```text
-//! Preparing ─all prepared─▶ Connecting ─all connected─▶ Running ─main ended─▶ Ending ─all released─▶ Over
-//!      └─────── refused, late, host lost, stopped ────────────────▶ Ending
+//! Starting: Preparing ─all prepared─▶ Connecting ─all connected─▶ Running ─main ended─▶ Ending ─all released─▶ Over
+//!               └─────── refused, late, host failed, stopped ────────▶ Ending
 //! ```
-//! Its epoch is written down meanwhile: there is no GO before that is on the disk, so that a node which is started again
-//! never gives an epoch that has run to something else.
+//! The epoch is written to the disk during the start, before GO.
 //!
-//! The reply to `deploy` is the outcome: everyone who asked gets the reports as they come, and the last one when nothing
-//! of the deployment is left on any host that can be reached.
+//! The reply to `deploy` is the outcome. Every caller gets the reports as they come, and the last one when nothing of the deployment is
+//! left on any host that can be reached.
+//!
+//! *Parts.* `start` is the way to GO, with the clocks of an aligned start (`aligned`). `host` is a host and `rejoin` its way back;
+//! `change` is a change of the plan, `switching` the calls for connection sets, `stop` the end that a user or the node asked for. `mission` is the
+//! plan with its hosts and callers, which all parts need. Only this file brings the parts together.
 
 mod aligned;
 mod change;
-mod processes;
+mod host;
+mod mission;
 mod rejoin;
 mod start;
 mod stop;
 mod switching;
 
+pub use mission::Requested;
+
 use crate::logic::effect::{Effect, Out, earliest};
-use crate::logic::history::History;
-use crate::logic::protocol::{Deployment, Ending, Report, Signed, ToCoordinator, ToParticipant, Why, unreached};
+use crate::logic::history::{Audience, History};
+use crate::logic::protocol::{
+    ChangeRequest, Deployment, Ending, Failure, FailureCause, Kept, LeafFacts, Report, Revision, Signed, StartMode,
+    SwitchRequest, Target, ToCoordinator, ToParticipant, Why, unreached,
+};
 use crate::logic::wiring::Registrations;
-use aligned::Aligning;
-use change::Changing;
+use change::Changes;
 use comms::logic::time::Time;
-use language::plan::Plan;
-use rejoin::Rejoins;
+use host::HostPart;
+use mission::Mission;
 use serde::{Deserialize, Serialize};
+use start::{Next, Start};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
-
-/// How long its node may be gone before what has not begun is refused: as long as until a host counts as lost.
-const AWAY_MAX: Duration = Duration::from_secs(5);
+use stop::{Stop, Wish};
+use switching::Switches;
 
 /// How long all hosts have to start their programs, if none may take longer than usual to be ready.
 pub(super) const PREPARE_WITHIN: Duration = Duration::from_secs(40);
@@ -44,380 +52,414 @@ pub(super) const RELEASE_WITHIN: Duration = Duration::from_secs(25);
 /// How long the other hosts have to add their reasons once one has refused.
 pub(super) const REASONS_WITHIN: Duration = Duration::from_secs(2);
 
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-enum Phase {
-    Preparing,
-    Connecting,
-    Running,
-    Ending,
-    Over,
-}
-
 /// A deployment at its home.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Coordinator {
-    deployment: Deployment,
-    /// The user who has deployed it.
-    begun_by: String,
-    /// The epoch under which a user has deployed it: not its own once it was resumed after a reboot.
-    origin: u64,
-    plan: Arc<Plan>,
-    /// The same as it was asked for last, before it got the numbers of what runs.
-    wanted: Arc<Plan>,
-    /// The request by which the plan runs, if a user has signed it.
-    signed: Option<Arc<Signed>>,
-    hosts: Vec<String>,
+    mission: Mission,
     phase: Phase,
-    /// Whether its epoch is on the disk.
-    committed: bool,
-    begun: Time,
-    go_at: Option<Time>,
-    deadline: Option<Time>,
-    waiting: BTreeSet<String>,
-    registrations: Registrations,
-    reasons: Vec<String>,
-    /// Hosts that may still hold something of it.
-    lost: BTreeSet<String>,
-    /// Hosts that were lost and have been reached again since.
-    back: BTreeSet<String>,
-    /// Hosts that have said that nothing of it is left there.
-    left: BTreeSet<String>,
-    /// Hosts that have said that they could not end everything.
-    unable: BTreeSet<String>,
-    /// Once it is over: who has not confirmed that nothing is left, and why.
-    unconfirmed: BTreeMap<String, Why>,
-    ending: Option<Ending>,
-    watchers: Vec<u64>,
-    /// The calls that listen to all deployments.
-    listeners: Vec<u64>,
-    stoppers: Vec<u64>,
-    /// Whether somebody has asked for its end while it ran.
-    is_asked: bool,
-    /// Whether its node leaves, which may be for a reboot.
-    is_leaving: bool,
-    /// Whether a user has asked for its end.
-    is_unwanted: bool,
-    /// How many times the disk still has to say that it has forgotten it.
-    unkeeping: u32,
-    /// How often its plan was changed while it ran, and who did that last.
-    revision: (u32, String),
-    change: Option<Changing>,
-    /// Numbers the changes.
-    changes: u32,
-    rejoins: Rejoins,
-    /// Calls that wait for a switch of connection sets, and until when.
-    switches: BTreeMap<u64, Time>,
-    /// The clocks of the other hosts, if its first step is to begin at one moment.
-    aligning: Option<Aligning>,
-    history: History,
+    changes: Changes,
+    switches: Switches,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+enum Phase {
+    Starting(Start),
+    Running,
+    Ending(End),
+    /// The hosts that have not confirmed that nothing is left there, and why.
+    Over(BTreeMap<String, Why>),
+}
+
+/// The end of a deployment, until all hosts have released everything.
+#[derive(Debug, Serialize, Deserialize)]
+struct End {
+    /// How it ended, or why it did not begin.
+    outcome: Result<Ending, Vec<String>>,
+    until: Time,
+    /// The hosts that have not released everything.
+    awaited: BTreeSet<String>,
 }
 
 impl Coordinator {
-    /// Begins a deployment: asks every host of the plan to prepare. `watcher` is the call that asked for it, `listeners` want to
-    /// hear of all deployments.
+    /// Begins a deployment: asks every host of the plan to prepare.
     pub fn begin(
         deployment: Deployment,
-        (plan, signed): (Arc<Plan>, Option<Arc<Signed>>),
-        watcher: Option<u64>,
-        listeners: Vec<u64>,
+        request: Requested,
+        start: StartMode,
+        audience: Audience,
         out: &mut Out<'_>,
     ) -> Self {
-        let hosts: Vec<String> = plan.hosts.clone();
-        let until = out.now + start::prepare_within(&plan);
-        let mut coordinator = Self {
-            registrations: Registrations { facts: Default::default(), machines: vec![String::new(); hosts.len()] },
-            waiting: hosts.iter().cloned().collect(),
+        let plan = Arc::clone(&request.wanted);
+        let hosts = plan.hosts.clone();
+        let mut mission = Mission {
+            hosts: hosts.iter().map(|host| (host.clone(), HostPart::default())).collect(),
+            rejoins: 0,
+            registrations: Registrations { facts: BTreeMap::new(), machines: vec![String::new(); hosts.len()] },
             history: History::new(deployment.clone(), hosts.clone()),
-            hosts,
-            deployment,
-            begun_by: String::new(),
-            origin: 0,
-            wanted: Arc::clone(&plan),
+            deployment: deployment.clone(),
+            request,
             plan,
-            signed,
-            phase: Phase::Preparing,
-            committed: false,
-            begun: out.now,
             go_at: None,
-            deadline: Some(until),
-            reasons: Vec::new(),
-            lost: BTreeSet::new(),
-            back: BTreeSet::new(),
-            left: BTreeSet::new(),
-            unable: BTreeSet::new(),
-            unconfirmed: BTreeMap::new(),
-            ending: None,
-            watchers: watcher.into_iter().collect(),
-            listeners,
-            stoppers: Vec::new(),
-            is_asked: false,
-            is_leaving: false,
-            is_unwanted: false,
-            unkeeping: 0,
-            revision: (0, String::new()),
-            change: None,
-            changes: 0,
-            rejoins: Rejoins::default(),
-            switches: BTreeMap::new(),
-            aligning: None,
+            audience,
+            stop: Stop::default(),
         };
-        let (deployment, hosts) = (coordinator.deployment.clone(), coordinator.hosts.clone());
-        out.effects.push(Effect::PersistEpoch { deployment, hosts });
-        coordinator.report(Report::Accepted { deployment: coordinator.deployment.clone() }, out);
-        for host in coordinator.hosts.clone() {
-            let order = ToParticipant::Prepare { plan: (*coordinator.plan).clone() };
-            out.send(&host, coordinator.deployment.to_participant(order.signed(coordinator.signed.as_deref())));
-        }
-        coordinator
+        out.effects.push(Effect::PersistEpoch { deployment: deployment.clone(), hosts });
+        mission.report(Report::Accepted { deployment }, out);
+        let phase = Phase::Starting(Start::new(&mission, start, out));
+        Self { mission, phase, changes: Changes::default(), switches: Switches::default() }
     }
 
     /// Takes a message of a host.
     pub fn receive(&mut self, message: ToCoordinator, from: &str, out: &mut Out<'_>) {
-        let starting = matches!(self.phase, Phase::Preparing | Phase::Connecting);
+        let mission = &mut self.mission;
+        let message = match &mut self.phase {
+            Phase::Starting(start) => match start.receive(mission, message, from, out) {
+                Ok(next) => return self.follow(next, out),
+                Err(message) => message,
+            },
+            Phase::Running | Phase::Ending(_) | Phase::Over(_) => message,
+        };
         match message {
-            ToCoordinator::Prepared { facts, machine } => {
-                if self.phase == Phase::Preparing {
-                    self.prepared(from, facts, &machine, out);
-                } else {
-                    self.rejoin_prepared(from, facts, &machine, out);
-                }
-            }
-            ToCoordinator::Connected => {
-                if self.phase == Phase::Connecting {
-                    self.connected(from, out);
-                } else {
-                    self.rejoined(from, out);
-                }
-            }
-            ToCoordinator::Refused { reasons } => {
-                if starting {
-                    self.refused(from, reasons, out);
-                } else {
-                    self.rejoin_refused(from, &reasons.join("; "), out);
-                }
-            }
-            ToCoordinator::Released | ToCoordinator::Unconfirmed => {
-                if starting {
-                    return self.refused(from, vec![format!("host `{from}`: its node left")], out);
-                }
-                // It was said before the host was asked to take part again, since its answer to that comes after it. Or the host has left
-                // again, and is asked once more when its answer is due.
-                if self.rejoins.is_asked(from) {
-                    return;
-                }
-                if message == ToCoordinator::Unconfirmed {
-                    self.lost.insert(from.to_owned());
-                    self.unable.insert(from.to_owned());
-                }
-                // A node may leave before the end.
-                self.left.insert(from.to_owned());
-                // Who was lost has not said so itself unless it is back.
-                let is_known = !self.lost.contains(from) || self.back.contains(from);
-                if message == ToCoordinator::Released && is_known {
-                    self.lost.remove(from);
-                    let others = self.hosts.iter().filter(|host| self.phase == Phase::Running && *host != from);
-                    for host in others {
-                        let cleared = ToParticipant::Cleared { host: from.to_owned() };
-                        out.send(host, self.deployment.to_participant(cleared));
-                    }
-                    self.rejoin_later(from, out.now);
-                }
-                if self.phase == Phase::Ending && self.waiting.remove(from) && self.waiting.is_empty() {
-                    self.finish(out);
-                }
-            }
+            ToCoordinator::Prepared { facts, machine } => mission.rejoin_prepared(from, facts, &machine, out),
+            ToCoordinator::Connected => mission.rejoined(from, out),
+            ToCoordinator::Refused { reasons } => mission.rejoin_refused(from, &reasons.join("; "), out),
+            ToCoordinator::ClockRead { .. } => {}
+            ToCoordinator::Released => self.left(from, true, out),
+            ToCoordinator::Unconfirmed => self.left(from, false, out),
             ToCoordinator::MainEnded { ending } => {
-                // Who has asked for a stop is not told that something has failed, nor that it has stopped.
-                let is_unconfirmed =
-                    matches!(&ending, Ending::Aborted(failure) if self.is_asked && failure.cause.is_unconfirmed_stop());
+                // A user who asked for a stop is not told that something has failed, nor that it has stopped.
+                let is_unconfirmed = matches!(&ending, Ending::Aborted(failure) if failure.cause.is_unconfirmed_stop());
+                let is_unconfirmed = is_unconfirmed && mission.stop.wish != Wish::None;
                 self.end(Some(if is_unconfirmed { Ending::Unconfirmed } else { ending }), out);
             }
-            ToCoordinator::Happened { target, change } => self.happened(target, change, out),
-            ToCoordinator::Change(reply) => self.change_reply(reply, from, out),
-            ToCoordinator::SetsSwitched { call, switched } => self.sets_switched(call, switched, out),
-            ToCoordinator::ClockRead { asked, shown } => self.clock_read(from, (asked, shown), out),
-            ToCoordinator::BeganLate { by } => self.report(Report::BeganLate { host: from.to_owned(), by }, out),
-            ToCoordinator::Stepped { group, number, steps } => self.stepped(group, (number, steps), out),
+            ToCoordinator::Happened { target, change } => mission.happened(target, change, out),
+            ToCoordinator::Change(reply) => self.changes.reply(mission, reply, from, out),
+            ToCoordinator::SetsSwitched { call, switched } => self.switches.switched(call, switched, out),
+            ToCoordinator::BeganLate { by } => mission.report(Report::BeganLate { host: from.to_owned(), by }, out),
+            ToCoordinator::Stepped { group, number, steps } => mission.stepped(group, number, steps, out),
         }
     }
 
-    /// Takes note that its epoch is on the disk, or why it is not: then nothing of it runs.
+    /// Takes the report of a host that it released everything, or that it could not end everything.
+    fn left(&mut self, from: &str, is_all: bool, out: &mut Out<'_>) {
+        // A report during a request to rejoin is older than the request. Or the host has left again, and is asked once more when its
+        // answer is due.
+        let Some(host) = self.mission.hosts.get_mut(from).filter(|host| !host.is_asked()) else { return };
+        if !is_all {
+            host.is_unable();
+        } else if host.released() && matches!(self.phase, Phase::Running) {
+            self.mission.cleared(from, out);
+        }
+        self.release_confirmed(from, out);
+    }
+
+    /// A host that the end waits for is waited for no longer.
+    fn release_confirmed(&mut self, host: &str, out: &mut Out<'_>) {
+        if let Phase::Ending(end) = &mut self.phase
+            && end.awaited.remove(host)
+            && end.awaited.is_empty()
+        {
+            self.finish(out);
+        }
+    }
+
+    /// Takes the next step of the start.
+    fn follow(&mut self, next: Next, out: &mut Out<'_>) {
+        match next {
+            Next::Wait => {}
+            Next::Refuse => self.end(None, out),
+            Next::Go => {
+                if let Phase::Starting(start) = std::mem::replace(&mut self.phase, Phase::Running) {
+                    start.go(&mut self.mission, out);
+                }
+            }
+        }
+    }
+
+    /// Takes the answer of the disk to the epoch. Nothing runs if it is not on the disk.
     pub fn committed(&mut self, written: Result<(), String>, out: &mut Out<'_>) {
         if let Err(why) = written {
-            let home = self.plan.home().unwrap_or_default();
-            self.reasons.push(format!("host `{home}`: the deployment's epoch cannot be written down: {why}"));
-            return self.end(None, out);
+            let home = self.mission.plan.home().unwrap_or_default();
+            self.refuse(format!("host `{home}`: the deployment's epoch cannot be written down: {why}"), out);
+        } else if let Phase::Starting(start) = &mut self.phase {
+            let next = start.committed(&self.mission, out);
+            self.follow(next, out);
         }
-        self.committed = true;
-        self.go_if_ready(out);
     }
 
-    /// Goes on reporting to somebody who has the first `seen` reports.
+    /// Does not begin, for this reason.
+    fn refuse(&mut self, reason: String, out: &mut Out<'_>) {
+        match &mut self.phase {
+            Phase::Starting(start) => {
+                start.reasons.push(reason);
+                self.end(None, out);
+            }
+            Phase::Ending(End { outcome: Err(reasons), .. }) => reasons.push(reason),
+            Phase::Running | Phase::Ending(_) | Phase::Over(_) => {}
+        }
+    }
+
+    /// Goes on reporting to a caller that has the first `seen` reports.
     pub fn watch(&mut self, call: u64, seen: u64, out: &mut Out<'_>) {
-        self.history.tell_missed(call, seen, out);
-        self.watchers.push(call);
+        self.mission.history.tell_missed(call, seen, out);
+        self.mission.audience.watchers.push(call);
     }
 
-    /// Tells what has happened so far, and goes on telling if the caller stays.
+    /// Tells all reports so far, and those to come if the caller stays.
     pub fn listen(&mut self, call: u64, stays: bool, out: &mut Out<'_>) {
-        self.history.tell(call, out);
-        self.listeners.extend(stays.then_some(call));
-    }
-
-    /// Returns the hosts whose reports it takes.
-    pub fn taking_part(&self) -> impl Iterator<Item = &String> {
-        self.hosts.iter().filter(|host| !self.left.contains(*host))
-    }
-
-    /// Returns who has not confirmed that nothing of it is left, and why, once it is over.
-    pub fn unconfirmed(&self) -> &BTreeMap<String, Why> {
-        &self.unconfirmed
-    }
-
-    /// Returns what was reported, once it is over.
-    pub fn into_history(self) -> History {
-        self.history
+        self.mission.history.tell(call, out);
+        self.mission.audience.listeners.extend(stays.then_some(call));
     }
 
     /// Forgets a caller that has gone away.
     pub fn forget(&mut self, call: u64) {
-        self.watchers.retain(|watcher| *watcher != call);
-        self.listeners.retain(|listener| *listener != call);
-        self.stoppers.retain(|stopper| *stopper != call);
+        self.mission.audience.forget(call);
+        self.mission.stop.calls.retain(|other| *other != call);
     }
 
-    /// Takes the loss of a host.
-    pub fn host_lost(&mut self, host: &str, out: &mut Out<'_>) {
-        if self.left.contains(host) || !self.hosts.iter().any(|other| other == host) {
-            return;
-        }
-        match self.phase {
-            Phase::Preparing | Phase::Connecting => {
-                self.reasons.push(unreached(host));
-                self.end(None, out);
-            }
+    /// Returns the hosts of the plan.
+    pub fn hosts(&self) -> impl Iterator<Item = &String> {
+        self.mission.hosts.keys()
+    }
+
+    /// Returns the hosts whose reports it takes.
+    pub fn taking_part(&self) -> impl Iterator<Item = &String> {
+        self.mission.hosts.iter().filter(|(_, part)| part.is_active()).map(|(host, _)| host)
+    }
+
+    /// Returns the user who deployed it.
+    pub fn begun_by(&self) -> &str {
+        &self.mission.request.by
+    }
+
+    /// Returns the epoch under which the user deployed it.
+    pub fn origin(&self) -> u64 {
+        self.mission.request.origin
+    }
+
+    /// Returns whether nothing is left to be done.
+    pub fn is_over(&self) -> bool {
+        matches!(self.phase, Phase::Over(_))
+    }
+
+    /// Returns whether it is over, or comes to its end.
+    pub fn is_ending(&self) -> bool {
+        matches!(self.phase, Phase::Ending(_) | Phase::Over(_))
+    }
+
+    /// Once it is over, returns its reports, and which hosts have not confirmed that nothing is left there.
+    pub fn into_history(self) -> (History, BTreeMap<String, Why>) {
+        let unconfirmed = match self.phase {
+            Phase::Over(unconfirmed) => unconfirmed,
+            Phase::Starting(_) | Phase::Running | Phase::Ending(_) => BTreeMap::new(),
+        };
+        (self.mission.history, unconfirmed)
+    }
+
+    /// Returns the record of it on the disk; nothing once it is to end.
+    pub fn kept(&self) -> Option<Kept> {
+        (!self.is_ending() && self.mission.stop.wish != Wish::Unwanted).then(|| self.mission.kept(false))
+    }
+
+    /// Takes the failure of a host.
+    pub fn host_lost(&mut self, name: &str, out: &mut Out<'_>) {
+        let Some(host) = self.mission.hosts.get_mut(name).filter(|host| host.is_active()) else { return };
+        match &mut self.phase {
+            Phase::Starting(_) => self.refuse(unreached(name), out),
             Phase::Running => {
-                self.back.remove(host);
-                self.lost.insert(host.to_owned());
-                self.rejoins.forget(host);
-                self.change_without(host, out);
+                host.fail();
+                self.changes.without(&mut self.mission, name, out);
             }
-            Phase::Ending => {
-                self.back.remove(host);
-                self.lost.insert(host.to_owned());
-                if self.waiting.remove(host) && self.waiting.is_empty() {
-                    self.finish(out);
-                }
+            Phase::Ending(_) => {
+                host.fail();
+                self.release_confirmed(name, out);
             }
-            Phase::Over => {}
+            Phase::Over(_) => {}
         }
     }
 
-    /// Takes note that a host is back. What it still has of this deployment is fenced off: its part counts as failed.
-    pub fn host_back(&mut self, host: &str, out: &mut Out<'_>) {
-        if self.lost.contains(host) && matches!(self.phase, Phase::Running | Phase::Ending) {
-            self.back.insert(host.to_owned());
-            if self.phase == Phase::Ending {
-                self.waiting.insert(host.to_owned());
+    /// Takes the return of a host. Everything that it still has of this deployment is fenced off: its part counts as failed.
+    pub fn host_back(&mut self, name: &str, out: &mut Out<'_>) {
+        let Some(host) = self.mission.hosts.get_mut(name) else { return };
+        let rejoin = &mut host.rejoin;
+        rejoin.iter_mut().for_each(|rejoin| rejoin.hurry(out.now));
+        match &mut self.phase {
+            Phase::Running if host.is_back() => {}
+            Phase::Ending(end) if host.is_back() => {
+                end.awaited.insert(name.to_owned());
             }
-            out.send(host, self.deployment.to_participant(ToParticipant::Release));
+            Phase::Starting(_) | Phase::Running | Phase::Ending(_) | Phase::Over(_) => return,
         }
-        self.rejoins.hurry(host, out.now);
+        self.mission.tell(name, ToParticipant::Release, out);
     }
 
-    /// Takes note that its node was gone: nobody could answer it meanwhile. What has not begun, and whose user was told that it is lost, does
-    /// not begin any more.
+    /// Records where a restarted program is.
+    pub fn moved(&mut self, facts: &LeafFacts, from: &str, out: &mut Out<'_>) {
+        if self.mission.moved(facts, from) && matches!(self.phase, Phase::Running) {
+            self.mission.tell_where([facts.leaf], out);
+        }
+    }
+
+    /// Its node was gone and could not hear any answer, so all answers get that much more time.
     pub fn adopted(&mut self, away: Duration) {
-        let has_begun = !matches!(self.phase, Phase::Preparing | Phase::Connecting);
-        if !has_begun && away > AWAY_MAX {
-            self.reasons.push(format!("its home was gone for {} s before it had begun", away.as_secs()));
-            self.deadline = Some(Time::ZERO);
-        } else {
-            self.deadline = self.deadline.map(|at| at + away);
+        match &mut self.phase {
+            Phase::Starting(start) => start.adopted(away),
+            Phase::Ending(end) => end.until = end.until + away,
+            Phase::Running | Phase::Over(_) => {}
         }
-        self.change.iter_mut().for_each(|change| change.adopted(away));
-        self.rejoins.adopted(away);
+        self.changes.adopted(away);
+        let rejoins = self.mission.hosts.values_mut().filter_map(|host| host.rejoin.as_mut());
+        rejoins.for_each(|rejoin| rejoin.adopted(away));
     }
 
-    /// Does what is due.
+    /// Does everything that is due.
     pub fn tick(&mut self, out: &mut Out<'_>) {
-        self.tick_change(out);
-        self.tick_calls_to_switch(out);
-        self.tick_rejoins(out);
-        if self.deadline.is_none_or(|at| at > out.now) {
-            return;
-        }
-        self.deadline = None;
-        match self.phase {
-            Phase::Preparing | Phase::Connecting => {
-                if self.reasons.is_empty() {
-                    let late = self.waiting.iter().map(|host| format!("host `{host}` did not answer in time"));
-                    self.reasons.extend(late);
-                    if self.waiting.is_empty() {
-                        self.reasons.push("the disk of its home did not take its epoch in time".to_owned());
-                    }
-                }
+        self.changes.tick(&mut self.mission, out);
+        self.switches.tick(out);
+        self.mission.tick_rejoins(!self.changes.is_busy(), out);
+        match &mut self.phase {
+            Phase::Starting(start) if start.until <= out.now => {
+                start.late();
                 self.end(None, out);
             }
-            Phase::Ending => self.finish(out),
-            Phase::Running | Phase::Over => {}
+            Phase::Ending(end) if end.until <= out.now => self.finish(out),
+            Phase::Starting(_) | Phase::Running | Phase::Ending(_) | Phase::Over(_) => {}
         }
     }
 
     /// Returns when [`Coordinator::tick`] wants to be called.
     pub fn deadline(&self) -> Option<Time> {
-        let change = self.change.as_ref().map(Changing::deadline);
-        [change, self.rejoin_deadline(), self.switches.values().min().copied()]
-            .into_iter()
-            .fold(self.deadline, earliest)
+        let phase = match &self.phase {
+            Phase::Starting(start) => Some(start.until),
+            Phase::Ending(end) => Some(end.until),
+            Phase::Running | Phase::Over(_) => None,
+        };
+        let rejoins = self.mission.rejoin_deadline(!self.changes.is_busy());
+        [self.changes.deadline(), rejoins, self.switches.deadline()].into_iter().fold(phase, earliest)
     }
 
-    fn end(&mut self, ending: Option<Ending>, out: &mut Out<'_>) {
-        if matches!(self.phase, Phase::Ending | Phase::Over) {
-            return;
+    /// Returns the plan that runs, for a user who wants to change it.
+    pub fn revision(&self) -> Revision {
+        self.changes.revision(&self.mission)
+    }
+
+    /// Begins a change; `call` gets its outcome.
+    pub fn change(&mut self, call: u64, request: ChangeRequest, signed: Option<Arc<Signed>>, out: &mut Out<'_>) {
+        let deployment = &self.mission.deployment;
+        if !matches!(self.phase, Phase::Running) || deployment.epoch != request.epoch {
+            let reasons = vec![format!("`{}@{}` does not run", deployment.name, request.epoch)];
+            return change::answer(call, Report::Unchanged { by: request.by, reasons }, out);
         }
-        self.phase = Phase::Ending;
-        self.ending = ending;
-        self.keep_end(out);
-        self.rejoins = Rejoins::default();
-        self.abandon_change(out);
-        self.abandon_switches(out);
-        let slowest = self.plan.leaves.iter().map(|leaf| leaf.stop_within).max().unwrap_or_default();
-        self.deadline = Some(out.now + slowest + RELEASE_WITHIN);
-        // A node that left has said so before, and does not hear this any more.
-        self.waiting = self.hosts.iter().filter(|host| !self.left.contains(*host)).cloned().collect();
-        for host in self.waiting.clone() {
-            out.send(&host, self.deployment.to_participant(ToParticipant::Release));
+        self.changes.ask(&self.mission, call, request, signed, out);
+    }
+
+    /// Has a supervisor switch a process; `call` is answered when the supervisor has confirmed it.
+    pub fn switch(&mut self, call: u64, request: &SwitchRequest, out: &mut Out<'_>) {
+        let asked = if matches!(self.phase, Phase::Running) {
+            self.switches.ask(&self.mission, call, request, out)
+        } else {
+            Err(format!("`{}` does not run", self.mission.deployment.name))
+        };
+        if let Err(why) = asked {
+            switching::answer(call, Err(why), out);
         }
-        if self.waiting.is_empty() {
+    }
+
+    /// The deployment is to end because a user asked, or because its node leaves. `call` is answered when nothing is left.
+    pub fn stop(&mut self, call: Option<u64>, out: &mut Out<'_>) {
+        self.mission.stop.ask(call);
+        if call.is_some() {
+            self.mission.stop.unkeep(&self.mission.deployment, out);
+        }
+        match self.phase {
+            Phase::Starting(_) => self.refuse("it was stopped before it ran".to_owned(), out),
+            Phase::Running => {
+                let Some(home) = self.mission.plan.home() else { return };
+                self.mission.tell(home, ToParticipant::Stop { target: Target::Group(0), activation: 1 }, out);
+            }
+            Phase::Ending(_) | Phase::Over(_) => {}
+        }
+    }
+
+    /// The deployment ends at once, for this cause.
+    pub fn abort(&mut self, cause: FailureCause, out: &mut Out<'_>) {
+        if !matches!(self.phase, Phase::Running) {
+            return self.refuse(format!("it {cause}"), out);
+        }
+        let origin = self.mission.plan.groups.first().map(|main| main.path.clone()).unwrap_or_default();
+        let at = self.mission.since_go(out.now);
+        self.end(Some(Ending::Aborted(Failure { origin, cause, at })), out);
+    }
+
+    /// Takes the answer of the disk, which has forgotten it or refuses to.
+    pub fn unkept(&mut self, out: &mut Out<'_>) {
+        self.mission.stop.unkeeping = self.mission.stop.unkeeping.saturating_sub(1);
+        if matches!(&self.phase, Phase::Ending(end) if end.awaited.is_empty()) {
             self.finish(out);
         }
     }
 
-    /// Reports what is about a host, or about all.
-    fn report(&mut self, report: Report, out: &mut Out<'_>) {
-        let named = match &report {
-            Report::Prepared { host, .. } | Report::Connected { host } | Report::BeganLate { host, .. } => {
-                Some(host.as_str())
-            }
-            Report::Accepted { .. }
-            | Report::Go { .. }
-            | Report::Process { .. }
-            | Report::Refused { .. }
-            | Report::Finished { .. }
-            | Report::Programs { .. }
-            | Report::Changed { .. }
-            | Report::Stepped { .. }
-            | Report::Unchanged { .. }
-            | Report::Replanned { .. }
-            | Report::Aligned { .. }
-            | Report::Omitted { .. } => self.plan.home(),
-        };
-        let host = (0..).zip(&self.hosts).find(|(_, host)| Some(host.as_str()) == named).map_or(0, |(host, _)| host);
-        self.report_of(host, report, out);
+    /// Asks the disk again: a node that was killed did not hear the answer.
+    pub fn unkeep_again(&mut self, out: &mut Out<'_>) {
+        let Mission { stop, deployment, .. } = &mut self.mission;
+        if stop.unkeeping > 0 {
+            stop.unkeeping = 0;
+            stop.unkeep(deployment, out);
+        }
     }
 
-    fn report_of(&mut self, host: u32, report: Report, out: &mut Out<'_>) {
-        self.history.report(report, host, (&self.watchers, &self.listeners), out);
+    /// Begins the end: has all hosts release everything.
+    fn end(&mut self, ending: Option<Ending>, out: &mut Out<'_>) {
+        let reasons = match &mut self.phase {
+            Phase::Starting(start) => std::mem::take(&mut start.reasons),
+            Phase::Running => Vec::new(),
+            Phase::Ending(_) | Phase::Over(_) => return,
+        };
+        let mission = &mut self.mission;
+        // A node that leaves may be started again after a reboot.
+        if mission.stop.wish == Wish::NodeLeaves && !matches!(ending, Some(Ending::Done(_))) {
+            out.effects.push(Effect::Keep(Box::new(mission.kept(true))));
+        } else {
+            mission.stop.unkeep(&mission.deployment, out);
+        }
+        mission.hosts.values_mut().for_each(|host| host.rejoin = None);
+        self.changes.abandon(out);
+        self.switches.abandon(&mission.deployment.name, out);
+        let slowest = mission.plan.leaves.iter().map(|leaf| leaf.stop_within).max().unwrap_or_default();
+        // A node that left has reported that already, and does not hear this any more.
+        let awaited: BTreeSet<String> = self.taking_part().cloned().collect();
+        let mission = &mut self.mission;
+        awaited.iter().for_each(|host| mission.tell(host, ToParticipant::Release, out));
+        let is_released = awaited.is_empty();
+        let outcome = ending.ok_or(reasons);
+        self.phase = Phase::Ending(End { outcome, until: out.now + slowest + RELEASE_WITHIN, awaited });
+        if is_released {
+            self.finish(out);
+        }
+    }
+
+    /// Completes the end. A user who asked for it first waits until the disk has forgotten the deployment, but not beyond the end's limit.
+    fn finish(&mut self, out: &mut Out<'_>) {
+        let mission = &mut self.mission;
+        let End { outcome, awaited, .. } = match &mut self.phase {
+            Phase::Ending(end) if mission.stop.unkeeping == 0 || end.until <= out.now => end,
+            Phase::Starting(_) | Phase::Running | Phase::Ending(_) | Phase::Over(_) => return,
+        };
+        let why = |(host, part): (&String, &HostPart)| Some((host.clone(), part.unconfirmed(awaited.contains(host))?));
+        let unconfirmed: BTreeMap<String, Why> = mission.hosts.iter().filter_map(why).collect();
+        let last = match std::mem::replace(outcome, Err(Vec::new())) {
+            Ok(ending) => Report::Finished {
+                ending,
+                at: mission.since_go(out.now),
+                unconfirmed: unconfirmed.keys().cloned().collect(),
+            },
+            Err(reasons) => Report::Refused { reasons },
+        };
+        self.phase = Phase::Over(unconfirmed);
+        mission.report(last, out);
+        for call in std::mem::take(&mut mission.audience.watchers) {
+            out.effects.push(Effect::EndAnswers { call });
+        }
+        mission.stop.answer(out);
     }
 }

@@ -17,6 +17,23 @@ const PLANS_MAX: usize = 16;
 /// How many events are told in one answer: a caller has room for so many answers only.
 const EVENTS_IN_ONE: usize = 512;
 
+/// The calls that hear of a deployment.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct Audience {
+    /// The calls that wait for its reports.
+    pub watchers: Vec<u64>,
+    /// The calls that listen to all deployments.
+    pub listeners: Vec<u64>,
+}
+
+impl Audience {
+    /// Forgets a caller that has gone away.
+    pub fn forget(&mut self, call: u64) {
+        self.watchers.retain(|watcher| *watcher != call);
+        self.listeners.retain(|listener| *listener != call);
+    }
+}
+
 /// The reports of one deployment, in order.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub struct History {
@@ -56,13 +73,13 @@ impl History {
         self.entries.iter().rev().map(|entry| &entry.report)
     }
 
-    /// Keeps a report about a host of the plan, and tells it to `watchers` and `listeners`.
-    pub fn report(&mut self, report: Report, host: u32, (watchers, listeners): (&[u64], &[u64]), out: &mut Out<'_>) {
-        for &call in watchers {
+    /// Keeps a report about a host of the plan, and tells it to the audience.
+    pub fn report(&mut self, report: Report, host: u32, audience: &Audience, out: &mut Out<'_>) {
+        for &call in &audience.watchers {
             out.effects.push(Effect::Answer { call, answer: Box::new(Answer::Report(report.clone())) });
         }
         let entry = Entry { number: self.count, at: out.now, time: out.since_1970, host, report };
-        for &call in listeners {
+        for &call in &audience.listeners {
             tell(call, self.event(&entry, out.now).into_iter().collect(), out);
         }
         if matches!(entry.report, Report::Replanned { .. }) {
@@ -177,7 +194,7 @@ mod tests {
             let (mut effects, mut messages, now) = (Vec::new(), Vec::new(), Time::from_nanos(number));
             let since_1970 = Duration::from_nanos(number);
             let mut out = Out { now, since_1970, effects: &mut effects, messages: &mut messages };
-            history.report(report, 0, (&[], &[]), &mut out);
+            history.report(report, 0, &Audience::default(), &mut out);
         }
         history
     }
@@ -252,7 +269,8 @@ mod tests {
             let (groups, leaves, wires, claims) = Default::default();
             let (name, hosts, on_boot) = (number.to_string(), Vec::new(), Default::default());
             let plan = Box::new(Plan { name, hosts, groups, leaves, wires, claims, on_boot });
-            history.report(Report::Replanned { plan }, 0, (&[], &[7]), &mut out);
+            let audience = Audience { listeners: vec![7], ..Audience::default() };
+            history.report(Report::Replanned { plan }, 0, &audience, &mut out);
         }
         history.tell(7, &mut out);
         history.tell_missed(8, 0, &mut out);

@@ -11,7 +11,7 @@ use super::{Agent, AwaitingHosts};
 use crate::logic::coordinator::Coordinator;
 use crate::logic::database::chronicle;
 use crate::logic::effect::{Effect, Out};
-use crate::logic::history::History;
+use crate::logic::history::{Audience, History};
 use crate::logic::protocol::{
     Answer, Before, Body, Deployment, Ending, Failure, FailureCause, Kept, Message, Report, Signed, StartMode,
     StopReply, Tombstone, WaitingDeployment,
@@ -117,7 +117,7 @@ impl Agent {
         let mut history = History::new(deployment.clone(), hosts);
         let failure = Failure { origin: "main".to_owned(), cause, at: Duration::ZERO };
         let (ending, at) = (Ending::Aborted(failure), Duration::ZERO);
-        history.report(Report::Finished { ending, at, unconfirmed }, 0, (&[], &[]), out);
+        history.report(Report::Finished { ending, at, unconfirmed }, 0, &Audience::default(), out);
         let record = chronicle::ended(&self.identity.host, &history);
         out.effects.extend(record.map(|record| Effect::WriteDatabase(Box::new(record))));
         self.over.push_front(history);
@@ -206,7 +206,8 @@ impl Agent {
         }
         if let Some(history) = self.over.iter_mut().find(|history| *history.deployment() == deployment) {
             let reasons = vec![format!("it is not resumed: {why}")];
-            history.report(Report::Refused { reasons }, 0, (&[], &self.listeners), out);
+            let audience = Audience { listeners: self.listeners.clone(), ..Audience::default() };
+            history.report(Report::Refused { reasons }, 0, &audience, out);
         }
         out.effects.push(Effect::Unkeep { deployment });
     }

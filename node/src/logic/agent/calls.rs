@@ -1,9 +1,10 @@
 //! The calls of command lines to an agent.
 
-use super::{Agent, AwaitingHosts};
-use crate::logic::coordinator::Coordinator;
+use super::{Agent, AwaitingHosts, Resumed};
+use crate::logic::coordinator::{Coordinator, Requested};
 use crate::logic::database::chronicle;
 use crate::logic::effect::{Effect, Out, ProcessId};
+use crate::logic::history::Audience;
 use crate::logic::participant::Participant;
 use crate::logic::protocol::{
     Answer, ChangeRequest, Deployment, Names, Report, Request, SEVERAL, Signed, StartMode, StopReply, SwitchRequest,
@@ -249,14 +250,10 @@ impl Agent {
         let deployment = Deployment { name: plan.name.clone(), epoch: self.identity.epoch };
         let record = chronicle::begun(&self.identity.host, &deployment, &plan, &by);
         out.effects.push(Effect::WriteDatabase(Box::new(record)));
-        let listeners = self.listeners.clone();
-        let plan = (Arc::new(plan), signed);
-        let mut home = Coordinator::begin(deployment.clone(), plan, call, listeners, out);
-        home.begun_for(&by);
-        home.starts(start);
-        if let Some(resumed) = &resumed {
-            home.resumes(resumed.origin());
-        }
+        let origin = resumed.as_ref().map_or(deployment.epoch, Resumed::origin);
+        let audience = Audience { watchers: call.into_iter().collect(), listeners: self.listeners.clone() };
+        let request = Requested { by, origin, wanted: Arc::new(plan), signed };
+        let home = Coordinator::begin(deployment.clone(), request, start, audience, out);
         out.effects.extend(home.kept().map(|kept| Effect::Keep(Box::new(kept))));
         if let Some(resumed) = resumed {
             out.effects.push(Effect::Unkeep { deployment: resumed.before().clone() });

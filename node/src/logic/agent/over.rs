@@ -11,12 +11,12 @@ impl Agent {
     /// Drops what is over; a node of which nothing is left then leaves, if it is to.
     pub(super) fn tidy_up(&mut self, now: Time, effects: &mut Vec<Effect>) {
         for (deployment, coordinator) in self.coordinators.extract_if(.., |_, coordinator| coordinator.is_over()) {
-            if coordinator.unconfirmed().is_empty() {
-                effects.push(Effect::Settled { deployment: deployment.clone() });
+            let (history, unconfirmed) = coordinator.into_history();
+            if unconfirmed.is_empty() {
+                effects.push(Effect::Settled { deployment });
             } else {
-                self.absence.open(now, deployment.clone(), &self.identity.host, coordinator.unconfirmed().clone());
+                self.absence.open(now, deployment, &self.identity.host, unconfirmed);
             }
-            let history = coordinator.into_history();
             let record = chronicle::ended(&self.identity.host, &history);
             effects.extend(record.map(|record| Effect::WriteDatabase(Box::new(record))));
             self.over.push_front(history);

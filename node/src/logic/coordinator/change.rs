@@ -2,16 +2,17 @@
 //!
 //! ```text
 //! Examining ─all could─▶ Applying ─all programs are up─▶ Linking ─all links stand─▶ Probing ─all are healthy─▶ changed
-//!     └─ one could not ─▶ refused    └────── a failure, a lost host, too late ──────────────┘
+//!     └─ one could not ─▶ refused    └────── a failure, a failed host, too late ────────────┘
 //!                                                         ▼
-//!                                       the same with the plan of before ─▶ taken back
+//!                                       the same with the previous plan ─▶ taken back
 //! ```
-//! Whether it was made or taken back, the hosts get `Settle` at its end: only then they free what its programs do not claim any more.
+//! Whether it was made or taken back, the hosts get `Settle` at its end. Only then they free the claims of programs that have gone.
 //!
-//! One change at a time, and each names the revision that it was made for: of two people the first one wins, and the other is
-//! told who that was.
+//! Only one change is made at a time, and each request names the revision that it was made for. Of two users the first one wins, and
+//! the other user is told the name of the first.
 
-use super::{Coordinator, Phase};
+use super::mission::Mission;
+use super::stop::Wish;
 use crate::logic::effect::{Effect, Out};
 use crate::logic::instance::watchdog::{probation, ready_within};
 use crate::logic::protocol::{
@@ -27,8 +28,7 @@ use std::time::Duration;
 
 /// How long hosts have to say whether they could take a plan on.
 const EXAMINE_WITHIN: Duration = Duration::from_secs(6);
-/// How long new programs have to be up, beyond the time that the programs before may take to stop, and they for their start and
-/// for their `Init`: they make their links.
+/// How long new programs have to be up. The stop of previous programs, their start and their `Init` have time of their own.
 const APPLY_WITHIN: Duration = Duration::from_secs(45);
 /// How long new links have to stand.
 const LINK_WITHIN: Duration = Duration::from_secs(48);
@@ -37,29 +37,54 @@ const HEALTHY_WITHIN: Duration = Duration::from_secs(10);
 /// The longest probation.
 const PROBATION_MAX: Duration = Duration::from_secs(600);
 
+/// The changes of a deployment.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct Changes {
+    /// How often the plan was changed while it ran.
+    revision: u32,
+    /// The user who changed it last.
+    by: String,
+    /// The number of the last change that was applied.
+    number: u32,
+    current: Option<Change>,
+}
+
 /// A change that is being made.
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) struct Changing {
+struct Change {
     number: u32,
     step: Step,
-    plan: Arc<Plan>,
+    until: Time,
+    /// The hosts that have not finished the step.
+    awaited: BTreeSet<String>,
+    asked: Asked,
+    next: Next,
     before: Arc<Plan>,
-    /// The plan as it is asked for.
-    wanted: Arc<Plan>,
-    again: Vec<u32>,
-    probation: Duration,
-    by: String,
-    /// The request, if a user has signed it; that of the plan before when it is taken back.
-    signed: Option<Arc<Signed>>,
-    call: u64,
-    deadline: Time,
-    waiting: BTreeSet<String>,
-    /// The differences, one line each, for people.
-    lines: Vec<String>,
     /// Why it is taken back.
     reasons: Vec<String>,
-    /// Where programs are that were added.
+    /// Where added programs are.
     facts: Vec<LeafFacts>,
+}
+
+/// The request for a change.
+#[derive(Debug, Serialize, Deserialize)]
+struct Asked {
+    call: u64,
+    by: String,
+    wanted: Arc<Plan>,
+    probation: Duration,
+    /// The differences, one line each, for people.
+    lines: Vec<String>,
+}
+
+/// The plan that the hosts take on: the new plan, or the previous one if the change is taken back.
+#[derive(Debug, Serialize, Deserialize)]
+struct Next {
+    plan: Arc<Plan>,
+    /// The programs that are started again although their plan is the same.
+    again: Vec<u32>,
+    /// The request for this plan, if a user signed it.
+    signed: Option<Arc<Signed>>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -70,138 +95,179 @@ enum Step {
     Probing,
 }
 
-impl Changing {
-    /// Returns when the present step is too late.
-    pub(super) fn deadline(&self) -> Time {
-        self.deadline
-    }
-
-    /// Takes note that its node was gone: nobody could answer it meanwhile.
-    pub(super) fn adopted(&mut self, away: Duration) {
-        self.deadline = self.deadline + away;
-    }
-
+impl Change {
     /// Returns how long new programs have to say that they are healthy.
     fn healthy_within(&self) -> Duration {
-        // One that is idle may be activated at the end of its probation.
-        let span = |leaf: &Leaf| ready_within(&leaf.policy) + 2 * probation(leaf.kind, &leaf.policy, self.probation);
-        self.plan.leaves.iter().map(span).max().unwrap_or_default() + HEALTHY_WITHIN
+        // An idle program may be activated at the end of its probation.
+        let span =
+            |leaf: &Leaf| ready_within(&leaf.policy) + 2 * probation(leaf.kind, &leaf.policy, self.asked.probation);
+        self.next.plan.leaves.iter().map(span).max().unwrap_or_default() + HEALTHY_WITHIN
     }
 
     fn is_undoing(&self) -> bool {
         !self.reasons.is_empty()
     }
-}
 
-impl Coordinator {
-    /// Returns what runs, for somebody who wants to change it.
-    pub fn revision(&self) -> Revision {
-        let change = self.change.as_ref().map(|change| {
-            let stage = match change.step {
-                Step::Examining => ChangeStage::Examined,
-                _ if change.is_undoing() => ChangeStage::TakenBack,
-                Step::Applying | Step::Linking => ChangeStage::Applied,
-                Step::Probing => ChangeStage::Probation,
-            };
-            ChangeUnderway { revision: self.revision.0 + 1, by: change.by.clone(), stage }
-        });
-        Revision { epoch: self.deployment.epoch, revision: self.revision.0, plan: (*self.plan).clone(), change }
-    }
-
-    /// Begins a change; `call` gets its outcome.
-    pub fn change(&mut self, call: u64, request: ChangeRequest, signed: Option<Arc<Signed>>, out: &mut Out<'_>) {
-        let by = request.by.clone();
-        match self.examine(call, request, signed, out) {
-            Ok(change) => self.change = change,
-            Err(reasons) => answer(call, Report::Unchanged { by, reasons }, out),
+    fn stage(&self) -> ChangeStage {
+        match self.step {
+            Step::Examining => ChangeStage::Examined,
+            _ if self.is_undoing() => ChangeStage::TakenBack,
+            Step::Applying | Step::Linking => ChangeStage::Applied,
+            Step::Probing => ChangeStage::Probation,
         }
     }
 
-    fn examine(
-        &self,
+    /// Has all hosts that can be reached take a step.
+    fn step(&mut self, mission: &Mission, step: Step, within: Duration, order: &ChangeOrder, out: &mut Out<'_>) {
+        (self.step, self.until) = (step, out.now + within);
+        self.awaited = mission.reachable().cloned().collect();
+        for host in &self.awaited {
+            let order = ToParticipant::Change(order.clone()).signed(self.next.signed.as_deref());
+            out.send(host, mission.deployment.to_participant(order));
+        }
+    }
+
+    /// Has the hosts take the next plan on.
+    fn apply(&mut self, mission: &mut Mission, out: &mut Out<'_>) {
+        mission.plan = Arc::clone(&self.next.plan);
+        let slowest = self.before.leaves.iter().map(|leaf| leaf.stop_within).max().unwrap_or_default();
+        let ready = mission.plan.leaves.iter().map(|leaf| ready_within(&leaf.policy)).max().unwrap_or_default();
+        let order = ChangeOrder::Apply {
+            number: self.number,
+            plan: (*self.next.plan).clone(),
+            again: self.next.again.clone(),
+            probation: self.asked.probation,
+        };
+        self.step(mission, Step::Applying, slowest + APPLY_WITHIN + 2 * ready, &order, out);
+    }
+}
+
+impl Changes {
+    /// Returns whether a change is being made.
+    pub(super) fn is_busy(&self) -> bool {
+        self.current.is_some()
+    }
+
+    /// Returns when the present step is too late.
+    pub(super) fn deadline(&self) -> Option<Time> {
+        self.current.as_ref().map(|change| change.until)
+    }
+
+    /// The node of the home was gone and could not hear any answer.
+    pub(super) fn adopted(&mut self, away: Duration) {
+        self.current.iter_mut().for_each(|change| change.until = change.until + away);
+    }
+
+    /// Returns the plan that runs, for a user who wants to change it.
+    pub(super) fn revision(&self, mission: &Mission) -> Revision {
+        let underway = |change: &Change| {
+            let (revision, by) = (self.revision + 1, change.asked.by.clone());
+            ChangeUnderway { revision, by, stage: change.stage() }
+        };
+        Revision {
+            epoch: mission.deployment.epoch,
+            revision: self.revision,
+            plan: (*mission.plan).clone(),
+            change: self.current.as_ref().map(underway),
+        }
+    }
+
+    /// Begins a change of a deployment that runs; `call` gets its outcome.
+    pub(super) fn ask(
+        &mut self,
+        mission: &Mission,
         call: u64,
         request: ChangeRequest,
         signed: Option<Arc<Signed>>,
         out: &mut Out<'_>,
-    ) -> Result<Option<Changing>, Vec<String>> {
-        let ChangeRequest { name: _, epoch, revision, plan, again, probation, by } = request;
-        let name = &self.deployment.name;
-        if self.phase != Phase::Running || self.deployment.epoch != epoch {
-            return Err(vec![format!("`{name}@{epoch}` does not run")]);
+    ) {
+        let by = request.by.clone();
+        let again = self.check(mission, &request);
+        let asked = again.and_then(|again| self.examine(mission, call, request, again, signed, out));
+        if let Err(reasons) = asked {
+            answer(call, Report::Unchanged { by, reasons }, out);
         }
-        if let Some(change) = &self.change {
-            return Err(vec![format!("{} is changing `{name}` at this moment", change.by)]);
-        }
-        if self.revision.0 != revision {
-            return Err(vec![format!(
-                "{} has changed `{name}` meanwhile; `dca plan` shows what it is now",
-                self.revision.1
-            )]);
-        }
-        if let Some(lost) = self.lost.first() {
-            return Err(vec![if self.rejoins.is_asked(lost) {
-                format!("host `{lost}` is just about to take part again: try again once it does")
-            } else {
-                format!("host `{lost}` is lost, so nothing can be changed on it")
-            }]);
-        }
-        if let Err(why) = plan.validate() {
-            return Err(vec![format!("the plan is not sound: {why}")]);
-        }
-        let again = again.iter().map(|path| self.leaf(path)).collect::<Result<Vec<u32>, String>>();
-        let mut again = again.map_err(|why| vec![why])?;
-        again.sort_unstable();
-        again.dedup();
-        let found = difference_with(&self.plan, &plan, &again.iter().copied().collect())?;
-        let mut lines: Vec<String> = found.changes.iter().map(ToString::to_string).collect();
-        let is_named = |leaf: &u32| {
-            found
-                .changes
-                .iter()
-                .any(|change| matches!(change, PlanChange::Replace { leaf: other, .. } if other == leaf))
-        };
-        let paths = again.iter().filter(|leaf| !is_named(leaf)).filter_map(|leaf| self.plan.leaves.get(*leaf as usize));
-        lines.extend(paths.map(|leaf| format!("replace    {}: started anew", leaf.path)));
-        // Those that overlap are leaves of their own.
-        let next = found.plan.live_leaves();
-        again.retain(|leaf| next.contains(leaf));
-        if lines.is_empty() {
-            let (revision, changes) = (self.revision.0, Vec::new());
-            answer(call, Report::Changed { revision, by, changes }, out);
-            return Ok(None);
-        }
-        let number = self.changes + 1;
-        for host in &self.hosts {
-            let order = ToParticipant::Change(ChangeOrder::Examine { number, plan: found.plan.clone() });
-            out.send(host, self.deployment.to_participant(order.signed(signed.as_deref())));
-        }
-        Ok(Some(Changing {
-            number,
-            step: Step::Examining,
-            plan: Arc::new(found.plan),
-            before: Arc::clone(&self.plan),
-            wanted: Arc::new(plan),
-            again,
-            probation: probation.min(PROBATION_MAX),
-            by,
-            signed,
-            call,
-            deadline: out.now + EXAMINE_WITHIN,
-            waiting: self.hosts.iter().cloned().collect(),
-            lines,
-            reasons: Vec::new(),
-            facts: Vec::new(),
-        }))
     }
 
-    fn leaf(&self, path: &str) -> Result<u32, String> {
-        let live = self.plan.live_leaves();
-        let found = (0_u32..).zip(&self.plan.leaves).find(|(number, leaf)| leaf.path == path && live.contains(number));
-        found.map(|(number, _)| number).ok_or_else(|| format!("`{}` has no program `{path}`", self.deployment.name))
+    /// Returns the programs that are to be started again, by number, or why nothing can be changed now.
+    fn check(&self, mission: &Mission, request: &ChangeRequest) -> Result<Vec<u32>, Vec<String>> {
+        let name = &mission.deployment.name;
+        if let Some(change) = &self.current {
+            return Err(vec![format!("{} is changing `{name}` at this moment", change.asked.by)]);
+        }
+        if self.revision != request.revision {
+            let by = &self.by;
+            return Err(vec![format!("{by} has changed `{name}` meanwhile; `dca plan` shows what it is now")]);
+        }
+        if let Some((host, part)) = mission.hosts.iter().find(|(_, part)| part.has_failed()) {
+            return Err(vec![if part.is_asked() {
+                format!("host `{host}` is just about to take part again: try again once it does")
+            } else {
+                format!("host `{host}` is lost, so nothing can be changed on it")
+            }]);
+        }
+        if let Err(why) = request.plan.validate() {
+            return Err(vec![format!("the plan is not sound: {why}")]);
+        }
+        let live = mission.plan.live_leaves();
+        let number = |path: &String| {
+            let leaves = (0_u32..).zip(&mission.plan.leaves);
+            let mut found = leaves.filter(|(number, leaf)| leaf.path == *path && live.contains(number));
+            let number = found.next().map(|(number, _)| number);
+            number.ok_or_else(|| vec![format!("`{name}` has no program `{path}`")])
+        };
+        let mut again = request.again.iter().map(number).collect::<Result<Vec<u32>, _>>()?;
+        again.sort_unstable();
+        again.dedup();
+        Ok(again)
+    }
+
+    /// Asks all hosts whether they could take the plan on, unless nothing differs.
+    fn examine(
+        &mut self,
+        mission: &Mission,
+        call: u64,
+        request: ChangeRequest,
+        mut again: Vec<u32>,
+        signed: Option<Arc<Signed>>,
+        out: &mut Out<'_>,
+    ) -> Result<(), Vec<String>> {
+        let found = difference_with(&mission.plan, &request.plan, &again.iter().copied().collect())?;
+        let mut lines: Vec<String> = found.changes.iter().map(ToString::to_string).collect();
+        let replaces =
+            |change: &PlanChange, leaf| matches!(change, PlanChange::Replace { leaf: other, .. } if *other == leaf);
+        let is_named = |leaf: u32| found.changes.iter().any(|change| replaces(change, leaf));
+        let unnamed = again.iter().filter(|leaf| !is_named(**leaf));
+        let paths = unnamed.filter_map(|leaf| mission.plan.leaves.get(*leaf as usize));
+        lines.extend(paths.map(|leaf| format!("replace    {}: started anew", leaf.path)));
+        // Programs that overlap are leaves of their own.
+        let live = found.plan.live_leaves();
+        again.retain(|leaf| live.contains(leaf));
+        let ChangeRequest { plan: wanted, probation, by, .. } = request;
+        if lines.is_empty() {
+            answer(call, Report::Changed { revision: self.revision, by, changes: Vec::new() }, out);
+            return Ok(());
+        }
+        let plan = Arc::new(found.plan);
+        let mut change = Change {
+            number: self.number + 1,
+            step: Step::Examining,
+            until: out.now,
+            awaited: BTreeSet::new(),
+            asked: Asked { call, by, wanted: Arc::new(wanted), probation: probation.min(PROBATION_MAX), lines },
+            next: Next { plan: Arc::clone(&plan), again, signed },
+            before: Arc::clone(&mission.plan),
+            reasons: Vec::new(),
+            facts: Vec::new(),
+        };
+        let order = ChangeOrder::Examine { number: change.number, plan: (*plan).clone() };
+        change.step(mission, Step::Examining, EXAMINE_WITHIN, &order, out);
+        self.current = Some(change);
+        Ok(())
     }
 
     /// Takes the answer of a host.
-    pub(super) fn change_reply(&mut self, reply: ChangeReply, from: &str, out: &mut Out<'_>) {
+    pub(super) fn reply(&mut self, mission: &mut Mission, reply: ChangeReply, from: &str, out: &mut Out<'_>) {
         let number = match &reply {
             ChangeReply::Examined { number, .. }
             | ChangeReply::Applied { number }
@@ -210,16 +276,16 @@ impl Coordinator {
             | ChangeReply::Healthy { number }
             | ChangeReply::Failed { number, .. } => *number,
         };
-        let Some(change) = self.change.as_mut().filter(|change| change.number == number) else { return };
-        let expected = match (reply, change.step) {
+        let Some(change) = self.current.as_mut().filter(|change| change.number == number) else { return };
+        let is_expected = match (reply, change.step) {
             (ChangeReply::Examined { reasons, .. }, Step::Examining) => {
                 change.reasons.extend(reasons);
                 true
             }
-            (ChangeReply::Failed { reason, .. }, _) => return self.take_back(reason, out),
+            (ChangeReply::Failed { reason, .. }, _) => return self.take_back(mission, reason, out),
             (ChangeReply::Applied { .. }, step) => step == Step::Applying,
             (ChangeReply::Joined { facts, .. }, Step::Applying) => {
-                self.registrations.facts.extend(facts.iter().map(|facts| (facts.leaf, facts.clone())));
+                mission.registrations.facts.extend(facts.iter().map(|facts| (facts.leaf, facts.clone())));
                 change.facts.extend(facts);
                 true
             }
@@ -227,151 +293,127 @@ impl Coordinator {
             (ChangeReply::Healthy { .. }, step) => step == Step::Probing,
             (ChangeReply::Examined { .. } | ChangeReply::Joined { .. }, _) => false,
         };
-        if expected && change.waiting.remove(from) && change.waiting.is_empty() {
-            self.next_step(out);
+        if is_expected && change.awaited.remove(from) && change.awaited.is_empty() {
+            self.next_step(mission, out);
         }
     }
 
-    fn next_step(&mut self, out: &mut Out<'_>) {
-        let Some(change) = &mut self.change else { return };
+    fn next_step(&mut self, mission: &mut Mission, out: &mut Out<'_>) {
+        let Some(change) = &mut self.current else { return };
+        let number = change.number;
         match change.step {
-            Step::Examining if change.is_undoing() => {
-                if let Some(change) = self.change.take() {
-                    answer(change.call, Report::Unchanged { by: change.by, reasons: change.reasons }, out);
-                }
+            Step::Examining if change.is_undoing() => self.refuse(out),
+            Step::Examining => {
+                self.number = number;
+                change.apply(mission, out);
             }
-            Step::Examining => self.apply(out),
             Step::Applying => {
-                let (number, until) = (change.number, out.now + LINK_WITHIN);
                 let order = match std::mem::take(&mut change.facts) {
                     facts if facts.is_empty() => ChangeOrder::Link { number },
                     facts => ChangeOrder::LinkAlso { number, facts },
                 };
-                self.step((Step::Linking, until), &order, out);
+                change.step(mission, Step::Linking, LINK_WITHIN, &order, out);
             }
             Step::Linking => {
-                let (number, until) = (change.number, out.now + change.healthy_within());
-                let is_another = change.is_undoing() || change.plan.groups != change.before.groups;
-                self.step((Step::Probing, until), &ChangeOrder::Adopt { number }, out);
+                let is_another = change.is_undoing() || change.next.plan.groups != change.before.groups;
+                change.step(mission, Step::Probing, change.healthy_within(), &ChangeOrder::Adopt { number }, out);
                 if is_another {
-                    // Before anybody says what happens by it.
-                    self.report(Report::Replanned { plan: Box::new((*self.plan).clone()) }, out);
+                    // The report of the plan comes before all reports about it.
+                    mission.report(Report::Replanned { plan: Box::new((*mission.plan).clone()) }, out);
                 }
             }
-            Step::Probing => self.changed(out),
+            Step::Probing => self.changed(mission, out),
         }
     }
 
-    /// Has the hosts take the next plan on.
-    fn apply(&mut self, out: &mut Out<'_>) {
-        let Some(change) = &mut self.change else { return };
-        self.changes = change.number;
-        self.plan = Arc::clone(&change.plan);
-        let slowest = change.before.leaves.iter().map(|leaf| leaf.stop_within).max().unwrap_or_default();
-        let (number, plan) = (change.number, (*change.plan).clone());
-        let (again, probation) = (change.again.clone(), change.probation);
-        let ready = change.plan.leaves.iter().map(|leaf| ready_within(&leaf.policy)).max().unwrap_or_default();
-        let until = out.now + slowest + APPLY_WITHIN + 2 * ready;
-        self.step((Step::Applying, until), &ChangeOrder::Apply { number, plan, again, probation }, out);
-    }
-
-    /// Has all hosts that can be reached take a step.
-    fn step(&mut self, (step, until): (Step, Time), order: &ChangeOrder, out: &mut Out<'_>) {
-        let Some(change) = &mut self.change else { return };
-        (change.step, change.deadline) = (step, until);
-        change.waiting = self.hosts.iter().filter(|host| !self.lost.contains(*host)).cloned().collect();
-        for host in &change.waiting {
-            let order = ToParticipant::Change(order.clone()).signed(change.signed.as_deref());
-            out.send(host, self.deployment.to_participant(order));
+    /// The change is not made.
+    fn refuse(&mut self, out: &mut Out<'_>) {
+        if let Some(Change { asked, reasons, .. }) = self.current.take() {
+            answer(asked.call, Report::Unchanged { by: asked.by, reasons }, out);
         }
     }
 
-    fn changed(&mut self, out: &mut Out<'_>) {
-        let Some(change) = self.change.take() else { return };
-        self.tell_where_new_ones_are(&change, out);
-        let live = self.plan.live_leaves();
-        self.registrations.facts.retain(|leaf, _| live.contains(leaf));
-        for host in self.hosts.iter().filter(|host| !self.lost.contains(*host)) {
-            let order = ChangeOrder::Settle { number: change.number };
-            out.send(host, self.deployment.to_participant(ToParticipant::Change(order)));
+    /// The change was made or taken back.
+    fn changed(&mut self, mission: &mut Mission, out: &mut Out<'_>) {
+        let Some(change) = self.current.take() else { return };
+        let live = mission.plan.live_leaves();
+        mission.tell_where(live.difference(&change.before.live_leaves()).copied(), out);
+        mission.registrations.facts.retain(|leaf, _| live.contains(leaf));
+        for host in mission.reachable() {
+            mission.tell(host, ToParticipant::Change(ChangeOrder::Settle { number: change.number }), out);
         }
-        let report = if change.is_undoing() {
-            Report::Unchanged { by: change.by, reasons: change.reasons }
+        let is_undoing = change.is_undoing();
+        let Asked { call, by, wanted, lines, .. } = change.asked;
+        let report = if is_undoing {
+            Report::Unchanged { by, reasons: change.reasons }
         } else {
-            self.revision = (self.revision.0 + 1, change.by.clone());
-            (self.signed, self.wanted) = (change.signed, change.wanted);
-            out.effects.extend(self.kept().map(|kept| Effect::Keep(Box::new(kept))));
-            Report::Changed { revision: self.revision.0, by: change.by, changes: change.lines }
+            (self.revision, self.by) = (self.revision + 1, by.clone());
+            (mission.request.signed, mission.request.wanted) = (change.next.signed, wanted);
+            if mission.stop.wish != Wish::Unwanted {
+                out.effects.push(Effect::Keep(Box::new(mission.kept(false))));
+            }
+            Report::Changed { revision: self.revision, by, changes: lines }
         };
-        self.report(report.clone(), out);
-        answer(change.call, report, out);
+        mission.report(report.clone(), out);
+        answer(call, report, out);
     }
 
-    /// Tells the people who watch where programs are that were added.
-    fn tell_where_new_ones_are(&mut self, change: &Changing, out: &mut Out<'_>) {
-        let (before, live) = (change.before.live_leaves(), self.plan.live_leaves());
-        self.tell_where(live.difference(&before).copied(), out);
-    }
-
-    /// Goes back to the plan of before, or gives up when that has failed, too.
-    fn take_back(&mut self, reason: String, out: &mut Out<'_>) {
-        let Some(change) = &mut self.change else { return };
+    /// Goes back to the previous plan, or gives up if that has failed already.
+    fn take_back(&mut self, mission: &mut Mission, reason: String, out: &mut Out<'_>) {
+        let Some(change) = &mut self.current else { return };
         let was_undoing = change.is_undoing();
         change.reasons.push(reason);
         match change.step {
-            Step::Examining => {
-                change.waiting.clear();
-                self.next_step(out);
-            }
-            // What can still be had of it is waited for.
+            Step::Examining => self.refuse(out),
+            // The other hosts still have to go back.
             Step::Applying | Step::Linking | Step::Probing if was_undoing => {}
             Step::Applying | Step::Linking | Step::Probing => {
                 // The numbers of new wires and programs stay taken.
-                let back = change.plan.back_to(&change.before);
+                let plan = Arc::new(change.next.plan.back_to(&change.before));
+                change.next = Next { plan, again: Vec::new(), signed: mission.request.signed.clone() };
                 change.number += 1;
-                (change.plan, change.again) = (Arc::new(back), Vec::new());
-                change.signed.clone_from(&self.signed);
-                self.apply(out);
+                self.number = change.number;
+                change.apply(mission, out);
             }
         }
     }
 
-    /// A host that takes part in a change is lost.
-    pub(super) fn change_without(&mut self, host: &str, out: &mut Out<'_>) {
-        let Some(change) = &mut self.change else { return };
-        let was_waited_for = change.waiting.remove(host);
+    /// A host failed.
+    pub(super) fn without(&mut self, mission: &mut Mission, host: &str, out: &mut Out<'_>) {
+        let Some(change) = &mut self.current else { return };
+        let was_awaited = change.awaited.remove(host);
         if change.is_undoing() && change.step != Step::Examining {
-            if was_waited_for && change.waiting.is_empty() {
-                self.next_step(out);
+            if was_awaited && change.awaited.is_empty() {
+                self.next_step(mission, out);
             }
         } else {
-            self.take_back(unreached(host), out);
+            self.take_back(mission, unreached(host), out);
         }
     }
 
-    /// Does what is due of a change.
-    pub(super) fn tick_change(&mut self, out: &mut Out<'_>) {
-        let Some(change) = self.change.as_mut().filter(|change| change.deadline <= out.now) else { return };
-        let late = change.waiting.iter().map(|host| format!("host `{host}` did not answer in time"));
+    /// Does what is due.
+    pub(super) fn tick(&mut self, mission: &mut Mission, out: &mut Out<'_>) {
+        let Some(change) = self.current.as_mut().filter(|change| change.until <= out.now) else { return };
+        let late = change.awaited.iter().map(|host| format!("host `{host}` did not answer in time"));
         let reason = late.collect::<Vec<_>>().join("; ");
         if change.is_undoing() && change.step != Step::Examining {
             change.reasons.push(format!("{reason}, so it is not known whether all of it was taken back"));
-            change.waiting.clear();
-            return self.changed(out);
+            return self.changed(mission, out);
         }
-        self.take_back(reason, out);
+        self.take_back(mission, reason, out);
     }
 
-    /// The deployment ends in the middle of a change.
-    pub(super) fn abandon_change(&mut self, out: &mut Out<'_>) {
-        if let Some(mut change) = self.change.take() {
+    /// The deployment ends during a change.
+    pub(super) fn abandon(&mut self, out: &mut Out<'_>) {
+        if let Some(change) = &mut self.current {
             change.reasons.push("the deployment ended before every host had confirmed the change".to_owned());
-            answer(change.call, Report::Unchanged { by: change.by, reasons: change.reasons }, out);
+            self.refuse(out);
         }
     }
 }
 
-fn answer(call: u64, report: Report, out: &mut Out<'_>) {
+/// Answers a call for a change.
+pub(super) fn answer(call: u64, report: Report, out: &mut Out<'_>) {
     out.effects.push(Effect::Answer { call, answer: Box::new(Answer::Report(report)) });
     out.effects.push(Effect::EndAnswers { call });
 }

@@ -1,12 +1,28 @@
 //! The start of a deployment at its home: every host prepares, every host connects, then GO.
+//!
+//! ```text
+//! Preparing ─all prepared─▶ Connecting ─all connected─▶ GO
+//!                               └─ with `--aligned` ─▶ ReadingClocks ─all clocks are read─▶ GO
+//! each ─ refused, late, host failed, stopped ─▶ refused
+//! ```
+//! GO waits until the epoch is on the disk. So a restarted node never gives out an epoch that has run.
 
-use super::{CONNECT_WITHIN, Coordinator, PREPARE_WITHIN, Phase, REASONS_WITHIN};
+use super::aligned::{Aligned, Clocks, Exchange};
+use super::mission::Mission;
+use super::{CONNECT_WITHIN, PREPARE_WITHIN, REASONS_WITHIN};
 use crate::logic::effect::Out;
 use crate::logic::instance::watchdog::{READY_WITHIN, ready_within};
-use crate::logic::protocol::{LeafFacts, Report, Target, ToParticipant};
-use crate::logic::wiring::observe;
+use crate::logic::protocol::{Report, StartMode, ToCoordinator, ToParticipant};
+use comms::logic::time::Time;
 use language::plan::Plan;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::time::Duration;
+
+/// How long its node may be gone before a deployment that has not begun is refused: as long as until a host counts as failed.
+const AWAY_MAX: Duration = Duration::from_secs(5);
+/// How long all hosts have to tell their clocks.
+const READ_WITHIN: Duration = Duration::from_secs(10);
 
 /// Returns how long hosts have to start their programs: the plan may let one take longer than usual.
 pub(super) fn prepare_within(plan: &Plan) -> Duration {
@@ -14,113 +30,155 @@ pub(super) fn prepare_within(plan: &Plan) -> Duration {
     PREPARE_WITHIN + slowest.saturating_sub(READY_WITHIN)
 }
 
-impl Coordinator {
-    /// Takes note of the user who has deployed it.
-    pub fn begun_for(&mut self, by: &str) {
-        by.clone_into(&mut self.begun_by);
-    }
+/// A deployment that has not begun to run.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Start {
+    step: Step,
+    begun: Time,
+    pub(super) until: Time,
+    /// The hosts that have not finished the step.
+    awaited: BTreeSet<String>,
+    /// Whether the epoch is on the disk.
+    is_committed: bool,
+    /// Why it does not begin.
+    pub(super) reasons: Vec<String>,
+    /// The clocks of the other hosts, if its first step begins everywhere at one moment.
+    clocks: Option<Clocks>,
+}
 
-    /// Returns the user who has deployed it.
-    pub fn begun_by(&self) -> &str {
-        &self.begun_by
-    }
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+enum Step {
+    Preparing,
+    Connecting,
+    ReadingClocks,
+}
 
-    /// Takes note that it is resumed after a reboot: a user has deployed it under this epoch.
-    pub fn resumes(&mut self, origin: u64) {
-        self.origin = origin;
-    }
+/// The next step of the home.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Next {
+    Wait,
+    Go,
+    Refuse,
+}
 
-    /// Returns the epoch under which a user has deployed it.
-    pub fn origin(&self) -> u64 {
-        if self.origin == 0 { self.deployment.epoch } else { self.origin }
-    }
-
-    /// Returns whether nothing is left to be done.
-    pub fn is_over(&self) -> bool {
-        self.phase == Phase::Over
-    }
-
-    pub(super) fn prepared(&mut self, from: &str, facts: Vec<LeafFacts>, machine: &str, out: &mut Out<'_>) {
-        self.waiting.remove(from);
-        self.register(from, facts, machine, out);
-        if !self.waiting.is_empty() {
-            return;
+impl Start {
+    /// Has every host prepare.
+    pub(super) fn new(mission: &Mission, start: StartMode, out: &mut Out<'_>) -> Self {
+        for host in &mission.plan.hosts {
+            mission.tell(host, ToParticipant::Prepare { plan: (*mission.plan).clone() }, out);
         }
-        if !self.reasons.is_empty() {
-            return self.end(None, out);
-        }
-        self.phase = Phase::Connecting;
-        self.deadline = Some(out.now + CONNECT_WITHIN);
-        self.waiting = self.hosts.iter().cloned().collect();
-        self.hosts.iter().for_each(|host| self.have_connected(host, out));
-    }
-
-    /// Notes where the programs of a host are.
-    pub(super) fn register(&mut self, host: &str, facts: Vec<LeafFacts>, machine: &str, out: &mut Out<'_>) {
-        let leaves = u32::try_from(facts.len()).unwrap_or(u32::MAX);
-        self.registrations.facts.extend(facts.into_iter().map(|facts| (facts.leaf, facts)));
-        let theirs = self.hosts.iter().zip(&mut self.registrations.machines).filter(|(other, _)| *other == host);
-        theirs.for_each(|(_, known)| machine.clone_into(known));
-        self.report(Report::Prepared { host: host.to_owned(), leaves }, out);
-    }
-
-    /// Has a host make its links, with all that is known of where programs are.
-    pub(super) fn have_connected(&self, host: &str, out: &mut Out<'_>) {
-        let facts = self.registrations.facts.values().cloned().collect();
-        let machines = self.registrations.machines.clone();
-        out.send(host, self.deployment.to_participant(ToParticipant::Connect { facts, machines }));
-    }
-
-    pub(super) fn connected(&mut self, from: &str, out: &mut Out<'_>) {
-        self.waiting.remove(from);
-        self.report(Report::Connected { host: from.to_owned() }, out);
-        self.go_if_ready(out);
-    }
-
-    pub(super) fn go_if_ready(&mut self, out: &mut Out<'_>) {
-        if self.phase == Phase::Connecting && self.waiting.is_empty() && self.committed && self.clocks_are_read(out) {
-            self.go(out);
+        let is_aligned = start == StartMode::Aligned && mission.plan.hosts.len() > 1;
+        Self {
+            step: Step::Preparing,
+            begun: out.now,
+            until: out.now + prepare_within(&mission.plan),
+            awaited: mission.hosts.keys().cloned().collect(),
+            is_committed: false,
+            reasons: Vec::new(),
+            clocks: is_aligned.then(Clocks::default),
         }
     }
 
-    /// The other hosts get a moment to say what is wrong with them, too.
-    pub(super) fn refused(&mut self, from: &str, reasons: Vec<String>, out: &mut Out<'_>) {
+    /// Takes a message of a host; gives back a message that is not about the start.
+    pub(super) fn receive(
+        &mut self,
+        mission: &mut Mission,
+        message: ToCoordinator,
+        from: &str,
+        out: &mut Out<'_>,
+    ) -> Result<Next, ToCoordinator> {
+        match (message, self.step) {
+            (ToCoordinator::Prepared { facts, machine }, Step::Preparing) => {
+                self.awaited.remove(from);
+                mission.register(from, facts, &machine, out);
+            }
+            (ToCoordinator::Connected, Step::Connecting) => {
+                self.awaited.remove(from);
+                mission.report(Report::Connected { host: from.to_owned() }, out);
+            }
+            (ToCoordinator::ClockRead { asked, shown }, Step::ReadingClocks) if self.awaited.contains(from) => {
+                let read = Exchange { asked, shown, round_trip: out.now - asked };
+                if self.clocks.as_mut().is_none_or(|clocks| clocks.read(from, read)) {
+                    self.awaited.remove(from);
+                } else {
+                    ask_clock(mission, from, out);
+                }
+            }
+            (ToCoordinator::Refused { reasons }, _) => return Ok(self.refused(from, reasons, out.now)),
+            (ToCoordinator::Released | ToCoordinator::Unconfirmed, _) => {
+                return Ok(self.refused(from, vec![format!("host `{from}`: its node left")], out.now));
+            }
+            (message, _) => return Err(message),
+        }
+        Ok(self.next(mission, out))
+    }
+
+    /// The epoch is on the disk.
+    pub(super) fn committed(&mut self, mission: &Mission, out: &mut Out<'_>) -> Next {
+        self.is_committed = true;
+        self.next(mission, out)
+    }
+
+    /// Takes the next step once all hosts have finished this one.
+    fn next(&mut self, mission: &Mission, out: &mut Out<'_>) -> Next {
+        match self.step {
+            _ if !self.awaited.is_empty() => {}
+            Step::Preparing if !self.reasons.is_empty() => return Next::Refuse,
+            Step::Preparing => {
+                (self.step, self.until) = (Step::Connecting, out.now + CONNECT_WITHIN);
+                self.awaited = mission.hosts.keys().cloned().collect();
+                self.awaited.iter().for_each(|host| mission.have_connected(host, out));
+            }
+            Step::Connecting | Step::ReadingClocks if !self.is_committed => {}
+            Step::Connecting if self.clocks.is_some() => {
+                (self.step, self.until) = (Step::ReadingClocks, out.now + READ_WITHIN);
+                let others = mission.hosts.keys().filter(|host| Some(host.as_str()) != mission.plan.home());
+                self.awaited = others.cloned().collect();
+                self.awaited.iter().for_each(|host| ask_clock(mission, host, out));
+            }
+            Step::Connecting | Step::ReadingClocks => return Next::Go,
+        }
+        Next::Wait
+    }
+
+    /// A host refuses. The other hosts get a moment to add their reasons.
+    pub(super) fn refused(&mut self, from: &str, reasons: Vec<String>, now: Time) -> Next {
         self.reasons.extend(reasons);
-        self.waiting.remove(from);
-        if self.waiting.is_empty() {
-            self.end(None, out);
-        } else {
-            let soon = out.now + REASONS_WITHIN;
-            self.deadline = Some(self.deadline.map_or(soon, |at| at.min(soon)));
+        self.awaited.remove(from);
+        self.until = self.until.min(now + REASONS_WITHIN);
+        if self.awaited.is_empty() { Next::Refuse } else { Next::Wait }
+    }
+
+    /// The time of the step is over.
+    pub(super) fn late(&mut self) {
+        if self.reasons.is_empty() {
+            self.reasons.extend(self.awaited.iter().map(|host| format!("host `{host}` did not answer in time")));
+            if self.awaited.is_empty() {
+                self.reasons.push("the disk of its home did not take its epoch in time".to_owned());
+            }
         }
     }
 
-    pub(super) fn go(&mut self, out: &mut Out<'_>) {
-        self.phase = Phase::Running;
-        self.deadline = None;
-        self.go_at = Some(out.now);
-        let signals = self.registrations.facts.values().filter(|facts| facts.signals).filter_map(|facts| {
-            let leaf = self.plan.leaves.get(facts.leaf as usize)?;
-            let dial = observe(&self.registrations, facts.leaf)?;
-            Some((leaf.path.clone(), dial))
-        });
-        let signals = signals.collect();
-        let start = self.start_on_hosts(out);
-        self.report(Report::Go { took: out.now - self.begun, signals }, out);
-        // What other deployments run is looked at there.
-        let own = self.registrations.facts.keys().filter(|leaf| self.plan.external(**leaf).is_none());
-        let programs = own.filter_map(|leaf| {
-            let path = self.plan.leaves.get(*leaf as usize)?.path.clone();
-            Some((path, observe(&self.registrations, *leaf)?))
-        });
-        let at = programs.collect();
-        self.report(Report::Programs { at }, out);
-        for host in &self.hosts {
-            let at = start.get(host).map(|start| ToParticipant::GoAt { start: *start });
-            out.send(host, self.deployment.to_participant(at.unwrap_or(ToParticipant::Go)));
+    /// Its node was gone and could not hear any answer. Its user was told that it is lost, so it does not begin any more.
+    pub(super) fn adopted(&mut self, away: Duration) {
+        if away > AWAY_MAX {
+            self.reasons.push(format!("its home was gone for {} s before it had begun", away.as_secs()));
+            self.until = Time::ZERO;
+        } else {
+            self.until = self.until + away;
         }
-        let Some(home) = self.plan.home().map(str::to_owned) else { return };
-        let order = ToParticipant::Activate { target: Target::Group(0), activation: 1, value: Vec::new() };
-        out.send(&home, self.deployment.to_participant(order));
     }
+
+    /// Begins: says GO to all hosts.
+    pub(super) fn go(&self, mission: &mut Mission, out: &mut Out<'_>) {
+        let aligned = self.clocks.as_ref().map(|clocks| clocks.start(mission.plan.home(), out.now));
+        if let Some(Aligned { lead, within, .. }) = aligned {
+            mission.report(Report::Aligned { lead, within }, out);
+        }
+        mission.go(self.begun, &aligned.map(|aligned| aligned.on_hosts).unwrap_or_default(), out);
+    }
+}
+
+fn ask_clock(mission: &Mission, host: &str, out: &mut Out<'_>) {
+    mission.tell(host, ToParticipant::ReadClock { asked: out.now }, out);
 }

@@ -1,47 +1,47 @@
-//! People who switch a process to other connection sets: finds what they mean, and passes on what its supervisor says.
+//! Requests of users to switch a process to other connection sets: the home finds the process, and passes on the answer of its
+//! supervisor.
 
-use super::{Coordinator, Phase};
+use super::mission::Mission;
 use crate::logic::effect::{Effect, Out};
 use crate::logic::executer::group_host;
 use crate::logic::protocol::{Answer, SetsSwitched, SwitchRequest, ToParticipant};
+use comms::logic::time::Time;
 use language::plan::{Plan, owned_sets};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// How long a supervisor has to answer: each of its three steps has 2 s.
 const ANSWER_WITHIN: Duration = Duration::from_secs(8);
-/// How many people may wait at one time.
+/// How many calls may wait at one time.
 const CALLS_MAX: usize = 64;
 
-impl Coordinator {
-    /// Has a supervisor switch a process; `call` is answered when that is confirmed.
-    pub fn switch(&mut self, call: u64, request: &SwitchRequest, out: &mut Out<'_>) {
-        let found = self.to_switch(request);
-        let host = found.as_ref().ok().and_then(|(group, ..)| group_host(&self.plan, *group));
-        match (found, host) {
-            (Ok((group, slot, sets)), Some(host)) => {
-                let order = ToParticipant::SwitchSets { group, slot, sets, call };
-                out.send(host, self.deployment.to_participant(order));
-                self.switches.insert(call, out.now + ANSWER_WITHIN);
-            }
-            (found, _) => answer(call, Err(found.err().unwrap_or_default()), out),
-        }
-    }
+/// The calls that wait for a switch, and until when.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct Switches(BTreeMap<u64, Time>);
 
-    /// Returns the group, the member of it and its sets that are meant.
-    fn to_switch(&self, request: &SwitchRequest) -> Result<(u32, u32, Vec<u32>), String> {
-        let name = &self.deployment.name;
-        if self.phase != Phase::Running {
-            return Err(format!("`{name}` does not run"));
-        }
-        if self.switches.len() >= CALLS_MAX {
+impl Switches {
+    /// Has a supervisor switch a process; `call` is answered when the supervisor has confirmed it.
+    ///
+    /// # Errors
+    /// Why it cannot be switched, for the caller.
+    pub(super) fn ask(
+        &mut self,
+        mission: &Mission,
+        call: u64,
+        request: &SwitchRequest,
+        out: &mut Out<'_>,
+    ) -> Result<(), String> {
+        if self.0.len() >= CALLS_MAX {
             return Err("too many switches are asked for at this moment".to_owned());
         }
-        let (group, slot) = member(&self.plan, &request.process)?;
-        let host = group_host(&self.plan, group).unwrap_or_default();
-        if self.lost.contains(host) {
+        let plan = &mission.plan;
+        let (group, slot) = member(plan, &request.process)?;
+        let host = group_host(plan, group).unwrap_or_default();
+        if mission.hosts.get(host).is_some_and(|part| part.has_failed()) {
             return Err(format!("host `{host}`, which supervises `{}`, is lost", request.process));
         }
-        let owned = self.plan.groups.get(group as usize).map(|group| owned_sets(group, slot)).unwrap_or_default();
+        let owned = plan.groups.get(group as usize).map(|group| owned_sets(group, slot)).unwrap_or_default();
         let set = |label: &String| {
             let found = owned.iter().find(|(_, owned)| *owned == label).map(|(set, _)| *set);
             found.ok_or_else(|| match &owned.iter().map(|(_, label)| format!("`{label}`")).collect::<Vec<_>>()[..] {
@@ -51,29 +51,38 @@ impl Coordinator {
                 }
             })
         };
-        Ok((group, slot, request.labels.iter().map(set).collect::<Result<_, String>>()?))
+        let sets = request.labels.iter().map(set).collect::<Result<_, String>>()?;
+        mission.tell(host, ToParticipant::SwitchSets { group, slot, sets, call }, out);
+        self.0.insert(call, out.now + ANSWER_WITHIN);
+        Ok(())
     }
 
-    /// Passes on what a supervisor says.
-    pub(super) fn sets_switched(&mut self, call: u64, switched: Result<SetsSwitched, String>, out: &mut Out<'_>) {
-        if self.switches.remove(&call).is_some() {
+    /// Passes on the answer of a supervisor.
+    pub(super) fn switched(&mut self, call: u64, switched: Result<SetsSwitched, String>, out: &mut Out<'_>) {
+        if self.0.remove(&call).is_some() {
             answer(call, switched, out);
         }
     }
 
-    /// Waits no longer for a supervisor that does not answer.
-    pub(super) fn tick_calls_to_switch(&mut self, out: &mut Out<'_>) {
-        for (call, _) in self.switches.extract_if(.., |_, until| *until <= out.now).collect::<Vec<_>>() {
+    /// Returns when [`Switches::tick`] wants to be called.
+    pub(super) fn deadline(&self) -> Option<Time> {
+        self.0.values().min().copied()
+    }
+
+    /// Gives up supervisors that do not answer.
+    pub(super) fn tick(&mut self, out: &mut Out<'_>) {
+        let now = out.now;
+        for (call, _) in self.0.extract_if(.., |_, until| *until <= now) {
             let within = ANSWER_WITHIN.as_secs();
             let why = format!("the supervisor did not answer within {within} s; whether it was switched is not known");
             answer(call, Err(why), out);
         }
     }
 
-    /// Answers who still waits: the deployment ends.
-    pub(super) fn abandon_switches(&mut self, out: &mut Out<'_>) {
-        for (call, _) in std::mem::take(&mut self.switches) {
-            answer(call, Err(format!("`{}` ends", self.deployment.name)), out);
+    /// Answers all calls: the deployment ends.
+    pub(super) fn abandon(&mut self, name: &str, out: &mut Out<'_>) {
+        for (call, _) in std::mem::take(&mut self.0) {
+            answer(call, Err(format!("`{name}` ends")), out);
         }
     }
 }
@@ -101,7 +110,8 @@ fn member(plan: &Plan, process: &str) -> Result<(u32, u32), String> {
     }
 }
 
-fn answer(call: u64, switched: Result<SetsSwitched, String>, out: &mut Out<'_>) {
+/// Answers a call for a switch.
+pub(super) fn answer(call: u64, switched: Result<SetsSwitched, String>, out: &mut Out<'_>) {
     out.effects.push(Effect::Answer { call, answer: Box::new(Answer::Switched(switched)) });
     out.effects.push(Effect::EndAnswers { call });
 }
