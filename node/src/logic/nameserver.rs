@@ -14,11 +14,9 @@
 mod attention;
 mod change;
 mod detour;
-mod duplicates;
-mod sleep;
 
 use super::effect::earliest;
-use super::protocol::Pong;
+use super::protocol::{Duplicate, Pong};
 pub(in crate::logic) use attention::{NEW_FOR, QUIET_EVERY};
 pub use change::Change;
 use comms::logic::time::Time;
@@ -61,30 +59,49 @@ struct Boot {
     place: String,
     /// [`Pong::origin`].
     origin: u32,
-    /// When its last answer came.
-    heard: Time,
-    /// How long this node was away since then, which does not count.
-    slept: Duration,
+    last: Answer,
     /// From when its silence counts; none while nothing is expected of it.
     owes: Option<Time>,
     /// Since when it is there.
     there_since: Time,
-    /// How long that took.
-    took: Duration,
     /// The first round that it answered.
     first: u64,
     /// Answers to rounds before this one prove nothing.
     proof: u64,
-    /// Until when it has to answer, where something speaks against it, and since when.
+    /// Since when something speaks against it, and until when it has to answer.
     doubted: Option<(Time, Time)>,
-    missing_since: Option<Time>,
-    lost_at: Option<Time>,
-    /// Whether it and the holder of its name were there at the same time.
-    is_rival: bool,
-    /// Whether it has this node's own name, and was there first.
-    is_elder: bool,
+    reach: Reach,
+    standing: Standing,
     /// How it is reached while it does not answer itself.
     detour: Option<Detour>,
+}
+
+/// The last answer of a boot.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct Answer {
+    heard: Time,
+    /// How long this node was away since then, which does not count.
+    slept: Duration,
+    /// How long it took from the question.
+    took: Duration,
+}
+
+/// Whether a boot is there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+enum Reach {
+    There,
+    Missing { since: Time },
+    Lost { since: Time, at: Time },
+}
+
+/// The claim of a boot to its name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+enum Standing {
+    Alone,
+    /// It and the holder of its name were there at the same time.
+    Rival,
+    /// It has this node's own name, and was there first.
+    Elder,
 }
 
 /// Every boot of one name that is there, or was of late.
@@ -101,16 +118,7 @@ pub struct NameServer {
     boot: u64,
     started: Time,
     peers: BTreeMap<String, Peer>,
-    rounds: VecDeque<(u64, Time)>,
-    round: u64,
-    /// When all others are asked, and how often they were.
-    ask_at: Time,
-    asked_all: u64,
-    /// When those are asked that matter now.
-    ask_close_at: Time,
-    /// When some more are asked, and who.
-    ask_some_at: Time,
-    to_ask: BTreeSet<String>,
+    asked: Asked,
     /// The hosts that something here depends on.
     close: BTreeSet<String>,
     /// Until when a person looks.
@@ -121,6 +129,22 @@ pub struct NameServer {
     changes: Vec<Change>,
 }
 
+/// The questions to other nodes.
+#[derive(Debug, Default, Serialize, Deserialize)]
+struct Asked {
+    /// The last rounds, and when each was.
+    rounds: VecDeque<(u64, Time)>,
+    round: u64,
+    /// When all others are asked, and how often they were.
+    all_at: Time,
+    all_count: u64,
+    /// When those are asked that matter now.
+    close_at: Time,
+    /// When some more are asked, and their names.
+    some_at: Time,
+    some: BTreeSet<String>,
+}
+
 impl NameServer {
     /// Returns a table without others for the node `host`, booted as `boot`.
     pub fn new(host: &str, boot: u64, now: Time) -> Self {
@@ -129,13 +153,7 @@ impl NameServer {
             boot,
             started: now,
             peers: BTreeMap::new(),
-            rounds: VecDeque::new(),
-            round: 0,
-            ask_at: now,
-            asked_all: 0,
-            ask_close_at: now,
-            ask_some_at: now,
-            to_ask: BTreeSet::new(),
+            asked: Asked { all_at: now, close_at: now, some_at: now, ..Asked::default() },
             close: BTreeSet::new(),
             watched_until: now,
             seen: now,
@@ -151,10 +169,10 @@ impl NameServer {
 
     /// Takes note that a token of a node is gone. A token of another boot says nothing about this one.
     pub fn no_token(&mut self, now: Time, host: &str, boot: u64) {
-        let proof = self.round + 1;
+        let proof = self.asked.round + 1;
         let Some(life) = self.life_mut(host, boot).filter(|life| life.is_there()) else { return };
         life.proof = proof;
-        let until = now + DOUBT + 2 * life.took;
+        let until = now + DOUBT + 2 * life.last.took;
         life.doubted = Some(life.doubted.map_or((now, until), |(since, before)| (since, before.min(until))));
         self.ask_soon(now, host);
     }
@@ -177,7 +195,7 @@ impl NameServer {
     /// Takes an answer.
     pub fn answered(&mut self, now: Time, pong: &Pong) {
         let (host, boot) = (&pong.from, pong.boot);
-        let asked = self.rounds.iter().find(|(round, _)| *round == pong.round).map(|(_, at)| *at);
+        let asked = self.asked.rounds.iter().find(|(round, _)| *round == pong.round).map(|(_, at)| *at);
         let Some(asked) = asked.filter(|_| pong.to_boot == self.boot && (host, boot) != (&self.host, self.boot)) else {
             return;
         };
@@ -190,8 +208,8 @@ impl NameServer {
         if pong.round < life.proof {
             return;
         }
-        (life.heard, life.slept) = (now, Duration::ZERO);
-        (life.took, life.place) = (now.since(asked), pong.place.clone());
+        (life.last.heard, life.last.slept) = (now, Duration::ZERO);
+        (life.last.took, life.place) = (now.since(asked), pong.place.clone());
         let (was_there, is_holder) = (life.is_there(), peer.holder == Some(boot));
         let had_detour = life.detour.take().is_some();
         if !was_there {
@@ -199,18 +217,21 @@ impl NameServer {
         }
         if pong.holder.is_some_and(|holder| holder != self.boot) && *host != self.host {
             // Who deals with another node of this one's name is not there for this one.
-            life.missing_since.get_or_insert(now);
+            if life.is_there() {
+                life.reach = Reach::Missing { since: now };
+            }
             if was_there && is_holder {
                 let why = format!("it deals with another node called `{}`", self.host);
                 self.changes.push(Change::Missing { host: host.clone(), since: now, why });
             }
             return;
         }
-        (life.doubted, life.missing_since, life.lost_at) = (None, None, None);
+        (life.doubted, life.reach) = (None, Reach::There);
         if *host == self.host {
-            life.is_elder = (pong.up, boot) > (now.since(self.started), self.boot);
+            let is_elder = (pong.up, boot) > (now.since(self.started), self.boot);
+            life.standing = if is_elder { Standing::Elder } else { Standing::Alone };
             if is_new || !was_there {
-                self.changes.push(Change::Namesake { place: pong.place.clone(), elder: life.is_elder });
+                self.changes.push(Change::Namesake { place: pong.place.clone(), elder: life.is_elder() });
             }
         } else {
             if (!was_there || had_detour) && is_holder {
@@ -229,27 +250,27 @@ impl NameServer {
             return true;
         }
         let gone = peer.lives.iter().filter(|(other, life)| !life.is_there() && Some(**other) != peer.holder);
-        let oldest = gone.min_by_key(|(_, life)| life.missing_since).map(|(other, _)| *other);
+        let oldest = gone.min_by_key(|(_, life)| life.missing_since()).map(|(other, _)| *other);
         oldest.is_some_and(|oldest| peer.lives.remove(&oldest).is_some())
     }
 
     /// Works out who holds a name.
     fn settle(&mut self, now: Time, host: &str) {
-        let next = self.round + 1;
+        let next = self.asked.round + 1;
         let Some(peer) = self.peers.get_mut(host).filter(|_| *host != *self.host) else { return };
         let held = peer.holder.and_then(|boot| peer.lives.get(&boot));
-        let is_free = held.is_none_or(|life| life.lost_at.is_some());
+        let is_free = held.is_none_or(|life| life.is_lost());
         let is_there = held.is_some_and(Boot::is_there);
         // The next boot of a node that was killed: a second node waits until the first is lost.
         let is_next = |life: &Boot| held.is_some_and(|held| held.origin == life.origin);
-        let may_take = |life: &Boot| is_free || !life.is_rival && (is_there || is_next(life));
+        let may_take = |life: &Boot| is_free || !life.is_rival() && (is_there || is_next(life));
         let others = peer.lives.iter().filter(|(boot, life)| Some(**boot) != peer.holder && life.is_there());
         let other = others.filter(|(_, life)| may_take(life)).min_by_key(|(_, life)| (!is_next(life), life.first));
         let Some((&boot, taker)) = other else { return };
         if !is_there {
             let (place, replaces) = (taker.place.clone(), !is_free);
             peer.holder = Some(boot);
-            peer.lives.values_mut().for_each(|life| life.is_rival = false);
+            peer.lives.values_mut().for_each(|life| life.standing = Standing::Alone);
             self.changes.push(Change::Appeared { host: host.to_owned(), boot, place, replaces });
             return;
         }
@@ -261,10 +282,10 @@ impl NameServer {
         if holder.proof > first {
             // It has answered a round that began when the other was there.
             let first = holder.place.clone();
-            peer.lives.entry(boot).and_modify(|life| life.is_rival = true);
+            peer.lives.entry(boot).and_modify(|life| life.standing = Standing::Rival);
             self.changes.push(Change::Refused { host: host.to_owned(), place, first });
         } else {
-            (holder.proof, holder.doubted) = (next, Some((now, now + DOUBT_RIVAL + 2 * holder.took)));
+            (holder.proof, holder.doubted) = (next, Some((now, now + DOUBT_RIVAL + 2 * holder.last.took)));
             self.ask_soon(now, host);
         }
     }
@@ -272,20 +293,20 @@ impl NameServer {
     /// Returns where another node with this one's name runs that was there first, if there is one.
     pub fn elder(&self) -> Option<&str> {
         let mut own = self.peers.get(&self.host).into_iter().flat_map(|peer| peer.lives.values());
-        own.find(|life| life.is_elder && life.is_there()).map(|life| life.place.as_str())
+        own.find(|life| life.is_elder() && life.is_there()).map(|life| life.place.as_str())
     }
 
     /// Returns whether a node was seen and is not lost.
     pub fn knows(&self, host: &str) -> bool {
-        self.held(host).is_some_and(|life| life.lost_at.is_none())
+        self.held(host).is_some_and(|life| !life.is_lost())
     }
 
     /// Counts a node as lost that takes nothing any more; it is there again when it answers.
     pub fn lose(&mut self, now: Time, host: &str) {
-        let proof = self.round + 1;
+        let proof = self.asked.round + 1;
         let holder = self.peers.get(host).and_then(|peer| peer.holder);
         if let Some(life) = holder.and_then(|boot| self.life_mut(host, boot)) {
-            (life.proof, life.missing_since, life.lost_at, life.detour) = (proof, Some(now), Some(now), None);
+            (life.proof, life.reach, life.detour) = (proof, Reach::Lost { since: now, at: now }, None);
         }
     }
 
@@ -293,7 +314,7 @@ impl NameServer {
     pub fn heard(&self, host: &str) -> Option<Time> {
         let life = self.held(host)?;
         let before = |since: Time| Time::ZERO + since.since(Time::ZERO).saturating_sub(SILENCE_MISSING);
-        Some(life.missing_since.map_or(life.last_heard(), |since| life.last_heard().max(before(since))))
+        Some(life.missing_since().map_or(life.last_heard(), |since| life.last_heard().max(before(since))))
     }
 
     /// Returns the boot that a name belongs to.
@@ -317,6 +338,67 @@ impl NameServer {
         self.peers.keys().map(String::as_str).filter(|host| self.reaches(host))
     }
 
+    /// Returns the boots of other nodes with this one's name that are there, and whether each was there first.
+    pub fn namesakes(&self) -> impl Iterator<Item = (u64, bool)> {
+        let own = self.peers.get(&self.host).into_iter().flat_map(|peer| &peer.lives);
+        own.filter(|(_, life)| life.is_there()).map(|(boot, life)| (*boot, life.is_elder()))
+    }
+
+    /// Returns where another node with this one's name runs.
+    pub fn place(&self, boot: u64) -> Option<&str> {
+        self.peers.get(&self.host)?.lives.get(&boot).map(|life| life.place.as_str())
+    }
+
+    /// Returns the names that two nodes have; this one is at `place`.
+    pub fn duplicates(&self, place: &str) -> Vec<Duplicate> {
+        let of_name = |(host, peer): (&String, &Peer)| {
+            let is_own = *host == self.host;
+            let held = peer.holder.and_then(|boot| peer.lives.get(&boot)).filter(|life| life.is_there());
+            let first = if is_own { Some(place) } else { held.map(|life| life.place.as_str()) };
+            let others = peer
+                .lives
+                .iter()
+                .filter(|(boot, life)| life.is_there() && (is_own || life.is_rival() && Some(**boot) != peer.holder));
+            let pair = |life: &Boot| {
+                let (first, second) = (first?.to_owned(), life.place.clone());
+                let is_second = is_own && life.is_elder();
+                let (first, second) = if is_second { (second, first) } else { (first, second) };
+                Some(Duplicate { host: host.clone(), first, second })
+            };
+            others.filter_map(|(_, life)| pair(life)).collect::<Vec<_>>()
+        };
+        self.peers.iter().flat_map(of_name).collect()
+    }
+
+    /// Returns whether this node was away just now, killed or suspended, and for so long since a host has answered it that the host may
+    /// have missed it. True until [`NameServer::tick`].
+    pub fn has_slept(&self, now: Time, host: &str) -> bool {
+        let slept = self.slept(now);
+        slept > ASK_EVERY && self.held(host).is_some_and(|life| life.last.slept + slept > SILENCE_MAX)
+    }
+
+    fn slept(&self, now: Time) -> Duration {
+        now.since(self.due.max(self.seen + ASK_EVERY))
+    }
+
+    /// Shifts all times by the span that this node has slept: that is no silence of others. Who has slept for long asks all.
+    fn make_up(&mut self, now: Time) {
+        let slept = self.slept(now);
+        self.seen = now;
+        if slept > SILENCE_MAX {
+            self.asked.all_at = now;
+        }
+        if slept > Duration::ZERO {
+            let lives = self.peers.values_mut().flat_map(|peer| peer.lives.values_mut());
+            for life in lives {
+                (life.last.heard, life.last.slept) = (life.last.heard + slept, life.last.slept + slept);
+                life.owes = life.owes.map(|since| since + slept);
+                life.detour.iter_mut().for_each(|detour| detour.heard = detour.heard + slept);
+                life.doubted = life.doubted.map(|(since, until)| (since + slept, until + slept));
+            }
+        }
+    }
+
     /// Lets time pass. Returns what has changed since the last call, and the round to ask others in, if it is time.
     pub fn tick(&mut self, now: Time) -> (Vec<Change>, Option<Round>) {
         self.make_up(now);
@@ -329,21 +411,23 @@ impl NameServer {
     }
 
     fn grow_old(&mut self, now: Time, host: &str) {
-        let proof = self.round + 1;
+        let proof = self.asked.round + 1;
         let Some(peer) = self.peers.get_mut(host) else { return };
         for (boot, life) in &mut peer.lives {
             let is_holder = peer.holder == Some(*boot);
             if life.is_there()
                 && let Some(since) = life.missed(now)
             {
-                (life.missing_since, life.doubted, life.proof, life.detour) = (Some(since), None, proof, None);
+                (life.reach, life.doubted, life.proof, life.detour) = (Reach::Missing { since }, None, proof, None);
                 if is_holder {
                     let why = "it does not answer".to_owned();
                     self.changes.push(Change::Missing { host: host.to_owned(), since, why });
                 }
             }
-            if life.lost_at.is_none() && life.missing_since.is_some_and(|since| since + LOST_AFTER <= now) {
-                life.lost_at = Some(now);
+            if let Reach::Missing { since } = life.reach
+                && since + LOST_AFTER <= now
+            {
+                life.reach = Reach::Lost { since, at: now };
                 if is_holder {
                     self.changes.push(Change::Lost { host: host.to_owned() });
                 }
@@ -361,21 +445,21 @@ impl NameServer {
     /// Returns when [`NameServer::tick`] wants to be called.
     pub fn deadline(&self) -> Option<Time> {
         let lives = self.peers.values().flat_map(|peer| peer.lives.values());
-        let some = (!self.to_ask.is_empty()).then_some(self.ask_some_at);
+        let some = (!self.asked.some.is_empty()).then_some(self.asked.some_at);
         let asked = some.into_iter().chain(self.next_turn());
-        Some(lives.filter_map(Boot::deadline).chain(asked).fold(self.ask_at, Time::min))
+        Some(lives.filter_map(Boot::deadline).chain(asked).fold(self.asked.all_at, Time::min))
     }
 
     /// Has the nodes of a name asked as soon as the last round is not too close.
     fn ask_soon(&mut self, now: Time, host: &str) {
-        let soon = self.rounds.back().map_or(Time::ZERO, |(_, at)| *at + ASK_GAP).max(now);
-        if self.to_ask.contains(host) || self.to_ask.len() < ASKED_MAX {
-            if self.to_ask.is_empty() {
-                self.ask_some_at = soon;
+        let soon = self.asked.rounds.back().map_or(Time::ZERO, |(_, at)| *at + ASK_GAP).max(now);
+        if self.asked.some.contains(host) || self.asked.some.len() < ASKED_MAX {
+            if self.asked.some.is_empty() {
+                self.asked.some_at = soon;
             }
-            self.to_ask.insert(host.to_owned());
+            self.asked.some.insert(host.to_owned());
         } else {
-            self.ask_at = self.ask_at.min(soon);
+            self.asked.all_at = self.asked.all_at.min(soon);
         }
     }
 
@@ -394,24 +478,39 @@ impl Boot {
         Self {
             place: pong.place.clone(),
             origin: pong.origin,
-            heard: now,
-            slept: Duration::ZERO,
+            last: Answer { heard: now, slept: Duration::ZERO, took: Duration::ZERO },
             owes: Some(now),
             there_since: now,
-            took: Duration::ZERO,
             first: pong.round,
             proof: 0,
             doubted: None,
-            missing_since: None,
-            lost_at: None,
-            is_rival: false,
-            is_elder: false,
+            reach: Reach::There,
+            standing: Standing::Alone,
             detour: None,
         }
     }
 
     fn is_there(&self) -> bool {
-        self.missing_since.is_none()
+        self.reach == Reach::There
+    }
+
+    fn is_lost(&self) -> bool {
+        matches!(self.reach, Reach::Lost { .. })
+    }
+
+    fn missing_since(&self) -> Option<Time> {
+        match self.reach {
+            Reach::There => None,
+            Reach::Missing { since } | Reach::Lost { since, .. } => Some(since),
+        }
+    }
+
+    fn is_rival(&self) -> bool {
+        self.standing == Standing::Rival
+    }
+
+    fn is_elder(&self) -> bool {
+        self.standing == Standing::Elder
     }
 
     /// Returns since when it is missing, if it is.
@@ -424,14 +523,14 @@ impl Boot {
     }
 
     fn is_over(&self, now: Time) -> bool {
-        self.lost_at.is_some_and(|at| at + REMEMBERED <= now)
+        matches!(self.reach, Reach::Lost { at, .. } if at + REMEMBERED <= now)
     }
 
     fn deadline(&self) -> Option<Time> {
-        match (self.missing_since, self.lost_at) {
-            (_, Some(lost)) => Some(lost + REMEMBERED),
-            (Some(since), None) => Some(since + LOST_AFTER),
-            (None, None) => earliest(self.doubted.map(|(_, until)| until), self.silent_at().map(|(_, at)| at)),
+        match self.reach {
+            Reach::Lost { at, .. } => Some(at + REMEMBERED),
+            Reach::Missing { since } => Some(since + LOST_AFTER),
+            Reach::There => earliest(self.doubted.map(|(_, until)| until), self.silent_at().map(|(_, at)| at)),
         }
     }
 }

@@ -51,30 +51,30 @@ impl NameServer {
 
     /// Returns the round to ask others in, if it is time.
     pub(super) fn next_round(&mut self, now: Time) -> Option<Round> {
-        let attended = if self.ask_close_at <= now { self.attended(now) } else { BTreeSet::new() };
+        let attended = if self.asked.close_at <= now { self.attended(now) } else { BTreeSet::new() };
         let is_turn = !attended.is_empty();
-        let is_some_due = !self.to_ask.is_empty() && self.ask_some_at <= now;
-        let is_for_all = self.ask_at <= now || attended.len() > ASKED_MAX;
+        let is_some_due = !self.asked.some.is_empty() && self.asked.some_at <= now;
+        let is_for_all = self.asked.all_at <= now || attended.len() > ASKED_MAX;
         if !is_for_all && !is_turn && !is_some_due {
             return None;
         }
-        self.round += 1;
-        self.rounds.push_back((self.round, now));
-        self.rounds.drain(..self.rounds.len().saturating_sub(ROUNDS_MAX));
-        let some = std::mem::take(&mut self.to_ask);
+        self.asked.round += 1;
+        self.asked.rounds.push_back((self.asked.round, now));
+        self.asked.rounds.drain(..self.asked.rounds.len().saturating_sub(ROUNDS_MAX));
+        let some = std::mem::take(&mut self.asked.some);
         let (mut shows, mut through) = (!some.is_empty(), self.asked_through(now));
         if is_for_all || is_turn {
-            self.ask_close_at = now + ASK_EVERY;
+            self.asked.close_at = now + ASK_EVERY;
         }
         let only = if is_for_all {
             let is_new = now.since(self.started) < NEW_FOR;
-            self.ask_at = now + if is_new { ASK_EVERY } else { QUIET_EVERY };
-            self.asked_all += 1;
-            shows |= self.asked_all.is_multiple_of(SHOWN_TO_ALL);
+            self.asked.all_at = now + if is_new { ASK_EVERY } else { QUIET_EVERY };
+            self.asked.all_count += 1;
+            shows |= self.asked.all_count.is_multiple_of(SHOWN_TO_ALL);
             None
         } else {
             let only = &some | &attended;
-            shows |= self.round.is_multiple_of(SHOWN);
+            shows |= self.asked.round.is_multiple_of(SHOWN);
             through.retain(|(_, host)| only.contains(host));
             Some(only)
         };
@@ -82,7 +82,7 @@ impl NameServer {
         for life in asked.flat_map(|(_, peer)| peer.lives.values_mut()) {
             life.owes.get_or_insert(now);
         }
-        Some(Round { number: self.round, only, shows, through })
+        Some(Round { number: self.asked.round, only, shows, through })
     }
 
     /// Returns when some are to be asked each second, if any.
@@ -90,7 +90,7 @@ impl NameServer {
         let helpers = self.helpers();
         let is_any =
             !self.close.is_empty() || self.peers.keys().any(|host| self.is_attended(self.seen, host, &helpers));
-        is_any.then_some(self.ask_close_at)
+        is_any.then_some(self.asked.close_at)
     }
 
     /// After an answer nothing is expected of a host that is asked seldom.
@@ -118,7 +118,7 @@ impl NameServer {
     fn is_of_concern(&self, now: Time, host: &str, helpers: &BTreeSet<&str>) -> bool {
         let of_life = |life: &Boot| {
             let is_new = life.there_since + NEW_FOR > now;
-            is_new || life.doubted.is_some() || life.detour.is_some() || life.is_rival
+            is_new || life.doubted.is_some() || life.detour.is_some() || life.is_rival()
         };
         // An earlier boot does not come back while a later one is there.
         let of_lives = |lives: &BTreeMap<u64, Boot>| {

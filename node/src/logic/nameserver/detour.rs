@@ -4,7 +4,7 @@
 //! through others before it is missing, and what it answers there counts as its answer. As long as it does, messages go the same
 //! way. One that is lost is not asked through others: it has to answer itself.
 
-use super::{Boot, Change, NameServer, SILENCE_MAX};
+use super::{Boot, Change, NameServer, Reach, SILENCE_MAX};
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
 use std::cmp::Reverse;
@@ -57,7 +57,7 @@ pub(super) struct Detour {
 impl NameServer {
     /// Takes an answer that another node has passed on.
     pub fn answered_through(&mut self, now: Time, pong: RelayedPong<'_>) {
-        let is_asked = self.rounds.iter().any(|(round, _)| *round == pong.round) && pong.to_boot == self.boot;
+        let is_asked = self.asked.rounds.iter().any(|(round, _)| *round == pong.round) && pong.to_boot == self.boot;
         // Who has lost this node, or deals with another of its name, does not take its messages.
         if !is_asked || pong.holder != Some(self.boot) || pong.from == self.host || !self.reaches_directly(pong.via) {
             return;
@@ -66,7 +66,7 @@ impl NameServer {
             return;
         }
         let Some(life) = self.life_mut(pong.from, pong.boot) else { return };
-        if life.lost_at.is_some() || pong.round < life.proof || !life.is_suspect(now) {
+        if life.is_lost() || pong.round < life.proof || !life.is_suspect(now) {
             return;
         }
         let before = life.detour.take();
@@ -75,7 +75,7 @@ impl NameServer {
             life.detour = Some(detour);
             return;
         }
-        (life.doubted, life.missing_since) = (None, None);
+        (life.doubted, life.reach) = (None, Reach::There);
         life.detour = Some(Detour { via: pong.via.to_owned(), heard: now });
         if !is_same {
             let (host, via) = (pong.from.to_owned(), pong.via.to_owned());
@@ -97,7 +97,7 @@ impl NameServer {
     /// Works out who is asked through whom.
     pub(super) fn asked_through(&self, now: Time) -> Vec<(String, String)> {
         let is_asked = |host: &&String| {
-            **host != self.host && self.held(host).is_some_and(|life| life.lost_at.is_none() && life.is_suspect(now))
+            **host != self.host && self.held(host).is_some_and(|life| !life.is_lost() && life.is_suspect(now))
         };
         let helps =
             |via: &&String| self.reaches_directly(via) && self.held(via).is_some_and(|life| !life.is_suspect(now));
@@ -122,21 +122,21 @@ impl Boot {
     /// Returns whether something speaks against it, or it does not answer itself.
     fn is_suspect(&self, now: Time) -> bool {
         self.doubted.is_some()
-            || self.missing_since.is_some()
+            || !self.is_there()
             || self.detour.is_some()
-            || self.owes.is_some_and(|since| since + SUSPECT_AFTER + 2 * self.took <= now)
+            || self.owes.is_some_and(|since| since + SUSPECT_AFTER + 2 * self.last.took <= now)
     }
 
     /// Returns when its last answer came, whichever way.
     pub(super) fn last_heard(&self) -> Time {
-        self.detour.as_ref().map_or(self.heard, |detour| self.heard.max(detour.heard))
+        self.detour.as_ref().map_or(self.last.heard, |detour| self.last.heard.max(detour.heard))
     }
 
     /// Returns from when its silence counts, and until when it may last; none while nothing is expected of it.
     pub(super) fn silent_at(&self) -> Option<(Time, Time)> {
         let owes = self.owes?;
         let since = self.detour.as_ref().map_or(owes, |detour| owes.max(detour.heard));
-        Some((since, since + SILENCE_MAX + 2 * self.took))
+        Some((since, since + SILENCE_MAX + 2 * self.last.took))
     }
 }
 
