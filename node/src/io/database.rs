@@ -129,7 +129,7 @@ struct Worker {
 pub fn start(options: &Options, session: &Arc<Session>) -> anyhow::Result<DatabaseThread> {
     let (place, replica, unwritable) = Place::open(options)?;
     let replica = notary::signed(replica, options.member.as_ref());
-    let mut machine = Database::new(replica, (&options.robot, &options.team), place.name());
+    let mut machine = Database::new(replica, &options.robot, &options.team, place.name());
     let mut closed = Vec::new();
     if let Some(why) = &unwritable {
         closed = machine.fail(why, machine.durable(), Vec::new());

@@ -104,31 +104,53 @@ pub struct Database {
     replica: Replica,
     /// Under which name others know it, as its driver was last told.
     announced: ReplicaId,
+    place: Place,
+    disk: Disk,
+    calls: Calls,
+    /// When each replica was last heard.
+    heard: BTreeMap<ReplicaId, KnownPeer>,
+    other_team: OtherTeam,
+    alarms: VecDeque<String>,
+    wall: Wall,
+    /// Whether what the own keys say to the node has changed in this turn.
+    resettled: bool,
+    derived: Derived,
+}
+
+#[derive(Debug)]
+struct Place {
     /// Name of the robot.
     robot: String,
     /// Name of the team.
     team: String,
     /// Where the store is.
     store: Option<String>,
-    /// Why it does not write.
+}
+
+/// The state of the disk.
+#[derive(Debug, Default)]
+struct Disk {
+    /// Why the database does not write.
     closed: Option<String>,
     /// The durable state, while the disk does not write.
     durable: Option<disk::Durable>,
+    /// The errors since the last write.
+    failures: BTreeSet<String>,
+}
+
+#[derive(Debug, Default)]
+struct Calls {
     /// Calls that wait for their transaction to get further.
     waiting: BTreeSet<u64>,
-    /// When each replica was last heard.
-    heard: BTreeMap<ReplicaId, KnownPeer>,
-    other_team: OtherTeam,
-    alarms: VecDeque<String>,
-    /// The error of the disk since its last write.
-    failures: BTreeSet<String>,
-    wall: Wall,
     /// The watchers, by number of the call.
     watchers: BTreeMap<u64, Watch>,
     /// Whether there may be more for a watcher.
     more: bool,
-    /// Whether what the own keys say to the node has changed in this turn.
-    resettled: bool,
+}
+
+/// The values that are derived from the replica.
+#[derive(Debug, Default)]
+struct Derived {
     /// The number of races, as it was last counted.
     races: RaceCount,
     /// The schemas, since they were last read from the state.
@@ -152,27 +174,19 @@ type Asked = Option<(u64, ReplicaId)>;
 
 impl Database {
     /// Returns the database that this replica is of.
-    pub fn new(replica: Replica, (robot, team): (&str, &str), store: Option<String>) -> Self {
+    pub fn new(replica: Replica, robot: &str, team: &str, store: Option<String>) -> Self {
         Self {
             announced: replica.address(),
             replica,
-            robot: robot.to_owned(),
-            team: team.to_owned(),
-            store,
-            closed: None,
-            durable: None,
-            waiting: BTreeSet::new(),
+            place: Place { robot: robot.to_owned(), team: team.to_owned(), store },
+            disk: Disk::default(),
+            calls: Calls::default(),
             heard: BTreeMap::new(),
             other_team: OtherTeam::default(),
             alarms: VecDeque::new(),
-            failures: BTreeSet::new(),
             wall: Wall::default(),
-            watchers: BTreeMap::new(),
-            more: false,
             resettled: true,
-            races: RaceCount::default(),
-            schemas: None,
-            checkpoints: Checkpoints::default(),
+            derived: Derived::default(),
         }
     }
 
@@ -216,7 +230,7 @@ impl Database {
                     let from = envelope.from;
                     self.receive(now, envelope, Some((asked, from)), effects);
                 }
-                Input::Gone(call) => drop(self.watchers.remove(&call)),
+                Input::Gone(call) => drop(self.calls.watchers.remove(&call)),
                 Input::Appeared => self.feed(now, replica::Input::Appeared(wall), &mut None, effects),
             }
         }
@@ -227,16 +241,16 @@ impl Database {
             self.feed(now, replica::Input::Tick(wall), &mut None, effects);
         }
         self.tell_watchers(effects);
-        self.checkpoints.note(&Past { log: self.replica.log(), state: self.replica.state() });
+        self.derived.checkpoints.note(&Past { log: self.replica.log(), state: self.replica.state() });
         if std::mem::take(&mut self.resettled) {
-            effects.push(Effect::Settings(Settings::of(self.replica.state(), &self.robot)));
+            effects.push(Effect::Settings(Settings::of(self.replica.state(), &self.place.robot)));
         }
     }
 
     /// Returns when it wants to be called although nothing has come.
     pub fn deadline(&self) -> Option<Time> {
-        match &self.closed {
-            None if self.more => Some(Time::ZERO),
+        match &self.disk.closed {
+            None if self.calls.more => Some(Time::ZERO),
             None => self.replica.deadline(),
             Some(_) => None,
         }
@@ -253,7 +267,7 @@ impl Database {
     }
 
     fn receive(&mut self, now: Time, envelope: Envelope, mut asked: Asked, effects: &mut Vec<Effect>) {
-        if self.closed.is_none() {
+        if self.disk.closed.is_none() {
             self.hear(now, &envelope);
             let input = replica::Input::Received(envelope.from, envelope.message, self.wall);
             self.feed(now, input, &mut asked, effects);
@@ -304,21 +318,21 @@ impl Database {
             effects.push(Effect::AnswerCaller(call, Reply::Note(note)));
         }
         if level != AckLevel::Local {
-            self.waiting.insert(call);
+            self.calls.waiting.insert(call);
         }
         Some(CommitRequest { ticket: call, draft, level: level.to_replica(), until: now + within })
     }
 
     /// Returns why a transaction is not even tried, if that is so.
     fn refusal(&mut self, call: u64, draft: &Draft, level: &AckLevel) -> Option<String> {
-        if let Some(why) = &self.closed {
+        if let Some(why) = &self.disk.closed {
             return Some(why.clone());
         }
         let out_of_reach = || self.out_of_reach(level).filter(|_| !draft.is_local());
         if let Some(why) = refuse::namespaces(draft).or_else(out_of_reach) {
             return Some(why);
         }
-        let schemas = self.schemas.get_or_insert_with(|| Schemas::of(self.replica.state()));
+        let schemas = self.derived.schemas.get_or_insert_with(|| Schemas::of(self.replica.state()));
         let breaches: Vec<String> = schemas.check(draft).iter().map(ToString::to_string).collect();
         // What the node itself writes is no affair of people's.
         (call != 0 && !breaches.is_empty()).then(|| format!("nothing was written: {}", breaches.join("; ")))
@@ -370,7 +384,7 @@ impl Database {
 
     /// Gives the replica an input, and makes what it wants ours.
     fn feed(&mut self, now: Time, input: replica::Input, asked: &mut Asked, effects: &mut Vec<Effect>) {
-        if self.closed.is_some() {
+        if self.disk.closed.is_some() {
             return;
         }
         let mut done = Vec::new();
@@ -407,7 +421,7 @@ impl Database {
             replica::Effect::Visible(_, frame) => self.visible(&frame),
             replica::Effect::Replaced => {
                 self.replaced();
-                self.watchers.values_mut().for_each(Watch::replaced);
+                self.calls.watchers.values_mut().for_each(Watch::replaced);
             }
             replica::Effect::Renamed(..) => {}
             // The status says it for as long as it is so; the log says when it began.
@@ -423,8 +437,8 @@ impl Database {
     /// Forgets what was worked out from keys that a transaction has written.
     fn visible(&mut self, frame: &EncodedTxn) {
         for write in frame.open().map(|txn| txn.writes).unwrap_or_default() {
-            self.resettled |= Settings::concern(&self.robot, &write.key);
-            self.schemas.take_if(|_| write.key.as_str().starts_with(schema::SCHEMA));
+            self.resettled |= Settings::concern(&self.place.robot, &write.key);
+            self.derived.schemas.take_if(|_| write.key.as_str().starts_with(schema::SCHEMA));
         }
     }
 
@@ -437,10 +451,10 @@ impl Database {
             replica::Answer::Refused(why) => refuse::unmet_or_refused(&why),
         };
         // Whoever waits for more than the local disk hears a second time.
-        let more = matches!(reply, Reply::Committed(_)) && self.waiting.contains(&call);
+        let more = matches!(reply, Reply::Committed(_)) && self.calls.waiting.contains(&call);
         effects.push(Effect::AnswerCaller(call, reply));
         if !more {
-            self.waiting.remove(&call);
+            self.calls.waiting.remove(&call);
             effects.push(Effect::End(call));
         }
     }

@@ -29,7 +29,7 @@ fn a_team_is_begun_once_and_takes_along_what_was_written_before() {
     assert!(matches!(world.ask(0, Question::Found), Reply::Done(_)));
     world.run(Duration::from_secs(5));
     assert_eq!(world.read(1, "team/early"), [Datum::from(1)]);
-    let states: BTreeSet<String> = (0..3).map(|robot| world.status(robot).state).collect();
+    let states: BTreeSet<String> = (0..3).map(|robot| world.status(robot).contents.digest).collect();
     assert_eq!(states.len(), 1);
     assert!(matches!(world.ask(1, Question::Found), Reply::Done(said) if said.contains("already")));
 }
@@ -39,7 +39,7 @@ fn no_second_team_where_the_first_can_be_heard() {
     let mut world = World::team(&["r1", "r2"]);
     let disk = Records::new();
     // The newcomer has heard a member, and has not been admitted yet.
-    world.robots[1].machine = Database::new(open("r2", &disk, 99), ("r2", "dca"), None);
+    world.robots[1].machine = Database::new(open("r2", &disk, 99), "r2", "dca", None);
     world.robots[1].away = true;
     let hello = {
         let (now, wall, mut effects) = (world.now, world.wall(), Vec::new());
@@ -169,7 +169,7 @@ fn a_race_is_counted_and_settled() {
     }
     world.away(&[0, 1], false);
     world.run(Duration::from_millis(200));
-    assert_eq!((world.status(0).conflicts, world.status(0).races), (0, 1));
+    assert_eq!((world.status(0).contents.conflicts, world.status(0).contents.races), (0, 1));
     let Reply::Conflicts(_, races) = world.ask(0, Question::Conflicts { prefix: String::new() }) else {
         panic!("no answer")
     };
@@ -181,7 +181,7 @@ fn a_race_is_counted_and_settled() {
     assert!(matches!(world.ask(0, settle("000000000000")), Reply::Refused(_)));
     assert!(matches!(world.ask(0, settle(&races[0].seen)), Reply::Committed(_)));
     world.run(Duration::from_millis(200));
-    assert_eq!((world.status(0).races, world.status(1).races), (0, 0));
+    assert_eq!((world.status(0).contents.races, world.status(1).contents.races), (0, 0));
 }
 
 #[test]
@@ -284,7 +284,7 @@ fn a_name_that_a_robot_left_behind_is_retired_by_one_word() {
         let mut world = World::team(&["r1", "r2"]);
         // The disk of the first is new: it is admitted under another name.
         world.robots[0].disk = Records::new();
-        world.robots[0].machine = Database::new(open("r1", &Records::new(), 99), ("r1", "dca"), None);
+        world.robots[0].machine = Database::new(open("r1", &Records::new(), 99), "r1", "dca", None);
         world.robots[0].address = world.robots[0].machine.address();
         world.run(Duration::from_secs(10));
         assert_eq!(world.status(asked).members.len(), 3, "its old name is still there");
@@ -389,7 +389,7 @@ fn a_replica_that_is_no_member_retires_nobody() {
     world.away(&[0], true);
     let config = Config { robot: "r1".into(), seed: 5, log_size: 1 << 20 };
     let copied = Replica::open_copied(config, &world.robots[0].disk).expect("it was written by a replica");
-    world.robots[0].machine = Database::new(copied, ("r1", "dca"), None);
+    world.robots[0].machine = Database::new(copied, "r1", "dca", None);
     let answer = world.ask(0, Question::Retire { member: "r2".into() });
     assert!(matches!(&answer, Reply::Refused(why) if why.contains("waits to be admitted")), "{answer:?}");
     let answer = world.ask(1, Question::Retire { member: "r1".into() });
@@ -400,7 +400,7 @@ fn a_replica_that_is_no_member_retires_nobody() {
 fn strangers_take_no_place_from_members() {
     let mut world = World::team(&["r1", "r2"]);
     let disk = world.robots[0].disk.clone();
-    world.robots[0].machine = Database::new(open("r1", &disk, 50), ("r1", "dca"), None);
+    world.robots[0].machine = Database::new(open("r1", &disk, 50), "r1", "dca", None);
     let stranger = |number| Envelope { from: ReplicaId::new(number), message: Message::Ack(VersionVector::default()) };
     let crowd = |from: u64| (from..from + 1100).map(stranger).map(Input::Envelope);
     world.robots[0].inbox.extend(crowd(10_000));

@@ -52,7 +52,7 @@ impl Database {
             Alarm::Malformed(origin) => format!("{} sent what no replica sends", robot(origin)),
             Alarm::OtherTeam(_, robot) => format!(
                 "`{robot}` belongs to another team `{}`, which was begun apart from this one: neither has what the other writes",
-                self.team
+                self.place.team
             ),
             Alarm::Forged { from, why } => format!("{} has passed on what nobody may write: {why}", robot(from)),
             Alarm::Rejoining { from } => {

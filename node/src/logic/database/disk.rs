@@ -27,50 +27,50 @@ impl Database {
     /// that has not happened. From now on only questions are answered, from `before`, what was there before the turn.
     pub fn fail(&mut self, why: &str, before: Durable, rest: Vec<Effect>) -> Vec<Effect> {
         let mut effects: Vec<Effect> = rest.into_iter().flat_map(|effect| unwritten(effect, why)).collect();
-        let watchers = std::mem::take(&mut self.watchers).into_keys();
-        effects.extend(std::mem::take(&mut self.waiting).into_iter().chain(watchers).map(Effect::End));
+        let watchers = std::mem::take(&mut self.calls.watchers).into_keys();
+        effects.extend(std::mem::take(&mut self.calls.waiting).into_iter().chain(watchers).map(Effect::End));
         self.alarm(why.to_owned(), &mut effects);
-        self.failures.insert(why.to_owned());
-        self.closed = Some(format!("the database of `{}` takes no writes at the moment: {why}", self.robot));
-        self.durable.get_or_insert(before);
+        self.disk.failures.insert(why.to_owned());
+        self.disk.closed = Some(format!("the database of `{}` takes no writes at the moment: {why}", self.place.robot));
+        self.disk.durable.get_or_insert(before);
         effects
     }
 
     /// The store was opened anew: this is what is in it.
     pub fn reopen(&mut self, replica: Replica) {
         self.replica = replica;
-        (self.closed, self.durable) = (None, None);
+        (self.disk.closed, self.disk.durable) = (None, None);
         // What was wrong with the disk is over: what is listed is what is wrong now.
-        let failures = std::mem::take(&mut self.failures);
+        let failures = std::mem::take(&mut self.disk.failures);
         self.alarms.retain(|alarm| !failures.contains(alarm));
         self.replaced();
     }
 
     /// Nothing of the state that was known before holds any more.
     pub(super) fn replaced(&mut self) {
-        (self.resettled, self.schemas, self.checkpoints) = (true, None, Checkpoints::default());
+        (self.resettled, self.derived.schemas, self.derived.checkpoints) = (true, None, Checkpoints::default());
     }
 
     /// Returns what can be read: nothing that may not be on the disk.
     pub fn state(&self) -> &State {
-        self.durable.as_ref().map_or_else(|| self.replica.state(), |durable| &durable.state)
+        self.disk.durable.as_ref().map_or_else(|| self.replica.state(), |durable| &durable.state)
     }
 
     /// Returns what can be read below `local/`: nothing that may not be on the disk.
     pub(super) fn local(&self) -> &State {
-        self.durable.as_ref().map_or_else(|| self.replica.local(), |durable| &durable.local)
+        self.disk.durable.as_ref().map_or_else(|| self.replica.local(), |durable| &durable.local)
     }
 
     /// Returns why it does not write, if it does not.
     pub fn closed(&self) -> Option<&str> {
-        self.closed.as_deref()
+        self.disk.closed.as_deref()
     }
 
     /// Ends a call that would be told up to which transactions there are, while some of them may not be on the disk; says
     /// whether it was one. A watcher that goes on from somewhere hears nothing, and comes again.
     pub(super) fn holds_back(&self, call: u64, question: &Question, effects: &mut Vec<Effect>) -> bool {
         let asks = matches!(question, Question::Watch { .. } | Question::Follow { .. } | Question::Version(AsOf::Now));
-        let Some(why) = self.closed.as_ref().filter(|_| asks) else { return false };
+        let Some(why) = self.disk.closed.as_ref().filter(|_| asks) else { return false };
         if !matches!(question, Question::Watch { from: Some(_), .. }) {
             effects.push(Effect::AnswerCaller(call, Reply::Refused(why.clone())));
         }

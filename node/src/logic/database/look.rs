@@ -23,7 +23,7 @@ impl Database {
     /// is cut.
     pub(super) fn history(&self, filter: &Filter, say: &mut impl FnMut(Reply)) {
         if let Some(gone) = self.forgotten() {
-            say(Reply::Note(format!("{gone} not kept on `{}`, where others may have more", self.robot)));
+            say(Reply::Note(format!("{gone} not kept on `{}`, where others may have more", self.place.robot)));
         }
         parts(self.past().history(filter)).into_iter().for_each(|part| say(Reply::History(part)));
     }
@@ -40,7 +40,7 @@ impl Database {
         if let Some(gone) = self.forgotten() {
             say(Reply::Note(format!(
                 "{gone} not kept on `{}`: races among them are listed where they are",
-                self.robot
+                self.place.robot
             )));
         }
         let (mut conflicts, mut races) = (parts(past.conflicts(prefix)), parts(past.races(prefix)).into_iter());
@@ -66,10 +66,10 @@ impl Database {
         let past = self.past();
         match moment {
             AsOf::Now => Ok(self.state().clone()),
-            AsOf::Version(version) => past.at(version, self.checkpoints.before(version)),
+            AsOf::Version(version) => past.at(version, self.derived.checkpoints.before(version)),
             AsOf::Date(millis) => {
-                let version = past.vector_at(*millis, prefix, self.checkpoints.oldest())?;
-                past.at(&version, self.checkpoints.before(&version))
+                let version = past.vector_at(*millis, prefix, self.derived.checkpoints.oldest())?;
+                past.at(&version, self.derived.checkpoints.before(&version))
             }
         }
     }
@@ -79,7 +79,7 @@ impl Database {
         let version: Result<VersionVector, AsOfError> = match moment {
             AsOf::Now => Ok(self.replica.log().vector().clone()),
             AsOf::Version(version) => Ok(version.clone()),
-            AsOf::Date(millis) => self.past().vector_at(*millis, "", self.checkpoints.oldest()),
+            AsOf::Date(millis) => self.past().vector_at(*millis, "", self.derived.checkpoints.oldest()),
         };
         version.map_or_else(|why| Reply::Refused(why.to_string()), Reply::Version)
     }

@@ -9,7 +9,7 @@ use dbmanager::logic::version_vector::ReplicaId;
 impl Database {
     /// Does what an operator wants.
     pub(super) fn operate(&mut self, now: Time, question: Question, effects: &mut Vec<Effect>) -> Reply {
-        if let Some(why) = &self.closed {
+        if let Some(why) = &self.disk.closed {
             return Reply::Refused(why.clone());
         }
         let wall = self.wall;
@@ -36,18 +36,18 @@ impl Database {
         }
         if let Question::Join { robot } = question {
             if self.replica.is_member() && self.replica.members().active().any(|(_, member)| member == robot) {
-                return Reply::Done(format!("`{}` and `{robot}` belong to one team already", self.robot));
+                return Reply::Done(format!("`{}` and `{robot}` belong to one team already", self.place.robot));
             }
             return match self.replica_of_other_team(now, &robot) {
                 Ok(peer) => {
                     self.feed(now, replica::Input::Join(peer, wall), &mut None, effects);
-                    Reply::Done(format!("`{}` asks `{robot}` to be admitted", self.robot))
+                    Reply::Done(format!("`{}` asks `{robot}` to be admitted", self.place.robot))
                 }
                 Err(why) => Reply::Refused(why),
             };
         }
         if self.replica.is_member() {
-            return Reply::Done(format!("`{}` belongs to the team `{}` already", self.robot, self.team));
+            return Reply::Done(format!("`{}` belongs to the team `{}` already", self.place.robot, self.place.team));
         }
         self.found(now, effects)
     }
@@ -81,7 +81,7 @@ impl Database {
             let heard = self.heard.get(origin).filter(|heard| now.since(heard.at) < status::HEARD_WITHIN);
             heard.map(|heard| heard.at)
         };
-        let present = if robot == self.robot {
+        let present = if robot == self.place.robot {
             Some(self.replica.origin())
         } else {
             names.iter().filter(|origin| heard(origin).is_some()).max_by_key(heard).copied()
@@ -109,16 +109,22 @@ impl Database {
                 "`{member}` has written what this robot cannot read: upgrade DCA on it, or ask another member"
             );
         }
-        format!("`{}` waits to be admitted to the team `{}` itself; ask another member", self.robot, self.team)
+        format!(
+            "`{}` waits to be admitted to the team `{}` itself; ask another member",
+            self.place.robot, self.place.team
+        )
     }
 
     fn found(&mut self, now: Time, effects: &mut Vec<Effect>) -> Reply {
         if self.heard.values().any(|heard| heard.member && now.since(heard.at) < status::HEARD_WITHIN) {
-            return Reply::Refused(format!("there is a team `{}` already; this robot joins it by itself", self.team));
+            return Reply::Refused(format!(
+                "there is a team `{}` already; this robot joins it by itself",
+                self.place.team
+            ));
         }
         self.feed(now, replica::Input::Found(self.wall), &mut None, effects);
         if self.replica.is_member() {
-            let (robot, team) = (&self.robot, &self.team);
+            let (robot, team) = (&self.place.robot, &self.place.team);
             Reply::Done(format!(
                 "the team `{team}` begins with `{robot}`; every other robot that hears it joins by itself"
             ))
@@ -137,7 +143,7 @@ impl Database {
             members.active().filter(|(origin, robot)| *robot == name && *origin != mine).map(|(o, _)| o).collect();
         match of.as_slice() {
             [origin] => Ok(*origin),
-            [] if name == self.robot => Err("a robot cannot retire itself; ask another".to_owned()),
+            [] if name == self.place.robot => Err("a robot cannot retire itself; ask another".to_owned()),
             [] => Err(format!("there is no member `{name}`; `dca db status` lists them")),
             several => {
                 let origins: Vec<String> = several.iter().map(ToString::to_string).collect();

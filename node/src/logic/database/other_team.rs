@@ -3,8 +3,8 @@
 //! A robot that is alone in its team gives way by itself (`dbmanager`'s `hello.rs`). Of two teams with several members an
 //! operator decides which stays; until then every member of both says so.
 
-use super::Database;
 use super::status::HEARD_WITHIN;
+use super::{Database, Place};
 use comms::logic::time::Time;
 use dbmanager::logic::version_vector::ReplicaId;
 use std::collections::{BTreeMap, BTreeSet};
@@ -44,7 +44,7 @@ impl OtherTeam {
 impl Database {
     /// Returns who does not get what is written here although one might expect it, and where to read what to do.
     pub(super) fn unheard_by(&self, now: Time) -> Option<String> {
-        let Self { robot, team, .. } = self;
+        let Place { robot, team, .. } = &self.place;
         if !self.replica.is_member() {
             let is_alone = !self.heard.values().any(|heard| heard.member);
             let note = "belongs to no team yet, so this stays on it until it joins one; `dca db status` says how";
@@ -67,7 +67,7 @@ impl Database {
 
     /// Returns the replica of another team that a robot has.
     pub(super) fn replica_of_other_team(&self, now: Time, robot: &str) -> Result<ReplicaId, String> {
-        let Self { robot: own, team, .. } = self;
+        let Place { robot: own, team, .. } = &self.place;
         if !self.replica.is_member() {
             return Err(format!("`{own}` belongs to no team; it joins `{team}` by itself when it hears a member"));
         }

@@ -273,26 +273,10 @@ pub struct Status {
     pub team: String,
     /// Whether it belongs to the team.
     pub member: bool,
-    /// Why it does not write, if it does not.
-    pub closed: Option<String>,
-    /// Where its store is; nothing if it is in memory only.
-    pub store: Option<String>,
-    /// The transactions that it has.
-    pub version: VersionVector,
-    /// The transactions that every member has.
-    pub stable: VersionVector,
-    /// A number that replicas with the same state share.
-    pub state: String,
-    /// How many keys have a value.
-    pub keys: u64,
-    /// How many keys have concurrent writes that nobody has settled.
-    pub conflicts: u64,
-    /// The number of keys with unsettled races, as far as the log reaches back.
-    pub races: u64,
-    /// How many transactions are kept.
-    pub log_len: u64,
-    /// How many bytes they take.
-    pub log_size: u64,
+    /// Its store.
+    pub store: StoreStatus,
+    /// The contents of its store.
+    pub contents: ContentsStatus,
     /// How far its clock is to be believed: `unset`, `battery`, `network` or `satellite`.
     pub clock: String,
     /// The members, itself included.
@@ -301,6 +285,36 @@ pub struct Status {
     pub alarms: Vec<String>,
     /// Robots that were heard of late and belong to another team of the same name.
     pub other_team: Vec<String>,
+}
+
+/// The store of a replica.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StoreStatus {
+    /// Why it does not write, if it does not.
+    pub closed: Option<String>,
+    /// Where it is; nothing if it is in memory only.
+    pub place: Option<String>,
+    /// How many transactions are kept.
+    pub log_len: u64,
+    /// How many bytes they take.
+    pub log_size: u64,
+}
+
+/// The contents of a replica.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ContentsStatus {
+    /// The transactions that it has.
+    pub version: VersionVector,
+    /// The transactions that every member has.
+    pub stable: VersionVector,
+    /// A number that replicas with the same state share.
+    pub digest: String,
+    /// How many keys have a value.
+    pub keys: u64,
+    /// How many keys have concurrent writes that are not settled.
+    pub conflicts: u64,
+    /// The number of keys with unsettled races, as far as the log reaches back.
+    pub races: u64,
 }
 
 /// How a member is, as another knows it.

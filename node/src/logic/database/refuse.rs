@@ -17,24 +17,24 @@ impl Database {
     /// Returns why a transaction cannot get as far as somebody wants, if nobody is there whom it would have to reach.
     pub(super) fn out_of_reach(&self, level: &AckLevel) -> Option<String> {
         let members = self.replica.members().active().map(|(_, robot)| robot);
-        let others: BTreeSet<&str> = members.filter(|robot| *robot != self.robot).collect();
+        let others: BTreeSet<&str> = members.filter(|robot| *robot != self.place.robot).collect();
         match level {
             AckLevel::Local | AckLevel::Everywhere => None,
             AckLevel::On(_) | AckLevel::Replicated(_) if !self.replica.is_member() => {
-                let me = &self.robot;
+                let me = &self.place.robot;
                 Some(format!(
                     "nothing was written: `{me}` belongs to no team yet, so it cannot get to others; `dca db status` says how"
                 ))
             }
             AckLevel::On(robots) => {
-                let known = |robot: &&String| **robot == self.robot || others.contains(robot.as_str());
+                let known = |robot: &&String| **robot == self.place.robot || others.contains(robot.as_str());
                 let unknown = robots.iter().find(|robot| !known(robot))?;
                 Some(format!("nothing was written: there is no member `{unknown}`; `dca db status` lists them"))
             }
             AckLevel::Replicated(count) => {
                 let there = u64::try_from(others.len()).unwrap_or(u64::MAX);
                 (u64::from(*count) > there).then(|| {
-                    let (me, robots) = (&self.robot, counted(there, "robot"));
+                    let (me, robots) = (&self.place.robot, counted(there, "robot"));
                     format!("nothing was written: the team has {robots} besides `{me}`, so it cannot get to {count}")
                 })
             }

@@ -1,7 +1,7 @@
 //! The status of a replica and its team: who is behind, by how much, and who keeps old data from being removed.
 
 use super::Database;
-use super::question::{Clock, MemberStatus, Status};
+use super::question::{Clock, ContentsStatus, MemberStatus, Status, StoreStatus};
 use comms::logic::time::Time;
 use dbmanager::logic::clock::{Quality, Wall};
 use dbmanager::logic::version_vector::VersionVector;
@@ -15,7 +15,7 @@ impl Database {
     /// Returns how the replica and its team are.
     pub(super) fn status(&mut self, now: Time) -> Status {
         let past = Past { log: self.replica.log(), state: self.replica.state() };
-        let races = self.races.of(&past);
+        let races = self.derived.races.of(&past);
         let (state, log, stable) = (self.state(), self.replica.log(), self.replica.stable());
         let count = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);
         let past = Past { log, state };
@@ -36,20 +36,24 @@ impl Database {
         let mut members: Vec<MemberStatus> = self.replica.members().active().map(member).collect();
         members.sort_by(|a, b| (&a.robot, a.origin).cmp(&(&b.robot, b.origin)));
         Status {
-            robot: self.robot.clone(),
+            robot: self.place.robot.clone(),
             origin: self.replica.address(),
-            team: self.team.clone(),
+            team: self.place.team.clone(),
             member: self.replica.is_member(),
-            closed: self.closed.clone(),
-            store: self.store.clone(),
-            version: version.clone(),
-            stable: stable.vector.clone(),
-            state: format!("{:032x}", state.digest()),
-            keys: count(state.scan("").filter(|(key, _)| state.get(key).is_some()).count()),
-            conflicts: count(state.conflicts("").count()),
-            races: count(races),
-            log_len: count(log.len()),
-            log_size: count(log.size()),
+            store: StoreStatus {
+                closed: self.disk.closed.clone(),
+                place: self.place.store.clone(),
+                log_len: count(log.len()),
+                log_size: count(log.size()),
+            },
+            contents: ContentsStatus {
+                version: version.clone(),
+                stable: stable.vector.clone(),
+                digest: format!("{:032x}", state.digest()),
+                keys: count(state.scan("").filter(|(key, _)| state.get(key).is_some()).count()),
+                conflicts: count(state.conflicts("").count()),
+                races: count(races),
+            },
             clock: quality(self.wall.quality).to_owned(),
             members,
             alarms: self.alarms.iter().cloned().collect(),

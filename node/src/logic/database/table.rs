@@ -45,7 +45,7 @@ fn second_team(status: &Status) -> String {
 /// Returns the one sentence that says whether anything is to be done.
 fn headline(status: &Status) -> String {
     let Status { robot, team, .. } = status;
-    if let Some(why) = &status.closed {
+    if let Some(why) = &status.store.closed {
         return why.clone();
     }
     if !status.member {
@@ -114,7 +114,7 @@ fn lag(lag: Lag) -> String {
 }
 
 fn facts(status: &Status) -> String {
-    let conflicts = match (status.conflicts, status.races) {
+    let conflicts = match (status.contents.conflicts, status.contents.races) {
         (0, 0) => "no conflicts".to_owned(),
         (conflicts, 0) => format!("{}: `dca db conflicts` lists them", counted(conflicts, "conflict")),
         (0, races) => format!("{}: `dca db conflicts` lists them", counted(races, "race")),
@@ -123,10 +123,16 @@ fn facts(status: &Status) -> String {
         }
     };
     let rows = [
-        ("holds", format!("{}, {conflicts}", counted(status.keys, "key"))),
-        ("log", format!("{}, {}", counted(status.log_len, "transaction"), size(status.log_size))),
-        ("state", format!("{} (robots with the same have the same)", &status.state[..DIGITS.min(status.state.len())])),
-        ("store", status.store.clone().unwrap_or_else(|| "in memory: gone when the node ends".to_owned())),
+        ("holds", format!("{}, {conflicts}", counted(status.contents.keys, "key"))),
+        ("log", format!("{}, {}", counted(status.store.log_len, "transaction"), size(status.store.log_size))),
+        (
+            "state",
+            format!(
+                "{} (robots with the same have the same)",
+                &status.contents.digest[..DIGITS.min(status.contents.digest.len())]
+            ),
+        ),
+        ("store", status.store.place.clone().unwrap_or_else(|| "in memory: gone when the node ends".to_owned())),
         ("clock", clock(&status.clock).to_owned()),
     ];
     table(&rows.map(|(name, text)| vec![name.to_owned(), text]))
@@ -164,6 +170,7 @@ fn indented(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::logic::database::question::{ContentsStatus, StoreStatus};
     use dbmanager::logic::version_vector::{ReplicaId, VersionVector};
     use dbmanager::logic::view::past::When;
     use expect_test::expect;
@@ -186,16 +193,15 @@ mod tests {
             origin: ReplicaId::new(1),
             team: "dca".into(),
             member: !members.is_empty(),
-            closed: None,
-            store: Some("/var/lib/dca/r1/db".into()),
-            version: VersionVector::default(),
-            stable: VersionVector::default(),
-            state: "0123456789abcdef0123456789abcdef".into(),
-            keys: 12,
-            conflicts: 1,
-            races: 2,
-            log_len: 34,
-            log_size: 4301,
+            store: StoreStatus { closed: None, place: Some("/var/lib/dca/r1/db".into()), log_len: 34, log_size: 4301 },
+            contents: ContentsStatus {
+                version: VersionVector::default(),
+                stable: VersionVector::default(),
+                digest: "0123456789abcdef0123456789abcdef".into(),
+                keys: 12,
+                conflicts: 1,
+                races: 2,
+            },
             clock: "unset".into(),
             members,
             alarms: vec![],

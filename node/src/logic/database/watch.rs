@@ -28,7 +28,7 @@ impl Database {
         let log = self.replica.log();
         let from = from.unwrap_or_else(|| log.vector().clone());
         let watch = Watch::new(keys, from.clone(), log)?;
-        self.watchers.insert(call, watch);
+        self.calls.watchers.insert(call, watch);
         Ok(from)
     }
 
@@ -61,15 +61,15 @@ impl Database {
 
     /// Tells each watcher what comes next for it.
     pub(super) fn tell_watchers(&mut self, effects: &mut Vec<Effect>) {
-        while self.watchers.len() > WATCHERS_MAX {
-            let oldest = self.watchers.pop_first();
+        while self.calls.watchers.len() > WATCHERS_MAX {
+            let oldest = self.calls.watchers.pop_first();
             effects.extend(oldest.map(|(call, _)| Effect::End(call)));
         }
         let past = Past { log: self.replica.log(), state: self.replica.state() };
-        self.more = false;
-        for (call, watch) in &mut self.watchers {
+        self.calls.more = false;
+        for (call, watch) in &mut self.calls.watchers {
             let news = watch.next(&past, ROOM);
-            self.more |= news.more;
+            self.calls.more |= news.more;
             effects.extend(news.list.into_iter().map(|told| Effect::AnswerCaller(*call, Reply::Notification(told))));
         }
     }

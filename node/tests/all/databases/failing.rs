@@ -30,10 +30,10 @@ fn a_disk_that_fails_stops_writes_and_nothing_else() {
     world.write(1, "team/other", 1);
     world.run(Duration::from_secs(3));
     assert!(world.read(0, "team/other").is_empty(), "what cannot be kept is not taken");
-    assert!(world.status(0).closed.is_some() && !world.status(0).alarms.is_empty());
+    assert!(world.status(0).store.closed.is_some() && !world.status(0).alarms.is_empty());
     world.reopen(0);
     let status = world.status(0);
-    assert_eq!((status.closed, status.alarms), (None, vec![]), "there is room again");
+    assert_eq!((status.store.closed, status.alarms), (None, vec![]), "there is room again");
     world.run(Duration::from_secs(12));
     assert_eq!(world.read(0, "team/other"), [Datum::from(1)]);
     world.write(0, "team/new", 2);
@@ -83,7 +83,7 @@ fn what_was_committed_before_a_failure_stays_committed() {
 fn who_does_not_become_another_is_found_as_before() {
     let mut world = World::team(&["r1", "r2"]);
     // A copy of the disk says hello: its replica has to begin anew under another name, which does not reach the disk.
-    let mut copy = Database::new(open("r1", &world.robots[0].disk, 50), ("r1", "dca"), None);
+    let mut copy = Database::new(open("r1", &world.robots[0].disk, 50), "r1", "dca", None);
     let (before, mut effects) = (copy.address(), Vec::new());
     copy.handle(world.now, world.wall(), vec![Input::Appeared], &mut effects);
     let hello = effects

@@ -65,7 +65,7 @@ impl World {
     pub(super) fn new(names: &[&str]) -> Self {
         let robot = |(number, name): (u64, &&str)| {
             let disk = Records::new();
-            let machine = Database::new(open(name, &disk, number), (name, "dca"), None);
+            let machine = Database::new(open(name, &disk, number), name, "dca", None);
             let address = machine.address();
             let (inbox, replies, ended) = (Vec::new(), BTreeMap::new(), BTreeSet::new());
             let name = (*name).to_owned();
