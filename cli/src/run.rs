@@ -10,7 +10,7 @@ use anyhow::{Context, anyhow};
 use comms::io::clock;
 use comms::io::session::Reach;
 use node::console::{Failure, block_on, ended};
-use node::io::driver::{self, Config, Inherited};
+use node::io::driver::{self, Config, DatabaseConfig, Inherited, NetworkConfig, ProgramsConfig};
 use node::io::service_manager::ServiceManager;
 use node::io::{cgroup, programs, run_dir, state_dir};
 use node::logic::database::TEAM;
@@ -79,17 +79,14 @@ impl Nodes {
             let config = Config {
                 name: host.clone(),
                 base: nodes.base.clone(),
-                reach: Reach::Host,
-                member: None,
-                port: 0,
-                controllers: programs::chosen(&controllers.programs),
-                peers: Vec::new(),
+                network: NetworkConfig { reach: Reach::Host, member: None, port: 0, peers: Vec::new() },
+                programs: ProgramsConfig {
+                    controllers: programs::chosen(&controllers.programs),
+                    inherited: Inherited::All,
+                    agent_loss_grace: Some(AGENT_LOSS_GRACE),
+                },
+                database: DatabaseConfig { store: None, team: TEAM.to_owned(), founds: hosts.first() == Some(host) },
                 state: state.map(|state| state_dir::take(Some(state), host)).transpose()?,
-                team: TEAM.to_owned(),
-                store: None,
-                founds: hosts.first() == Some(host),
-                inherited: Inherited::All,
-                agent_loss_grace: Some(AGENT_LOSS_GRACE),
                 adopts: false,
                 boot: None,
                 log: None,

@@ -4,7 +4,7 @@ mod arguments;
 mod install;
 
 use crate::console::{self, Failure, block_on, ended, finish, on_own_stack, parsed};
-use crate::io::driver::{self, Config, Inherited};
+use crate::io::driver::{self, Config, DatabaseConfig, Inherited, NetworkConfig, ProgramsConfig};
 use crate::io::leave::Leave;
 use crate::io::logging::{self, Log};
 use crate::io::service_manager::ServiceManager;
@@ -121,19 +121,16 @@ fn run(arguments: Arguments, log: Log) -> Result<(), Failure> {
     let reach = reach(&arguments, member.as_ref())?;
     let base = arguments.base();
     let config = Config {
-        state: Some(state),
-        store: arguments.store,
-        team: arguments.team,
-        founds: false,
         name: arguments.name.as_str().to_owned(),
         base,
-        reach,
-        member,
-        controllers: programs::chosen(&arguments.controllers),
-        port: arguments.port,
-        peers: arguments.peers,
-        inherited: Inherited::Listed(arguments.inherited),
-        agent_loss_grace: arguments.agent_loss_grace,
+        network: NetworkConfig { reach, member, port: arguments.port, peers: arguments.peers },
+        programs: ProgramsConfig {
+            controllers: programs::chosen(&arguments.controllers),
+            inherited: Inherited::Listed(arguments.inherited),
+            agent_loss_grace: arguments.agent_loss_grace,
+        },
+        database: DatabaseConfig { store: arguments.store, team: arguments.team, founds: false },
+        state: Some(state),
         adopts: true,
         boot: arguments.boot_id,
         log: Some(log),

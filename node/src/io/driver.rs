@@ -73,36 +73,57 @@ pub struct Config {
     pub name: String,
     /// The folder of this user's nodes.
     pub base: PathBuf,
-    /// The reach of its session.
-    pub reach: Reach,
-    /// The node as a member of its team, if it is in one; then its reach is that team.
-    pub member: Option<Arc<Member>>,
-    /// The TCP port it listens on when the network can reach it; 0 for any that is free.
-    pub port: u16,
-    /// Programs that offer controller types.
-    pub controllers: Vec<PathBuf>,
-    /// Locators of nodes known beforehand.
-    pub peers: Vec<String>,
-    /// The variables that every program takes over from this process.
-    pub inherited: Inherited,
-    /// How long programs have to stop when this node is gone; none if they go on, for a node that is started again.
-    pub agent_loss_grace: Option<Duration>,
+    /// Its reach, and the nodes that it knows.
+    pub network: NetworkConfig,
+    /// The programs that it runs.
+    pub programs: ProgramsConfig,
     /// Whether it takes over what a node of its name that was killed has left in its folder.
     pub adopts: bool,
     /// What tells this boot of the machine from others, where the kernel does not.
     pub boot: Option<String>,
     /// Folder for what must survive: the database and the journal; none for a node whose memory ends with it.
     pub state: Option<PathBuf>,
-    /// The engine of a new database; nothing for the default.
-    pub store: Option<dbmanager::io::store::Engine>,
-    /// Name of the team whose database this node has a replica of.
-    pub team: String,
-    /// Whether its database begins a team at once.
-    pub founds: bool,
+    /// Its replica of the team's database.
+    pub database: DatabaseConfig,
     /// The log of the process, if it is this node's alone.
     pub log: Option<Log>,
     /// The service manager that has started it, if one has.
     pub service: ServiceManager,
+}
+
+/// The network of a node.
+#[derive(Clone, Debug)]
+pub struct NetworkConfig {
+    /// The reach of its session.
+    pub reach: Reach,
+    /// The node as a member of its team, if it is in one; then its reach is that team.
+    pub member: Option<Arc<Member>>,
+    /// The TCP port it listens on when the network can reach it; 0 for any that is free.
+    pub port: u16,
+    /// Locators of nodes known beforehand.
+    pub peers: Vec<String>,
+}
+
+/// The programs of a node.
+#[derive(Clone, Debug)]
+pub struct ProgramsConfig {
+    /// Programs that offer controller types.
+    pub controllers: Vec<PathBuf>,
+    /// The variables that every program takes over from this process.
+    pub inherited: Inherited,
+    /// How long programs have to stop when this node is gone; none if they go on, for a node that is started again.
+    pub agent_loss_grace: Option<Duration>,
+}
+
+/// The replica of the database that a node has.
+#[derive(Clone, Debug)]
+pub struct DatabaseConfig {
+    /// The engine of a new database; nothing for the default.
+    pub store: Option<dbmanager::io::store::Engine>,
+    /// Name of the team whose database it is.
+    pub team: String,
+    /// Whether the database begins a team at once.
+    pub founds: bool,
 }
 
 /// A running node.
@@ -113,38 +134,62 @@ struct Driver {
     state: NodeState,
     peers: Peers,
     database: database::DatabaseThread,
-    /// Decides who may start, stop and change something, if it is in a team.
-    guard: Option<Guard>,
-    /// The orders of other nodes that were accepted and are not answered yet.
-    accepted: BTreeMap<u64, Attempt>,
-    /// Decides what runs here.
-    policy: ExecutionPolicy,
-    journal: Arc<Mutex<Journal>>,
-    estop: EstopFile,
-    kept: KeptFiles,
-    /// The jobs beside the loop.
-    jobs: Sender<Job>,
-    shims: BTreeMap<ProcessId, Sender<ShimOrder>>,
-    programs: BTreeMap<ProcessId, (u64, ControlSender)>,
-    inputs: InputLog,
-    /// Where programs run.
-    start_folder: StartFolder,
-    /// What the wires of its programs have lost.
-    losses: Losses,
-    returning: Returning,
-    /// For each deployment that has programs here what ends with it.
-    living: BTreeMap<Deployment, watch::Sender<()>>,
-    pending: VecDeque<Input>,
-    events: Sender<Event>,
-    tasks: JoinSet<()>,
-    /// The pending writes of ends to the journal, finished before the node leaves.
-    settling: JoinSet<()>,
+    gate: Gate,
+    files: Files,
+    running: Running,
+    queues: Queues,
     /// The robot's settings for its node.
     settings: Settings,
     /// Why the node had to leave.
     yielded: Option<String>,
     /// The moment that a thread waits for, or the last one.
     alarm: Option<Time>,
+}
+
+/// The decisions about what may run here.
+#[derive(Debug)]
+struct Gate {
+    /// Decides who may start, stop and change something, if the node is in a team.
+    guard: Option<Guard>,
+    /// The orders of other nodes that were accepted and are not answered yet.
+    accepted: BTreeMap<u64, Attempt>,
+    /// Decides what runs here.
+    policy: ExecutionPolicy,
+}
+
+/// The files in which a node keeps its state.
+#[derive(Debug)]
+struct Files {
+    journal: Arc<Mutex<Journal>>,
+    estop: EstopFile,
+    kept: KeptFiles,
+    inputs: InputLog,
+    /// The pending writes of ends to the journal, finished before the node leaves.
+    settling: JoinSet<()>,
+}
+
+/// The programs that run here.
+#[derive(Debug)]
+struct Running {
+    shims: BTreeMap<ProcessId, Sender<ShimOrder>>,
+    programs: BTreeMap<ProcessId, (u64, ControlSender)>,
+    /// For each deployment that has programs here what ends with it.
+    living: BTreeMap<Deployment, watch::Sender<()>>,
+    /// What the wires of its programs have lost.
+    losses: Losses,
+    returning: Returning,
+    /// Where programs run.
+    start_folder: StartFolder,
+}
+
+/// The work that waits.
+#[derive(Debug)]
+struct Queues {
+    pending: VecDeque<Input>,
+    events: Sender<Event>,
+    /// The jobs beside the loop.
+    jobs: Sender<Job>,
+    tasks: JoinSet<()>,
 }
 
 /// Runs a node until `leave` turns true and nothing of it is left, or for ever. `ready` turns true when it can be called.
@@ -157,7 +202,7 @@ pub async fn run(config: Config, mut leave: watch::Receiver<bool>, ready: watch:
     kernel::check().map_err(anyhow::Error::msg)?;
     let (events, mut arriving) = mpsc::channel(EVENTS_MAX);
     let mut driver = Driver::open(config, events).await?;
-    ready::announce(&driver.peers, &driver.config.reach, ready, &mut driver.tasks);
+    ready::announce(&driver.peers, &driver.config.network.reach, ready, &mut driver.queues.tasks);
     let mut leaving = false;
     let mut settings = driver.database.settings();
     loop {
@@ -181,7 +226,7 @@ pub async fn run(config: Config, mut leave: watch::Receiver<bool>, ready: watch:
                 Some(Input::Leave)
             }
         };
-        driver.pending.extend(input);
+        driver.queues.pending.extend(input);
         if driver.drain() {
             let yielded = driver.yielded.take();
             driver.close().await?;
@@ -231,7 +276,7 @@ impl Driver {
         start::show_team(&config, &dir)?;
         let (options, life) =
             (start::session_options(&config, &dir)?, (state.agent.boot(), state.agent.started(), origin));
-        let peers = Peers::open(options, life, config.member.clone(), sink, &mut tasks).await?;
+        let peers = Peers::open(options, life, config.network.member.clone(), sink, &mut tasks).await?;
         peers.hold(state.agent.holders().clone());
         peers.beat(state.agent.beaten().clone());
         let options = start::database_options(&config, &dir);
@@ -241,31 +286,30 @@ impl Driver {
         tasks.spawn(start::starter(&config, &database, (policy.clone(), events.clone())).run(waiting));
         tasks.spawn(start::forward(arrivals, events.clone()));
         tasks.spawn(keeping::reap_orphans());
-        tasks.spawn(crate::io::founding::begin(config.member.clone(), database.handle().clone()));
+        tasks.spawn(crate::io::founding::begin(config.network.member.clone(), database.handle().clone()));
         let mut driver = Self {
             state,
             config,
             dir,
             peers,
             database,
-            guard,
-            accepted: BTreeMap::new(),
-            policy,
-            jobs,
-            journal: Arc::new(Mutex::new(journal)),
-            estop: estop_file,
-            kept,
-            shims: BTreeMap::new(),
-            programs: BTreeMap::new(),
-            inputs,
-            start_folder: StartFolder::here(),
-            losses: Losses::default(),
-            returning: Returning::default(),
-            living: BTreeMap::new(),
-            pending: VecDeque::new(),
-            events,
-            tasks,
-            settling: JoinSet::new(),
+            gate: Gate { guard, accepted: BTreeMap::new(), policy },
+            files: Files {
+                journal: Arc::new(Mutex::new(journal)),
+                estop: estop_file,
+                kept,
+                inputs,
+                settling: JoinSet::new(),
+            },
+            running: Running {
+                shims: BTreeMap::new(),
+                programs: BTreeMap::new(),
+                living: BTreeMap::new(),
+                losses: Losses::default(),
+                returning: Returning::default(),
+                start_folder: StartFolder::here(),
+            },
+            queues: Queues { pending: VecDeque::new(), events, jobs, tasks },
             settings: Settings::default(),
             yielded: None,
             alarm: None,
@@ -278,7 +322,7 @@ impl Driver {
 
     /// Turns an event into an input; keeps the channels it brings.
     fn input(&mut self, event: Event) -> Option<Input> {
-        while self.tasks.try_join_next().or_else(|| self.settling.try_join_next()).is_some() {}
+        while self.queues.tasks.try_join_next().or_else(|| self.files.settling.try_join_next()).is_some() {}
         match event {
             Event::Arrival(Arrival::Input(input)) => Some(input),
             Event::Arrival(Arrival::Call(call, request, caller)) => self.called(call, request, caller),
@@ -286,36 +330,36 @@ impl Driver {
             Event::Judged(number, verdict) => Some(Input::Judged { number, verdict }),
             Event::Shim(process, report, output) => {
                 if report == ShimReport::Gone {
-                    self.shims.remove(&process);
-                    self.returning.is_gone(&process);
+                    self.running.shims.remove(&process);
+                    self.running.returning.is_gone(&process);
                 }
                 Some(Input::Shim { process, report, output })
             }
             Event::Program(Connection { deployment, instance, number }, sender) => {
                 let process = self.state.attachments.find(&deployment, &instance)?.clone();
-                self.returning.is_back(&process, 0);
+                self.running.returning.is_back(&process, 0);
                 self.tell_parameters(&sender, &process);
-                self.programs.insert(process, (number, sender));
+                self.running.programs.insert(process, (number, sender));
                 None
             }
             Event::Resumed { connection: Connection { deployment, instance, number }, sender, version, counts } => {
                 let process = self.state.attachments.find(&deployment, &instance)?.clone();
                 let (orders, notices) = counts;
-                self.returning.is_back(&process, notices);
+                self.running.returning.is_back(&process, notices);
                 let why = self.resume(&process, &sender, (version, orders)).err();
                 // After the first order that it waits for.
                 self.tell_parameters(&sender, &process);
-                self.programs.insert(process.clone(), (number, sender));
+                self.running.programs.insert(process.clone(), (number, sender));
                 why.map(|why| Input::Undelivered { process, why })
             }
             Event::Control(Connection { deployment, instance, number }, notice) => {
                 let process = self.state.attachments.find(&deployment, &instance)?.clone();
-                let is_current = self.programs.get(&process).is_some_and(|(current, _)| *current == number);
+                let is_current = self.running.programs.get(&process).is_some_and(|(current, _)| *current == number);
                 is_current.then(|| self.said(process, notice))
             }
             Event::Losses(Connection { deployment, instance, .. }, counted) => {
                 let process = self.state.attachments.find(&deployment, &instance)?.clone();
-                self.losses.note(process, instance, counted);
+                self.running.losses.note(process, instance, counted);
                 None
             }
             Event::Refused(connection, wires) => self.refused(&connection, wires),
@@ -324,7 +368,7 @@ impl Driver {
                 None
             }
             Event::Reached(process) => {
-                self.returning.shim_is_back(&process);
+                self.running.returning.shim_is_back(&process);
                 None
             }
             Event::Alarm => Some(Input::Tick),
@@ -345,7 +389,7 @@ impl Driver {
             Effect::Peer(change) => self.peer(&change),
             Effect::Spawn(order) => self.spawn(*order),
             Effect::Shim { process, order } => {
-                if let Some(shim) = self.shims.get(&process)
+                if let Some(shim) = self.running.shims.get(&process)
                     && let Err(error) = shim.try_send(order)
                 {
                     tracing::warn!(%error, "a shim does not take its orders");
@@ -363,8 +407,8 @@ impl Driver {
                 self.find_programs((deployment, number), programs);
             }
             Effect::Settled { deployment } => {
-                let journal = Arc::clone(&self.journal);
-                self.settling.spawn_blocking(move || journal::settle(&journal, &deployment));
+                let journal = Arc::clone(&self.files.journal);
+                self.files.settling.spawn_blocking(move || journal::settle(&journal, &deployment));
             }
             Effect::Keep(kept) => self.keep(|files| files.keep(&kept)),
             Effect::Unkeep { deployment } => self.unkeep(deployment),
@@ -375,12 +419,12 @@ impl Driver {
                 if let Answer::Status(status) = &mut *answer {
                     status.containment = cgroup::containment();
                     status.network = start::network(&self.config);
-                    status.policy = self.policy.in_use();
-                    self.losses.tell(status, &self.state.agent);
+                    status.policy = self.gate.policy.in_use();
+                    self.running.losses.tell(status, &self.state.agent);
                 }
                 if !self.peers.answer(call, *answer) {
                     self.peers.take(call);
-                    self.pending.push_back(Input::CallGone { call });
+                    self.queues.pending.push_back(Input::CallGone { call });
                 }
             }
             Effect::EndAnswers { call } => self.peers.take(call).into_iter().for_each(Caller::end),
@@ -400,13 +444,13 @@ impl Driver {
     }
 
     fn control(&mut self, process: ProcessId, order: &Order) {
-        let why = match self.programs.get(&process).map(|(_, sender)| sender.send(order)) {
+        let why = match self.running.programs.get(&process).map(|(_, sender)| sender.send(order)) {
             Some(Ok(())) => return,
             Some(Err(error)) => error.to_string(),
-            None if self.returning.expects(&process) => return,
+            None if self.running.returning.expects(&process) => return,
             None => "it has no control channel".to_owned(),
         };
-        self.pending.push_back(Input::Undelivered { process, why });
+        self.queues.pending.push_back(Input::Undelivered { process, why });
     }
 
     /// Tells the database of a node that has come, drops the link to one that is lost, and tells people of every change, where the log is this node's alone.
@@ -428,7 +472,7 @@ impl Driver {
 
     /// Has something done beside the loop that nobody waits for.
     fn later(&self, job: Job) {
-        if let Err(error) = self.jobs.try_send(job) {
+        if let Err(error) = self.queues.jobs.try_send(job) {
             tracing::warn!(%error, "the queue of jobs is full: one is dropped");
         }
     }
@@ -437,11 +481,11 @@ impl Driver {
         self.leave_orders();
         let deadline = clock::now() + SETTLE_WITHIN;
         while let Some(_settled) = tokio::select! {
-            settled = self.settling.join_next() => settled,
+            settled = self.files.settling.join_next() => settled,
             () = clock::sleep_until(deadline) => None,
         } {}
         self.peers.answered().await;
-        self.tasks.shutdown().await;
+        self.queues.tasks.shutdown().await;
         self.database.close().await;
         self.peers.close().await;
         Ok(())

@@ -37,7 +37,7 @@ impl Driver {
     /// Reaches the programs again of the agent that was made from its inputs.
     pub(super) fn adopt(&mut self) {
         // What was replayed was with the programs that the node before offered.
-        self.inputs.begin(&self.state);
+        self.files.inputs.begin(&self.state);
         let programs: Vec<ProcessId> = self.state.attachments.programs().map(|(process, _)| process.clone()).collect();
         let mut adopted = BTreeSet::new();
         for process in programs {
@@ -46,7 +46,7 @@ impl Driver {
                 continue;
             }
             adopted.insert(process.clone());
-            self.returning.expect(process.clone(), program.order.kind == LeafKind::Controller);
+            self.running.returning.expect(process.clone(), program.order.kind == LeafKind::Controller);
             let start = self.start(program.order.clone());
             self.later(Job::Adopt(Box::new(Adopted { start, program })));
         }
@@ -56,7 +56,7 @@ impl Driver {
         tracing::info!(programs = adopted.len(), "a node of this name was killed: its programs are taken over");
         let away = clock::now() - self.state.at;
         let gone = self.state.attachments.calls().map(|call| Input::CallGone { call });
-        self.pending.extend(std::iter::once(Input::Adopted { away, programs: adopted }).chain(gone));
+        self.queues.pending.extend(std::iter::once(Input::Adopted { away, programs: adopted }).chain(gone));
         self.drain();
     }
 }

@@ -55,7 +55,7 @@ impl Driver {
     pub(super) fn environment(&self, order: &SpawnOrder, dir: &Path, control: Option<&Path>) -> Vec<(String, String)> {
         let own =
             std::env::vars_os().filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)));
-        let mut environment = self.config.inherited.variables(own, &order.environment);
+        let mut environment = self.config.programs.inherited.variables(own, &order.environment);
         let path = |path: &Path| path.display().to_string();
         let mut set = |name: &str, value: String| drop(environment.insert(name.to_owned(), value));
         set(VERSION_VARIABLE, env!("CARGO_PKG_VERSION").to_owned());
@@ -65,7 +65,7 @@ impl Driver {
         if let Some(control) = control {
             set(CONTROL_VARIABLE, path(control));
             set(DATA_VARIABLE, path(&dir.join(DATA_SOCKET)));
-            match self.config.reach {
+            match self.config.network.reach {
                 Reach::Host => {}
                 Reach::Lan => set("DCA_REMOTE", "1".to_owned()),
                 Reach::Team(_) => set(TEAM_VARIABLE, path(&start::programs_identity(&self.dir))),

@@ -18,7 +18,7 @@ const ACCEPTED_MAX: usize = 256;
 impl Driver {
     /// Takes a call: at once if it needs no signature, or this node is in no team; else when it is written down that it was accepted.
     pub(super) fn called(&mut self, call: u64, request: Request, caller: Caller) -> Option<Input> {
-        let Some(guard) = self.guard.clone() else {
+        let Some(guard) = self.gate.guard.clone() else {
             if matches!(request, Request::Signed(_)) {
                 refuse(&caller, "this node is in no team: it takes no signatures".to_owned());
                 caller.end();
@@ -35,8 +35,8 @@ impl Driver {
                 self.admit(call, request, caller)
             }
             Ok(Passed::Signed(attempt, signed)) => {
-                let events = self.events.clone();
-                self.tasks.spawn(async move {
+                let events = self.queues.events.clone();
+                self.queues.tasks.spawn(async move {
                     let (keeper, wanted) = (guard.clone(), attempt.clone());
                     let written = keep(move || keeper.keep(&wanted)).await;
                     let event = match written {
@@ -69,8 +69,8 @@ impl Driver {
         let path = instance.split('#').next().unwrap_or_default().to_owned();
         let (asked, signed) =
             (CallRequest { deployment, path, procedure, access, digest }, Signed { head: head.0, body: body.0 });
-        let guard = self.guard.clone();
-        self.tasks.spawn(async move {
+        let guard = self.gate.guard.clone();
+        self.queues.tasks.spawn(async move {
             let judged = keep(move || {
                 let guard = guard.ok_or("this node is in no team")?;
                 guard.procedure(asked, &signed).and_then(|attempt| guard.keep(&attempt))
@@ -96,44 +96,44 @@ impl Driver {
     /// Judges what another node orders, and gives the verdict when it is written down.
     pub(super) fn judge(&mut self, number: u64, deployment: &Deployment, from: &str, order: &ToParticipant) {
         let none = || Err("this node is in no team".to_owned());
-        let judged = self.guard.as_ref().map_or_else(none, |guard| guard.order(deployment, (from, order)));
-        match (judged, self.guard.clone()) {
+        let judged = self.gate.guard.as_ref().map_or_else(none, |guard| guard.order(deployment, (from, order)));
+        match (judged, self.gate.guard.clone()) {
             (Ok(attempt), Some(guard)) => {
-                let events = self.events.clone();
-                self.accepted.insert(number, attempt.clone());
-                while self.accepted.len() > ACCEPTED_MAX
-                    && let Some((_, oldest)) = self.accepted.pop_first()
+                let events = self.queues.events.clone();
+                self.gate.accepted.insert(number, attempt.clone());
+                while self.gate.accepted.len() > ACCEPTED_MAX
+                    && let Some((_, oldest)) = self.gate.accepted.pop_first()
                 {
                     guard.ended(&oldest, None);
                 }
-                self.tasks.spawn(async move {
+                self.queues.tasks.spawn(async move {
                     let verdict = keep(move || guard.keep(&attempt)).await;
                     events.send(Event::Judged(number, verdict)).await.unwrap_or_default();
                 });
             }
-            (verdict, _) => self.pending.push_back(Input::Judged { number, verdict: verdict.map(drop) }),
+            (verdict, _) => self.queues.pending.push_back(Input::Judged { number, verdict: verdict.map(drop) }),
         }
     }
 
     /// Judges whether a deployment of this home may begin again after a reboot.
     pub(super) fn judge_resumed(&mut self, deployment: Deployment, signed: Option<&Signed>) {
         let none = || Err("this node is in no team".to_owned());
-        let verdict = self.guard.as_ref().map_or_else(none, |guard| guard.resumed(&deployment, signed));
-        self.pending.push_back(Input::Resumable { deployment, verdict });
+        let verdict = self.gate.guard.as_ref().map_or_else(none, |guard| guard.resumed(&deployment, signed));
+        self.queues.pending.push_back(Input::Resumable { deployment, verdict });
     }
 
     /// Puts into the audit log what became of an order that was accepted.
     pub(super) fn order_ended(&mut self, number: u64, outcome: &Outcome) {
-        if let Some((attempt, guard)) = self.accepted.remove(&number).zip(self.guard.as_ref()) {
+        if let Some((attempt, guard)) = self.gate.accepted.remove(&number).zip(self.gate.guard.as_ref()) {
             guard.ended(&attempt, Some(outcome));
         }
     }
 
     /// Puts into the audit log that the node leaves before orders that were accepted are answered.
     pub(super) fn leave_orders(&mut self) {
-        let guard = self.guard.iter();
-        guard.for_each(|guard| self.accepted.values().for_each(|attempt| guard.ended(attempt, None)));
-        self.accepted.clear();
+        let guard = self.gate.guard.iter();
+        guard.for_each(|guard| self.gate.accepted.values().for_each(|attempt| guard.ended(attempt, None)));
+        self.gate.accepted.clear();
     }
 }
 
@@ -148,6 +148,6 @@ fn refuse(caller: &Caller, why: String) {
 
 /// Returns the gate of a node, if it is in a team, and the execution policy of its host.
 pub(super) fn open(config: &super::Config) -> anyhow::Result<(Option<Guard>, ExecutionPolicy)> {
-    let guard = config.member.as_ref().map(Guard::open).transpose()?;
-    Ok((guard, ExecutionPolicy::open(config.state.clone(), config.member.clone())?))
+    let guard = config.network.member.as_ref().map(Guard::open).transpose()?;
+    Ok((guard, ExecutionPolicy::open(config.state.clone(), config.network.member.clone())?))
 }

@@ -11,7 +11,7 @@ impl Driver {
     /// Gives what waits to the agent and carries its effects out, which may bring more. Says whether the node is to leave.
     pub(super) fn drain(&mut self) -> bool {
         let mut over = false;
-        while let Some(input) = self.pending.pop_front() {
+        while let Some(input) = self.queues.pending.pop_front() {
             // Events have the time that the clock shows, also in the moment after somebody has set it.
             if let Some(origin) = calendar::set(self.state.agent.calendar()) {
                 over |= self.give(Input::Calendar { origin });
@@ -19,10 +19,10 @@ impl Driver {
             over |= self.give(input);
             let programs = &self.state.attachments;
             let taken = |process: &ProcessId| programs.program(process).map_or(u64::MAX, |program| program.notices);
-            let told = self.returning.complete(taken).into_iter();
-            self.pending.extend(told.map(|process| Input::Reached { process }));
+            let told = self.running.returning.complete(taken).into_iter();
+            self.queues.pending.extend(told.map(|process| Input::Reached { process }));
         }
-        self.inputs.keep_up(&self.state);
+        self.files.inputs.keep_up(&self.state);
         self.set_alarm();
         over
     }
@@ -31,8 +31,8 @@ impl Driver {
     fn set_alarm(&mut self) {
         let Some(at) = self.state.agent.starts_at().filter(|at| self.alarm != Some(*at)) else { return };
         self.alarm = Some(at);
-        let events = self.events.clone();
-        self.tasks.spawn_blocking(move || {
+        let events = self.queues.events.clone();
+        self.queues.tasks.spawn_blocking(move || {
             clock::make_punctual();
             Wakeup::default().wait(Some(at));
             // A loop that is so busy that nothing more can wait for it looks at its timers in any case.
@@ -42,7 +42,7 @@ impl Driver {
 
     fn give(&mut self, input: Input) -> bool {
         let (now, mut effects, mut over) = (clock::now(), Vec::new(), false);
-        self.inputs.append(now, &input);
+        self.files.inputs.append(now, &input);
         self.state.take(now, input, &mut effects);
         // What people are told does not hold up what programs are told.
         let (words, deeds): (Vec<Effect>, Vec<Effect>) = effects.into_iter().partition(is_for_caller);

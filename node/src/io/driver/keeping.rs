@@ -27,8 +27,8 @@ pub(super) async fn reap_orphans() {
 impl Driver {
     /// Writes an epoch down beside the loop: a disk may take long.
     pub(super) fn commit(&mut self, deployment: Deployment, hosts: Vec<String>) {
-        let (journal, events) = (Arc::clone(&self.journal), self.events.clone());
-        self.tasks.spawn(async move {
+        let (journal, events) = (Arc::clone(&self.files.journal), self.queues.events.clone());
+        self.queues.tasks.spawn(async move {
             let epoch = deployment.clone();
             let writing = tokio::task::spawn_blocking(move || journal::commit(&journal, &epoch, &hosts)).await;
             let written = writing.map_err(|error| error.to_string()).flatten();
@@ -38,11 +38,11 @@ impl Driver {
 
     /// Has written down whether everything is stopped, beside the loop. A node that leaves waits for the disk.
     pub(super) fn keep_estop(&mut self, number: u64, estop: Option<Estop>) {
-        self.estop.want(estop);
-        let (file, events) = (self.estop.clone(), self.events.clone());
+        self.files.estop.want(estop);
+        let (file, events) = (self.files.estop.clone(), self.queues.events.clone());
         let (tell, told) = oneshot::channel();
-        self.settling.spawn_blocking(move || drop(tell.send(file.write())));
-        self.tasks.spawn(async move {
+        self.files.settling.spawn_blocking(move || drop(tell.send(file.write())));
+        self.queues.tasks.spawn(async move {
             if let Ok(written) = told.await {
                 events.send(Event::EstopKept(number, written)).await.unwrap_or_default();
             }
@@ -51,11 +51,11 @@ impl Driver {
 
     /// Has what was kept of a deployment removed beside the loop, and tells the agent. A node that leaves waits for the disk.
     pub(super) fn unkeep(&mut self, deployment: Deployment) {
-        self.kept.unkeep(&deployment);
-        let (files, events) = (self.kept.clone(), self.events.clone());
+        self.files.kept.unkeep(&deployment);
+        let (files, events) = (self.files.kept.clone(), self.queues.events.clone());
         let (tell, told) = oneshot::channel();
-        self.settling.spawn_blocking(move || drop(tell.send(files.write())));
-        self.tasks.spawn(async move {
+        self.files.settling.spawn_blocking(move || drop(tell.send(files.write())));
+        self.queues.tasks.spawn(async move {
             if let Ok(written) = told.await {
                 events.send(Event::Unkept(deployment, written)).await.unwrap_or_default();
             }
@@ -64,8 +64,8 @@ impl Driver {
 
     /// Takes note of what is to survive a reboot, and has it written beside the loop. A node that leaves waits for that.
     pub(super) fn keep(&mut self, want: impl FnOnce(&KeptFiles)) {
-        want(&self.kept);
-        let files = self.kept.clone();
-        self.settling.spawn_blocking(move || drop(files.write()));
+        want(&self.files.kept);
+        let files = self.files.kept.clone();
+        self.files.settling.spawn_blocking(move || drop(files.write()));
     }
 }

@@ -30,8 +30,9 @@ fn examine(order: &SpawnOrder, (folder, policy): (&StartFolder, &ExecutionPolicy
 impl Driver {
     /// Looks at executables in a task: a folder of another machine may not answer.
     pub(super) fn find_programs(&mut self, (deployment, number): (Deployment, u32), programs: Vec<SpawnOrder>) {
-        let (events, policy, folder) = (self.events.clone(), self.policy.clone(), self.start_folder.clone());
-        self.tasks.spawn(async move {
+        let (events, policy, folder) =
+            (self.queues.events.clone(), self.gate.policy.clone(), self.running.start_folder.clone());
+        self.queues.tasks.spawn(async move {
             let problem = move |order: SpawnOrder| {
                 let problem = examine(&order, (&folder, &policy)).err()?;
                 Some(format!("`{}` cannot be started: {problem:#}", order.path))
@@ -46,13 +47,13 @@ impl Driver {
     pub(super) fn spawn(&mut self, order: SpawnOrder) {
         let process = order.process.clone();
         // Whatever the program before it has still to say is not the word of this one.
-        self.programs.remove(&process);
-        self.returning.is_gone(&process);
+        self.running.programs.remove(&process);
+        self.running.returning.is_gone(&process);
         let start = self.start(order);
-        if self.jobs.try_send(Job::Start(Box::new(start))).is_err() {
+        if self.queues.jobs.try_send(Job::Start(Box::new(start))).is_err() {
             let reason = "too many programs wait to be started".to_owned();
             for report in [ShimReport::ExecFailed { reason }, ShimReport::Gone] {
-                self.pending.push_back(Input::Shim { process: process.clone(), report, output: Vec::new() });
+                self.queues.pending.push_back(Input::Shim { process: process.clone(), report, output: Vec::new() });
             }
         }
     }
@@ -61,14 +62,14 @@ impl Driver {
     pub(super) fn start(&mut self, order: SpawnOrder) -> Start {
         let (sender, orders) = mpsc::channel(starter::ORDERS_MAX);
         let process = order.process.clone();
-        self.shims.insert(process.clone(), sender);
-        self.living.entry(process.deployment.clone()).or_default();
+        self.running.shims.insert(process.clone(), sender);
+        self.running.living.entry(process.deployment.clone()).or_default();
         let is_controller = order.kind == LeafKind::Controller;
         let control = self.control_socket(order.kind, &process.deployment);
         let dir = self.dir.process(&process);
         let (watchdog, ready_within) = watched(order.kind, &order.policy);
-        let grace = self.settings.agent_loss_grace.or(self.config.agent_loss_grace);
-        let folder = self.start_folder.of(order.environment.directory.as_deref());
+        let grace = self.settings.agent_loss_grace.or(self.config.programs.agent_loss_grace);
+        let folder = self.running.start_folder.of(order.environment.directory.as_deref());
         let shim = ShimStart {
             working_directory: folder.clone().unwrap_or_default(),
             gate: if is_controller { Gate::None } else { Gate::Exec },
@@ -91,7 +92,7 @@ impl Driver {
     /// Takes what a program has said. When it says who it is, the node vouches for it: before anybody is told where it is.
     pub(super) fn said(&self, process: ProcessId, notice: Notice) -> Input {
         if let Notice::Hello { location: Some(Location { keys, .. }), .. } = &notice
-            && let Some((order, (_, sender))) = self.vouch(&process, keys).zip(self.programs.get(&process))
+            && let Some((order, (_, sender))) = self.vouch(&process, keys).zip(self.running.programs.get(&process))
             && let Err(error) = sender.send(&order)
         {
             tracing::debug!(%error, "a program is not told that its node vouches for it");
@@ -103,7 +104,7 @@ impl Driver {
     fn vouch(&self, process: &ProcessId, keys: &[u8]) -> Option<Order> {
         let path = &self.state.attachments.program(process)?.order.path;
         let delegation =
-            self.config.member.as_ref()?.vouch_for(keys, &format!("`{path}` of `{}`", process.deployment))?;
+            self.config.network.member.as_ref()?.vouch_for(keys, &format!("`{path}` of `{}`", process.deployment))?;
         Some(Order::Vouch { delegation })
     }
 
@@ -150,9 +151,9 @@ impl Driver {
     /// Closes what belongs to a deployment; the output of the last few stays in their folders.
     pub(super) fn bury(&mut self, deployment: &Deployment) {
         self.close_sockets(deployment);
-        self.living.remove(deployment);
-        self.programs.retain(|process, _| process.deployment != *deployment);
-        self.losses.forget(|process| process.deployment == *deployment);
+        self.running.living.remove(deployment);
+        self.running.programs.retain(|process, _| process.deployment != *deployment);
+        self.running.losses.forget(|process| process.deployment == *deployment);
         if let Some(oldest) = self.state.attachments.take_buried(OVER_MAX) {
             let folder = self.dir.deployment(&oldest);
             self.later(Job::Remove(run_dir::other(self.dir.path(), &folder)));
@@ -162,8 +163,8 @@ impl Driver {
 
     /// Lets go of a program; with the last one of a deployment, of the socket where they reported.
     pub(super) fn forget(&mut self, process: &ProcessId) {
-        self.losses.forget(|other| other == process);
-        self.programs.remove(process);
+        self.running.losses.forget(|other| other == process);
+        self.running.programs.remove(process);
         if !self.state.attachments.has_programs(&process.deployment) {
             self.close_sockets(&process.deployment);
         }

@@ -67,7 +67,7 @@ impl Driver {
         Connection { deployment, instance, .. }: &Connection,
         wires: Vec<Refused>,
     ) -> Option<Input> {
-        let member = self.config.member.as_ref()?;
+        let member = self.config.network.member.as_ref()?;
         for Refused { wire, count, why, from } in wires.into_iter().take(WIRES_MAX) {
             let what = match self.state.agent.wire(deployment, wire) {
                 Some(ends) => format!("send on the wire `{ends}` of `{deployment}`"),

@@ -14,7 +14,7 @@ impl Driver {
         reading: impl FnOnce(Caller, tail::DeploymentEnd) -> T,
     ) {
         let Some(caller) = self.peers.take(call) else { return };
-        let over = tail::DeploymentEnd::new(self.living.get(deployment));
-        self.tasks.spawn(reading(caller, over));
+        let over = tail::DeploymentEnd::new(self.running.living.get(deployment));
+        self.queues.tasks.spawn(reading(caller, over));
     }
 }

@@ -14,9 +14,9 @@ impl Driver {
             let (deployment, path) = (&process.deployment, &program.order.path);
             let parameters = self.parameters(&settings, deployment, path);
             let changed = changes(&self.parameters(&self.settings, deployment, path), &parameters);
-            if let Some((_, sender)) = self.programs.get(process).filter(|_| !changed.is_empty()) {
+            if let Some((_, sender)) = self.running.programs.get(process).filter(|_| !changed.is_empty()) {
                 send(sender, &Order::Configure { parameters });
-                self.pending.push_back(Input::Configured { process: process.clone(), parameters: changed });
+                self.queues.pending.push_back(Input::Configured { process: process.clone(), parameters: changed });
             }
         }
         let before = std::mem::replace(&mut self.settings, settings);

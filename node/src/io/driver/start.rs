@@ -35,13 +35,13 @@ use tokio::sync::mpsc::{Receiver, Sender};
 pub(super) fn database_options(config: &Config, dir: &RunDir) -> database::Options {
     database::Options {
         robot: config.name.clone(),
-        team: config.team.clone(),
+        team: config.database.team.clone(),
         folder: config.state.clone(),
-        store: config.store,
+        store: config.database.store,
         scratch: dir.path().to_owned(),
         proof: dir.proof().to_owned(),
-        member: config.member.clone(),
-        founds: config.founds,
+        member: config.network.member.clone(),
+        founds: config.database.founds,
     }
 }
 
@@ -51,8 +51,8 @@ pub(super) fn starter(
     database: &DatabaseThread,
     (policy, events): (ExecutionPolicy, Sender<Event>),
 ) -> Starter {
-    let secrets = Arc::new(Secrets::new(config.member.clone(), database.handle().clone(), &config.name));
-    let access = Access { robot: config.name.clone(), is_team: config.member.is_some() };
+    let secrets = Arc::new(Secrets::new(config.network.member.clone(), database.handle().clone(), &config.name));
+    let access = Access { robot: config.name.clone(), is_team: config.network.member.is_some() };
     let database = ProgramDatabase::new(database.handle().clone(), access, Arc::clone(&secrets));
     Starter::new(programs::beside("dca-shim"), policy, (secrets, database), events)
 }
@@ -80,7 +80,7 @@ pub(super) fn show_team(config: &Config, dir: &RunDir) -> anyhow::Result<()> {
     if let Some(state) = &config.state {
         state_dir::tell(dir.path(), state)?;
     }
-    match &config.member {
+    match &config.network.member {
         Some(member) => member.vouch(&dir.path().join(VISITORS), &programs_identity(dir)),
         None => {
             // What a node before this one has left.
@@ -100,9 +100,9 @@ pub(super) fn session_options(config: &Config, dir: &RunDir) -> anyhow::Result<N
     Ok(NodeOptions {
         name: HostName::parse(&config.name)?,
         socket: dir.socket(),
-        reach: config.reach.clone(),
-        port: config.port,
-        peers: siblings(config)?.into_iter().chain(config.peers.iter().cloned()).collect(),
+        reach: config.network.reach.clone(),
+        port: config.network.port,
+        peers: siblings(config)?.into_iter().chain(config.network.peers.iter().cloned()).collect(),
     })
 }
 
@@ -120,12 +120,12 @@ fn is_of_team(config: &Config, socket: &Path) -> bool {
 }
 
 fn team(config: &Config) -> String {
-    config.member.as_ref().map(|member| member.team().id().to_string()).unwrap_or_default()
+    config.network.member.as_ref().map(|member| member.team().id().to_string()).unwrap_or_default()
 }
 
 /// Returns whom the node lets come over the network.
 pub(super) fn network(config: &Config) -> Network {
-    match (&config.member, &config.reach) {
+    match (&config.network.member, &config.network.reach) {
         (Some(member), _) => Network::Team { name: member.team().name().to_string() },
         (None, Reach::Host) => Network::Host,
         (None, Reach::Lan | Reach::Team(_)) => Network::Insecure,
@@ -144,7 +144,7 @@ pub(super) async fn forward(mut arrivals: Receiver<Arrival>, events: Sender<Even
 /// Asks the programs of controllers what they offer.
 pub(super) async fn offered(config: &Config) -> anyhow::Result<Programs> {
     let mut offered = Programs::default();
-    for program in programs::chosen(&config.controllers) {
+    for program in programs::chosen(&config.programs.controllers) {
         let asked = program.clone();
         let interface = tokio::task::spawn_blocking(move || programs::interfaces(&asked)).await??;
         offered.declare(&program.display().to_string(), interface);
