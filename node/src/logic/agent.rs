@@ -86,48 +86,79 @@ pub struct Identity {
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Agent {
     identity: Identity,
-    started: Time,
+    run: Run,
     programs: Programs,
+    peers: Peers,
+    coordinators: BTreeMap<Deployment, Coordinator>,
+    participants: BTreeMap<Deployment, Participant>,
+    pending: Pending,
+    past: Past,
+    callers: Callers,
+    orders: Orders,
+    stopped: Stopped,
+}
+
+/// The life of this node.
+#[derive(Debug, Serialize, Deserialize)]
+struct Run {
+    started: Time,
+    /// What the calendar clock showed at [`Time::ZERO`], as time since 1970.
+    calendar: Duration,
+    /// When it was made again from its inputs, the last few times.
+    adoptions: VecDeque<Time>,
+    leaving: bool,
+    /// Until when a node of which nothing is left waits for others to acknowledge its last messages.
+    lingers_until: Option<Time>,
+}
+
+/// The other nodes.
+#[derive(Debug, Serialize, Deserialize)]
+struct Peers {
     names: NameServer,
     absence: Absence,
     /// Of each name, the links to its last boots; the one to the holder of the name is the last.
     links: BTreeMap<String, Vec<Link>>,
     /// The holder of each name, as it was reported last.
     holders: BTreeMap<String, u64>,
-    /// Who hears of this node all the time, as it was ordered last.
+    /// The hosts that hear of this node all the time, as it was ordered last.
     beaten: BTreeSet<String>,
-    coordinators: BTreeMap<Deployment, Coordinator>,
-    participants: BTreeMap<Deployment, Participant>,
+    rivalry: Rivalry,
+}
+
+/// The deployments that have not begun, and those that shall not.
+#[derive(Debug, Default, Serialize, Deserialize)]
+struct Pending {
+    /// The requests that were made, by number.
     requests: BTreeSet<u64>,
-    awaiting_hosts: Vec<AwaitingHosts>,
-    /// Reports of deployments that are over, for those who were cut off when it happened; the latest first.
+    awaiting: Vec<AwaitingHosts>,
+    /// The deployments that ran before this node, until they are told.
+    earlier: Vec<Before>,
+    /// The deployments of other homes that were stopped while those were away.
+    tombstones: BTreeSet<Tombstone>,
+}
+
+/// The deployments that are over here.
+#[derive(Debug, Default, Serialize, Deserialize)]
+struct Past {
+    /// Their reports, for callers that were cut off when it happened; the latest first.
     over: VecDeque<History>,
     /// Until when the end of the last of them is taken over by a successor.
     over_until: Option<Time>,
+    /// The programs that they had here, by leaf and path; the latest first.
+    programs: VecDeque<(Deployment, Vec<(u32, String)>)>,
+    /// Their programs that may still run.
+    unended: BTreeMap<Deployment, UnendedPrograms>,
+}
+
+/// The calls and hosts that wait for word.
+#[derive(Debug, Default, Serialize, Deserialize)]
+struct Callers {
     /// The calls that listen to all that happens.
     listeners: Vec<u64>,
     /// The calls that want all that has happened.
     inquiries: Inquiries,
     check_ins: CheckIns,
-    /// The programs that parts of deployments had here which are over, by leaf and path; the latest first.
-    past: VecDeque<(Deployment, Vec<(u32, String)>)>,
-    leaving: bool,
-    /// Programs of deployments that are over here, and that may still run.
-    unended: BTreeMap<Deployment, UnendedPrograms>,
-    /// When it was made again from its inputs, the last few times.
-    adoptions: VecDeque<Time>,
-    /// Until when a node of which nothing is left waits for others to acknowledge its last messages.
-    lingers_until: Option<Time>,
-    orders: Orders,
     promises: Promises,
-    rivalry: Rivalry,
-    stopped: Stopped,
-    /// The deployments that ran before this node, until they are told.
-    earlier: Vec<Before>,
-    /// The deployments of other homes that were stopped while those were away.
-    tombstones: BTreeSet<Tombstone>,
-    /// What the calendar clock showed at [`Time::ZERO`], as time since 1970.
-    calendar: Duration,
 }
 
 /// Programs that could not be ended when their deployment was.
@@ -163,42 +194,37 @@ impl Agent {
         let stopped = Self::stopped_before(identity.estop.take());
         let Earlier { running, tombstones } = std::mem::take(&mut identity.earlier);
         Self {
-            absence: Absence::new(&identity.host, open, now),
-            names: NameServer::new(&identity.host, identity.boot, now),
+            run: Run {
+                started: now,
+                calendar: Duration::ZERO,
+                adoptions: VecDeque::new(),
+                leaving: false,
+                lingers_until: None,
+            },
+            peers: Peers {
+                names: NameServer::new(&identity.host, identity.boot, now),
+                absence: Absence::new(&identity.host, open, now),
+                links: BTreeMap::new(),
+                holders: BTreeMap::new(),
+                beaten: BTreeSet::new(),
+                rivalry: Rivalry::default(),
+            },
+            pending: Pending { earlier: running, tombstones: tombstones.into_iter().collect(), ..Pending::default() },
             identity,
-            started: now,
             programs,
-            links: BTreeMap::new(),
-            holders: BTreeMap::new(),
-            beaten: BTreeSet::new(),
             coordinators: BTreeMap::new(),
             participants: BTreeMap::new(),
-            requests: BTreeSet::new(),
-            awaiting_hosts: Vec::new(),
-            over: VecDeque::new(),
-            over_until: None,
-            listeners: Vec::new(),
-            inquiries: Inquiries::default(),
-            check_ins: CheckIns::default(),
-            past: VecDeque::new(),
-            leaving: false,
-            unended: BTreeMap::new(),
-            adoptions: VecDeque::new(),
-            lingers_until: None,
+            past: Past::default(),
+            callers: Callers::default(),
             orders: Orders::default(),
-            promises: Promises::default(),
-            rivalry: Rivalry::default(),
             stopped,
-            earlier: running,
-            tombstones: tombstones.into_iter().collect(),
-            calendar: Duration::ZERO,
         }
     }
 
     /// Takes one input; appends what is to be done, in order.
     pub fn handle(&mut self, now: Time, input: Input, effects: &mut Vec<Effect>) {
         if let Input::Calendar { origin } = input {
-            self.calendar = origin;
+            self.run.calendar = origin;
             return;
         }
         let (mut more, since_1970) = (Vec::new(), self.since_1970(now));
@@ -232,12 +258,12 @@ impl Agent {
 
     /// Returns whether a successor has anything to take over: a deployment, one that has just ended, or programs of one.
     pub fn is_engaged(&self, now: Time) -> bool {
-        let has_just_ended = self.over_until.is_some_and(|until| now < until);
+        let has_just_ended = self.past.over_until.is_some_and(|until| now < until);
         has_just_ended
             || !(self.coordinators.is_empty()
                 && self.participants.is_empty()
-                && self.unended.is_empty()
-                && self.awaiting_hosts.is_empty())
+                && self.past.unended.is_empty()
+                && self.pending.awaiting.is_empty())
     }
 
     /// Returns its number among the runs of its node, which it keeps when it is made again.
@@ -247,27 +273,27 @@ impl Agent {
 
     /// Returns what the calendar clock showed at [`Time::ZERO`], as far as it was told.
     pub fn calendar(&self) -> Duration {
-        self.calendar
+        self.run.calendar
     }
 
     /// Returns a moment on the calendar clock.
     fn since_1970(&self, now: Time) -> Duration {
-        self.calendar + now.since(Time::ZERO)
+        self.run.calendar + now.since(Time::ZERO)
     }
 
     /// Returns since when it is there.
     pub fn started(&self) -> Time {
-        self.started
+        self.run.started
     }
 
     /// Returns which boot of each name it deals with.
     pub fn holders(&self) -> &BTreeMap<String, u64> {
-        &self.holders
+        &self.peers.holders
     }
 
     /// Returns who hears of it all the time.
     pub fn beaten(&self) -> &BTreeSet<String> {
-        &self.beaten
+        &self.peers.beaten
     }
 
     /// Goes on in another process, with the programs that this one offers, in a team or not.
@@ -294,28 +320,28 @@ impl Agent {
     pub fn deadline(&self) -> Option<Time> {
         let coordinators = self.coordinators.values().map(Coordinator::deadline);
         let participants = self.participants.values().map(Participant::deadline);
-        let links = self.links.values().flatten().map(Link::deadline);
-        let gathering = self.awaiting_hosts.iter().map(AwaitingHosts::deadline);
-        let looking_back = (!self.earlier.is_empty()).then_some(self.started);
+        let links = self.peers.links.values().flatten().map(Link::deadline);
+        let gathering = self.pending.awaiting.iter().map(AwaitingHosts::deadline);
+        let looking_back = (!self.pending.earlier.is_empty()).then_some(self.run.started);
         coordinators
             .chain(participants)
             .chain(links)
             .chain(gathering)
-            .chain([self.absence.deadline(), self.inquiries.deadline()])
-            .chain([self.lingers_until, self.over_until, looking_back])
-            .fold(self.names.deadline(), earliest)
+            .chain([self.peers.absence.deadline(), self.callers.inquiries.deadline()])
+            .chain([self.run.lingers_until, self.past.over_until, looking_back])
+            .fold(self.peers.names.deadline(), earliest)
     }
 
     fn take(&mut self, input: Input, out: &mut Out<'_>) {
         match input {
-            Input::Appeared { host, boot } => self.names.token(out.now, &host, boot),
-            Input::Vanished { host, boot } => self.names.no_token(out.now, &host, boot),
-            Input::Ping { host, boot } => self.names.heard_of(out.now, &host, boot),
-            Input::Pong(pong) => self.names.answered(out.now, &pong),
+            Input::Appeared { host, boot } => self.peers.names.token(out.now, &host, boot),
+            Input::Vanished { host, boot } => self.peers.names.no_token(out.now, &host, boot),
+            Input::Ping { host, boot } => self.peers.names.heard_of(out.now, &host, boot),
+            Input::Pong(pong) => self.peers.names.answered(out.now, &pong),
             Input::Namesake(namesake) => self.greeted(&namesake, out),
             Input::Frame(frame) => self.frame(*frame, out),
             Input::Call { call, request } => {
-                self.names.watch(out.now);
+                self.peers.names.watch(out.now);
                 self.take_call(call, *request, out);
             }
             Input::Judged { number, verdict } => self.judged(number, verdict, out),
@@ -336,7 +362,7 @@ impl Agent {
             }
             Input::Found { deployment, number, problems } => {
                 if let Some(participant) = self.participants.get(&deployment) {
-                    participant.examined((number, &self.identity.host), problems, out);
+                    participant.examined(number, problems, out);
                 }
             }
             Input::Undelivered { process, why } => {
@@ -352,7 +378,7 @@ impl Agent {
             Input::EstopKept { number, written } => self.estop_kept(number, written, out),
             Input::Unkept { deployment, written } => self.unkept(&deployment, &written, out),
             Input::Adopted { away, programs } => {
-                self.inquiries.adopted(programs);
+                self.callers.inquiries.adopted(programs);
                 self.adopted(out.now, away);
                 self.keep_estop(out);
                 self.keep_all(out);
@@ -360,9 +386,9 @@ impl Agent {
                 self.judge_again(out);
                 self.ask_again(out);
             }
-            Input::Reached { process } => self.inquiries.reached(&process),
+            Input::Reached { process } => self.callers.inquiries.reached(&process),
             Input::Leave => {
-                self.leaving = true;
+                self.run.leaving = true;
                 self.stop_gathering(|_| true, calls::STOPPED, out);
                 self.coordinators.values_mut().for_each(|coordinator| coordinator.stop(None, out));
                 let coordinators = &self.coordinators;
@@ -376,10 +402,10 @@ impl Agent {
 
     /// Forgets a call whose caller is gone.
     fn forget_call(&mut self, call: u64) {
-        self.listeners.retain(|listener| *listener != call);
-        self.inquiries.forget(call);
+        self.callers.listeners.retain(|listener| *listener != call);
+        self.callers.inquiries.forget(call);
         self.forget_stopped(call);
-        self.promises.forget(call);
+        self.callers.promises.forget(call);
         self.coordinators.values_mut().for_each(|coordinator| coordinator.forget(call));
     }
 
@@ -403,7 +429,7 @@ impl Agent {
     fn conflicts(&self, deployment: &Deployment, claims: &Claims) -> Vec<String> {
         let others = self.participants.iter().filter(|(other, _)| *other != deployment);
         let running = others.flat_map(|(other, participant)| claims.conflicts(other, participant.claims()));
-        let unended = self.unended.iter().filter(|(other, _)| *other != deployment);
+        let unended = self.past.unended.iter().filter(|(other, _)| *other != deployment);
         running.chain(unended.flat_map(|(other, left)| claims.conflicts_with_unended(other, &left.claims))).collect()
     }
 
@@ -412,10 +438,16 @@ impl Agent {
             host: self.identity.host.clone(),
             pid: self.identity.pid,
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            up: now - self.started,
-            peers: self.names.present().map(str::to_owned).collect(),
-            waiting: self.awaiting_hosts.iter().map(|one| self.waiting(one, now)).collect(),
-            missing: self.absence.hosts().filter(|host| !self.names.reaches(host)).map(str::to_owned).collect(),
+            up: now - self.run.started,
+            peers: self.peers.names.present().map(str::to_owned).collect(),
+            waiting: self.pending.awaiting.iter().map(|one| self.waiting(one, now)).collect(),
+            missing: self
+                .peers
+                .absence
+                .hosts()
+                .filter(|host| !self.peers.names.reaches(host))
+                .map(str::to_owned)
+                .collect(),
             deployments: self.participants.values().map(Participant::status).collect(),
             // The driver knows.
             containment: Containment::default(),
@@ -427,9 +459,9 @@ impl Agent {
 
     /// Returns what is known of hosts that do not answer.
     fn absent(&self, now: Time) -> Absent {
-        let mut absent = self.absence.report(now);
+        let mut absent = self.peers.absence.report(now);
         self.tell_unended(&mut absent.ends);
-        let is_away = |host: &str| *host != *self.identity.host && !self.names.reaches(host);
+        let is_away = |host: &str| *host != *self.identity.host && !self.peers.names.reaches(host);
         absent.processes = self.participants.values().flat_map(|participant| participant.elsewhere(is_away)).collect();
         absent
     }
@@ -438,9 +470,9 @@ impl Agent {
         self.look_around(out);
         self.answer_check_ins(out);
         self.begin_gathered(out);
-        let names = &self.names;
-        self.absence.tick(|host| names.reaches(host), out);
-        let resent = self.links.iter_mut().flat_map(|(host, links)| {
+        let names = &self.peers.names;
+        self.peers.absence.tick(|host| names.reaches(host), out);
+        let resent = self.peers.links.iter_mut().flat_map(|(host, links)| {
             links.iter_mut().flat_map(|link| link.resend(out.now)).map(|frame| (host.clone(), frame))
         });
         for (host, frame) in resent.collect::<Vec<_>>() {

@@ -27,8 +27,8 @@ pub use mission::Requested;
 use crate::logic::effect::{Effect, Out, earliest};
 use crate::logic::history::{Audience, History};
 use crate::logic::protocol::{
-    ChangeRequest, Deployment, Ending, Failure, FailureCause, Kept, LeafFacts, Report, Revision, Signed, StartMode,
-    SwitchRequest, Target, ToCoordinator, ToParticipant, Why, unreached,
+    Answer, ChangeRequest, Deployment, Ending, Failure, FailureCause, Kept, LeafFacts, Report, Revision, Signed,
+    StartMode, SwitchRequest, Target, ToCoordinator, ToParticipant, Why, unreached,
 };
 use crate::logic::wiring::Registrations;
 use change::Changes;
@@ -348,7 +348,7 @@ impl Coordinator {
         let deployment = &self.mission.deployment;
         if !matches!(self.phase, Phase::Running) || deployment.epoch != request.epoch {
             let reasons = vec![format!("`{}@{}` does not run", deployment.name, request.epoch)];
-            return change::answer(call, Report::Unchanged { by: request.by, reasons }, out);
+            return out.answer_last(call, Answer::Report(Report::Unchanged { by: request.by, reasons }));
         }
         self.changes.ask(&self.mission, call, request, signed, out);
     }
@@ -361,7 +361,7 @@ impl Coordinator {
             Err(format!("`{}` does not run", self.mission.deployment.name))
         };
         if let Err(why) = asked {
-            switching::answer(call, Err(why), out);
+            out.answer_last(call, Answer::Switched(Err(why)));
         }
     }
 

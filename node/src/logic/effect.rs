@@ -258,6 +258,17 @@ impl Out<'_> {
     pub fn send(&mut self, to: &str, message: Message) {
         self.messages.push((to.to_owned(), message));
     }
+
+    /// Sends one element of the answer to a call.
+    pub fn answer(&mut self, call: u64, answer: Answer) {
+        self.effects.push(Effect::Answer { call, answer: Box::new(answer) });
+    }
+
+    /// Sends the last element of the answer to a call.
+    pub fn answer_last(&mut self, call: u64, answer: Answer) {
+        self.answer(call, answer);
+        self.effects.push(Effect::EndAnswers { call });
+    }
 }
 
 /// Returns the earlier of two deadlines.

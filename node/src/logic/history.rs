@@ -1,7 +1,7 @@
 //! The reports of a deployment so far: for callers that watch it, were cut off and come back, and for those that listen
 //! to everything.
 
-use crate::logic::effect::{Effect, Out};
+use crate::logic::effect::Out;
 use crate::logic::protocol::{Answer, Deployment, Event, Report};
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
@@ -76,7 +76,7 @@ impl History {
     /// Keeps a report about a host of the plan, and tells it to the audience.
     pub fn report(&mut self, report: Report, host: u32, audience: &Audience, out: &mut Out<'_>) {
         for &call in &audience.watchers {
-            out.effects.push(Effect::Answer { call, answer: Box::new(Answer::Report(report.clone())) });
+            out.answer(call, Answer::Report(report.clone()));
         }
         let entry = Entry { number: self.count, at: out.now, time: out.since_1970, host, report };
         for &call in &audience.listeners {
@@ -104,7 +104,7 @@ impl History {
         let end = self.entries.back().filter(|last| is_last(&last.report));
         let mut next = end.map_or(seen, |end| seen.min(end.number));
         let mut tell = |report| {
-            out.effects.push(Effect::Answer { call, answer: Box::new(Answer::Report(report)) });
+            out.answer(call, Answer::Report(report));
         };
         for entry in &self.entries {
             if entry.number < next {
@@ -168,7 +168,7 @@ impl History {
 /// Tells some events; none at all would mean that these were all up to now.
 fn tell(call: u64, events: Vec<Event>, out: &mut Out<'_>) {
     if !events.is_empty() {
-        out.effects.push(Effect::Answer { call, answer: Box::new(Answer::Events(events)) });
+        out.answer(call, Answer::Events(events));
     }
 }
 
@@ -179,6 +179,7 @@ fn is_last(report: &Report) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::logic::effect::Effect;
     use crate::logic::protocol::Change;
     use language::plan::Plan;
     use std::time::Duration;

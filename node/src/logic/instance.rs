@@ -10,24 +10,21 @@
 //! after SIGTERM, then by the time the kernel has to remove what was killed. An activation outlives its program: while that
 //! is started again, its supervisor hears nothing.
 
-mod activation;
-mod clearing;
 mod note;
 mod program;
 mod replace;
 mod restarts;
 pub mod watchdog;
 
-use crate::logic::effect::{Effect, SpawnOrder, earliest};
-use crate::logic::protocol::{Change, FailureCause};
+use crate::logic::effect::{Effect, earliest};
+use crate::logic::protocol::{Change, Ending, Failure, FailureCause};
 use crate::logic::timed::Timed;
-use activation::Current;
 use comms::logic::control::Order;
 use comms::logic::time::Time;
 use language::plan::{LeafKind, LinkLoss};
 pub use note::Note;
-use replace::Probation;
 pub use replace::Start;
+use replace::{Probation, Saved};
 use restarts::Restarts;
 pub use restarts::{RESTARTS_MAX, WINDOW};
 use serde::{Deserialize, Serialize};
@@ -96,38 +93,58 @@ enum Stage {
 /// One program.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Instance {
-    order: SpawnOrder,
-    stop_within: Duration,
+    start: Start,
     stage: Stage,
     current: Option<Current>,
     /// Whether its links have stood once: from then on it is started again rather than refused.
     joined: bool,
     restarts: Restarts,
-    /// Those of the program before, and whether it is to have them back.
-    saved: Option<Restarts>,
-    gives_back: bool,
-    /// Whether nothing begins before its home has answered: its node was away.
-    checks_in: bool,
-    /// Lost hosts for whose sake nothing new begins.
-    cut_off: BTreeSet<String>,
+    /// The restarts of the previous program.
+    saved: Option<Saved>,
+    obstacles: Obstacles,
+    program: Program,
+    /// The activation whose end could not be confirmed.
+    unconfirmed: Option<u32>,
+    /// Why the last activation failed, if it did.
+    failed: Option<FailureCause>,
+    /// The replacement that is started when this program is gone.
+    next: Option<Start>,
+    /// The probation of a program that has replaced another.
+    probation: Option<Probation>,
+}
+
+/// An activation that has not ended.
+#[derive(Debug, Serialize, Deserialize)]
+struct Current {
+    number: u32,
+    /// For its `Init`, in case another program takes its place.
+    value: Vec<u8>,
+    /// The host whose loss stops it.
+    lost: Option<String>,
+}
+
+/// The program that is there, or was there last.
+#[derive(Debug, Default, Serialize, Deserialize)]
+struct Program {
     pid: Option<u32>,
     /// Whether its shim was killed, since that did not end the program in time.
     shim_was_killed: bool,
     /// By when nothing may be left any more of a program that has ended by itself.
     clearing: Option<Time>,
-    /// Whether its program has died by itself, and whether an activation has failed of that.
+    /// Whether it has died by itself, and whether an activation has failed of that.
     death: Option<DeathTold>,
     cause: Option<FailureCause>,
-    /// The activation whose end nobody could confirm.
-    unconfirmed: Option<u32>,
-    /// Why the last activation failed, if it did.
-    failed: Option<FailureCause>,
-    /// The last lines that its program has written, once it has ended.
+    /// The last lines that it has written, once it has ended.
     output: Vec<String>,
-    /// The replacement that is started when this program is gone.
-    next: Option<Start>,
-    /// The probation of a program that has replaced another.
-    probation: Option<Probation>,
+}
+
+/// The reasons for which nothing begins.
+#[derive(Debug, Default, Serialize, Deserialize)]
+struct Obstacles {
+    /// Whether its home has to answer first: its node was away.
+    checks_in: bool,
+    /// The failed hosts that it waits for.
+    hosts: BTreeSet<String>,
 }
 
 /// The moment of an input, and the lists for effects and notes.
@@ -155,27 +172,18 @@ impl Timed for Instance {
 
 impl Instance {
     /// Starts a program; a plain one is held by its shim.
-    pub fn spawn(order: SpawnOrder, stop_within: Duration, context: &mut InstanceContext<'_>) -> Self {
-        let restarts = Restarts::new(order.process.leaf, &order.policy);
+    pub fn spawn(start: Start, context: &mut InstanceContext<'_>) -> Self {
         let mut instance = Self {
-            order,
-            stop_within,
+            restarts: start.restarts(),
+            start,
             stage: Stage::Dead,
             current: None,
             joined: false,
-            restarts,
             saved: None,
-            gives_back: false,
-            checks_in: false,
-            cut_off: BTreeSet::new(),
-            pid: None,
-            death: None,
-            shim_was_killed: false,
-            clearing: None,
-            cause: None,
+            obstacles: Obstacles::default(),
+            program: Program::default(),
             unconfirmed: None,
             failed: None,
-            output: Vec::new(),
             next: None,
             probation: None,
         };
@@ -193,7 +201,7 @@ impl Instance {
             Stage::Starting { .. } | Stage::Prepared | Stage::Connecting { .. } if self.joined => "restarting",
             Stage::Starting { .. } => "starting",
             // Its shim has the word to let it run, and has not said that it runs.
-            Stage::Running if self.pid.is_none() => "starting",
+            Stage::Running if self.program.pid.is_none() => "starting",
             Stage::Prepared | Stage::Connecting { .. } => "connecting",
             Stage::Refused => "refused",
             Stage::Idle if self.is_active() => "restarting",
@@ -205,13 +213,16 @@ impl Instance {
             Stage::Stopping { .. } => "stopping",
             Stage::Leaving { .. } => "leaving",
             Stage::Dead if self.is_unconfirmed() => {
-                let end = self.pid.map_or_else(|| "end it there".to_owned(), |pid| format!("end process {pid} there"));
+                let end = self
+                    .program
+                    .pid
+                    .map_or_else(|| "end it there".to_owned(), |pid| format!("end process {pid} there"));
                 return format!(
                     "unconfirmed; nobody could confirm that it has stopped: {end}, then what it held is free"
                 );
             }
             Stage::Dead => {
-                return match (&self.failed, &self.cause) {
+                return match (&self.failed, &self.program.cause) {
                     // Why it was stopped says more than how its program left then.
                     (Some(failed @ FailureCause::HostLost(_)), _) => format!("ended, aborted: {failed}"),
                     (_, Some(cause)) => format!("dead: {cause}"),
@@ -224,12 +235,12 @@ impl Instance {
 
     /// Returns the program's process id, once it has one.
     pub fn pid(&self) -> Option<u32> {
-        self.pid.filter(|_| self.stage != Stage::Dead || self.is_unconfirmed())
+        self.program.pid.filter(|_| self.stage != Stage::Dead || self.is_unconfirmed())
     }
 
     /// Returns what it does when hosts are lost.
     pub fn link_loss(&self) -> LinkLoss {
-        self.order.policy.link_loss
+        self.start.order.policy.link_loss
     }
 
     /// Returns whether an activation of it has not ended.
@@ -259,7 +270,7 @@ impl Instance {
 
     /// Returns whether the program may still be there although everything was done to end it.
     pub fn is_unconfirmed(&self) -> bool {
-        self.stage == Stage::Dead && self.cause == Some(FailureCause::StopUnconfirmed)
+        self.stage == Stage::Dead && self.program.cause == Some(FailureCause::StopUnconfirmed)
     }
 
     /// Returns when [`Instance::tick`] wants to be called.
@@ -271,10 +282,10 @@ impl Instance {
             | Stage::Leaving { until, .. }
             | Stage::Replacing { until, .. }
             | Stage::Removing { until } => Some(until),
-            Stage::Waiting { until } => until.filter(|_| !self.checks_in),
+            Stage::Waiting { until } => until.filter(|_| !self.obstacles.checks_in),
             Stage::Prepared | Stage::Idle | Stage::Running | Stage::Refused | Stage::Dead => None,
         };
-        earliest(earliest(of_stage, self.probation_until()), self.clearing)
+        earliest(earliest(of_stage, self.probation_until()), self.program.clearing)
     }
 
     /// Kills a shim that has not ended its program in time; says whether it had not been killed before.
@@ -286,17 +297,17 @@ impl Instance {
         else {
             return false;
         };
-        if self.shim_was_killed {
+        if self.program.shim_was_killed {
             return false;
         }
-        (*until, self.shim_was_killed) = (context.now + SHIM_KILL_WITHIN, true);
-        context.effects.push(Effect::KillShim { process: self.order.process.clone() });
+        (*until, self.program.shim_was_killed) = (context.now + SHIM_KILL_WITHIN, true);
+        context.effects.push(Effect::KillShim { process: self.start.order.process.clone() });
         true
     }
 
     /// Takes note that its node was gone: its program could not answer meanwhile.
     pub fn adopted(&mut self, away: Duration) {
-        self.clearing = self.clearing.map(|at| at + away);
+        self.program.clearing = self.program.clearing.map(|at| at + away);
         match &mut self.stage {
             Stage::Starting { until }
             | Stage::Connecting { until }
@@ -305,52 +316,6 @@ impl Instance {
             | Stage::Replacing { until, .. }
             | Stage::Removing { until } => *until = *until + away,
             Stage::Prepared | Stage::Idle | Stage::Running | Stage::Refused | Stage::Dead | Stage::Waiting { .. } => {}
-        }
-    }
-
-    /// Makes the program's links.
-    pub fn connect(&mut self, orders: impl IntoIterator<Item = Order>, context: &mut InstanceContext<'_>) {
-        if self.stage != Stage::Prepared {
-            return;
-        }
-        self.stage = Stage::Connecting { until: context.now + CONNECT_WITHIN };
-        if self.joined {
-            self.tell(Order::Rejoin, context);
-        }
-        for order in orders {
-            self.tell(order, context);
-        }
-    }
-
-    /// Adds and removes links of a program that has its own already. Returns whether it will answer by [`Note::Linked`].
-    pub fn link_again(&mut self, orders: impl IntoIterator<Item = Order>, context: &mut InstanceContext<'_>) -> bool {
-        let answers = self.is_linked();
-        if answers {
-            orders.into_iter().for_each(|order| self.tell(order, context));
-        }
-        answers
-    }
-
-    /// Confirms the links of a plain program, which has none.
-    pub fn connect_plain(&mut self) {
-        if self.stage == Stage::Prepared && !self.is_controller() {
-            (self.stage, self.joined) = (Stage::Idle, true);
-        }
-    }
-
-    /// Passes an order to open or close wires on. Returns whether the program will answer.
-    pub fn switch(&mut self, order: Order, context: &mut InstanceContext<'_>) -> bool {
-        let answers = self.is_linked();
-        if answers {
-            self.tell(order, context);
-        }
-        answers
-    }
-
-    /// Passes on where a program is now that was started again. One that makes its links was told where that was before.
-    pub fn relink(&mut self, order: Order, context: &mut InstanceContext<'_>) {
-        if self.is_linked() || matches!(self.stage, Stage::Connecting { .. }) {
-            self.tell(order, context);
         }
     }
 
@@ -364,7 +329,7 @@ impl Instance {
             self.tell(open, context);
         }
         if let Some(current) = &self.current {
-            if self.checks_in {
+            if self.obstacles.checks_in {
                 return;
             }
             let value = current.value.clone();
@@ -389,7 +354,7 @@ impl Instance {
                 | Stage::Replacing { .. }
         );
         if is_there {
-            self.cause.get_or_insert(FailureCause::NotAvailable(why));
+            self.program.cause.get_or_insert(FailureCause::NotAvailable(why));
             self.tell_shim(ShimOrder::Stop { grace: GRACE }, context);
         }
     }
@@ -410,7 +375,7 @@ impl Instance {
             }
             Stage::Prepared | Stage::Connecting { .. } | Stage::Idle | Stage::Running | Stage::Stopping { .. } => {
                 if self.is_controller() {
-                    let until = context.now + self.stop_within + GRACE;
+                    let until = context.now + self.start.stop_within + GRACE;
                     self.stage = Stage::Leaving { until, forced: false };
                     self.tell(Order::Exit, context);
                 } else {
@@ -420,15 +385,175 @@ impl Instance {
         }
     }
 
+    /// Initialises and runs the program, or notes that this is to be done once it is there again.
+    pub fn activate(&mut self, activation: u32, value: Vec<u8>, context: &mut InstanceContext<'_>) {
+        if self.current.as_ref().is_some_and(|current| current.number == activation) {
+            return;
+        }
+        if let Some(cause) = self.obstacle() {
+            self.program.death = self.program.death.map(|_| DeathTold::Yes);
+            let failure = self.failure(cause, context);
+            return context.notes.push(Note::Ended(activation, Ending::Aborted(failure)));
+        }
+        self.current = Some(Current { number: activation, value: value.clone(), lost: None });
+        context.notes.push(Note::Changed(Change::Activated));
+        match self.stage {
+            Stage::Idle if self.obstacles.checks_in => {}
+            Stage::Idle => self.run(value, context),
+            Stage::Waiting { until: None } => self.start(context),
+            // It has died: who activates it again means another program of its kind.
+            Stage::Dead => {
+                self.forget_program();
+                self.start(context);
+            }
+            Stage::Starting { .. }
+            | Stage::Prepared
+            | Stage::Connecting { .. }
+            | Stage::Running
+            | Stage::Stopping { .. }
+            | Stage::Refused
+            | Stage::Leaving { .. }
+            | Stage::Waiting { until: Some(_) }
+            | Stage::Removing { .. }
+            | Stage::Replacing { .. } => {}
+        }
+    }
+
+    /// Returns whether it is being stopped.
+    pub fn is_stopping(&self) -> bool {
+        matches!(self.stage, Stage::Stopping { .. } | Stage::Replacing { is_stopping: true, .. })
+    }
+
+    /// Returns whether a program that has died is started again with its next activation: it took part, nothing of it is left, its
+    /// death was told, and it was not given up by its own policy.
+    fn is_renewable(&self) -> bool {
+        let is_told = self.program.death == Some(DeathTold::Yes) && !self.is_unconfirmed();
+        is_told && self.joined && self.is_controller() && !self.restarts.are_allowed()
+    }
+
+    /// Returns why it cannot be activated, if so.
+    fn obstacle(&self) -> Option<FailureCause> {
+        let takes_part = match self.stage {
+            Stage::Dead if self.is_renewable() => true,
+            Stage::Leaving { .. } | Stage::Dead => {
+                let gone = || FailureCause::NotAvailable("its program is not running".into());
+                return Some(self.program.cause.clone().unwrap_or_else(gone));
+            }
+            Stage::Starting { .. } | Stage::Prepared | Stage::Connecting { .. } | Stage::Refused => self.joined,
+            Stage::Idle
+            | Stage::Running
+            | Stage::Stopping { .. }
+            | Stage::Waiting { .. }
+            | Stage::Removing { .. }
+            | Stage::Replacing { .. } => true,
+        };
+        if !takes_part {
+            Some(FailureCause::NotAvailable("it is not connected".into()))
+        } else if self.current.is_some() {
+            Some(FailureCause::Busy)
+        } else {
+            self.obstacles.hosts.first().cloned().map(FailureCause::HostLost)
+        }
+    }
+
+    /// Stops an activation; one that is over is left to the ending already sent.
+    pub fn stop(&mut self, activation: u32, context: &mut InstanceContext<'_>) {
+        if self.current.as_ref().is_none_or(|current| current.number != activation) {
+            return;
+        }
+        match self.stage {
+            Stage::Running => {
+                context.notes.push(Note::Changed(Change::Stopping));
+                if self.is_controller() {
+                    self.stage = Stage::Stopping { until: context.now + self.start.stop_within, forced: false };
+                    self.tell(Order::Stop { activation }, context);
+                } else {
+                    let until = context.now + self.start.stop_within + KILL_WITHIN;
+                    self.stage = Stage::Stopping { until, forced: true };
+                    self.tell_shim(ShimOrder::Stop { grace: self.start.stop_within }, context);
+                }
+            }
+            // The program died and has not been activated since, or waits for its home: nothing moves.
+            Stage::Idle
+            | Stage::Waiting { .. }
+            | Stage::Removing { .. }
+            | Stage::Starting { .. }
+            | Stage::Prepared
+            | Stage::Connecting { .. } => self.finish(Ending::Stopped, context),
+            // It is on its way out: what moves ends with it.
+            Stage::Replacing { until, forced, .. } => {
+                self.stage = Stage::Replacing { until, forced, is_stopping: true };
+            }
+            Stage::Stopping { .. } | Stage::Leaving { .. } | Stage::Refused | Stage::Dead => {}
+        }
+    }
+
+    /// Stops what runs because `host` is lost, which then counts as its failure; nothing new begins until [`Self::reach`].
+    pub fn cut(&mut self, host: &str, context: &mut InstanceContext<'_>) {
+        self.hold(host);
+        if matches!(self.stage, Stage::Stopping { .. } | Stage::Leaving { .. }) {
+            return;
+        }
+        if let Some(current) = &mut self.current {
+            current.lost = Some(host.to_owned());
+            let number = current.number;
+            self.stop(number, context);
+        }
+    }
+
+    /// Begins nothing, and starts no program again, before [`Self::checked_in`].
+    pub fn check_in(&mut self) {
+        self.obstacles.checks_in = true;
+    }
+
+    /// Goes on.
+    pub fn checked_in(&mut self, context: &mut InstanceContext<'_>) {
+        self.obstacles.checks_in = false;
+        if self.stage == Stage::Idle && self.current.is_some() {
+            self.resume(None, context);
+        }
+    }
+
+    /// Begins nothing new while `host` is lost.
+    pub fn hold(&mut self, host: &str) {
+        self.obstacles.hosts.insert(host.to_owned());
+    }
+
+    /// Takes note that `host` is back.
+    pub fn reach(&mut self, host: &str) {
+        self.obstacles.hosts.remove(host);
+    }
+
+    /// Ends the current activation, if there is one. What stopped because a host was lost has failed.
+    fn finish(&mut self, ending: Ending, context: &mut InstanceContext<'_>) {
+        let Some(Current { number, lost, .. }) = self.current.take() else { return };
+        let ending = match (ending, lost) {
+            (Ending::Stopped, Some(host)) => Ending::Aborted(self.failure(FailureCause::HostLost(host), context)),
+            (ending, _) => ending,
+        };
+        if ending == Ending::Unconfirmed {
+            self.unconfirmed = Some(number);
+        }
+        self.failed = match &ending {
+            Ending::Aborted(failure) => Some(failure.cause.clone()),
+            Ending::Done(_) | Ending::Stopped | Ending::Unconfirmed => None,
+        };
+        context.notes.push(Note::Ended(number, ending));
+    }
+
+    fn failure(&self, cause: FailureCause, context: &InstanceContext<'_>) -> Failure {
+        Failure { origin: self.start.order.path.clone(), cause, at: context.since_go }
+    }
+
     fn is_controller(&self) -> bool {
-        self.order.kind == LeafKind::Controller
+        self.start.order.kind == LeafKind::Controller
     }
 
     fn tell(&self, order: Order, context: &mut InstanceContext<'_>) {
-        context.effects.push(Effect::Control { process: self.order.process.clone(), order });
+        context.effects.push(Effect::Control { process: self.start.order.process.clone(), order });
     }
 
     fn tell_shim(&self, order: ShimOrder, context: &mut InstanceContext<'_>) {
-        context.effects.push(Effect::Shim { process: self.order.process.clone(), order });
+        context.effects.push(Effect::Shim { process: self.start.order.process.clone(), order });
     }
 }

@@ -6,47 +6,37 @@
 
 mod activation;
 mod change;
-mod check_in;
-mod coming;
 mod external;
-mod leaving;
 mod links;
 mod loss;
 mod report;
-mod starting;
 mod status;
 mod succession;
-mod switching;
-mod together;
-mod unended;
 
+use crate::logic::agent::Identity;
 use crate::logic::claims::Claims;
 use crate::logic::effect::{Out, earliest};
 use crate::logic::executer::{ExecContext, Executer, below_using, group_host, leaf_host};
 use crate::logic::instance::{Instance, InstanceContext, Note};
 use crate::logic::programs::Programs;
-use crate::logic::protocol::{Change, Deployment, Ending, Estop, LeafFacts, Target, ToParticipant};
+use crate::logic::protocol::{Change, Deployment, Ending, Estop, LeafFacts, Target, ToCoordinator, ToParticipant};
 use crate::logic::timed::TimedMap;
-use crate::logic::wiring::Registrations;
 pub(in crate::logic) use activation::gone;
-use change::Changing;
-use check_in::CheckIn;
-use coming::supervisors;
-use comms::logic::control::{Notice, Partner};
+use activation::{Together, WOKEN_LATE_MIN};
+use change::{Changes, supervisors};
+use comms::logic::control::Notice;
 use comms::logic::time::Time;
 use external::ExternalProcess;
 pub use external::{Seen, Wanted};
 use language::plan::Plan;
-use links::Switching;
+use links::{Asked, Links};
 use loss::Loss;
 use serde::{Deserialize, Serialize};
 use shim::protocol::ShimReport;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
-use succession::Succeeding;
-use switching::Expecting;
-use together::{Together, WOKEN_LATE_MIN};
+use succession::Supervisor;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 enum Phase {
@@ -59,50 +49,70 @@ enum Phase {
 /// A deployment's part on this host.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Participant {
+    site: Site,
+    phase: Phase,
+    roll: Roll,
+    instances: TimedMap<Instance>,
+    executers: TimedMap<Executer>,
+    links: Links,
+    claims: Claims,
+    /// Processes of other deployments that it uses on this host, by the leaves that stand for them.
+    externals: BTreeMap<u32, ExternalProcess>,
+    loss: Loss,
+    changes: Changes,
+    together: Together,
+    /// The emergency stop that ends it, if one does.
+    estop: Option<Estop>,
+}
+
+/// The deployment, and the place of this host in it.
+#[derive(Debug, Serialize, Deserialize)]
+struct Site {
     deployment: Deployment,
     plan: Arc<Plan>,
     home: String,
     /// This host.
     host: String,
     machine: String,
-    phase: Phase,
-    go_at: Option<Time>,
-    instances: TimedMap<Instance>,
-    executers: TimedMap<Executer>,
+    /// For each process, the group and slot that supervise it.
     supervisors: BTreeMap<Target, (u32, u32)>,
+    /// The other hosts whose loss is one for something here.
+    relevant: BTreeSet<String>,
+}
+
+impl Site {
+    fn tell_home(&self, message: ToCoordinator, out: &mut Out<'_>) {
+        out.send(&self.home, self.deployment.to_coordinator(message));
+    }
+
+    fn tell(&self, host: &str, message: ToParticipant, out: &mut Out<'_>) {
+        out.send(host, self.deployment.to_participant(message));
+    }
+
+    /// Returns the path of a leaf.
+    fn path(&self, leaf: u32) -> Option<&str> {
+        self.plan.leaves.get(leaf as usize).map(|leaf| leaf.path.as_str())
+    }
+
+    /// Returns the path of a group.
+    fn group_path(&self, group: u32) -> String {
+        self.plan.groups.get(group as usize).map(|group| group.path.clone()).unwrap_or_default()
+    }
+
+    /// Returns the host on which a process is supervised.
+    fn supervisor_host(&self, target: Target) -> Option<&str> {
+        self.supervisors.get(&target).and_then(|(group, _)| group_host(&self.plan, *group))
+    }
+}
+
+/// The programs that prepare or make their links, and their reports so far.
+#[derive(Debug, Default, Serialize, Deserialize)]
+struct Roll {
     waiting: BTreeSet<u32>,
     facts: Vec<LeafFacts>,
     reasons: Vec<String>,
     /// Why programs cannot take part, and which.
     refusals: BTreeMap<String, Vec<u32>>,
-    registrations: Registrations,
-    claims: Claims,
-    /// Open wires whose producers are here.
-    open: BTreeSet<u32>,
-    switching: BTreeMap<u64, Switching>,
-    /// Switches that programs of this host are to expect, by the number of the order.
-    expecting: BTreeMap<u64, Expecting>,
-    ticket: u64,
-    loss: Loss,
-    /// The other hosts whose loss is one for something here.
-    relevant: BTreeSet<String>,
-    /// The wires that are linked: those of the connection sets, and during a change also those of before.
-    live: BTreeSet<u32>,
-    change: Option<Changing>,
-    /// Programs that are to take the place of others and are not running yet.
-    succeeding: BTreeMap<u32, Succeeding>,
-    /// Whether its host was lost or has left, and its programs are not all up again.
-    rejoining: bool,
-    /// Processes of other deployments that it uses on this host, by the leaves that stand for them.
-    externals: BTreeMap<u32, ExternalProcess>,
-    /// Programs of other deployments that call programs of this one, by who is called, in a team.
-    clients: BTreeMap<u32, Vec<Partner>>,
-    /// What begins with others, at one moment.
-    together: Together,
-    /// What it has asked its home, after its node was away.
-    check_in: Option<CheckIn>,
-    /// The emergency stop that ends it, if one does.
-    estop: Option<Estop>,
 }
 
 impl Participant {
@@ -110,10 +120,12 @@ impl Participant {
     pub fn prepare(
         deployment: Deployment,
         plan: Arc<Plan>,
-        (host, machine): (&str, &str),
-        (programs, seen): (&Programs, BTreeMap<u32, Result<Seen, String>>),
+        place: &Identity,
+        programs: &Programs,
+        seen: BTreeMap<u32, Result<Seen, String>>,
         out: &mut Out<'_>,
     ) -> Self {
+        let (host, machine) = (place.host.as_str(), place.machine.clone());
         let home = plan.home().unwrap_or(host).to_owned();
         let live = plan.live_groups();
         let is_mine = |number: &u32| live.contains(number) && group_host(&plan, *number) == Some(host);
@@ -122,37 +134,26 @@ impl Participant {
         let supervisor = |number: u32| Some((number, Executer::new(&plan, number, below.contains(&number))?));
         let executers = groups.filter_map(|(number, _)| supervisor(number)).collect();
         let mut participant = Self {
-            supervisors: supervisors(&plan),
-            relevant: loss::relevant(&plan, host),
             claims: Claims::of(&plan, host),
-            live: plan.live_wires(),
-            change: None,
-            succeeding: BTreeMap::new(),
-            rejoining: false,
-            externals: BTreeMap::new(),
-            clients: BTreeMap::new(),
-            together: Together::default(),
-            check_in: None,
-            estop: None,
-            deployment,
-            plan,
-            home,
-            host: host.to_owned(),
-            machine: machine.to_owned(),
+            links: Links { live: plan.live_wires(), ..Links::default() },
+            site: Site {
+                supervisors: supervisors(&plan),
+                relevant: loss::relevant(&plan, host),
+                deployment,
+                plan,
+                home,
+                host: host.to_owned(),
+                machine,
+            },
             phase: Phase::Preparing,
-            go_at: None,
+            roll: Roll::default(),
             instances: TimedMap::default(),
             executers,
-            waiting: BTreeSet::new(),
-            facts: Vec::new(),
-            reasons: Vec::new(),
-            refusals: BTreeMap::new(),
-            registrations: Registrations::default(),
-            open: BTreeSet::new(),
-            switching: BTreeMap::new(),
-            expecting: BTreeMap::new(),
-            ticket: 0,
+            externals: BTreeMap::new(),
             loss: Loss::default(),
+            changes: Changes::default(),
+            together: Together::default(),
+            estop: None,
         };
         participant.find_externals(seen);
         participant.start_programs(host, programs, out);
@@ -160,14 +161,32 @@ impl Participant {
         participant
     }
 
+    /// Starts each program of this host, unless something is against one of them, or another deployment runs it.
+    fn start_programs(&mut self, host: &str, offered: &Programs, out: &mut Out<'_>) {
+        let starts = match self.starts(&self.site.plan, host, offered) {
+            Ok(starts) if self.roll.reasons.is_empty() => starts,
+            Ok(_) => return,
+            Err(problems) => {
+                let reasons = problems.into_iter().map(|why| format!("host `{host}`: {why}"));
+                return self.roll.reasons.extend(reasons);
+            }
+        };
+        for (number, start) in starts {
+            let (mut notes, since_go) = (Vec::new(), Duration::ZERO);
+            let mut context = InstanceContext { now: out.now, since_go, effects: out.effects, notes: &mut notes };
+            self.roll.waiting.insert(number);
+            self.instances.insert(number, Instance::spawn(start, &mut context));
+        }
+    }
+
     /// Returns the host of `main`.
     pub fn home(&self) -> &str {
-        &self.home
+        &self.site.home
     }
 
     /// Returns every host that takes part.
     pub fn hosts(&self) -> &[String] {
-        &self.plan.hosts
+        &self.site.plan.hosts
     }
 
     /// Takes a message about this deployment.
@@ -177,7 +196,7 @@ impl Participant {
             ToParticipant::Prepare { .. } | ToParticipant::Rejoin { .. } => {}
             ToParticipant::Connect { facts, machines } => self.connect(facts, machines, out),
             ToParticipant::Go => {
-                self.rejoining = false;
+                self.together.rejoining = false;
                 self.go(out.now);
                 self.start_at(None, out);
             }
@@ -197,38 +216,47 @@ impl Participant {
             ToParticipant::Stop { target, activation } => self.stop(target, activation, out),
             ToParticipant::Ended { target, activation, ending } => self.member_ended(target, activation, ending, out),
             ToParticipant::Switch { wires, open, group, generation } => {
-                self.switch(&wires, open, (group, generation, from), out);
+                self.switch(&wires, open, Asked { group, generation, host: from.to_owned() }, out);
             }
             ToParticipant::Switched { group, generation } => {
-                self.with_executer(group, out, |executer, at, out| {
-                    executer.switched(generation, at, out);
-                    None
-                });
+                self.tell_executer(group, out, |executer, at, out| executer.switched(generation, at, out));
             }
-            ToParticipant::Flip { group, generation, flip } => self.flip(flip, (group, generation, from), out),
-            ToParticipant::Expect { group, leaf, expect } => self.expect((group, leaf, from), (expect, None), out),
+            ToParticipant::Flip { group, generation, flip } => {
+                self.flip(flip, Asked { group, generation, host: from.to_owned() }, out);
+            }
+            ToParticipant::Expect { group, leaf, expect } => self.expect(leaf, expect, None, group, from, out),
             ToParticipant::ExpectAnd { group, leaf, expect, then } => {
-                self.expect((group, leaf, from), (expect, Some(then)), out);
+                self.expect(leaf, expect, Some(then), group, from, out);
             }
             ToParticipant::Succeed { group, leaf, activation, value } => {
-                self.succeed((group, from), leaf, (activation, value), out);
+                let by = Supervisor { group, host: from.to_owned() };
+                self.succeed(by, leaf, activation, value, out);
             }
-            ToParticipant::Expecting { .. }
-            | ToParticipant::Taken { .. }
-            | ToParticipant::Succeeding { .. }
-            | ToParticipant::SwitchSets { .. } => self.follow_switch(message, out),
+            ToParticipant::Expecting { group, leaf, generation } => {
+                self.tell_executer(group, out, |executer, at, out| executer.expecting((generation, leaf), at, out));
+            }
+            ToParticipant::Taken { group, leaf, generation, lost, late, missing } => {
+                self.tell_executer(group, out, |executer, at, out| {
+                    executer.taken((generation, leaf), (lost, late, missing), at, out);
+                });
+            }
+            ToParticipant::Succeeding { group, leaf, is_handed_over } => {
+                self.tell_executer(group, out, |executer, at, out| executer.succeeding(leaf, is_handed_over, at, out));
+            }
+            ToParticipant::SwitchSets { group, slot, sets, call } => {
+                self.tell_executer(group, out, |executer, at, out| executer.switch_sets((slot, &sets), call, at, out));
+            }
             ToParticipant::Loose { target, hosts } => {
-                let Some(&(group, slot)) = self.supervisors.get(&target) else { return };
-                self.with_executer(group, out, |executer, at, out| {
+                let Some(&(group, slot)) = self.site.supervisors.get(&target) else { return };
+                self.tell_executer(group, out, |executer, at, out| {
                     executer.loosened(slot, hosts.into_iter().collect(), at, out);
-                    None
                 });
             }
             ToParticipant::Cleared { host } => {
                 self.each_executer(out, |executer, at, out| executer.host_cleared(&host, at, out));
             }
             ToParticipant::Restarted { target, cause } => {
-                let Some(&(group, slot)) = self.supervisors.get(&target) else { return };
+                let Some(&(group, slot)) = self.site.supervisors.get(&target) else { return };
                 self.with_executer(group, out, |executer, at, out| executer.member_restarted(slot, &cause, at, out));
             }
             ToParticipant::Renew { leaves, with } => {
@@ -239,7 +267,7 @@ impl Participant {
             // What a change starts is known to the agent: `take_change`.
             ToParticipant::Change(_) | ToParticipant::Ordered(_) => {}
             ToParticipant::Moved { facts } => {
-                if leaf_host(&self.plan, facts.leaf) == Some(from) {
+                if leaf_host(&self.site.plan, facts.leaf) == Some(from) {
                     self.moved(facts, out);
                 }
             }
@@ -253,7 +281,7 @@ impl Participant {
 
     /// Returns the path of a leaf.
     pub fn path(&self, leaf: u32) -> Option<&str> {
-        self.plan.leaves.get(leaf as usize).map(|leaf| leaf.path.as_str())
+        self.site.path(leaf)
     }
 
     /// Refuses a controller that has said hello, since it must not run beside something else.
@@ -282,7 +310,7 @@ impl Participant {
 
     /// Returns what it is a part of.
     pub fn plan(&self) -> &Plan {
-        &self.plan
+        &self.site.plan
     }
 
     /// Takes note that its node was gone: no program could answer it meanwhile.
@@ -313,7 +341,7 @@ impl Participant {
         if self.phase == Phase::Connecting {
             self.phase = Phase::Running;
         }
-        self.go_at.get_or_insert(now);
+        self.together.go_at.get_or_insert(now);
     }
 
     fn with_instance(
@@ -342,22 +370,22 @@ impl Participant {
             }
             Note::Prepared(facts) => {
                 self.hold_own(&facts);
-                self.facts.push(facts);
-                self.waiting.remove(&leaf);
+                self.roll.facts.push(facts);
+                self.roll.waiting.remove(&leaf);
                 self.report_prepared(out);
             }
             Note::Refused(why) => {
-                self.refusals.entry(why).or_default().push(leaf);
-                self.waiting.remove(&leaf);
+                self.roll.refusals.entry(why).or_default().push(leaf);
+                self.roll.waiting.remove(&leaf);
                 if self.phase == Phase::Preparing { self.report_prepared(out) } else { self.report_connected(out) }
             }
             Note::Connected => {
-                self.waiting.remove(&leaf);
+                self.roll.waiting.remove(&leaf);
                 self.report_connected(out);
             }
             Note::Switched(ticket) => self.confirm_switch(leaf, ticket, out),
             Note::Expecting(ticket) => self.confirm_expecting(ticket, out),
-            Note::Taken { ticket, lost, late, missing } => self.confirm_taken(ticket, (lost, late, missing), out),
+            Note::Taken { ticket, lost, late, missing } => self.confirm_taken(ticket, lost, late, missing, out),
             Note::Ended(activation, ending) => {
                 if self.begins_again(leaf, &ending, out) {
                     return;
@@ -407,7 +435,13 @@ impl Participant {
     ) {
         let since_go = self.since_go(out.now);
         let start = self.together.start();
-        let context = ExecContext { deployment: &self.deployment, home: &self.home, plan: &self.plan, since_go, start };
+        let context = ExecContext {
+            deployment: &self.site.deployment,
+            home: &self.site.home,
+            plan: &self.site.plan,
+            since_go,
+            start,
+        };
         let acted = self.executers.with(group, |executer| (act(executer, context, out), executer.activation()));
         self.report_handover(out);
         let Some((Some(ending), activation)) = acted else { return };
@@ -418,14 +452,23 @@ impl Participant {
 
     fn each_executer(&mut self, out: &mut Out<'_>, act: impl Fn(&mut Executer, ExecContext<'_>, &mut Out<'_>)) {
         for group in self.executers.numbers() {
-            self.with_executer(group, out, |executer, at, out| {
-                act(executer, at, out);
-                None
-            });
+            self.tell_executer(group, out, &act);
         }
     }
 
+    fn tell_executer(
+        &mut self,
+        group: u32,
+        out: &mut Out<'_>,
+        act: impl FnOnce(&mut Executer, ExecContext<'_>, &mut Out<'_>),
+    ) {
+        self.with_executer(group, out, |executer, at, out| {
+            act(executer, at, out);
+            None
+        });
+    }
+
     fn since_go(&self, now: Time) -> Duration {
-        self.go_at.map_or(Duration::ZERO, |at| now - at)
+        self.together.go_at.map_or(Duration::ZERO, |at| now - at)
     }
 }

@@ -28,7 +28,8 @@ pub fn links(
     plan: &Plan,
     deployment: &Deployment,
     registrations: &Registrations,
-    (leaf, live): (u32, &BTreeSet<u32>),
+    leaf: u32,
+    live: &BTreeSet<u32>,
 ) -> Result<Order, Vec<String>> {
     let (mut incoming, mut outgoing, mut devices, mut problems) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     let is_data = |(number, wire): &(u32, &Wire)| live.contains(number) && wire.transfer != Transfer::Call;
@@ -74,7 +75,8 @@ pub fn calls(
     plan: &Plan,
     deployment: &Deployment,
     registrations: &Registrations,
-    (leaf, live): (u32, &BTreeSet<u32>),
+    leaf: u32,
+    live: &BTreeSet<u32>,
 ) -> Result<Option<Order>, Vec<String>> {
     let is_call = |wire: &Wire| wire.transfer == Transfer::Call && wire.from.leaf == leaf;
     let wires = (0_u32..).zip(&plan.wires).filter(|(number, wire)| live.contains(number) && is_call(wire));
@@ -192,7 +194,7 @@ pub fn dialers(plan: &Plan, registrations: &Registrations, leaf: u32) -> BTreeSe
 
 /// Returns the order that tells `dialer` where `moved` is, which was started again and had the session `lost` before. None
 /// when it cannot be reached from there, which was so before, too.
-pub fn relink(plan: &Plan, registrations: &Registrations, (dialer, moved): (u32, u32), lost: &str) -> Option<Order> {
+pub fn relink(plan: &Plan, registrations: &Registrations, dialer: u32, moved: u32, lost: &str) -> Option<Order> {
     let found = dial(plan, registrations, dialer, moved).ok()?;
     Some(Order::Relink { lost: lost.to_owned(), found })
 }
@@ -315,7 +317,7 @@ process main() {
         registrations.facts.entry(1).and_modify(|facts| facts.owns = vec!["arm".into()]);
         registrations.facts.entry(0).and_modify(|facts| facts.needs = vec!["arm".into()]);
         assert_eq!(dialers(&plan, &registrations, 1), BTreeSet::from([0]));
-        let relink = |dialer| relink(&plan, &registrations, (dialer, 0), "old");
+        let relink = |dialer| relink(&plan, &registrations, dialer, 0, "old");
         let order = |locator: &str| {
             let found = Dial { session: "new".into(), locators: vec![locator.into()] };
             Some(Order::Relink { lost: "old".into(), found })
@@ -340,7 +342,7 @@ process main() {
                 external.map(|name| language::plan::External { deployment: name.to_owned(), path });
             let owner = Dial { session: "b".into(), locators: vec!["unix".into()] };
             let expected = Device { device: "arm".into(), owner, deployment: deployment.into() };
-            let order = links(&plan, &mission, &registrations, (0, &BTreeSet::new()));
+            let order = links(&plan, &mission, &registrations, 0, &BTreeSet::new());
             let Ok(Order::Connect { devices, robot, .. }) = order else { panic!("{order:?}") };
             assert_eq!((devices, robot), (vec![expected], "mission".to_owned()));
         }
@@ -412,16 +414,15 @@ process main() {
         let (path, name, seal) = ("main/b".into(), "Grip".into(), 0);
         let route = CallRoute { wire: 0, call: "Push".into(), server, path, name, deployment: "d".into(), seal };
         let deployment = Deployment { name: "d".into(), epoch: 1 };
-        let calls = |at: (u32, &BTreeSet<u32>)| calls(&plan, &deployment, &registrations, at);
+        let calls = |leaf, live: &BTreeSet<u32>| calls(&plan, &deployment, &registrations, leaf, live);
         let live = BTreeSet::from([0]);
-        assert_eq!(calls((a, &live)), Ok(Some(Order::Calls { calls: vec![route] })));
-        assert_eq!(calls((a, &BTreeSet::new())), Ok(Some(Order::Calls { calls: vec![] })));
-        assert_eq!(calls((b, &live)), Ok(None));
+        assert_eq!(calls(a, &live), Ok(Some(Order::Calls { calls: vec![route] })));
+        assert_eq!(calls(a, &BTreeSet::new()), Ok(Some(Order::Calls { calls: vec![] })));
+        assert_eq!(calls(b, &live), Ok(None));
         assert_eq!(dialers(&plan, &registrations, b), BTreeSet::from([a]));
         assert_eq!(dialers(&plan, &registrations, a), BTreeSet::new());
         for leaf in [a, b] {
-            let Ok(Order::Connect { incoming, outgoing, .. }) =
-                links(&plan, &deployment, &registrations, (leaf, &live))
+            let Ok(Order::Connect { incoming, outgoing, .. }) = links(&plan, &deployment, &registrations, leaf, &live)
             else {
                 panic!("it has no links")
             };
@@ -454,7 +455,7 @@ process main() {
             machines: vec!["one".into(), "other".into()],
         };
         let deployment = Deployment { name: "d".into(), epoch: 1 };
-        let Ok(Some(Order::Calls { calls })) = calls(&plan, &deployment, &registrations, (a, &BTreeSet::from([0])))
+        let Ok(Some(Order::Calls { calls })) = calls(&plan, &deployment, &registrations, a, &BTreeSet::from([0]))
         else {
             panic!("it calls nothing")
         };

@@ -5,7 +5,6 @@
 //! deployment whose home does not answer leaves *tombstones* with the nodes that do: each tells the home as soon as that is there
 //! again, which then begins nothing of it, or ends it, and says so.
 
-use super::calls::answer;
 use super::promises::Promise;
 use super::{Agent, AwaitingHosts};
 use crate::logic::coordinator::Coordinator;
@@ -87,7 +86,7 @@ impl AwaitingHosts {
 impl Agent {
     /// Says what has become of the deployments that ran before this node, and waits with those that are resumed.
     pub(super) fn look_back(&mut self, out: &mut Out<'_>) {
-        let mut earlier = std::mem::take(&mut self.earlier);
+        let mut earlier = std::mem::take(&mut self.pending.earlier);
         // Of one that was being begun again when the power failed once more, the last counts.
         earlier.sort_by_key(|before| std::cmp::Reverse(before.kept.deployment.epoch));
         for Before { kept, was_rebooted } in earlier {
@@ -97,7 +96,7 @@ impl Agent {
                 tracing::warn!(%deployment, %cause, "a deployment has not come to its end");
                 self.tell_over(&deployment, hosts, cause, out);
             }
-            let is_known = self.awaiting_hosts.iter().any(|one| one.plan.name == deployment.name);
+            let is_known = self.pending.awaiting.iter().any(|one| one.plan.name == deployment.name);
             let Some((plan, signed)) = resume.filter(|_| was_rebooted && !is_known) else {
                 out.effects.push(Effect::Unkeep { deployment });
                 continue;
@@ -107,7 +106,7 @@ impl Agent {
             let resumed = Some(Resumed { from: deployment, origin, earliest: Some(earliest), permission });
             let signed = signed.map(Arc::new);
             let start = StartMode::AtOnce;
-            self.awaiting_hosts.push(AwaitingHosts { until, call: None, plan, by, signed, resumed, start });
+            self.pending.awaiting.push(AwaitingHosts { until, call: None, plan, by, signed, resumed, start });
         }
     }
 
@@ -120,26 +119,26 @@ impl Agent {
         history.report(Report::Finished { ending, at, unconfirmed }, 0, &Audience::default(), out);
         let record = chronicle::ended(&self.identity.host, &history);
         out.effects.extend(record.map(|record| Effect::WriteDatabase(Box::new(record))));
-        self.over.push_front(history);
-        self.over.truncate(super::OVER_MAX);
+        self.past.over.push_front(history);
+        self.past.over.truncate(super::OVER_MAX);
     }
 
     /// Returns whether a deployment that waits may begin.
     pub(super) fn may_begin(&self, one: &AwaitingHosts, now: Time) -> bool {
-        let (here, names) = (&self.identity.host, &self.names);
+        let (here, names) = (&self.identity.host, &self.peers.names);
         let are_there = one.plan.hosts.iter().all(|host| host == here || names.reaches(host));
         let is_free = one
             .resumed
             .as_ref()
-            .is_none_or(|resumed| resumed.earliest.is_none() && !self.absence.is_open(&resumed.from));
+            .is_none_or(|resumed| resumed.earliest.is_none() && !self.peers.absence.is_open(&resumed.from));
         one.until <= now || are_there && is_free
     }
 
     /// Returns how it is with a deployment that waits, for people.
     pub(super) fn waiting(&self, one: &AwaitingHosts, now: Time) -> WaitingDeployment {
-        let (here, names) = (&self.identity.host, &self.names);
+        let (here, names) = (&self.identity.host, &self.peers.names);
         let (resumes, earliest) = one.resumed.as_ref().map(|resumed| (&resumed.from, resumed.earliest)).unzip();
-        let open = resumes.map(|before| self.absence.unconfirmed(before)).unwrap_or_default();
+        let open = resumes.map(|before| self.peers.absence.unconfirmed(before)).unwrap_or_default();
         let is_awaited = |host: &&String| *host != here && (!names.reaches(host) || open.contains(host));
         WaitingDeployment {
             name: one.plan.name.clone(),
@@ -166,14 +165,14 @@ impl Agent {
             resumed.permission = Permission::Asked;
             out.effects.push(resumed.judge(&one.signed));
         }
-        self.awaiting_hosts.push(one);
+        self.pending.awaiting.push(one);
     }
 
     /// Takes the verdict about one that is to be resumed.
     pub(super) fn resumable(&mut self, deployment: &Deployment, verdict: Result<(), String>, out: &mut Out<'_>) {
         let is_meant = |one: &AwaitingHosts| one.resumed.as_ref().is_some_and(|resumed| resumed.from == *deployment);
-        let Some(place) = self.awaiting_hosts.iter().position(is_meant) else { return };
-        let mut one = self.awaiting_hosts.remove(place);
+        let Some(place) = self.pending.awaiting.iter().position(is_meant) else { return };
+        let mut one = self.pending.awaiting.remove(place);
         let Some(resumed) = &mut one.resumed else { return };
         match verdict {
             Ok(()) => {
@@ -189,7 +188,7 @@ impl Agent {
 
     /// Asks again for the verdicts that a node which was killed has not given.
     pub(super) fn ask_again(&self, out: &mut Out<'_>) {
-        for AwaitingHosts { signed, resumed, .. } in &self.awaiting_hosts {
+        for AwaitingHosts { signed, resumed, .. } in &self.pending.awaiting {
             if let Some(resumed) = resumed.as_ref().filter(|resumed| resumed.permission == Permission::Asked) {
                 out.effects.push(resumed.judge(signed));
             }
@@ -200,13 +199,13 @@ impl Agent {
     pub(super) fn not_resumed(&mut self, resumed: &Resumed, why: &str, out: &mut Out<'_>) {
         let deployment = resumed.from.clone();
         tracing::warn!(%deployment, why, "it is not resumed");
-        if self.over.iter().all(|history| *history.deployment() != deployment) {
-            self.over.push_front(History::new(deployment.clone(), vec![self.identity.host.clone()]));
-            self.over.truncate(super::OVER_MAX);
+        if self.past.over.iter().all(|history| *history.deployment() != deployment) {
+            self.past.over.push_front(History::new(deployment.clone(), vec![self.identity.host.clone()]));
+            self.past.over.truncate(super::OVER_MAX);
         }
-        if let Some(history) = self.over.iter_mut().find(|history| *history.deployment() == deployment) {
+        if let Some(history) = self.past.over.iter_mut().find(|history| *history.deployment() == deployment) {
             let reasons = vec![format!("it is not resumed: {why}")];
-            let audience = Audience { listeners: self.listeners.clone(), ..Audience::default() };
+            let audience = Audience { listeners: self.callers.listeners.clone(), ..Audience::default() };
             history.report(Report::Refused { reasons }, 0, &audience, out);
         }
         out.effects.push(Effect::Unkeep { deployment });
@@ -217,35 +216,35 @@ impl Agent {
         let Tombstone { home, deployment } = &tombstone;
         let refusal = if *home == self.identity.host {
             Some(format!("`{}` has its home here: `dca stop {}` ends it", deployment.name, deployment.name))
-        } else if self.names.reaches(home) {
+        } else if self.peers.names.reaches(home) {
             Some(format!("`{home}` answers: `dca stop {}` ends it there", deployment.name))
         } else {
             None
         };
         if let Some(why) = refusal {
-            return answer(call, Answer::Refused(why), out);
+            return out.answer(call, Answer::Refused(why));
         }
         // One of a later epoch means the earlier ones, too.
-        let is_new = !self.tombstones.iter().any(|other| tombstone.is_covered_by(other));
+        let is_new = !self.pending.tombstones.iter().any(|other| tombstone.is_covered_by(other));
         if is_new {
-            self.tombstones.retain(|other| !other.is_covered_by(&tombstone));
-            self.tombstones.insert(tombstone);
-            while self.tombstones.len() > TOMBSTONES_MAX {
-                let first = self.tombstones.iter().min_by_key(|one| one.deployment.epoch).cloned();
-                self.tombstones.retain(|one| Some(one) != first.as_ref());
+            self.pending.tombstones.retain(|other| !other.is_covered_by(&tombstone));
+            self.pending.tombstones.insert(tombstone);
+            while self.pending.tombstones.len() > TOMBSTONES_MAX {
+                let first = self.pending.tombstones.iter().min_by_key(|one| one.deployment.epoch).cloned();
+                self.pending.tombstones.retain(|one| Some(one) != first.as_ref());
             }
         }
         self.keep_tombstones(out);
-        answer(call, Answer::Stop(StopReply::Stopped), out);
+        out.answer(call, Answer::Stop(StopReply::Stopped));
     }
 
     fn keep_tombstones(&self, out: &mut Out<'_>) {
-        out.effects.push(Effect::KeepTombstones(self.tombstones.iter().cloned().collect()));
+        out.effects.push(Effect::KeepTombstones(self.pending.tombstones.iter().cloned().collect()));
     }
 
     /// Tells a home that is there of its deployments that were stopped while it was away.
     pub(super) fn tell_tombstones(&self, home: &str, out: &mut Out<'_>) {
-        for tombstone in self.tombstones.iter().filter(|tombstone| tombstone.home == home) {
+        for tombstone in self.pending.tombstones.iter().filter(|tombstone| tombstone.home == home) {
             out.send(home, Message { deployment: tombstone.deployment.clone(), body: Body::Stopped });
         }
     }
@@ -256,7 +255,7 @@ impl Agent {
         let waiting = |one: &mut AwaitingHosts| {
             one.resumed.as_ref().is_some_and(|resumed| is_meant(&one.plan.name, resumed.origin))
         };
-        let dropped: Vec<AwaitingHosts> = self.awaiting_hosts.extract_if(.., waiting).collect();
+        let dropped: Vec<AwaitingHosts> = self.pending.awaiting.extract_if(.., waiting).collect();
         // The disk forgets them in this order.
         let mut last = None;
         for resumed in dropped.into_iter().filter_map(|one| one.resumed) {
@@ -278,9 +277,9 @@ impl Agent {
 
     /// Forgets a tombstone of which its home has heard.
     pub(super) fn mourned(&mut self, deployment: &Deployment, from: &str, out: &mut Out<'_>) {
-        let count = self.tombstones.len();
-        self.tombstones.retain(|tombstone| tombstone.home != from || tombstone.deployment != *deployment);
-        if self.tombstones.len() != count {
+        let count = self.pending.tombstones.len();
+        self.pending.tombstones.retain(|tombstone| tombstone.home != from || tombstone.deployment != *deployment);
+        if self.pending.tombstones.len() != count {
             self.keep_tombstones(out);
         }
     }
@@ -288,7 +287,7 @@ impl Agent {
     /// Has everything kept on the disk that is to be there, and nothing else: a node that was killed may not have come to it.
     pub(super) fn keep_all(&self, out: &mut Out<'_>) {
         let running = self.coordinators.values().filter_map(Coordinator::kept);
-        let waiting = self.awaiting_hosts.iter().filter_map(AwaitingHosts::kept);
+        let waiting = self.pending.awaiting.iter().filter_map(AwaitingHosts::kept);
         out.effects.push(Effect::KeepAll(running.chain(waiting).collect()));
         self.keep_tombstones(out);
     }

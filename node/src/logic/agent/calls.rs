@@ -27,19 +27,19 @@ impl Agent {
             Request::Deploy { request, plan, by, start } => {
                 return self.deploy((call, request), (plan, start), (by, signed), out);
             }
-            Request::Status => answer(call, Answer::Status(self.status(out.now)), out),
-            Request::Absent => answer(call, Answer::Absent(self.absent(out.now)), out),
+            Request::Status => out.answer(call, Answer::Status(self.status(out.now))),
+            Request::Absent => out.answer(call, Answer::Absent(self.absent(out.now))),
             Request::Plan { deployment } => {
                 let plan = self.participants.get(&deployment).map(|participant| Box::new(participant.plan().clone()));
-                answer(call, plan.map_or_else(|| unknown(&deployment), Answer::Plan), out);
+                out.answer(call, plan.map_or_else(|| unknown(&deployment), Answer::Plan));
             }
             Request::Locations { deployment } => {
                 let locations = self.participants.get(&deployment).map(Participant::locations);
-                answer(call, locations.map_or_else(|| unknown(&deployment), Answer::Locations), out);
+                out.answer(call, locations.map_or_else(|| unknown(&deployment), Answer::Locations));
             }
             Request::Forget { deployment } => {
                 let is_known = self.forget(&deployment);
-                answer(call, Answer::Stop(if is_known { StopReply::Stopped } else { StopReply::Unknown }), out);
+                out.answer(call, Answer::Stop(if is_known { StopReply::Stopped } else { StopReply::Unknown }));
             }
             Request::Stop { name } => {
                 let home = self.coordinators.iter_mut().find(|(deployment, _)| deployment.name == name);
@@ -49,7 +49,7 @@ impl Agent {
                 if self.stop_waiting(call, &name, out) {
                     return;
                 }
-                answer(call, Answer::Stop(StopReply::Unknown), out);
+                out.answer(call, Answer::Stop(StopReply::Unknown));
             }
             Request::Watch { deployment, seen } => {
                 if let Some(coordinator) = self.coordinators.get_mut(&deployment) {
@@ -57,36 +57,36 @@ impl Agent {
                 }
                 self.watch_over(call, &deployment, seen, out);
             }
-            Request::Revision { name } => answer(call, self.revision(&name), out),
+            Request::Revision { name } => out.answer(call, self.revision(&name)),
             Request::Change(request) => return self.change(call, *request, signed, out),
             Request::Switch(request) => return self.switch(call, &request, out),
             Request::Estop(estop) => return self.estop(call, &estop, out),
             Request::ReleaseEstop => return self.release_estop(call, out),
             Request::StopAway(tombstone) => self.stop_away(call, *tombstone, out),
-            Request::Duplicates => answer(call, self.duplicates(), out),
-            Request::Names => answer(call, Answer::Names(self.given_names()), out),
+            Request::Duplicates => out.answer(call, self.duplicates()),
+            Request::Names => out.answer(call, Answer::Names(self.given_names())),
             Request::Events { follow: true } => {
                 self.tell_events(call, true, out);
                 // That was all up to now.
-                answer(call, Answer::Events(Vec::new()), out);
-                return self.listeners.push(call);
+                out.answer(call, Answer::Events(Vec::new()));
+                return self.callers.listeners.push(call);
             }
             Request::Events { follow: false } => return self.inquire(call, out),
             Request::Logs { deployment, process, follow } => match self.find(deployment.as_deref(), &process) {
                 Ok(process) => return out.effects.push(Effect::Tail { call, process, follow }),
-                Err(why) => answer(call, Answer::Refused(why), out),
+                Err(why) => out.answer(call, Answer::Refused(why)),
             },
             Request::Parameters => {
                 let all = self.participants.values().flat_map(|one| one.parameters(&self.programs));
-                answer(call, Answer::Parameters(all.collect()), out);
+                out.answer(call, Answer::Parameters(all.collect()));
             }
             Request::Output { deployment } => match self.programs(&deployment) {
                 Some(programs) => return out.effects.push(Effect::TailAll { call, deployment, programs }),
-                None => answer(call, unknown(&deployment), out),
+                None => out.answer(call, unknown(&deployment)),
             },
             // Others answer these; an agent alone has no database and no team.
-            Request::Unlinked => answer(call, Answer::Unlinked(Vec::new()), out),
-            Request::Credentials => answer(call, Answer::Credentials(Vec::new()), out),
+            Request::Unlinked => out.answer(call, Answer::Unlinked(Vec::new())),
+            Request::Credentials => out.answer(call, Answer::Credentials(Vec::new())),
             Request::Clock | Request::Team | Request::Signed(_) | Request::Revoke { .. } => elsewhere(call, out),
             Request::Revocations(_) | Request::Database(_) | Request::Here { .. } => elsewhere(call, out),
             Request::RenewUser { .. } | Request::Call(_) => elsewhere(call, out),
@@ -96,15 +96,15 @@ impl Agent {
 
     /// Tells every event of the deployments that have their home here, and those to come to a listener that stays.
     pub(super) fn tell_events(&mut self, call: u64, stays: bool, out: &mut Out<'_>) {
-        self.over.iter().rev().for_each(|history| history.tell(call, out));
+        self.past.over.iter().rev().for_each(|history| history.tell(call, out));
         self.coordinators.values_mut().for_each(|coordinator| coordinator.listen(call, stays, out));
     }
 
     /// Tells the reports of a deployment that is over, behind the first `seen` ones.
     fn watch_over(&self, call: u64, deployment: &Deployment, seen: u64, out: &mut Out<'_>) {
-        match self.over.iter().find(|over| over.deployment() == deployment) {
+        match self.past.over.iter().find(|over| over.deployment() == deployment) {
             Some(history) => history.tell_missed(call, seen, out),
-            None => answer(call, unknown(deployment), out),
+            None => out.answer(call, unknown(deployment)),
         }
     }
 
@@ -120,8 +120,7 @@ impl Agent {
             Some((_, home)) => home.switch(call, request, out),
             None => {
                 let why = format!("`{}` does not run here", request.name);
-                answer(call, Answer::Switched(Err(why)), out);
-                out.effects.push(Effect::EndAnswers { call });
+                out.answer_last(call, Answer::Switched(Err(why)));
             }
         }
     }
@@ -130,7 +129,7 @@ impl Agent {
     fn given_names(&self) -> Names {
         let mut names = Names::default();
         self.participants.values().for_each(|participant| participant.names(&self.programs, &mut names));
-        self.unended.iter().for_each(|(other, left)| names.devices.extend(left.claims.names(other)));
+        self.past.unended.iter().for_each(|(other, left)| names.devices.extend(left.claims.names(other)));
         names
     }
 
@@ -155,7 +154,7 @@ impl Agent {
         out: &mut Out<'_>,
     ) {
         let home_is_here = plan.home() == Some(&self.identity.host);
-        let refusal = if self.leaving {
+        let refusal = if self.run.leaving {
             Some("this node is leaving".to_owned())
         } else if let Some(why) = self.obstacle(out.now) {
             Some(why)
@@ -165,35 +164,33 @@ impl Agent {
             Some("the plan is not sound: a process is a member of no group".to_owned())
         } else if !home_is_here {
             Some(format!("`main` does not run on `{}`", self.identity.host))
-        } else if self.requests.contains(&request) {
+        } else if self.pending.requests.contains(&request) {
             Some("this request was made before".to_owned())
         } else {
             let holder = self.holder(&plan.name);
             holder.map(|how| format!("`{}` {how}; `dca stop {}` ends it", plan.name, plan.name))
         };
         if let Some(reason) = refusal {
-            answer(call, Answer::Report(Report::Refused { reasons: vec![reason] }), out);
-            out.effects.push(Effect::EndAnswers { call });
+            out.answer_last(call, Answer::Report(Report::Refused { reasons: vec![reason] }));
             return;
         }
-        self.requests.insert(request);
-        if self.requests.len() > REQUESTS_MAX {
-            self.requests.pop_first();
+        self.pending.requests.insert(request);
+        if self.pending.requests.len() > REQUESTS_MAX {
+            self.pending.requests.pop_first();
         }
         let (until, call, resumed) = (out.now + GATHER_WITHIN, Some(call), None);
-        self.awaiting_hosts.push(AwaitingHosts { until, call, plan, by, signed, resumed, start });
+        self.pending.awaiting.push(AwaitingHosts { until, call, plan, by, signed, resumed, start });
         self.begin_gathered(out);
     }
 
     fn change(&mut self, call: u64, request: ChangeRequest, signed: Option<Arc<Signed>>, out: &mut Out<'_>) {
         let deployment = Deployment { name: request.name.clone(), epoch: request.epoch };
-        let obstacle = if self.leaving { Some("this node is leaving".to_owned()) } else { self.obstacle(out.now) };
+        let obstacle = if self.run.leaving { Some("this node is leaving".to_owned()) } else { self.obstacle(out.now) };
         match (obstacle, self.coordinators.get_mut(&deployment)) {
             (None, Some(home)) => home.change(call, request, signed, out),
             (obstacle, _) => {
                 let reasons = vec![obstacle.unwrap_or_else(|| format!("`{deployment}` does not run here"))];
-                answer(call, Answer::Report(Report::Unchanged { by: request.by, reasons }), out);
-                out.effects.push(Effect::EndAnswers { call });
+                out.answer_last(call, Answer::Report(Report::Unchanged { by: request.by, reasons }));
             }
         }
     }
@@ -201,7 +198,7 @@ impl Agent {
     /// Returns how it is with something that was deployed under a name and has not ended, for a person.
     fn holder(&self, name: &str) -> Option<String> {
         let begun = self.coordinators.iter().find(|(other, _)| other.name == name).map(|(_, home)| home.begun_by());
-        let waiting = || self.awaiting_hosts.iter().find(|one| one.plan.name == name);
+        let waiting = || self.pending.awaiting.iter().find(|one| one.plan.name == name);
         let resumed = || waiting().filter(|one| one.resumed.is_some()).map(|one| &one.by);
         if let (None, Some(by)) = (begun, resumed()) {
             return Some(format!("waits to be resumed for {by}"));
@@ -211,14 +208,13 @@ impl Agent {
 
     /// Ends deployments that have not begun, for this reason.
     pub(super) fn stop_gathering(&mut self, which: impl Fn(&Plan) -> bool, why: &str, out: &mut Out<'_>) {
-        let stopped: Vec<AwaitingHosts> = self.awaiting_hosts.extract_if(.., |one| which(&one.plan)).collect();
+        let stopped: Vec<AwaitingHosts> = self.pending.awaiting.extract_if(.., |one| which(&one.plan)).collect();
         for AwaitingHosts { call, resumed, .. } in &stopped {
             if let Some(call) = *call {
-                answer(call, Answer::Report(Report::Refused { reasons: vec![why.to_owned()] }), out);
-                out.effects.push(Effect::EndAnswers { call });
+                out.answer_last(call, Answer::Report(Report::Refused { reasons: vec![why.to_owned()] }));
             }
             // A node that leaves may be ended by a reboot.
-            if let Some(resumed) = resumed.as_ref().filter(|_| !self.leaving) {
+            if let Some(resumed) = resumed.as_ref().filter(|_| !self.run.leaving) {
                 self.not_resumed(resumed, why, out);
             }
         }
@@ -226,13 +222,13 @@ impl Agent {
 
     /// Begins the deployments whose hosts are all there, or have had their time.
     pub(super) fn begin_gathered(&mut self, out: &mut Out<'_>) {
-        for resumed in self.awaiting_hosts.iter_mut().filter_map(|one| one.resumed.as_mut()) {
+        for resumed in self.pending.awaiting.iter_mut().filter_map(|one| one.resumed.as_mut()) {
             resumed.earliest.take_if(|earliest| *earliest <= out.now);
         }
-        let (ready, waiting) = std::mem::take(&mut self.awaiting_hosts)
+        let (ready, waiting) = std::mem::take(&mut self.pending.awaiting)
             .into_iter()
             .partition::<Vec<_>, _>(|one| self.may_begin(one, out.now));
-        self.awaiting_hosts = waiting;
+        self.pending.awaiting = waiting;
         for one in ready {
             match &one.resumed {
                 Some(_) => self.resume(one, out),
@@ -251,7 +247,7 @@ impl Agent {
         let record = chronicle::begun(&self.identity.host, &deployment, &plan, &by);
         out.effects.push(Effect::WriteDatabase(Box::new(record)));
         let origin = resumed.as_ref().map_or(deployment.epoch, Resumed::origin);
-        let audience = Audience { watchers: call.into_iter().collect(), listeners: self.listeners.clone() };
+        let audience = Audience { watchers: call.into_iter().collect(), listeners: self.callers.listeners.clone() };
         let request = Requested { by, origin, wanted: Arc::new(plan), signed };
         let home = Coordinator::begin(deployment.clone(), request, start, audience, out);
         out.effects.extend(home.kept().map(|kept| Effect::Keep(Box::new(kept))));
@@ -263,7 +259,7 @@ impl Agent {
 
     /// Returns the programs that a deployment has here, or had.
     fn programs(&self, deployment: &Deployment) -> Option<Vec<(u32, String)>> {
-        let past = || self.past.iter().find(|(id, _)| id == deployment).map(|(_, programs)| programs.clone());
+        let past = || self.past.programs.iter().find(|(id, _)| id == deployment).map(|(_, programs)| programs.clone());
         self.participants.get(deployment).map(Participant::programs).or_else(past)
     }
 
@@ -278,7 +274,7 @@ impl Agent {
         };
         let running: Vec<_> =
             self.participants.iter().flat_map(|(id, participant)| meant((id, participant.programs()))).collect();
-        let past = self.past.iter().map(|(id, programs)| meant((id, programs.clone())));
+        let past = self.past.programs.iter().map(|(id, programs)| meant((id, programs.clone())));
         let found = std::iter::once(running).chain(past).find(|found| !found.is_empty()).unwrap_or_default();
         match &found[..] {
             [one] => Ok(one.clone()),
@@ -293,9 +289,5 @@ fn unknown(deployment: &Deployment) -> Answer {
 }
 
 fn elsewhere(call: u64, out: &mut Out<'_>) {
-    answer(call, Answer::Refused("an agent alone does not know that".to_owned()), out);
-}
-
-pub(super) fn answer(call: u64, answer: Answer, out: &mut Out<'_>) {
-    out.effects.push(Effect::Answer { call, answer: Box::new(answer) });
+    out.answer(call, Answer::Refused("an agent alone does not know that".to_owned()));
 }

@@ -25,30 +25,30 @@ pub(super) struct CheckIns {
 impl Agent {
     /// Checks in with every home elsewhere that may have missed this node. A deployment of this host needs nobody's answer. To be called before anything else is done.
     pub(super) fn check_in(&mut self, out: &mut Out<'_>) {
-        let (names, number) = (&self.names, self.check_ins.count + 1);
+        let (names, number) = (&self.peers.names, self.callers.check_ins.count + 1);
         let unsure = self.participants.values_mut().filter(|participant| names.has_slept(out.now, participant.home()));
         let waiting = unsure
             .filter_map(|participant| participant.check_in(number, out.now).then(|| participant.home().to_owned()));
         for home in waiting.collect::<BTreeSet<String>>() {
-            self.check_ins.count = number;
+            self.callers.check_ins.count = number;
             out.send(&home, Message::about_none(Body::CheckIn { number }));
         }
     }
 
     /// Takes note that a host checks in, which is answered by [`Agent::answer_check_ins`].
     pub(super) fn checks_in(&mut self, number: u64, from: &str) {
-        if let Some(boot) = self.names.holder(from) {
-            self.check_ins.come.insert(from.to_owned(), (boot, number));
+        if let Some(boot) = self.peers.names.holder(from) {
+            self.callers.check_ins.come.insert(from.to_owned(), (boot, number));
         }
     }
 
     /// Answers those who have checked in and are there, behind all that they had to be told. Another boot has forgotten that it has asked.
     pub(super) fn answer_check_ins(&mut self, out: &mut Out<'_>) {
-        let names = &self.names;
+        let names = &self.peers.names;
         let is_over =
             |host: &String, (boot, _): &mut (u64, u64)| names.reaches(host) || names.holder(host) != Some(*boot);
-        for (host, (boot, number)) in self.check_ins.come.extract_if(.., is_over).collect::<Vec<_>>() {
-            if self.names.holder(&host) == Some(boot) {
+        for (host, (boot, number)) in self.callers.check_ins.come.extract_if(.., is_over).collect::<Vec<_>>() {
+            if self.peers.names.holder(&host) == Some(boot) {
                 out.send(&host, Message::about_none(Body::CheckedIn { number }));
             }
         }

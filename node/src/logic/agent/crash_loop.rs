@@ -15,26 +15,26 @@ impl Agent {
     /// Takes note that it was made again from its inputs, and how long it was gone.
     pub(super) fn adopted(&mut self, now: Time, away: Duration) {
         // Whoever has started it again wants it to be there.
-        (self.leaving, self.lingers_until) = (false, None);
+        (self.run.leaving, self.run.lingers_until) = (false, None);
         self.coordinators.values_mut().for_each(|coordinator| coordinator.adopted(away));
         self.participants.values_mut().for_each(|participant| participant.adopted(away));
-        self.adoptions.push_back(now);
-        while self.adoptions.len() > KILLS_MAX + 1 {
-            self.adoptions.pop_front();
+        self.run.adoptions.push_back(now);
+        while self.run.adoptions.len() > KILLS_MAX + 1 {
+            self.run.adoptions.pop_front();
         }
     }
 
     /// Says why this node takes nothing new on, where it is killed again and again.
     pub(super) fn crash_loop(&self, now: Time) -> Option<String> {
-        let first = self.adoptions.front().filter(|_| self.adoptions.len() > KILLS_MAX)?;
-        let last = self.adoptions.back()?;
+        let first = self.run.adoptions.front().filter(|_| self.run.adoptions.len() > KILLS_MAX)?;
+        let last = self.run.adoptions.back()?;
         let until = *last + WITHIN;
         let seconds = until.since(now).as_millis().div_ceil(1000);
         (*last - *first < WITHIN && now < until).then(|| {
             format!(
                 "its node was killed {} times within {} and takes nothing new on for {seconds} s; what runs goes on, and \
                  can be stopped",
-                self.adoptions.len(),
+                self.run.adoptions.len(),
                 span(WITHIN),
             )
         })

@@ -19,7 +19,7 @@ impl Agent {
             Body::Tombstone => {}
             Body::Stopped => self.was_stopped(&deployment, from, out),
             Body::Mourned => self.mourned(&deployment, from, out),
-            Body::Leaves => self.absence.leaves(from),
+            Body::Leaves => self.peers.absence.leaves(from),
             Body::Inquiry { number } => self.inquired(number, from, out),
             Body::Reported { number } => self.reported(number, from),
             Body::CheckIn { number } => self.checks_in(number, from),
@@ -103,7 +103,7 @@ impl Agent {
         match order {
             ChangeOrder::Examine { number, plan } => {
                 let mut reasons = self.conflicts(deployment, &Claims::of(plan, host));
-                if self.leaving {
+                if self.run.leaving {
                     reasons.push(format!("host `{host}`: its node is leaving"));
                 }
                 (!reasons.is_empty()).then_some(ChangeReply::Examined { number: *number, reasons })
@@ -134,7 +134,7 @@ impl Agent {
                 participant.rejoins(number, out.now, since_go);
             }
         } else if message == ToParticipant::Release {
-            let is_loose = self.unended.contains_key(deployment);
+            let is_loose = self.past.unended.contains_key(deployment);
             out.send(
                 from,
                 deployment.to_coordinator(if is_loose { ToCoordinator::Unconfirmed } else { ToCoordinator::Released }),
@@ -161,7 +161,7 @@ impl Agent {
                 deployment.to_coordinator(ToCoordinator::Refused { reasons: vec![format!("host `{host}`: {why}")] }),
             );
         };
-        if self.leaving {
+        if self.run.leaving {
             return refuse("its node is leaving".into(), out);
         }
         if let Some(why) = self.obstacle(out.now) {
@@ -173,7 +173,7 @@ impl Agent {
         if let Some(other) = self.participants.keys().find(|other| other.name == deployment.name) {
             return refuse(format!("`{}` is already there (epoch {})", other.name, other.epoch), out);
         }
-        if let Some(other) = self.unended.keys().find(|other| other.name == deployment.name) {
+        if let Some(other) = self.past.unended.keys().find(|other| other.name == deployment.name) {
             return refuse(format!("programs of `{other}` {}", unended(other)), out);
         }
         if self.participants.len() >= DEPLOYMENTS_MAX {
@@ -182,9 +182,8 @@ impl Agent {
         if let Some(why) = self.conflicts(&deployment, &Claims::of(&plan, host)).first() {
             return refuse(why.clone(), out);
         }
-        let (machine, seen) = (self.identity.machine.clone(), self.externals(&plan));
-        let place = (host.as_str(), machine.as_str());
-        let participant = Participant::prepare(deployment.clone(), Arc::new(plan), place, (&self.programs, seen), out);
+        let (place, seen) = (&self.identity, self.externals(&plan));
+        let participant = Participant::prepare(deployment.clone(), Arc::new(plan), place, &self.programs, seen, out);
         self.participants.insert(deployment, participant);
     }
 

@@ -2,7 +2,6 @@
 //! releases it. It holds over a restart of the node, since the driver writes it down.
 
 use super::Agent;
-use super::calls::answer;
 use crate::logic::effect::{Effect, Out};
 use crate::logic::protocol::{Answer, Estop, Estopped, FailureCause};
 use comms::logic::time::Time;
@@ -69,8 +68,7 @@ impl Agent {
         if self.stopped.is_over() {
             for (call, was_stopped) in std::mem::take(&mut self.stopped.releasing) {
                 let unwritten = self.stopped.unwritten.clone();
-                answer(call, Answer::Released { was_stopped, unwritten }, out);
-                out.effects.push(Effect::EndAnswers { call });
+                out.answer_last(call, Answer::Released { was_stopped, unwritten });
             }
         }
     }
@@ -81,8 +79,9 @@ impl Agent {
             return;
         }
         let mut unended = Vec::new();
-        for (deployment, left) in &self.unended {
-            let programs = self.past.iter().find(|(id, _)| id == deployment).map_or(&[][..], |(_, programs)| programs);
+        for (deployment, left) in &self.past.unended {
+            let programs =
+                self.past.programs.iter().find(|(id, _)| id == deployment).map_or(&[][..], |(_, programs)| programs);
             let left = programs.iter().filter(|(leaf, _)| left.leaves.contains(leaf));
             unended.extend(left.map(|(_, path)| format!("{deployment} {path}")));
         }

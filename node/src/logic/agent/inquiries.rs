@@ -9,7 +9,7 @@
 
 use super::Agent;
 use crate::logic::coordinator::Coordinator;
-use crate::logic::effect::{Effect, Out, ProcessId, earliest};
+use crate::logic::effect::{Out, ProcessId, earliest};
 use crate::logic::protocol::{Answer, Body, Message};
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
@@ -78,61 +78,61 @@ impl Agent {
         let own = &self.identity.host;
         let all = self.coordinators.values().flat_map(Coordinator::taking_part);
         let hosts: BTreeSet<String> = all.filter(|host| *host != own).cloned().collect();
-        let number = self.inquiries.count;
-        self.inquiries.count += 1;
-        let is_waited_for = self.inquiries.open.len() < OPEN_MAX;
+        let number = self.callers.inquiries.count;
+        self.callers.inquiries.count += 1;
+        let is_waited_for = self.callers.inquiries.open.len() < OPEN_MAX;
         if is_waited_for {
-            for host in hosts.iter().filter(|host| self.names.reaches(host)) {
+            for host in hosts.iter().filter(|host| self.peers.names.reaches(host)) {
                 out.send(host, Message::about_none(Body::Inquiry { number }));
             }
         }
         let until = if is_waited_for { out.now + WITHIN } else { out.now };
-        self.inquiries.open.push(Inquiry { number, call, hosts, until });
+        self.callers.inquiries.open.push(Inquiry { number, call, hosts, until });
     }
 
     /// Asks a host that is there again: the first question may not have reached it.
     pub(super) fn inquire_again(&self, host: &str, out: &mut Out<'_>) {
-        for &Inquiry { number, .. } in self.inquiries.open.iter().filter(|inquiry| inquiry.hosts.contains(host)) {
+        for &Inquiry { number, .. } in self.callers.inquiries.open.iter().filter(|inquiry| inquiry.hosts.contains(host))
+        {
             out.send(host, Message::about_none(Body::Inquiry { number }));
         }
     }
 
     /// Takes the question of a home.
     pub(super) fn inquired(&mut self, number: u64, from: &str, out: &mut Out<'_>) {
-        if self.inquiries.unreached.is_empty() {
+        if self.callers.inquiries.unreached.is_empty() {
             out.send(from, Message::about_none(Body::Reported { number }));
-        } else if self.inquiries.asked_by.len() < OPEN_MAX {
-            self.inquiries.asked_by.insert((from.to_owned(), number));
+        } else if self.callers.inquiries.asked_by.len() < OPEN_MAX {
+            self.callers.inquiries.asked_by.insert((from.to_owned(), number));
         }
     }
 
     /// Takes the answer of a host: all that it had to report by the question has come before.
     pub(super) fn reported(&mut self, number: u64, from: &str) {
-        self.inquiries.answered(number, from);
+        self.callers.inquiries.answered(number, from);
     }
 
     /// Answers what can be answered, or is not waited for any longer.
     pub(super) fn tick_inquiries(&mut self, out: &mut Out<'_>) {
-        let is_reached = self.inquiries.unreached.is_empty();
+        let is_reached = self.callers.inquiries.unreached.is_empty();
         if is_reached {
-            for (home, number) in std::mem::take(&mut self.inquiries.asked_by) {
+            for (home, number) in std::mem::take(&mut self.callers.inquiries.asked_by) {
                 out.send(&home, Message::about_none(Body::Reported { number }));
             }
         }
         // The shims of a host tell of nothing that has its home elsewhere.
         let waits_for_shims = !is_reached && !self.coordinators.is_empty();
-        let names = &self.names;
+        let names = &self.peers.names;
         let is_due = |inquiry: &mut Inquiry| {
             let is_waiting = waits_for_shims || inquiry.hosts.iter().any(|host| names.reaches(host));
             inquiry.until <= out.now || !is_waiting
         };
-        for Inquiry { call, hosts, .. } in self.inquiries.open.extract_if(.., is_due).collect::<Vec<_>>() {
+        for Inquiry { call, hosts, .. } in self.callers.inquiries.open.extract_if(.., is_due).collect::<Vec<_>>() {
             self.tell_events(call, false, out);
             let own = waits_for_shims.then(|| self.identity.host.clone());
             let behind: Vec<String> = hosts.into_iter().chain(own).collect();
             let answer = if behind.is_empty() { Answer::Events(Vec::new()) } else { Answer::Behind(behind) };
-            out.effects.push(Effect::Answer { call, answer: Box::new(answer) });
-            out.effects.push(Effect::EndAnswers { call });
+            out.answer_last(call, answer);
         }
     }
 }

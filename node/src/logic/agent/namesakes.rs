@@ -25,12 +25,12 @@ impl Agent {
     /// Says why this node takes nothing on, where another one has its name.
     pub(super) fn namesake(&self) -> Option<String> {
         let host = &self.identity.host;
-        if let Some(place) = self.names.elder() {
+        if let Some(place) = self.peers.names.elder() {
             return Some(format!(
                 "another node called `{host}` was there first: {place}; give this one another name with `dca-node --name`"
             ));
         }
-        let place = self.names.duplicates("").into_iter().find(|one| one.host == *host)?.second;
+        let place = self.peers.names.duplicates("").into_iter().find(|one| one.host == *host)?.second;
         Some(format!(
             "a second node is called `{host}`: {place}; nothing begins under this name before that one has another, with \
              `dca-node --name`"
@@ -39,12 +39,12 @@ impl Agent {
 
     /// Tells others of this name what runs here.
     pub(super) fn greet(&mut self, out: &mut Out<'_>) {
-        let there: BTreeSet<u64> = self.names.namesakes().map(|(boot, _)| boot).collect();
-        self.rivalry.ended.retain(|_, boot| there.contains(boot));
-        self.rivalry.reported.retain(|(boot, _)| there.contains(boot));
+        let there: BTreeSet<u64> = self.peers.names.namesakes().map(|(boot, _)| boot).collect();
+        self.peers.rivalry.ended.retain(|_, boot| there.contains(boot));
+        self.peers.rivalry.reported.retain(|(boot, _)| there.contains(boot));
         for to_boot in there {
             let deployments = self.own_deployments().into_iter().collect();
-            let ended = self.rivalry.ended.iter().filter(|(_, boot)| **boot == to_boot);
+            let ended = self.peers.rivalry.ended.iter().filter(|(_, boot)| **boot == to_boot);
             let ended = ended.map(|(deployment, _)| deployment.clone()).collect();
             let namesake = Namesake { boot: self.identity.boot, to_boot, deployments, ended };
             out.effects.push(Effect::Greet(Box::new(namesake)));
@@ -53,7 +53,7 @@ impl Agent {
 
     /// Takes the word of another node of this name. What both run, and the other keeps, is ended here.
     pub(super) fn greeted(&mut self, other: &Namesake, out: &mut Out<'_>) {
-        let known = self.names.namesakes().find(|(boot, _)| *boot == other.boot);
+        let known = self.peers.names.namesakes().find(|(boot, _)| *boot == other.boot);
         let Some((boot, is_elder)) = known.filter(|_| other.to_boot == self.identity.boot) else { return };
         let own = self.own_deployments();
         let is_ended_there = |one: &&Deployment| other.ended.iter().any(|theirs| theirs.name == one.name);
@@ -67,9 +67,9 @@ impl Agent {
             if keeps {
                 continue;
             }
-            self.rivalry.ended.insert(deployment.clone(), boot);
+            self.peers.rivalry.ended.insert(deployment.clone(), boot);
             if let Some(coordinator) = self.coordinators.get_mut(&deployment) {
-                let place = self.names.place(boot).unwrap_or_default().to_owned();
+                let place = self.peers.names.place(boot).unwrap_or_default().to_owned();
                 coordinator.abort(FailureCause::Preempted(place), out);
             } else if let Some(participant) = self.participants.get_mut(&deployment) {
                 participant.leave(out);
@@ -79,8 +79,8 @@ impl Agent {
 
     /// Reports, once, that a deployment also runs on another node of this name, and whether it goes on here.
     fn runs_twice(&mut self, deployment: &Deployment, boot: u64, keeps: bool, out: &mut Out<'_>) {
-        if self.rivalry.reported.insert((boot, deployment.clone())) {
-            let place = self.names.place(boot).unwrap_or_default().to_owned();
+        if self.peers.rivalry.reported.insert((boot, deployment.clone())) {
+            let place = self.peers.names.place(boot).unwrap_or_default().to_owned();
             out.effects.push(Effect::Peer(Change::Twice { deployment: deployment.to_string(), place, keeps }));
         }
     }
@@ -88,13 +88,13 @@ impl Agent {
     /// Answers which names two nodes have.
     pub(super) fn duplicates(&self) -> Answer {
         let place = format!("process {} on the host of the node that says so", self.identity.pid);
-        Answer::Duplicates(self.names.duplicates(&place))
+        Answer::Duplicates(self.peers.names.duplicates(&place))
     }
 
     /// Returns every deployment that has a part here which does not end, and whether its home is reached.
     fn own_deployments(&self) -> BTreeMap<Deployment, bool> {
         let homes = self.coordinators.iter().filter(|(_, home)| !home.is_ending()).map(|(one, _)| (one.clone(), true));
-        let reaches = |home: &str| home == self.identity.host || self.names.reaches(home);
+        let reaches = |home: &str| home == self.identity.host || self.peers.names.reaches(home);
         let parts = self.participants.iter().filter(|(_, part)| !part.is_leaving());
         parts.map(|(one, part)| (one.clone(), reaches(part.home()))).chain(homes).collect()
     }

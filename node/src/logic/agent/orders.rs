@@ -1,7 +1,6 @@
 //! Orders of other nodes that start something, at a node in a team: each waits until it is known that a user has signed it.
 
 use super::Agent;
-use super::calls::answer;
 use crate::logic::effect::{Effect, Out};
 use crate::logic::gate::outcome_of_order;
 use crate::logic::protocol::{
@@ -50,8 +49,7 @@ impl Agent {
                 self.call(call, request, Some(Arc::new(*signed)), out);
             }
             Err(error) => {
-                answer(call, Answer::Refused(format!("what was signed cannot be read: {error}")), out);
-                out.effects.push(Effect::EndAnswers { call });
+                out.answer_last(call, Answer::Refused(format!("what was signed cannot be read: {error}")));
             }
         }
     }

@@ -13,13 +13,13 @@ impl Agent {
     /// Works out who is there now, and tells everybody whom that concerns.
     pub(super) fn look_around(&mut self, out: &mut Out<'_>) {
         self.attend(out.now);
-        let (changes, round) = self.names.tick(out.now);
+        let (changes, round) = self.peers.names.tick(out.now);
         for change in changes {
             match &change {
                 Change::Appeared { host, boot, replaces, .. } => self.appeared(host, *boot, *replaces, out),
                 Change::Detour { host, boot, .. } => self.appeared(host, *boot, false, out),
                 Change::Missing { host, since, .. } => {
-                    self.absence.missing(host, self.names.heard(host).unwrap_or(*since));
+                    self.peers.absence.missing(host, self.peers.names.heard(host).unwrap_or(*since));
                     self.participants.values_mut().for_each(|participant| participant.host_missing(host, *since));
                 }
                 Change::Lost { host } => self.host_lost(host, out),
@@ -28,9 +28,9 @@ impl Agent {
             }
             out.effects.push(Effect::Peer(change));
         }
-        let holders = self.names.holders();
-        if holders != self.holders {
-            self.holders.clone_from(&holders);
+        let holders = self.peers.names.holders();
+        if holders != self.peers.holders {
+            self.peers.holders.clone_from(&holders);
             out.effects.push(Effect::Holders(holders));
         }
         self.beat(out);
@@ -45,14 +45,14 @@ impl Agent {
             // Another boot has forgotten everything: for deployments that is the loss of the host.
             self.host_lost(host, out);
         }
-        let links = self.links.entry(host.to_owned()).or_default();
+        let links = self.peers.links.entry(host.to_owned()).or_default();
         // The link to a boot that is back goes on where it was: the boot has not forgotten it either.
         let known = links.iter().position(|link| link.boot_peer() == boot).map(|at| links.remove(at));
         let mut link = known.unwrap_or_else(|| Link::new(out.now, &self.identity.host, (self.identity.boot, boot)));
         link.reached(out.now);
         links.push(link);
         links.drain(..links.len().saturating_sub(LINKS_MAX));
-        self.absence.appeared(out.now, host);
+        self.peers.absence.appeared(out.now, host);
         self.tell_tombstones(host, out);
         self.parts_back(host, out);
         self.inquire_again(host, out);
@@ -71,20 +71,20 @@ impl Agent {
     }
 
     pub(super) fn host_lost(&mut self, host: &str, out: &mut Out<'_>) {
-        self.absence.lost(host, self.names.heard(host).unwrap_or(out.now));
+        self.peers.absence.lost(host, self.peers.names.heard(host).unwrap_or(out.now));
         self.forget_orders(host);
-        self.links.get_mut(host).into_iter().flatten().for_each(Link::abandon);
+        self.peers.links.get_mut(host).into_iter().flatten().for_each(Link::abandon);
         self.parts_lost(host, out);
     }
 
     /// Takes a frame of the node that holds its name. One that is not there is asked first, and sends again.
     pub(super) fn frame(&mut self, frame: Frame, out: &mut Out<'_>) {
         let (from, boot) = (frame.from.clone(), frame.boot);
-        self.names.heard_of(out.now, &from, boot);
-        if !self.names.knows(&from) || self.names.holder(&from) != Some(boot) {
+        self.peers.names.heard_of(out.now, &from, boot);
+        if !self.peers.names.knows(&from) || self.peers.names.holder(&from) != Some(boot) {
             return;
         }
-        let Some(link) = self.links.get_mut(&from).and_then(|links| links.last_mut()) else { return };
+        let Some(link) = self.peers.links.get_mut(&from).and_then(|links| links.last_mut()) else { return };
         let Received { message, answer, is_anew } = link.receive(out.now, frame);
         if let Some(frame) = answer {
             self.send_frame(&from, frame, out);
@@ -102,8 +102,8 @@ impl Agent {
     /// Sends to another node; what cannot be sent is answered as a loss, so that nobody waits for ever. What is final is kept
     /// for a node that is lost, which may not know that it is.
     pub(super) fn transmit(&mut self, to: &str, message: Message, out: &mut Out<'_>) {
-        let is_known = self.names.knows(to);
-        let link = self.links.get_mut(to).and_then(|links| links.last_mut());
+        let is_known = self.peers.names.knows(to);
+        let link = self.peers.links.get_mut(to).and_then(|links| links.last_mut());
         match link.filter(|_| is_known || message.is_final()).and_then(|link| link.send(out.now, message.clone())) {
             Some(frame) => {
                 self.send_frame(to, frame, out);
@@ -113,7 +113,7 @@ impl Agent {
             }
             None if is_known => {
                 // So much is unacknowledged that it counts as lost.
-                self.names.lose(out.now, to);
+                self.peers.names.lose(out.now, to);
                 self.host_lost(to, out);
             }
             None => {}
@@ -125,19 +125,10 @@ impl Agent {
 
     /// Takes the word of a host about a deployment that is over here.
     pub(super) fn confirm(&mut self, deployment: &Deployment, message: &ToCoordinator, from: &str) {
-        match message {
-            ToCoordinator::Released => self.absence.confirmed(deployment, from),
-            ToCoordinator::Unconfirmed => self.absence.unable(deployment, from),
-            ToCoordinator::Prepared { .. }
-            | ToCoordinator::Refused { .. }
-            | ToCoordinator::Connected
-            | ToCoordinator::MainEnded { .. }
-            | ToCoordinator::Happened { .. }
-            | ToCoordinator::Stepped { .. }
-            | ToCoordinator::SetsSwitched { .. }
-            | ToCoordinator::ClockRead { .. }
-            | ToCoordinator::BeganLate { .. }
-            | ToCoordinator::Change(_) => {}
+        if *message == ToCoordinator::Released {
+            self.peers.absence.confirmed(deployment, from);
+        } else if *message == ToCoordinator::Unconfirmed {
+            self.peers.absence.unable(deployment, from);
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Words that promise that a deployment does not begin again: each is said once the disk has it.
 
-use super::calls::{STOPPED, answer};
+use super::calls::STOPPED;
 use super::{Agent, AwaitingHosts};
 use crate::logic::effect::{Effect, Out};
 use crate::logic::protocol::{Answer, Body, Deployment, Message, StopReply};
@@ -36,20 +36,19 @@ impl Promises {
 impl Agent {
     /// Says this once the disk has forgotten a deployment, which was asked for before.
     pub(super) fn promise(&mut self, deployment: Deployment, promise: Promise) {
-        self.promises.0.entry(deployment).or_default().push(promise);
+        self.callers.promises.0.entry(deployment).or_default().push(promise);
     }
 
     /// Stops a deployment of this name that has not begun, and answers when it is certain that it never does; says whether there is one.
     pub(super) fn stop_waiting(&mut self, call: u64, name: &str, out: &mut Out<'_>) -> bool {
         let is_meant = |one: &&AwaitingHosts| one.plan.name == name;
-        let Some(one) = self.awaiting_hosts.iter().find(is_meant) else { return false };
+        let Some(one) = self.pending.awaiting.iter().find(is_meant) else { return false };
         let before = one.resumed.as_ref().map(|resumed| resumed.before().clone());
         self.stop_gathering(|plan| plan.name == name, STOPPED, out);
         if let Some(before) = before {
             self.promise(before, Promise::Stopped(call));
         } else {
-            answer(call, Answer::Stop(StopReply::Stopped), out);
-            out.effects.push(Effect::EndAnswers { call });
+            out.answer_last(call, Answer::Stop(StopReply::Stopped));
         }
         true
     }
@@ -59,13 +58,12 @@ impl Agent {
         if let Some(home) = self.coordinators.get_mut(deployment) {
             home.unkept(out);
         }
-        for promise in self.promises.0.remove(deployment).unwrap_or_default() {
+        for promise in self.callers.promises.0.remove(deployment).unwrap_or_default() {
             match promise {
                 Promise::Stopped(call) => {
                     let refused = |why: &String| Answer::Refused(self.not_for_good(&deployment.name, why));
                     let said = written.as_ref().map_or_else(refused, |()| Answer::Stop(StopReply::Stopped));
-                    answer(call, said, out);
-                    out.effects.push(Effect::EndAnswers { call });
+                    out.answer_last(call, said);
                 }
                 // A host that does not hear it tells it again when it has been away.
                 Promise::Mourned(to, stopped) if written.is_ok() => {
@@ -85,7 +83,7 @@ impl Agent {
 
     /// Asks the disk again whose answers a killed node has not heard.
     pub(super) fn unkeep_again(&mut self, out: &mut Out<'_>) {
-        let promised = self.promises.0.keys();
+        let promised = self.callers.promises.0.keys();
         out.effects.extend(promised.map(|deployment| Effect::Unkeep { deployment: deployment.clone() }));
         self.coordinators.values_mut().for_each(|home| home.unkeep_again(out));
     }

@@ -19,7 +19,7 @@ impl Agent {
 
     /// Sends a frame to another node, by way of a third where it has to.
     pub(super) fn send_frame(&mut self, to: &str, frame: Frame, out: &mut Out<'_>) {
-        let Some(via) = self.names.detour(to).map(str::to_owned) else {
+        let Some(via) = self.peers.names.detour(to).map(str::to_owned) else {
             return out.effects.push(Effect::Transmit { to: to.to_owned(), frame: Box::new(frame) });
         };
         let Frame { from, boot, boot_peer, ends, acknowledged, message } = frame;
@@ -32,7 +32,7 @@ impl Agent {
     pub(super) fn relay(&mut self, relay: Relay, via: &str, out: &mut Out<'_>) {
         if relay.to != self.identity.host {
             // Over one node, not over several: else it could go round for ever.
-            if relay.from == via && self.names.reaches_directly(&relay.to) {
+            if relay.from == via && self.peers.names.reaches_directly(&relay.to) {
                 let to = relay.to.clone();
                 self.transmit(&to, Message::relay(relay), out);
             }
@@ -41,15 +41,15 @@ impl Agent {
         let Relay { from, what, .. } = relay;
         match what {
             Relayed::Ping { boot, round } => {
-                self.names.heard_of(out.now, &from, boot);
-                let holder = self.names.holder(&from).filter(|_| self.names.knows(&from));
+                self.peers.names.heard_of(out.now, &from, boot);
+                let holder = self.peers.names.holder(&from).filter(|_| self.peers.names.knows(&from));
                 let what = Relayed::Pong { boot: self.identity.boot, to_boot: boot, round, holder };
                 let answer = Relay { from: self.identity.host.clone(), to: from, what, proof: Vec::new() };
                 self.transmit(via, Message::relay(answer), out);
             }
             Relayed::Pong { boot, to_boot, round, holder } => {
                 let pong = RelayedPong { from: &from, boot, to_boot, round, holder, via };
-                self.names.answered_through(out.now, pong);
+                self.peers.names.answered_through(out.now, pong);
             }
             Relayed::Frame { boot, boot_peer, ends, acknowledged, message } => {
                 let message = message.map(|(number, message)| (number, *message));

@@ -185,7 +185,7 @@ impl Changes {
         let again = self.check(mission, &request);
         let asked = again.and_then(|again| self.examine(mission, call, request, again, signed, out));
         if let Err(reasons) = asked {
-            answer(call, Report::Unchanged { by, reasons }, out);
+            out.answer_last(call, Answer::Report(Report::Unchanged { by, reasons }));
         }
     }
 
@@ -245,7 +245,7 @@ impl Changes {
         again.retain(|leaf| live.contains(leaf));
         let ChangeRequest { plan: wanted, probation, by, .. } = request;
         if lines.is_empty() {
-            answer(call, Report::Changed { revision: self.revision, by, changes: Vec::new() }, out);
+            out.answer_last(call, Answer::Report(Report::Changed { revision: self.revision, by, changes: Vec::new() }));
             return Ok(());
         }
         let plan = Arc::new(found.plan);
@@ -329,7 +329,7 @@ impl Changes {
     /// The change is not made.
     fn refuse(&mut self, out: &mut Out<'_>) {
         if let Some(Change { asked, reasons, .. }) = self.current.take() {
-            answer(asked.call, Report::Unchanged { by: asked.by, reasons }, out);
+            out.answer_last(asked.call, Answer::Report(Report::Unchanged { by: asked.by, reasons }));
         }
     }
 
@@ -355,7 +355,7 @@ impl Changes {
             Report::Changed { revision: self.revision, by, changes: lines }
         };
         mission.report(report.clone(), out);
-        answer(call, report, out);
+        out.answer_last(call, Answer::Report(report));
     }
 
     /// Goes back to the previous plan, or gives up if that has failed already.
@@ -410,10 +410,4 @@ impl Changes {
             self.refuse(out);
         }
     }
-}
-
-/// Answers a call for a change.
-pub(super) fn answer(call: u64, report: Report, out: &mut Out<'_>) {
-    out.effects.push(Effect::Answer { call, answer: Box::new(Answer::Report(report)) });
-    out.effects.push(Effect::EndAnswers { call });
 }

@@ -58,22 +58,12 @@ impl Mission {
 
     /// Reports an event of one host, or of all.
     pub(super) fn report(&mut self, report: Report, out: &mut Out<'_>) {
-        let named = match &report {
-            Report::Prepared { host, .. } | Report::Connected { host } | Report::BeganLate { host, .. } => {
-                Some(host.as_str())
-            }
-            Report::Accepted { .. }
-            | Report::Go { .. }
-            | Report::Process { .. }
-            | Report::Refused { .. }
-            | Report::Finished { .. }
-            | Report::Programs { .. }
-            | Report::Changed { .. }
-            | Report::Stepped { .. }
-            | Report::Unchanged { .. }
-            | Report::Replanned { .. }
-            | Report::Aligned { .. }
-            | Report::Omitted { .. } => self.plan.home(),
+        let named = if let Report::Prepared { host, .. } | Report::Connected { host } | Report::BeganLate { host, .. } =
+            &report
+        {
+            Some(host.as_str())
+        } else {
+            self.plan.home()
         };
         let host =
             (0..).zip(&self.plan.hosts).find(|(_, host)| Some(host.as_str()) == named).map_or(0, |(host, _)| host);

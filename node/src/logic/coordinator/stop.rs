@@ -40,8 +40,7 @@ impl Stop {
     /// Answers the callers: nothing is left.
     pub(super) fn answer(&mut self, out: &mut Out<'_>) {
         for call in std::mem::take(&mut self.calls) {
-            out.effects.push(Effect::Answer { call, answer: Box::new(Answer::Stop(StopReply::Stopped)) });
-            out.effects.push(Effect::EndAnswers { call });
+            out.answer_last(call, Answer::Stop(StopReply::Stopped));
         }
     }
 }

@@ -2,7 +2,7 @@
 //! supervisor.
 
 use super::mission::Mission;
-use crate::logic::effect::{Effect, Out};
+use crate::logic::effect::Out;
 use crate::logic::executer::group_host;
 use crate::logic::protocol::{Answer, SetsSwitched, SwitchRequest, ToParticipant};
 use comms::logic::time::Time;
@@ -60,7 +60,7 @@ impl Switches {
     /// Passes on the answer of a supervisor.
     pub(super) fn switched(&mut self, call: u64, switched: Result<SetsSwitched, String>, out: &mut Out<'_>) {
         if self.0.remove(&call).is_some() {
-            answer(call, switched, out);
+            out.answer_last(call, Answer::Switched(switched));
         }
     }
 
@@ -75,14 +75,14 @@ impl Switches {
         for (call, _) in self.0.extract_if(.., |_, until| *until <= now) {
             let within = ANSWER_WITHIN.as_secs();
             let why = format!("the supervisor did not answer within {within} s; whether it was switched is not known");
-            answer(call, Err(why), out);
+            out.answer_last(call, Answer::Switched(Err(why)));
         }
     }
 
     /// Answers all calls: the deployment ends.
     pub(super) fn abandon(&mut self, name: &str, out: &mut Out<'_>) {
         for (call, _) in std::mem::take(&mut self.0) {
-            answer(call, Err(format!("`{name}` ends")), out);
+            out.answer_last(call, Answer::Switched(Err(format!("`{name}` ends"))));
         }
     }
 }
@@ -108,10 +108,4 @@ fn member(plan: &Plan, process: &str) -> Result<(u32, u32), String> {
             Err(format!("several processes end in `{process}`: {}; give more of the path", paths.join(", ")))
         }
     }
-}
-
-/// Answers a call for a switch.
-pub(super) fn answer(call: u64, switched: Result<SetsSwitched, String>, out: &mut Out<'_>) {
-    out.effects.push(Effect::Answer { call, answer: Box::new(Answer::Switched(switched)) });
-    out.effects.push(Effect::EndAnswers { call });
 }

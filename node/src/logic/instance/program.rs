@@ -1,7 +1,8 @@
 //! The program of an instance: how it comes, what it says, and what becomes of the instance when it is gone.
 
 use super::{
-    CONNECT_WITHIN, DeathTold, GRACE, Instance, InstanceContext, KILL_WITHIN, Note, Stage, VALUE_MAX, watchdog,
+    CONNECT_WITHIN, DeathTold, GRACE, Instance, InstanceContext, KILL_WITHIN, Note, Program, SHIM_KILL_WITHIN, Stage,
+    VALUE_MAX, watchdog,
 };
 use crate::logic::effect::Effect;
 use crate::logic::protocol::{Change, Ending, FailureCause, LeafFacts};
@@ -24,7 +25,7 @@ impl Instance {
                     );
                     return self.turn_away(&why, context);
                 }
-                let leaf = self.order.process.leaf;
+                let leaf = self.start.order.process.leaf;
                 self.prepared(LeafFacts { leaf, location, owns, needs, signals }, context);
             }
             Notice::Connected if matches!(self.stage, Stage::Connecting { .. }) => {
@@ -68,27 +69,73 @@ impl Instance {
         }
     }
 
+    /// Makes the program's links.
+    pub fn connect(&mut self, orders: impl IntoIterator<Item = Order>, context: &mut InstanceContext<'_>) {
+        if self.stage != Stage::Prepared {
+            return;
+        }
+        self.stage = Stage::Connecting { until: context.now + CONNECT_WITHIN };
+        if self.joined {
+            self.tell(Order::Rejoin, context);
+        }
+        for order in orders {
+            self.tell(order, context);
+        }
+    }
+
+    /// Adds and removes links of a program that has its own already. Returns whether it will answer by [`Note::Linked`].
+    pub fn link_again(&mut self, orders: impl IntoIterator<Item = Order>, context: &mut InstanceContext<'_>) -> bool {
+        let answers = self.is_linked();
+        if answers {
+            orders.into_iter().for_each(|order| self.tell(order, context));
+        }
+        answers
+    }
+
+    /// Confirms the links of a plain program, which has none.
+    pub fn connect_plain(&mut self) {
+        if self.stage == Stage::Prepared && !self.is_controller() {
+            (self.stage, self.joined) = (Stage::Idle, true);
+        }
+    }
+
+    /// Passes an order to open or close wires on. Returns whether the program will answer.
+    pub fn switch(&mut self, order: Order, context: &mut InstanceContext<'_>) -> bool {
+        let answers = self.is_linked();
+        if answers {
+            self.tell(order, context);
+        }
+        answers
+    }
+
+    /// Passes on where a program is now that was started again. One that makes its links was told where that was before.
+    pub fn relink(&mut self, order: Order, context: &mut InstanceContext<'_>) {
+        if self.is_linked() || matches!(self.stage, Stage::Connecting { .. }) {
+            self.tell(order, context);
+        }
+    }
+
     /// Takes a word from the shim. `output` is the end of what the program wrote.
     pub fn observe(&mut self, report: ShimReport, output: Vec<String>, context: &mut InstanceContext<'_>) {
         match report {
             ShimReport::Ready => {
                 if matches!(self.stage, Stage::Starting { .. }) && !self.is_controller() {
-                    self.prepared(LeafFacts::plain(self.order.process.leaf), context);
+                    self.prepared(LeafFacts::plain(self.start.order.process.leaf), context);
                 }
             }
             ShimReport::Started { pid } => {
-                self.pid = Some(pid);
+                self.program.pid = Some(pid);
                 context.notes.push(Note::Changed(Change::Started { pid }));
             }
             ShimReport::Exited { .. } | ShimReport::Signalled { .. } | ShimReport::Ended { .. } => {
                 if let Some(cause) = FailureCause::of_end(&report) {
-                    self.cause.get_or_insert(cause);
+                    self.program.cause.get_or_insert(cause);
                 }
-                self.output = output;
+                self.program.output = output;
                 self.clear(context);
             }
             ShimReport::ExecFailed { reason } => {
-                self.cause.get_or_insert(FailureCause::Exec(reason));
+                self.program.cause.get_or_insert(FailureCause::Exec(reason));
             }
             ShimReport::Gone => self.gone(context),
         }
@@ -107,7 +154,7 @@ impl Instance {
         match self.stage {
             Stage::Starting { .. } => {
                 self.give_up(
-                    FailureCause::StartTimeout(watchdog::start_within(self.order.kind, &self.order.policy)),
+                    FailureCause::StartTimeout(watchdog::start_within(self.start.order.kind, &self.start.order.policy)),
                     context,
                 );
             }
@@ -123,15 +170,15 @@ impl Instance {
             }
             Stage::Removing { .. } if !self.joined => {
                 self.gone(context);
-                self.cause = Some(FailureCause::StopUnconfirmed);
+                self.program.cause = Some(FailureCause::StopUnconfirmed);
             }
             Stage::Stopping { forced: true, .. } | Stage::Removing { .. } => {
                 self.give_up_end(context);
             }
-            Stage::Replacing { forced, is_stopping, .. } => self.tick_replacing((forced, is_stopping), context),
+            Stage::Replacing { forced, is_stopping, .. } => self.tick_replacing(forced, is_stopping, context),
             Stage::Leaving { forced: false, .. } => self.force_out(context),
             Stage::Leaving { forced: true, .. } => {
-                self.cause = Some(FailureCause::StopUnconfirmed);
+                self.program.cause = Some(FailureCause::StopUnconfirmed);
                 self.gone(context);
             }
             Stage::Prepared | Stage::Idle | Stage::Running | Stage::Refused | Stage::Dead => {}
@@ -140,7 +187,7 @@ impl Instance {
 
     /// Nobody can confirm that nothing of the program is left.
     pub(super) fn give_up_end(&mut self, context: &mut InstanceContext<'_>) {
-        (self.stage, self.cause) = (Stage::Dead, Some(FailureCause::StopUnconfirmed));
+        (self.stage, self.program.cause) = (Stage::Dead, Some(FailureCause::StopUnconfirmed));
         if self.current.is_none() {
             context.notes.push(Note::Changed(Change::Died(FailureCause::StopUnconfirmed)));
         }
@@ -148,14 +195,15 @@ impl Instance {
     }
 
     pub(super) fn start(&mut self, context: &mut InstanceContext<'_>) {
-        if self.checks_in {
+        if self.obstacles.checks_in {
             self.stage = Stage::Waiting { until: Some(context.now) };
             return;
         }
-        self.stage =
-            Stage::Starting { until: context.now + watchdog::start_within(self.order.kind, &self.order.policy) };
-        self.shim_was_killed = false;
-        context.effects.push(Effect::Spawn(Box::new(self.order.clone())));
+        self.stage = Stage::Starting {
+            until: context.now + watchdog::start_within(self.start.order.kind, &self.start.order.policy),
+        };
+        self.program.shim_was_killed = false;
+        context.effects.push(Effect::Spawn(Box::new(self.start.order.clone())));
     }
 
     fn prepared(&mut self, facts: LeafFacts, context: &mut InstanceContext<'_>) {
@@ -182,10 +230,11 @@ impl Instance {
     }
 
     fn gone(&mut self, context: &mut InstanceContext<'_>) {
-        let cause = self.cause.clone().unwrap_or_else(|| FailureCause::NotAvailable("its shim was killed".into()));
+        let cause =
+            self.program.cause.clone().unwrap_or_else(|| FailureCause::NotAvailable("its shim was killed".into()));
         let before = std::mem::replace(&mut self.stage, Stage::Dead);
-        self.clearing = None;
-        context.effects.push(Effect::CloseProcess { process: self.order.process.clone() });
+        self.program.clearing = None;
+        context.effects.push(Effect::CloseProcess { process: self.start.order.process.clone() });
         match before {
             Stage::Starting { .. } | Stage::Prepared | Stage::Connecting { .. } | Stage::Removing { .. }
                 if !self.joined =>
@@ -208,7 +257,7 @@ impl Instance {
                     self.forget_program();
                     self.stage = Stage::Waiting { until: None };
                 } else {
-                    (self.cause, self.death) = (Some(cause), Some(DeathTold::Yes));
+                    (self.program.cause, self.program.death) = (Some(cause), Some(DeathTold::Yes));
                 }
             }
             Stage::Running
@@ -222,7 +271,7 @@ impl Instance {
             Stage::Leaving { .. } => self.left(context),
             // It has ended after all.
             Stage::Dead if self.is_unconfirmed() => {
-                self.cause = Some(FailureCause::NotAvailable("it was not ended in time".into()));
+                self.program.cause = Some(FailureCause::NotAvailable("it was not ended in time".into()));
                 context.notes.extend(self.unconfirmed.take().map(Note::EndedLate));
             }
             Stage::Refused | Stage::Dead => {}
@@ -233,7 +282,7 @@ impl Instance {
     /// that has left by itself with a single line has said why.
     fn refusal(&self, cause: &FailureCause) -> String {
         let said = if let FailureCause::Exec(why) = cause { why.clone() } else { cause.to_string() };
-        match &self.output[..] {
+        match &self.program.output[..] {
             [] => said,
             [words] if matches!(cause, FailureCause::Exit(_) | FailureCause::Signal(_)) => words.clone(),
             lines => format!("{said}; the end of its output:\n{}", lines.join("\n")),
@@ -247,7 +296,7 @@ impl Instance {
 
     /// Starts a program again that has ended although nobody wanted that, or gives it up.
     fn died(&mut self, cause: FailureCause, context: &mut InstanceContext<'_>) {
-        let output = std::mem::take(&mut self.output);
+        let output = std::mem::take(&mut self.program.output);
         if self.probation.is_some() && self.put_back(&cause.clone().of_program(0, output.clone()), context) {
             return;
         }
@@ -259,8 +308,8 @@ impl Instance {
             return self.tick(context);
         }
         let cause = cause.of_program(self.restarts.count(), output);
-        self.cause = Some(cause.clone());
-        self.death = Some(if self.current.is_none() { DeathTold::No } else { DeathTold::Yes });
+        self.program.cause = Some(cause.clone());
+        self.program.death = Some(if self.current.is_none() { DeathTold::No } else { DeathTold::Yes });
         if self.current.is_none() {
             return context.notes.push(Note::Changed(Change::Died(cause)));
         }
@@ -273,15 +322,14 @@ impl Instance {
 
     /// Forgets a program of which nothing is left, before another one is started.
     pub(super) fn forget_program(&mut self) {
-        (self.pid, self.cause, self.output, self.shim_was_killed) = (None, None, Vec::new(), false);
-        self.death = None;
+        self.program = Program { clearing: self.program.clearing, ..Program::default() };
     }
 
     /// Holds a plain program ready for its next activation: it runs once for each.
     fn hold_ready(&mut self, context: &mut InstanceContext<'_>) {
         self.forget_program();
         self.stage = Stage::Idle;
-        context.effects.push(Effect::Spawn(Box::new(self.order.clone())));
+        context.effects.push(Effect::Spawn(Box::new(self.start.order.clone())));
     }
 
     /// Takes the controller's word that an activation is over. A stop that has gone as far as a signal ends with the
@@ -301,7 +349,7 @@ impl Instance {
 
     /// Ends a program that has hung at its start; what it wrote is told with the refusal once it is gone.
     fn give_up(&mut self, cause: FailureCause, context: &mut InstanceContext<'_>) {
-        self.cause.get_or_insert(cause);
+        self.program.cause.get_or_insert(cause);
         self.stage = Stage::Removing { until: context.now + GRACE + KILL_WITHIN };
         self.tell_shim(ShimOrder::Stop { grace: GRACE }, context);
     }
@@ -309,7 +357,7 @@ impl Instance {
     /// Has no use for the program as it is: the first time nothing begins without it, later the next one may do better.
     pub(in crate::logic) fn turn_away(&mut self, why: &str, context: &mut InstanceContext<'_>) {
         if self.joined {
-            self.cause.get_or_insert(FailureCause::Exec(why.to_owned()));
+            self.program.cause.get_or_insert(FailureCause::Exec(why.to_owned()));
             self.stage = Stage::Removing { until: context.now + GRACE + KILL_WITHIN };
             return self.tell_shim(ShimOrder::Stop { grace: GRACE }, context);
         }
@@ -332,5 +380,31 @@ impl Instance {
         };
         self.finish(ending, context);
         context.notes.push(Note::Gone);
+    }
+
+    /// The program has ended by itself, and its shim ends what it has left. That has the time that a stop has.
+    pub(super) fn clear(&mut self, context: &InstanceContext<'_>) {
+        if matches!(self.stage, Stage::Prepared | Stage::Idle | Stage::Running) {
+            self.program.clearing = Some(context.now + KILL_WITHIN);
+        }
+    }
+
+    /// Gives up what a program that has ended by itself has left.
+    pub(super) fn tick_clearing(&mut self, context: &mut InstanceContext<'_>) {
+        if self.program.clearing.is_none_or(|at| at > context.now) {
+            return;
+        }
+        self.program.clearing = None;
+        // What is being stopped or ended since then has a limit of its own.
+        if !matches!(self.stage, Stage::Prepared | Stage::Idle | Stage::Running) {
+            return;
+        }
+        if !self.program.shim_was_killed {
+            (self.program.clearing, self.program.shim_was_killed) = (Some(context.now + SHIM_KILL_WITHIN), true);
+            return context.effects.push(Effect::KillShim { process: self.start.order.process.clone() });
+        }
+        // The program itself is gone.
+        self.program.pid = None;
+        self.give_up_end(context);
     }
 }

@@ -13,8 +13,29 @@ use serde::{Deserialize, Serialize};
 use shim::protocol::ShimOrder;
 use std::time::Duration;
 
-/// How to start a program, and how long it may take to stop.
-pub type Start = (SpawnOrder, Duration);
+/// How a program is started and stopped.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Start {
+    /// How it is started.
+    pub order: SpawnOrder,
+    /// How long it may take to stop.
+    pub stop_within: Duration,
+}
+
+impl Start {
+    /// Returns the restarts of a program that has not died yet.
+    pub(super) fn restarts(&self) -> Restarts {
+        Restarts::new(self.order.process.leaf, &self.order.policy)
+    }
+}
+
+/// The restarts of the previous program.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Saved {
+    restarts: Restarts,
+    /// Whether the next program gets them, because it is the previous program.
+    is_due: bool,
+}
 
 /// A program that has taken the place of another one of late.
 #[derive(Debug, Serialize, Deserialize)]
@@ -33,17 +54,17 @@ pub(super) struct Probation {
 
 impl Instance {
     /// Returns whether a program that is started so would be the same, whatever becomes of it when it dies or stops.
-    pub fn is_same_program(&self, (order, _): &Start) -> bool {
-        let mut own = self.order.clone();
+    pub fn is_same_program(&self, Start { order, .. }: &Start) -> bool {
+        let mut own = self.start.order.clone();
         (own.policy.restart, own.policy.link_loss) = (order.policy.restart, order.policy.link_loss);
         own.policy.backoff = order.policy.backoff;
         own == *order
     }
 
     /// Starts a program that is added while the deployment runs.
-    pub fn add((order, stop_within): Start, probation: Duration, context: &mut InstanceContext<'_>) -> Self {
-        let length = watchdog::probation(order.kind, &order.policy, probation);
-        let mut instance = Self::spawn(order, stop_within, context);
+    pub fn add(start: Start, probation: Duration, context: &mut InstanceContext<'_>) -> Self {
+        let length = watchdog::probation(start.order.kind, &start.order.policy, probation);
+        let mut instance = Self::spawn(start, context);
         instance.probation = Some(Probation { before: None, length, was_activated: false, until: None, is_new: true });
         instance
     }
@@ -56,11 +77,11 @@ impl Instance {
     }
 
     /// Takes on what becomes of the program when it dies or stops.
-    pub fn settle(&mut self, (order, stop_within): Start) {
-        if self.restarts.differ(&order.policy) {
-            self.restarts = Restarts::new(order.process.leaf, &order.policy);
+    pub fn settle(&mut self, start: Start) {
+        if self.restarts.differ(&start.order.policy) {
+            self.restarts = start.restarts();
         }
-        (self.order, self.stop_within) = (order, stop_within);
+        self.start = start;
     }
 
     /// Ends the program and starts this one in its place. Says so by [`Note::Replaced`] when it is up, or by [`Note::Unhealthy`].
@@ -69,11 +90,11 @@ impl Instance {
             let why = "what it ran before may still be there".to_owned();
             return context.notes.push(Note::Unhealthy(why));
         }
-        let before = Some((self.order.clone(), self.stop_within));
-        let length = watchdog::probation(next.0.kind, &next.0.policy, probation);
+        let before = Some(self.start.clone());
+        let length = watchdog::probation(next.order.kind, &next.order.policy, probation);
         self.probation = Some(Probation { before, length, was_activated: false, until: None, is_new: false });
-        if !self.gives_back {
-            self.saved = Some(self.restarts.clone());
+        if self.saved.as_ref().is_none_or(|saved| !saved.is_due) {
+            self.saved = Some(Saved { restarts: self.restarts.clone(), is_due: false });
         }
         context.notes.push(Note::Changed(Change::Replacing));
         match self.stage {
@@ -93,56 +114,43 @@ impl Instance {
 
     /// Puts the program before in the place of this one, since a change is taken back: it has as many restarts left as it had.
     pub fn take_back(&mut self, before: Start, probation: Duration, context: &mut InstanceContext<'_>) {
-        self.gives_back = self.saved.is_some();
+        self.saved.iter_mut().for_each(|saved| saved.is_due = true);
         self.replace(before, probation, context);
     }
 
     /// Ends the program and starts it again, since `with` of its group has died. One that is being started is new anyway, one
     /// that stops or that is never started again is left as it is.
     pub fn renew(&mut self, with: &str, context: &mut InstanceContext<'_>) {
-        let runs = match self.stage {
-            Stage::Idle => self.is_controller(),
-            Stage::Running => true,
-            Stage::Starting { .. }
-            | Stage::Prepared
-            | Stage::Connecting { .. }
-            | Stage::Stopping { .. }
-            | Stage::Refused
-            | Stage::Leaving { .. }
-            | Stage::Dead
-            | Stage::Waiting { .. }
-            | Stage::Removing { .. }
-            | Stage::Replacing { .. } => false,
-        };
+        let runs = self.stage == Stage::Running || self.stage == Stage::Idle && self.is_controller();
         if !runs || !self.restarts.are_allowed() || self.probation.is_some() {
             return;
         }
-        self.make_place((self.order.clone(), self.stop_within), self.is_controller(), context);
+        self.make_place(self.start.clone(), self.is_controller(), context);
         context.notes.push(Note::Changed(Change::Renewing { with: with.to_owned() }));
     }
 
     /// Ends the program, so that `next` can take its place: asks it to leave if it takes orders, else has its shim end it.
     fn make_place(&mut self, next: Start, takes_orders: bool, context: &mut InstanceContext<'_>) {
         let is_stopping = matches!(self.stage, Stage::Stopping { .. });
-        let until = context.now + self.stop_within + GRACE;
+        let until = context.now + self.start.stop_within + GRACE;
         self.next = Some(next);
         if takes_orders {
             self.stage = Stage::Replacing { until, forced: false, is_stopping };
             self.tell(Order::Exit, context);
         } else {
             self.stage = Stage::Replacing { until: until + KILL_WITHIN, forced: true, is_stopping };
-            self.tell_shim(ShimOrder::Stop { grace: self.stop_within.max(GRACE) }, context);
+            self.tell_shim(ShimOrder::Stop { grace: self.start.stop_within.max(GRACE) }, context);
         }
     }
 
     /// Does what is due of a program that is to make place.
-    pub(super) fn tick_replacing(&mut self, (forced, is_stopping): (bool, bool), context: &mut InstanceContext<'_>) {
+    pub(super) fn tick_replacing(&mut self, forced: bool, is_stopping: bool, context: &mut InstanceContext<'_>) {
         if !forced {
             let until = context.now + GRACE + KILL_WITHIN;
             self.stage = Stage::Replacing { until, forced: true, is_stopping };
             return self.tell_shim(ShimOrder::Stop { grace: GRACE }, context);
         }
-        (self.stage, self.cause) = (Stage::Dead, Some(FailureCause::StopUnconfirmed));
+        (self.stage, self.program.cause) = (Stage::Dead, Some(FailureCause::StopUnconfirmed));
         (self.probation, self.next) = (None, None);
         context.notes.push(Note::Unhealthy("the program before could not be ended".to_owned()));
         self.finish(Ending::Unconfirmed, context);
@@ -197,7 +205,7 @@ impl Instance {
             Some(Probation { before: None, length: Duration::ZERO, was_activated: true, until: None, is_new: false });
         context.notes.push(Note::Changed(Change::Reverting { cause: cause.clone() }));
         context.notes.push(Note::Unhealthy(cause.to_string()));
-        self.gives_back = self.saved.is_some();
+        self.saved.iter_mut().for_each(|saved| saved.is_due = true);
         self.take_place(before, context);
         true
     }
@@ -206,7 +214,7 @@ impl Instance {
     pub(super) fn is_turned_away(&mut self, reason: &str, context: &mut InstanceContext<'_>) -> bool {
         let is_new = self.probation.is_some() && !self.is_returning() && self.stage == Stage::Running;
         if is_new {
-            self.cause = Some(FailureCause::Reported(reason.to_owned()));
+            self.program.cause = Some(FailureCause::Reported(reason.to_owned()));
             self.stage = Stage::Removing { until: context.now + GRACE + KILL_WITHIN };
             self.tell_shim(ShimOrder::Stop { grace: GRACE }, context);
         }
@@ -226,13 +234,13 @@ impl Instance {
         self.probation.as_ref().and_then(|probation| probation.until)
     }
 
-    fn take_place(&mut self, (order, stop_within): Start, context: &mut InstanceContext<'_>) {
-        let saved = self.saved.take_if(|_| std::mem::take(&mut self.gives_back));
+    fn take_place(&mut self, next: Start, context: &mut InstanceContext<'_>) {
+        let saved = self.saved.take_if(|saved| saved.is_due);
         if self.probation.is_some() {
-            self.restarts = saved.unwrap_or_else(|| Restarts::new(order.process.leaf, &order.policy));
+            self.restarts = saved.map_or_else(|| next.restarts(), |saved| saved.restarts);
         }
         self.failed = None;
-        (self.order, self.stop_within) = (order, stop_within);
+        self.start = next;
         self.forget_program();
         self.start(context);
     }

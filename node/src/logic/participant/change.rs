@@ -1,25 +1,39 @@
 //! A change of the deployment while it runs, as this host carries it out.
 //!
-//! `Apply` brings the programs of the next plan, `Link` its links, beside the links that are still used; `Adopt` has the supervisors
-//! use the next connection sets; `Settle` drops the links that those do not have any more, and frees the devices that no program
-//! claims any more. In between both kinds of wires are linked, so no value is lost on a wire that stays, a new one is open only when
-//! both its ends stand, and what is taken back is there.
+//! ```text
+//! Apply ──▶ the programs of the next plan are started     Link ──▶ its links are made, beside those that are still used
+//! Adopt ──▶ supervisors use the next connection sets      Settle ──▶ links, programs and claims that have gone are dropped
+//! ```
+//! Between `Link` and `Settle` the wires of both plans are linked. So no value is lost on a wire that stays, a new wire is open only
+//! when both its ends stand, and a change that is taken back finds what it needs.
+//!
+//! An added program is idle until the event actions of its group activate it. A program that is taken away is stopped by its supervisor
+//! at `Adopt` and leaves at `Settle`, so it is there again at once if the change is taken back.
 
+use super::succession::Succeeding;
 use super::{Participant, Phase};
 use crate::logic::claims::Claims;
 use crate::logic::effect::{Effect, Out, ProcessId};
-use crate::logic::executer::leaf_host;
-use crate::logic::instance::{Instance, Start};
+use crate::logic::executer::{Executer, below_using, group_host, leaf_host};
+use crate::logic::instance::{Instance, InstanceContext, Start};
 use crate::logic::programs::{self, Programs};
-use crate::logic::protocol::{ChangeOrder, ChangeReply, LeafFacts, ToCoordinator};
+use crate::logic::protocol::{ChangeOrder, ChangeReply, LeafFacts, Target, ToCoordinator};
 use language::plan::{LeafKind, Plan};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
+/// The change of the deployment.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct Changes {
+    pub(super) current: Option<Changing>,
+    /// Programs that are to take the place of others and are not running yet.
+    pub(super) succeeding: BTreeMap<u32, Succeeding>,
+}
+
 /// A change that is being carried out.
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Changing {
     pub(super) number: u32,
     /// New programs that are not up yet.
@@ -42,8 +56,9 @@ pub(super) struct Changing {
     is_undoing: bool,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 enum Next {
+    #[default]
     Applied,
     Linked,
     Healthy,
@@ -55,10 +70,10 @@ impl Participant {
     pub fn take_change(&mut self, order: ChangeOrder, host: &str, programs: &Programs, out: &mut Out<'_>) {
         match order {
             ChangeOrder::Examine { number, plan } => {
-                self.examine((number, &plan), host, programs, out);
+                self.examine(number, &plan, programs, out);
             }
             ChangeOrder::Apply { number, plan, again, probation } => match self.starts(&plan, host, programs) {
-                Ok(starts) => self.apply((number, plan, again, probation), (host, starts), out),
+                Ok(starts) => self.apply(number, plan, &again, probation, starts, out),
                 Err(reasons) => {
                     let reason = format!("host `{host}`: {}", reasons.join("; "));
                     self.answer_change(ChangeReply::Failed { number, reason }, out);
@@ -68,9 +83,9 @@ impl Participant {
             ChangeOrder::LinkAlso { number, facts } => self.link_change(number, facts, out),
             ChangeOrder::Settle { .. } => self.settle_change(out),
             ChangeOrder::Adopt { number } => {
-                if self.change.as_ref().is_some_and(|change| change.number == number) {
+                if self.changes.current.as_ref().is_some_and(|change| change.number == number) {
                     self.adopt_sets(out);
-                    self.change.iter_mut().for_each(|change| change.next = Next::Healthy);
+                    self.changes.current.iter_mut().for_each(|change| change.next = Next::Healthy);
                     self.report_change(out);
                 }
             }
@@ -85,11 +100,11 @@ impl Participant {
 
     /// Returns what the programs of this host hold by the plan as it is, and by their own word.
     pub(super) fn claims_now(&self) -> Claims {
-        let mut claims = Claims::of(&self.plan, &self.host);
-        let own = self.registrations.facts.values();
-        let own = own.filter(|facts| leaf_host(&self.plan, facts.leaf) == Some(&self.host));
+        let mut claims = Claims::of(&self.site.plan, &self.site.host);
+        let own = self.links.registrations.facts.values();
+        let own = own.filter(|facts| leaf_host(&self.site.plan, facts.leaf) == Some(&self.site.host));
         // What another deployment runs has its devices itself.
-        for facts in own.filter(|facts| self.plan.external(facts.leaf).is_none()) {
+        for facts in own.filter(|facts| self.site.plan.external(facts.leaf).is_none()) {
             let path = self.path(facts.leaf).unwrap_or_default();
             claims.extend(Claims::of_owner(path, &facts.owns));
         }
@@ -97,7 +112,8 @@ impl Participant {
     }
 
     /// Says why the next plan cannot be taken on here, once it is known whether the programs that differ can be started.
-    fn examine(&self, (number, plan): (u32, &Plan), host: &str, programs: &Programs, out: &mut Out<'_>) {
+    fn examine(&self, number: u32, plan: &Plan, programs: &Programs, out: &mut Out<'_>) {
+        let host = &self.site.host;
         let mut against = self.against_actions(plan);
         against.extend(self.unended_without(plan));
         let starts = if self.phase == Phase::Running {
@@ -112,29 +128,31 @@ impl Participant {
                     self.instances.get(*leaf).is_none_or(|instance| !instance.is_same_program(start))
                 };
                 let differing = starts.into_iter().filter(differs);
-                let programs = differing.map(|(_, (order, _))| order).collect();
-                out.effects.push(Effect::FindPrograms { deployment: self.deployment.clone(), number, programs });
+                let programs = differing.map(|(_, start)| start.order).collect();
+                out.effects.push(Effect::FindPrograms { deployment: self.site.deployment.clone(), number, programs });
             }
-            Err(problems) => self.examined((number, host), problems, out),
+            Err(problems) => self.examined(number, problems, out),
         }
     }
 
     /// Tells the home what is against the next plan here.
-    pub fn examined(&self, (number, host): (u32, &str), problems: Vec<String>, out: &mut Out<'_>) {
+    pub fn examined(&self, number: u32, problems: Vec<String>, out: &mut Out<'_>) {
+        let host = &self.site.host;
         let reasons = problems.into_iter().map(|why| format!("host `{host}`: {why}")).collect();
         self.answer_change(ChangeReply::Examined { number, reasons }, out);
     }
 
     /// Returns how each program of this host is started by a plan.
-    fn starts(&self, plan: &Plan, host: &str, offered: &Programs) -> Result<Vec<(u32, Start)>, Vec<String>> {
+    pub(super) fn starts(&self, plan: &Plan, host: &str, offered: &Programs) -> Result<Vec<(u32, Start)>, Vec<String>> {
         let (mut starts, mut problems, live) = (Vec::new(), Vec::new(), plan.live_leaves());
         let is_mine = |number: &u32| live.contains(number) && leaf_host(plan, *number) == Some(host);
         let started = (0_u32..).zip(&plan.leaves).filter(|(_, leaf)| leaf.external.is_none());
         for (number, leaf) in started.filter(|(number, _)| is_mine(number)) {
-            let process = ProcessId { deployment: self.deployment.clone(), leaf: number };
+            let process = ProcessId { deployment: self.site.deployment.clone(), leaf: number };
             match offered.command(leaf) {
                 Ok(command) => {
-                    starts.push((number, (programs::order(process, command, (plan, leaf)), leaf.stop_within)));
+                    let order = programs::order(process, command, (plan, leaf));
+                    starts.push((number, Start { order, stop_within: leaf.stop_within }));
                 }
                 Err(why) => problems.push(why),
             }
@@ -145,28 +163,32 @@ impl Participant {
 
     fn apply(
         &mut self,
-        (number, plan, again, probation): (u32, Plan, Vec<u32>, Duration),
-        (host, starts): (&str, Vec<(u32, Start)>),
+        number: u32,
+        plan: Plan,
+        again: &[u32],
+        probation: Duration,
+        starts: Vec<(u32, Start)>,
         out: &mut Out<'_>,
     ) {
-        let is_undoing = self.change.is_some();
-        let before = std::mem::replace(&mut self.plan, Arc::new(plan));
+        let is_undoing = self.changes.current.is_some();
+        let before = std::mem::replace(&mut self.site.plan, Arc::new(plan));
         self.extend_relevant();
-        self.add_groups(host);
-        let mut live = self.plan.live_wires();
-        let rewired: BTreeSet<u32> = self.live.symmetric_difference(&live).copied().collect();
+        self.add_groups();
+        let mut live = self.site.plan.live_wires();
+        let rewired: BTreeSet<u32> = self.links.live.symmetric_difference(&live).copied().collect();
         // What never came cannot be linked by those that are put back.
-        let has_come = |leaf: u32| self.registrations.facts.contains_key(&leaf);
+        let has_come = |leaf: u32| self.links.registrations.facts.contains_key(&leaf);
         let both = |wire: &&u32| {
-            self.plan.wires.get(**wire as usize).is_some_and(|wire| has_come(wire.from.leaf) && has_come(wire.to.leaf))
+            self.site
+                .plan
+                .wires
+                .get(**wire as usize)
+                .is_some_and(|wire| has_come(wire.from.leaf) && has_come(wire.to.leaf))
         };
-        live.extend(self.live.iter().filter(both));
-        self.live = live;
-        self.claims.extend(Claims::of(&self.plan, host));
-        let (starting, linking, probing) = (BTreeSet::new(), BTreeSet::new(), BTreeSet::new());
-        let (next, adding, facts) = (Next::Applied, BTreeSet::new(), Vec::new());
-        self.change =
-            Some(Changing { number, starting, linking, probing, rewired, next, adding, facts, probation, is_undoing });
+        live.extend(self.links.live.iter().filter(both));
+        self.links.live = live;
+        self.claims.extend(Claims::of(&self.site.plan, &self.site.host));
+        self.changes.current = Some(Changing { number, rewired, probation, is_undoing, ..Changing::default() });
         for (leaf, start) in starts {
             if !self.instances.contains(leaf) {
                 self.add(leaf, start, out);
@@ -176,10 +198,10 @@ impl Participant {
             let is_same = instance.is_some_and(|instance| instance.is_same_program(&start));
             let is_returning = instance.is_some_and(Instance::is_returning);
             let is_retyped = before.leaves.get(leaf as usize).map(|leaf| &leaf.module)
-                != self.plan.leaves.get(leaf as usize).map(|leaf| &leaf.module);
-            let is_reclaimed = before.claims_of(leaf) != self.plan.claims_of(leaf);
+                != self.site.plan.leaves.get(leaf as usize).map(|leaf| &leaf.module);
+            let is_reclaimed = before.claims_of(leaf) != self.site.plan.claims_of(leaf);
             let is_kept = is_same && !is_retyped && !is_reclaimed && !again.contains(&leaf);
-            if let Some(change) = self.change.as_mut().filter(|_| !is_kept || is_returning) {
+            if let Some(change) = self.changes.current.as_mut().filter(|_| !is_kept || is_returning) {
                 change.starting.insert(leaf);
                 change.probing.insert(leaf);
             }
@@ -196,10 +218,10 @@ impl Participant {
     }
 
     fn link_change(&mut self, number: u32, facts: Vec<LeafFacts>, out: &mut Out<'_>) {
-        let Some(change) = self.change.as_mut().filter(|change| change.number == number) else { return };
+        let Some(change) = self.changes.current.as_mut().filter(|change| change.number == number) else { return };
         change.next = Next::Linked;
         let rewired = change.rewired.clone();
-        self.registrations.facts.extend(facts.into_iter().map(|facts| (facts.leaf, facts)));
+        self.links.registrations.facts.extend(facts.into_iter().map(|facts| (facts.leaf, facts)));
         self.link_added(out);
         self.link_again(&rewired, out);
         self.report_change(out);
@@ -207,10 +229,10 @@ impl Participant {
 
     /// Has the programs that stay make the links of these wires that are live, and drop the others.
     fn link_again(&mut self, rewired: &BTreeSet<u32>, out: &mut Out<'_>) {
-        let ends = rewired.iter().filter_map(|wire| self.plan.wires.get(*wire as usize));
+        let ends = rewired.iter().filter_map(|wire| self.site.plan.wires.get(*wire as usize));
         let touched: BTreeSet<u32> = ends.flat_map(|wire| [wire.from.leaf, wire.to.leaf]).collect();
         for leaf in touched.into_iter().filter(|leaf| self.instances.contains(*leaf)).collect::<Vec<_>>() {
-            let is_plain = self.plan.leaves.get(leaf as usize).is_none_or(|leaf| leaf.kind == LeafKind::Plain);
+            let is_plain = self.site.plan.leaves.get(leaf as usize).is_none_or(|leaf| leaf.kind == LeafKind::Plain);
             if is_plain {
                 continue;
             }
@@ -218,7 +240,7 @@ impl Participant {
                 Ok(orders) => {
                     let mut answers = false;
                     self.with_instance(leaf, out, |instance, context| answers = instance.link_again(orders, context));
-                    if let Some(change) = &mut self.change
+                    if let Some(change) = &mut self.changes.current
                         && answers
                         && change.next == Next::Linked
                     {
@@ -231,7 +253,7 @@ impl Participant {
     }
 
     pub(super) fn linked(&mut self, leaf: u32, made: Result<(), String>, out: &mut Out<'_>) {
-        if !self.change.as_mut().is_some_and(|change| change.linking.remove(&leaf)) {
+        if !self.changes.current.as_mut().is_some_and(|change| change.linking.remove(&leaf)) {
             return;
         }
         match made {
@@ -244,21 +266,21 @@ impl Participant {
     }
 
     pub(super) fn replaced(&mut self, leaf: u32, out: &mut Out<'_>) {
-        if let Some(change) = &mut self.change {
+        if let Some(change) = &mut self.changes.current {
             change.starting.remove(&leaf);
         }
         self.report_change(out);
     }
 
     pub(super) fn healthy(&mut self, leaf: u32, out: &mut Out<'_>) {
-        if let Some(change) = &mut self.change {
+        if let Some(change) = &mut self.changes.current {
             change.probing.remove(&leaf);
         }
         self.report_change(out);
     }
 
     pub(super) fn unhealthy(&mut self, leaf: u32, why: &str, out: &mut Out<'_>) {
-        let is_meant = self.change.as_mut().is_some_and(|change| change.probing.remove(&leaf));
+        let is_meant = self.changes.current.as_mut().is_some_and(|change| change.probing.remove(&leaf));
         if is_meant {
             let path = self.path(leaf).unwrap_or_default().to_owned();
             self.fail_change(&format!("the new program of `{path}` was not healthy: {why}"), out);
@@ -268,20 +290,20 @@ impl Participant {
     /// A program that was to make links is gone: another one makes its own.
     pub(super) fn forget_linking(&mut self, leaf: u32, out: &mut Out<'_>) {
         let is_there = self.instances.get(leaf).is_some_and(Instance::is_linked);
-        if !is_there && self.change.as_mut().is_some_and(|change| change.linking.remove(&leaf)) {
+        if !is_there && self.changes.current.as_mut().is_some_and(|change| change.linking.remove(&leaf)) {
             self.report_change(out);
         }
     }
 
     pub(super) fn fail_change(&mut self, reason: &str, out: &mut Out<'_>) {
-        if let Some(number) = self.change.as_ref().map(|change| change.number) {
+        if let Some(number) = self.changes.current.as_ref().map(|change| change.number) {
             self.answer_change(ChangeReply::Failed { number, reason: reason.to_owned() }, out);
         }
     }
 
     fn adopt_sets(&mut self, out: &mut Out<'_>) {
-        let against = self.against_actions(&Arc::clone(&self.plan));
-        if !against.is_empty() && self.change.as_ref().is_some_and(|change| !change.is_undoing) {
+        let against = self.against_actions(&Arc::clone(&self.site.plan));
+        if !against.is_empty() && self.changes.current.as_ref().is_some_and(|change| !change.is_undoing) {
             return self.fail_change(&against.join("; "), out);
         }
         for group in self.executers.numbers() {
@@ -294,16 +316,16 @@ impl Participant {
 
     /// Drops the links that the plan does not have any more. Until then what was under way over them has come.
     pub(super) fn unlink(&mut self, out: &mut Out<'_>) {
-        let live = self.plan.live_wires();
-        let gone: BTreeSet<u32> = self.live.difference(&live).copied().collect();
-        self.live = live;
+        let live = self.site.plan.live_wires();
+        let gone: BTreeSet<u32> = self.links.live.difference(&live).copied().collect();
+        self.links.live = live;
         self.link_again(&gone, out);
     }
 
     /// Tells the home what it waits for, once that is so.
     pub(super) fn report_change(&mut self, out: &mut Out<'_>) {
-        let hands_over = self.change.is_some() && self.hands_over();
-        let Some(change) = &mut self.change else { return };
+        let hands_over = self.changes.current.is_some() && self.hands_over();
+        let Some(change) = &mut self.changes.current else { return };
         let number = change.number;
         let (is_so, reply) = match change.next {
             Next::Applied if change.facts.is_empty() => (change.starting.is_empty(), ChangeReply::Applied { number }),
@@ -322,6 +344,139 @@ impl Participant {
     }
 
     fn answer_change(&self, reply: ChangeReply, out: &mut Out<'_>) {
-        out.send(&self.home, self.deployment.to_coordinator(ToCoordinator::Change(reply)));
+        self.site.tell_home(ToCoordinator::Change(reply), out);
     }
+
+    /// Returns why groups of this host cannot go on with the event actions of a plan.
+    pub(super) fn against_actions(&self, plan: &Plan) -> Vec<String> {
+        self.executers.iter().filter_map(|(_, executer)| executer.against_actions(plan)).collect()
+    }
+
+    /// Gives the groups of the plan that are new on this host their supervisors.
+    pub(super) fn add_groups(&mut self) {
+        let host = self.site.host.as_str();
+        let plan = Arc::clone(&self.site.plan);
+        // A program whose place another one takes is supervised until it has left.
+        self.site.supervisors.extend(supervisors(&plan));
+        let below = below_using(&plan);
+        for number in plan.live_groups().into_iter().filter(|number| group_host(&plan, *number) == Some(host)) {
+            if !self.executers.contains(number)
+                && let Some(executer) = Executer::new(&plan, number, below.contains(&number))
+            {
+                self.executers.insert(number, executer);
+            }
+        }
+    }
+
+    /// Starts a program that is added.
+    pub(super) fn add(&mut self, leaf: u32, start: Start, out: &mut Out<'_>) {
+        let Some(change) = &mut self.changes.current else { return };
+        change.starting.insert(leaf);
+        change.probing.insert(leaf);
+        change.adding.insert(leaf);
+        let (probation, since_go, mut notes) = (change.probation, self.since_go(out.now), Vec::new());
+        let mut context = InstanceContext { now: out.now, since_go, effects: out.effects, notes: &mut notes };
+        let instance = Instance::add(start, probation, &mut context);
+        self.instances.insert(leaf, instance);
+    }
+
+    /// Returns whether a program is being added.
+    pub(super) fn is_adding(&self, leaf: u32) -> bool {
+        self.changes.current.as_ref().is_some_and(|change| change.adding.contains(&leaf))
+    }
+
+    /// Takes note that a program that is added is up.
+    pub(super) fn added(&mut self, facts: LeafFacts, out: &mut Out<'_>) {
+        if let Some(device) = facts.owns.iter().chain(&facts.needs).next()
+            && self.overlaps(facts.leaf)
+        {
+            let path = self.path(facts.leaf).unwrap_or_default();
+            let why = format!("two programs of `{path}` cannot overlap: it uses the device `{device}`, and both would");
+            return self.fail_change(&why, out);
+        }
+        self.hold_own(&facts);
+        if let Some(change) = &mut self.changes.current {
+            change.starting.remove(&facts.leaf);
+            change.facts.push(facts);
+        }
+        self.report_change(out);
+    }
+
+    /// Returns whether another program has the path of this one.
+    fn overlaps(&self, leaf: u32) -> bool {
+        self.instances.iter().any(|(other, _)| other != leaf && self.path(other) == self.path(leaf))
+    }
+
+    /// Takes note that a program that is added cannot take part.
+    pub(super) fn not_added(&mut self, leaf: u32, why: &str, out: &mut Out<'_>) {
+        let Some(change) = &mut self.changes.current else { return };
+        change.adding.remove(&leaf);
+        change.probing.remove(&leaf);
+        let path = self.path(leaf).unwrap_or_default().to_owned();
+        self.fail_change(&format!("`{path}` cannot be added: {why}"), out);
+    }
+
+    /// Makes the links of the programs that are added.
+    pub(super) fn link_added(&mut self, out: &mut Out<'_>) {
+        let Some(change) = &self.changes.current else { return };
+        for leaf in change.adding.clone() {
+            let is_plain = self.site.plan.leaves.get(leaf as usize).is_none_or(|leaf| leaf.kind == LeafKind::Plain);
+            match self.orders(leaf) {
+                Ok(_) if is_plain => self.with_instance(leaf, out, |instance, context| {
+                    instance.connect_plain();
+                    instance.is_added(context);
+                }),
+                Ok(orders) => {
+                    if let Some(change) = &mut self.changes.current {
+                        change.linking.insert(leaf);
+                    }
+                    self.with_instance(leaf, out, |instance, context| instance.connect(orders, context));
+                }
+                Err(reasons) => self.fail_change(&reasons.join("; "), out),
+            }
+        }
+    }
+
+    /// A change has held, or was taken back, everywhere: what is not in the plan any more leaves.
+    pub(super) fn settle_change(&mut self, out: &mut Out<'_>) {
+        self.changes.current = None;
+        self.changes.succeeding.clear();
+        self.unlink(out);
+        self.site.supervisors = supervisors(&self.site.plan);
+        let live = self.site.plan.live_leaves();
+        self.links.registrations.facts.retain(|leaf, _| live.contains(leaf));
+        self.externals.retain(|leaf, _| live.contains(leaf));
+        for leaf in self.instances.numbers().into_iter().filter(|leaf| !live.contains(leaf)) {
+            self.with_instance(leaf, out, Instance::leave);
+        }
+        self.free_claims();
+    }
+
+    /// Takes note that nothing of a program is left. One that was taken away is forgotten; what it held is free.
+    pub(super) fn removed(&mut self, leaf: u32) {
+        let is_gone = self.instances.get(leaf).is_some_and(|instance| !instance.is_unconfirmed());
+        if is_gone && self.changes.current.is_none() && !self.site.plan.live_leaves().contains(&leaf) {
+            self.instances.remove(leaf);
+            self.free_claims();
+        }
+    }
+
+    /// Frees what only programs have held that are not there any more.
+    fn free_claims(&mut self) {
+        let live = self.site.plan.live_leaves();
+        if self.instances.iter().all(|(leaf, _)| live.contains(&leaf)) {
+            self.claims = self.claims_now();
+        }
+    }
+}
+
+/// For each process, the group and slot that supervise it.
+pub(super) fn supervisors(plan: &Plan) -> BTreeMap<Target, (u32, u32)> {
+    let mut supervisors = BTreeMap::new();
+    for (group, members) in (0_u32..).zip(plan.groups.iter().map(|group| &group.members)) {
+        for (slot, member) in (0_u32..).zip(members) {
+            supervisors.insert(member.kind.into(), (group, slot));
+        }
+    }
+    supervisors
 }

@@ -78,7 +78,7 @@ impl Participant {
             Phase::Running => {}
         }
         let here = self.served(&external.path);
-        let found = here.and_then(|leaf| Some((leaf, self.plan.leaves.get(leaf as usize)?)));
+        let found = here.and_then(|leaf| Some((leaf, self.site.plan.leaves.get(leaf as usize)?)));
         let Some((leaf, found)) = found else {
             return Err(format!("`{name}` runs no `{}` there", external.path));
         };
@@ -91,7 +91,7 @@ impl Participant {
             return Err(format!("{external} has no `{missing}`: its `{module}` is another one"));
         }
         let instance = self.instances.get(leaf).filter(|instance| instance.has_joined());
-        let facts = self.registrations.facts.get(&leaf);
+        let facts = self.links.registrations.facts.get(&leaf);
         let found = facts.and_then(|facts| Some((facts.location.clone()?, facts.owns.clone())));
         match instance.zip(found) {
             Some((instance, _)) if instance.is_gone() => Err(format!("{external} has died")),
@@ -104,10 +104,12 @@ impl Participant {
     pub(super) fn find_externals(&mut self, all: BTreeMap<u32, Result<Seen, String>>) {
         for (leaf, seen) in all {
             match &seen {
-                Ok(seen) => self.facts.push(facts(leaf, seen)),
+                Ok(seen) => self.roll.facts.push(facts(leaf, seen)),
                 Err(why) => {
                     let path = self.path(leaf).unwrap_or_default();
-                    self.reasons.push(format!("host `{}`: `{path}` runs in another deployment: {why}", self.host));
+                    self.roll
+                        .reasons
+                        .push(format!("host `{}`: `{path}` runs in another deployment: {why}", self.site.host));
                 }
             }
             self.externals.insert(leaf, ExternalProcess { seen, current: None });
@@ -139,7 +141,7 @@ impl Participant {
         process.seen = seen;
         if let Ok(seen) = &process.seen {
             let facts = facts(leaf, seen);
-            if self.registrations.facts.get(&leaf) != Some(&facts) {
+            if self.links.registrations.facts.get(&leaf) != Some(&facts) {
                 self.tell_where(&facts, out);
                 self.moved(facts, out);
             }
@@ -152,7 +154,7 @@ impl Participant {
         let why = match seen {
             Ok(seen) if seen.is_active => return,
             Ok(_) => {
-                let external = self.plan.external(leaf).map(ToString::to_string).unwrap_or_default();
+                let external = self.site.plan.external(leaf).map(ToString::to_string).unwrap_or_default();
                 format!("{external} is not active")
             }
             Err(why) => why.clone(),
@@ -173,18 +175,19 @@ impl Participant {
     /// Returns which programs call a process of another deployment, by their keys; none outside of a team.
     pub fn callers(&self, leaf: u32) -> Vec<Partner> {
         let is_linked = matches!(self.phase, Phase::Connecting | Phase::Running);
-        let partners = || partners(&self.plan, &self.deployment, &self.registrations, leaf);
+        let partners = || partners(&self.site.plan, &self.site.deployment, &self.links.registrations, leaf);
         is_linked.then(partners).flatten().unwrap_or_default()
     }
 
     /// Takes note of which programs of other deployments call programs here, and tells those.
     pub fn serve(&mut self, clients: BTreeMap<u32, Vec<Partner>>, out: &mut Out<'_>) {
-        if self.clients == clients {
+        if self.links.clients == clients {
             return;
         }
-        let before = std::mem::replace(&mut self.clients, clients);
-        let all: Vec<u32> = before.keys().chain(self.clients.keys()).copied().collect();
-        for leaf in all.into_iter().filter(|leaf| before.get(leaf) != self.clients.get(leaf)).collect::<Vec<_>>() {
+        let before = std::mem::replace(&mut self.links.clients, clients);
+        let all: Vec<u32> = before.keys().chain(self.links.clients.keys()).copied().collect();
+        for leaf in all.into_iter().filter(|leaf| before.get(leaf) != self.links.clients.get(leaf)).collect::<Vec<_>>()
+        {
             if let Some(order) = self.partners(leaf) {
                 self.with_instance(leaf, out, |instance, context| instance.relink(order, context));
             }
@@ -193,15 +196,15 @@ impl Participant {
 
     /// Returns the order that tells a program who is at the other ends of its wires, and who calls it from other deployments.
     pub(super) fn partners(&self, leaf: u32) -> Option<Order> {
-        let mut partners = partners(&self.plan, &self.deployment, &self.registrations, leaf)?;
-        partners.extend(self.clients.get(&leaf).into_iter().flatten().cloned());
+        let mut partners = partners(&self.site.plan, &self.site.deployment, &self.links.registrations, leaf)?;
+        partners.extend(self.links.clients.get(&leaf).into_iter().flatten().cloned());
         Some(Order::Partners { partners })
     }
 
     /// Returns the processes of other deployments as people see them.
     pub(super) fn external_status(&self) -> impl Iterator<Item = ProcessStatus> + '_ {
         self.externals.iter().filter_map(|(leaf, process)| {
-            let found = self.plan.leaves.get(*leaf as usize)?;
+            let found = self.site.plan.leaves.get(*leaf as usize)?;
             let external = found.external.as_ref()?;
             let state = match (&process.seen, process.current) {
                 (Ok(_), Some(_)) => format!("running: {external}"),
@@ -214,7 +217,7 @@ impl Participant {
 
     /// Returns whether the facts of a leaf are for this host to tell.
     pub(super) fn is_own(&self, facts: &LeafFacts) -> bool {
-        let is_here = leaf_host(&self.plan, facts.leaf) == Some(self.host.as_str());
+        let is_here = leaf_host(&self.site.plan, facts.leaf) == Some(self.site.host.as_str());
         is_here && (self.instances.contains(facts.leaf) || self.externals.contains_key(&facts.leaf))
     }
 }

@@ -11,27 +11,56 @@ use crate::logic::effect::Out;
 use crate::logic::executer::leaf_host;
 use crate::logic::instance::Instance;
 use crate::logic::protocol::{LeafFacts, ToParticipant};
-use crate::logic::wiring::{calls, dialers, links, partnered, relink, shapes};
-use comms::logic::control::Order;
-use comms::logic::switch::{Flip, Opening};
+use crate::logic::wiring::{Registrations, calls, dialers, links, partnered, relink, shapes};
+use comms::logic::control::{Order, Partner};
+use comms::logic::switch::{Expect, Flip, Opening};
 use language::plan::LeafKind;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
+/// The links of the programs of this host.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct Links {
+    pub(super) registrations: Registrations,
+    /// The wires that are linked: those of the connection sets, and during a change also those of the previous plan.
+    pub(super) live: BTreeSet<u32>,
+    /// Open wires whose producers are here.
+    pub(super) open: BTreeSet<u32>,
+    /// Programs of other deployments that call programs of this one, by the called program, in a team.
+    pub(super) clients: BTreeMap<u32, Vec<Partner>>,
+    pub(super) switching: BTreeMap<u64, Switching>,
+    /// Switches that programs of this host are to expect, by the number of the order.
+    pub(super) expecting: BTreeMap<u64, Expecting>,
+    /// The number of the last order.
+    pub(super) ticket: u64,
+}
+
+/// A switch that a program of this host is to expect.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Expecting {
+    group: u32,
+    leaf: u32,
+    host: String,
+    generation: u64,
+}
+
 /// Wires that are being opened or closed for a supervisor.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Switching {
-    /// Its group, and where that is supervised.
-    group: u32,
-    host: String,
-    /// Its number for this.
-    generation: u64,
+    asked: Asked,
     /// Producers that have not confirmed yet.
     waiting: BTreeSet<u32>,
 }
 
-/// The origin of an order to open or close wires: group, generation and host.
-pub(super) type Asked<'a> = (u32, u64, &'a str);
+/// The origin of an order to open or close wires.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Asked {
+    pub(super) group: u32,
+    /// The number of the order at its supervisor.
+    pub(super) generation: u64,
+    /// The host of the supervisor.
+    pub(super) host: String,
+}
 
 impl Participant {
     pub(super) fn connect(&mut self, facts: Vec<LeafFacts>, machines: Vec<String>, out: &mut Out<'_>) {
@@ -39,12 +68,13 @@ impl Participant {
             return;
         }
         self.phase = Phase::Connecting;
-        self.registrations.machines = machines;
+        self.links.registrations.machines = machines;
         for facts in facts {
-            self.registrations.facts.entry(facts.leaf).or_insert(facts);
+            self.links.registrations.facts.entry(facts.leaf).or_insert(facts);
         }
-        if self.rejoining {
-            self.registrations
+        if self.together.rejoining {
+            self.links
+                .registrations
                 .facts
                 .values()
                 .filter(|facts| self.is_own(facts))
@@ -53,15 +83,16 @@ impl Participant {
         for leaf in self.instances.numbers() {
             match self.orders(leaf) {
                 Ok(orders) => {
-                    let plain = self.plan.leaves.get(leaf as usize).is_some_and(|leaf| leaf.kind == LeafKind::Plain);
+                    let plain =
+                        self.site.plan.leaves.get(leaf as usize).is_some_and(|leaf| leaf.kind == LeafKind::Plain);
                     if !plain {
-                        self.waiting.insert(leaf);
+                        self.roll.waiting.insert(leaf);
                     }
                     self.with_instance(leaf, out, |instance, moment| {
                         if plain { instance.connect_plain() } else { instance.connect(orders, moment) }
                     });
                 }
-                Err(reasons) => self.reasons.extend(reasons),
+                Err(reasons) => self.roll.reasons.extend(reasons),
             }
         }
         self.report_connected(out);
@@ -72,10 +103,10 @@ impl Participant {
     /// # Errors
     /// Sentences for a person.
     pub(super) fn orders(&self, leaf: u32) -> Result<impl Iterator<Item = Order> + use<>, Vec<String>> {
-        let links = links(&self.plan, &self.deployment, &self.registrations, (leaf, &self.live))?;
-        let calls = calls(&self.plan, &self.deployment, &self.registrations, (leaf, &self.live))?;
+        let links = links(&self.site.plan, &self.site.deployment, &self.links.registrations, leaf, &self.links.live)?;
+        let calls = calls(&self.site.plan, &self.site.deployment, &self.links.registrations, leaf, &self.links.live)?;
         let partners = self.partners(leaf);
-        Ok(partners.into_iter().chain(shapes(&self.plan, leaf)).chain(calls).chain([links]))
+        Ok(partners.into_iter().chain(shapes(&self.site.plan, leaf)).chain(calls).chain([links]))
     }
 
     /// Links a program of this host that was started again, and tells the hosts of those who dial it.
@@ -92,33 +123,34 @@ impl Participant {
 
     /// Tells the hosts of those who dial a program, or have wires to it, where it is now, and the home, which tells a host that rejoins.
     pub(super) fn tell_where(&self, facts: &LeafFacts, out: &mut Out<'_>) {
-        let here = leaf_host(&self.plan, facts.leaf);
-        let mut concerned = dialers(&self.plan, &self.registrations, facts.leaf);
+        let here = leaf_host(&self.site.plan, facts.leaf);
+        let mut concerned = dialers(&self.site.plan, &self.links.registrations, facts.leaf);
         if facts.location.as_ref().is_some_and(|location| !location.keys.is_empty()) {
-            concerned.extend(partnered(&self.plan, &self.registrations, facts.leaf));
+            concerned.extend(partnered(&self.site.plan, &self.links.registrations, facts.leaf));
         }
-        let others = concerned.into_iter().filter_map(|dialer| leaf_host(&self.plan, dialer));
-        let hosts: BTreeSet<&str> = others.filter(|host| Some(*host) != here).chain([self.home.as_str()]).collect();
+        let others = concerned.into_iter().filter_map(|dialer| leaf_host(&self.site.plan, dialer));
+        let hosts: BTreeSet<&str> =
+            others.filter(|host| Some(*host) != here).chain([self.site.home.as_str()]).collect();
         for host in hosts {
-            out.send(host, self.deployment.to_participant(ToParticipant::Moved { facts: facts.clone() }));
+            self.site.tell(host, ToParticipant::Moved { facts: facts.clone() }, out);
         }
     }
 
     /// Takes note of where a program is now, and tells those of this host who dial it or have wires to it.
     pub(super) fn moved(&mut self, facts: LeafFacts, out: &mut Out<'_>) {
         let moved = facts.leaf;
-        if self.registrations.facts.get(&moved) == Some(&facts) {
+        if self.links.registrations.facts.get(&moved) == Some(&facts) {
             return;
         }
-        let before = self.registrations.facts.insert(moved, facts);
-        for other in partnered(&self.plan, &self.registrations, moved) {
+        let before = self.links.registrations.facts.insert(moved, facts);
+        for other in partnered(&self.site.plan, &self.links.registrations, moved) {
             if let Some(order) = self.partners(other) {
                 self.with_instance(other, out, |instance, moment| instance.relink(order, moment));
             }
         }
         let Some(lost) = before.and_then(|before| before.location).map(|location| location.session) else { return };
-        for dialer in dialers(&self.plan, &self.registrations, moved) {
-            if let Some(order) = relink(&self.plan, &self.registrations, (dialer, moved), &lost) {
+        for dialer in dialers(&self.site.plan, &self.links.registrations, moved) {
+            if let Some(order) = relink(&self.site.plan, &self.links.registrations, dialer, moved, &lost) {
                 self.with_instance(dialer, out, |instance, moment| instance.relink(order, moment));
             }
         }
@@ -126,15 +158,15 @@ impl Participant {
 
     /// Opens the wires again that were open when the program died.
     pub(super) fn resume(&mut self, leaf: u32, out: &mut Out<'_>) {
-        let is_own = |wire: &u32| self.plan.wires.get(*wire as usize).is_some_and(|wire| wire.from.leaf == leaf);
-        let wires: Vec<u32> = self.open.iter().copied().filter(is_own).collect();
-        self.ticket += 1;
-        let open = (!wires.is_empty()).then_some(Order::Open { wires, generation: self.ticket });
+        let is_own = |wire: &u32| self.site.plan.wires.get(*wire as usize).is_some_and(|wire| wire.from.leaf == leaf);
+        let wires: Vec<u32> = self.links.open.iter().copied().filter(is_own).collect();
+        self.links.ticket += 1;
+        let open = (!wires.is_empty()).then_some(Order::Open { wires, generation: self.links.ticket });
         self.with_instance(leaf, out, |instance, moment| instance.resume(open, moment));
     }
 
     /// Opens or closes wires whose producers are here, outside of a switch.
-    pub(super) fn switch(&mut self, wires: &[u32], open: bool, asked: Asked<'_>, out: &mut Out<'_>) {
+    pub(super) fn switch(&mut self, wires: &[u32], open: bool, asked: Asked, out: &mut Out<'_>) {
         let flip = if open {
             let open = wires.iter().map(|wire| Opening { wire: *wire, after: Vec::new() }).collect();
             Flip { open, ..Flip::default() }
@@ -145,23 +177,23 @@ impl Participant {
     }
 
     /// Flips wires whose producers are here; confirms when every producer that is alive has.
-    pub(super) fn flip(&mut self, flip: Flip, asked: Asked<'_>, out: &mut Out<'_>) {
+    pub(super) fn flip(&mut self, flip: Flip, asked: Asked, out: &mut Out<'_>) {
         let mut by_leaf: BTreeMap<u32, Flip> = BTreeMap::new();
         let Flip { generation: of_switch, close, open } = flip;
         let new = || Flip { generation: of_switch, ..Flip::default() };
-        let producer = |wire: u32| self.plan.wires.get(wire as usize).map(|wire| wire.from.leaf);
+        let producer = |wire: u32| self.site.plan.wires.get(wire as usize).map(|wire| wire.from.leaf);
         for wire in close {
             let Some(leaf) = producer(wire) else { continue };
-            self.open.remove(&wire);
+            self.links.open.remove(&wire);
             by_leaf.entry(leaf).or_insert_with(new).close.push(wire);
         }
         for opening in open {
             let Some(leaf) = producer(opening.wire) else { continue };
-            self.open.insert(opening.wire);
+            self.links.open.insert(opening.wire);
             by_leaf.entry(leaf).or_insert_with(new).open.push(opening);
         }
-        self.ticket += 1;
-        let ticket = self.ticket;
+        self.links.ticket += 1;
+        let ticket = self.links.ticket;
         let mut waiting = BTreeSet::new();
         for (leaf, flip) in by_leaf {
             let order = Order::Flip { ticket, flip };
@@ -171,13 +203,12 @@ impl Participant {
                 }
             });
         }
-        let (group, generation, host) = asked;
-        self.switching.insert(ticket, Switching { group, host: host.to_owned(), generation, waiting });
+        self.links.switching.insert(ticket, Switching { asked, waiting });
         self.confirm_switches(out);
     }
 
     pub(super) fn confirm_switch(&mut self, leaf: u32, ticket: u64, out: &mut Out<'_>) {
-        if let Some(switching) = self.switching.get_mut(&ticket) {
+        if let Some(switching) = self.links.switching.get_mut(&ticket) {
             switching.waiting.remove(&leaf);
         }
         self.confirm_switches(out);
@@ -186,7 +217,7 @@ impl Participant {
     /// A program that is gone confirms nothing any more; one that is started again gets its open wires anew.
     pub(super) fn forget_switches(&mut self, leaf: u32, out: &mut Out<'_>) {
         if !self.instances.get(leaf).is_some_and(Instance::is_linked) {
-            for switching in self.switching.values_mut() {
+            for switching in self.links.switching.values_mut() {
                 switching.waiting.remove(&leaf);
             }
             self.confirm_switches(out);
@@ -195,10 +226,60 @@ impl Participant {
     }
 
     fn confirm_switches(&mut self, out: &mut Out<'_>) {
-        for (_, Switching { group, host, generation, .. }) in
-            self.switching.extract_if(.., |_, switching| switching.waiting.is_empty())
+        let is_done = |_: &u64, switching: &mut Switching| switching.waiting.is_empty();
+        for (_, Switching { asked: Asked { group, generation, host }, .. }) in
+            self.links.switching.extract_if(.., is_done)
         {
-            out.send(&host, self.deployment.to_participant(ToParticipant::Switched { group, generation }));
+            self.site.tell(&host, ToParticipant::Switched { group, generation }, out);
+        }
+    }
+
+    /// Has a program expect a switch. For one that is not there nobody waits: what is sent to it is lost anyway.
+    pub(super) fn expect(
+        &mut self,
+        leaf: u32,
+        expect: Expect,
+        then: Option<Flip>,
+        group: u32,
+        from: &str,
+        out: &mut Out<'_>,
+    ) {
+        self.links.ticket += 1;
+        let (ticket, generation) = (self.links.ticket, expect.generation);
+        self.links.expecting.insert(ticket, Expecting { group, leaf, host: from.to_owned(), generation });
+        if let Some(then) = &then {
+            self.links.open.retain(|wire| !then.close.contains(wire));
+            self.links.open.extend(then.open.iter().map(|opening| opening.wire));
+        }
+        let order = Order::Expect { ticket, expect, then };
+        let mut is_there = false;
+        self.with_instance(leaf, out, |instance, context| is_there = instance.switch(order, context));
+        if !is_there {
+            self.confirm_taken(ticket, 0, 0, Vec::new(), out);
+        }
+    }
+
+    pub(super) fn confirm_expecting(&mut self, ticket: u64, out: &mut Out<'_>) {
+        if let Some(Expecting { group, leaf, host, generation }) = self.links.expecting.get(&ticket) {
+            let (group, leaf, generation) = (*group, *leaf, *generation);
+            let word = ToParticipant::Expecting { group, leaf, generation };
+            self.site.tell(host, word, out);
+        }
+    }
+
+    pub(super) fn confirm_taken(&mut self, ticket: u64, lost: u64, late: u64, missing: Vec<u32>, out: &mut Out<'_>) {
+        if let Some(Expecting { group, leaf, host, generation }) = self.links.expecting.remove(&ticket) {
+            let word = ToParticipant::Taken { group, leaf, generation, lost, late, missing };
+            self.site.tell(&host, word, out);
+        }
+    }
+
+    /// A program that is gone takes nothing any more.
+    pub(super) fn forget_expecting(&mut self, leaf: u32, out: &mut Out<'_>) {
+        let theirs =
+            self.links.expecting.iter().filter(|(_, expecting)| expecting.leaf == leaf).map(|(ticket, _)| *ticket);
+        for ticket in theirs.collect::<Vec<_>>() {
+            self.confirm_taken(ticket, 0, 0, Vec::new(), out);
         }
     }
 }

@@ -9,7 +9,7 @@
 //! When the home is lost, this part is on its own: programs that are to stop leave, and so does everything once nothing runs
 //! any more, since nobody could end it.
 
-use super::coming::supervisors;
+use super::change::supervisors;
 use super::{Participant, Phase};
 use crate::logic::effect::{Out, earliest};
 use crate::logic::executer::{group_host, leaf_host};
@@ -33,25 +33,25 @@ impl Participant {
     /// Returns the hosts whose loss is one for something here: the home, those of what is supervised from here, on any level, and those
     /// from which something here is. A loss of any other is its supervisors' matter.
     pub fn relevant_hosts(&self) -> &BTreeSet<String> {
-        &self.relevant
+        &self.site.relevant
     }
 
     /// Takes note of more of them, with another plan.
     pub(super) fn extend_relevant(&mut self) {
-        self.relevant.extend(relevant(&self.plan, &self.host));
+        self.site.relevant.extend(relevant(&self.site.plan, &self.site.host));
     }
 
     /// Takes note that its host takes part again, for the time `number`; GO was `since_go` ago.
     pub fn rejoins(&mut self, number: u32, now: Time, since_go: Duration) {
-        self.rejoining = true;
+        self.together.rejoining = true;
         let since_go = u64::try_from(since_go.as_nanos()).unwrap_or(u64::MAX);
-        self.go_at = Some(Time::from_nanos(now.nanos().saturating_sub(since_go)));
+        self.together.go_at = Some(Time::from_nanos(now.nanos().saturating_sub(since_go)));
         self.executers.each(|_, executer| executer.rejoins(number));
     }
 
     /// Returns whether its host takes part again, and its programs are not all up.
     pub fn is_rejoining(&self) -> bool {
-        self.rejoining
+        self.together.rejoining
     }
 
     /// Takes note that a host is missing.
@@ -72,7 +72,7 @@ impl Participant {
         // It may be lost without having been missing: as another boot, or because it takes nothing any more.
         self.host_missing(host, out.now);
         self.loss.lost.insert(host.to_owned());
-        if host == self.home {
+        if host == self.site.home {
             if self.phase != Phase::Running || !self.goes_on() {
                 return self.leave(out);
             }
@@ -83,7 +83,7 @@ impl Participant {
         for group in self.executers.numbers() {
             self.with_executer(group, out, |executer, at, out| executer.host_lost(host, at, out));
         }
-        if host == self.home {
+        if host == self.site.home {
             // Nobody answers any more.
             self.checked_in(out);
         }
@@ -94,7 +94,7 @@ impl Participant {
         self.loss.stops.retain(|(_, _, missing)| missing != host);
         self.executers.each(|_, executer| executer.host_back(host));
         if self.loss.lost.remove(host) {
-            if host == self.home {
+            if host == self.site.home {
                 return self.leave(out);
             }
             for target in self.supervised_from(host) {
@@ -124,7 +124,7 @@ impl Participant {
     }
 
     pub(super) fn is_home_lost(&self) -> bool {
-        self.loss.lost.contains(&self.home)
+        self.loss.lost.contains(&self.site.home)
     }
 
     /// Whether something here goes on without the home.
@@ -135,7 +135,7 @@ impl Participant {
     }
 
     fn go_on_alone(&mut self, out: &mut Out<'_>) {
-        let home = self.home.clone();
+        let home = self.site.home.clone();
         for group in self.executers.numbers().into_iter().filter(|group| !self.endures(*group)).collect::<Vec<_>>() {
             self.stop_for(Target::Group(group), &home, out);
         }
@@ -179,19 +179,19 @@ impl Participant {
 
     /// Returns the processes of this host whose supervisors are on another.
     fn supervised_from(&self, host: &str) -> Vec<Target> {
-        let is_theirs = |(_, (group, _)): &(&Target, &(u32, u32))| group_host(&self.plan, *group) == Some(host);
+        let is_theirs = |(_, (group, _)): &(&Target, &(u32, u32))| group_host(&self.site.plan, *group) == Some(host);
         let is_here = |target: &Target| match target {
             Target::Leaf(leaf) => self.instances.contains(*leaf),
             Target::Group(group) => self.executers.contains(*group),
         };
-        self.supervisors.iter().filter(is_theirs).map(|(target, _)| *target).filter(is_here).collect()
+        self.site.supervisors.iter().filter(is_theirs).map(|(target, _)| *target).filter(is_here).collect()
     }
 
     /// Whether some group above a process is supervised on `host`.
     fn is_below(&self, target: Target, host: &str) -> bool {
-        let above = |target: &Target| self.supervisors.get(target).map(|(group, _)| Target::Group(*group));
+        let above = |target: &Target| self.site.supervisors.get(target).map(|(group, _)| Target::Group(*group));
         let is_there =
-            |target: Target| matches!(target, Target::Group(group) if group_host(&self.plan, group) == Some(host));
+            |target: Target| matches!(target, Target::Group(group) if group_host(&self.site.plan, group) == Some(host));
         std::iter::successors(above(&target), above).any(is_there)
     }
 
@@ -202,7 +202,7 @@ impl Participant {
             match target {
                 Target::Group(group) => targets.extend(self.members(group)),
                 Target::Leaf(leaf) => {
-                    let leaf = self.plan.leaves.get(leaf as usize);
+                    let leaf = self.site.plan.leaves.get(leaf as usize);
                     if leaf.is_some_and(|leaf| leaf.policy.link_loss != LinkLoss::Leave) {
                         return true;
                     }
@@ -214,7 +214,7 @@ impl Participant {
 
     /// Returns what a group supervises.
     fn members(&self, group: u32) -> impl Iterator<Item = Target> {
-        let members = self.plan.groups.get(group as usize).map_or(&[][..], |group| &group.members);
+        let members = self.site.plan.groups.get(group as usize).map_or(&[][..], |group| &group.members);
         members.iter().map(|member| member.kind.into())
     }
 }

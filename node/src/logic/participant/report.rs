@@ -1,21 +1,24 @@
-//! The reports of a part of a deployment: to the home, its progress and each change; to supervisors, how members have
-//! ended.
+//! The end of a part of a deployment, and its reports: to the home, its progress and each change; to supervisors, how members have ended.
 
 use super::{Participant, Phase};
+use crate::logic::claims::Claims;
 use crate::logic::effect::Out;
-use crate::logic::executer::{group_host, wants_restarts};
-use crate::logic::protocol::{Change, Ending, FailureCause, Target, ToCoordinator, ToParticipant};
+use crate::logic::executer::{ExecContext, wants_restarts};
+use crate::logic::instance::Instance;
+use crate::logic::protocol::{Change, Ending, Estop, Failure, FailureCause, Target, ToCoordinator, ToParticipant};
 use crate::logic::table::counted;
+use language::plan::Plan;
+use std::collections::BTreeSet;
 
 impl Participant {
     pub(super) fn tell_supervisor(&self, target: Target, activation: u32, ending: Ending, out: &mut Out<'_>) {
         let ending = self.as_stopped(ending);
-        match self.supervisors.get(&target).and_then(|(group, _)| group_host(&self.plan, *group)) {
+        match self.site.supervisor_host(target) {
             Some(host) => {
-                out.send(host, self.deployment.to_participant(ToParticipant::Ended { target, activation, ending }));
+                self.site.tell(host, ToParticipant::Ended { target, activation, ending }, out);
             }
             None if target == Target::Group(0) => {
-                out.send(&self.home, self.deployment.to_coordinator(ToCoordinator::MainEnded { ending }));
+                self.site.tell_home(ToCoordinator::MainEnded { ending }, out);
             }
             // It was taken away, and nobody waits for it.
             None => {}
@@ -24,11 +27,11 @@ impl Participant {
 
     /// Tells the supervisor of a program that it is started again, if it wants to know.
     pub(super) fn tell_restart(&self, target: Target, cause: &FailureCause, out: &mut Out<'_>) {
-        let Some((number, _)) = self.supervisors.get(&target) else { return };
-        let group = self.plan.groups.get(*number as usize).filter(|group| wants_restarts(&group.supervision));
-        let host = group.and_then(|group| self.plan.hosts.get(group.host as usize));
+        let Some((number, _)) = self.site.supervisors.get(&target) else { return };
+        let group = self.site.plan.groups.get(*number as usize).filter(|group| wants_restarts(&group.supervision));
+        let host = group.and_then(|group| self.site.plan.hosts.get(group.host as usize));
         let message = || ToParticipant::Restarted { target, cause: cause.clone() };
-        host.into_iter().for_each(|host| out.send(host, self.deployment.to_participant(message())));
+        host.into_iter().for_each(|host| self.site.tell(host, message(), out));
     }
 
     /// Takes note of parameters that a program was told of while the deployment runs.
@@ -41,43 +44,43 @@ impl Participant {
     }
 
     pub(super) fn happened(&self, target: Target, change: Change, out: &mut Out<'_>) {
-        out.send(&self.home, self.deployment.to_coordinator(ToCoordinator::Happened { target, change }));
+        self.site.tell_home(ToCoordinator::Happened { target, change }, out);
     }
 
     pub(super) fn report_prepared(&mut self, out: &mut Out<'_>) {
-        if self.phase != Phase::Preparing || !self.waiting.is_empty() {
+        if self.phase != Phase::Preparing || !self.roll.waiting.is_empty() {
             return;
         }
         let reasons = self.take_reasons();
         let message = if reasons.is_empty() {
-            ToCoordinator::Prepared { facts: std::mem::take(&mut self.facts), machine: self.machine.clone() }
+            ToCoordinator::Prepared { facts: std::mem::take(&mut self.roll.facts), machine: self.site.machine.clone() }
         } else {
             ToCoordinator::Refused { reasons }
         };
-        out.send(&self.home, self.deployment.to_coordinator(message));
+        self.site.tell_home(message, out);
     }
 
     pub(super) fn report_connected(&mut self, out: &mut Out<'_>) {
-        if self.phase != Phase::Connecting || !self.waiting.is_empty() {
+        if self.phase != Phase::Connecting || !self.roll.waiting.is_empty() {
             return;
         }
         let reasons = self.take_reasons();
         let message = if reasons.is_empty() { ToCoordinator::Connected } else { ToCoordinator::Refused { reasons } };
-        out.send(&self.home, self.deployment.to_coordinator(message));
+        self.site.tell_home(message, out);
     }
 
     /// Returns the reasons against this deployment, and forgets them. One that several programs have is one sentence: most
     /// often they are of one executable.
     pub(super) fn take_reasons(&mut self) -> Vec<String> {
-        let mut reasons = std::mem::take(&mut self.reasons);
-        for (why, leaves) in std::mem::take(&mut self.refusals) {
-            let leaf = leaves.first().and_then(|leaf| self.plan.leaves.get(*leaf as usize));
+        let mut reasons = std::mem::take(&mut self.roll.reasons);
+        for (why, leaves) in std::mem::take(&mut self.roll.refusals) {
+            let leaf = leaves.first().and_then(|leaf| self.site.plan.leaves.get(*leaf as usize));
             let others = match leaves.len() {
                 0 | 1 => String::new(),
                 count => format!(" (and {})", counted(count - 1, "other")),
             };
             reasons.extend(leaf.map(|leaf| {
-                let host = self.plan.hosts.get(leaf.host as usize).map_or("", String::as_str);
+                let host = self.site.plan.hosts.get(leaf.host as usize).map_or("", String::as_str);
                 format!("`{}`{others} cannot take part on `{host}`: {why}", leaf.path)
             }));
         }
@@ -88,7 +91,123 @@ impl Participant {
         if self.is_over() {
             let message =
                 if self.unconfirmed().is_empty() { ToCoordinator::Released } else { ToCoordinator::Unconfirmed };
-            out.send(&self.home, self.deployment.to_coordinator(message));
+            self.site.tell_home(message, out);
         }
+    }
+
+    /// Returns the programs that may still be there although everything was done to end them.
+    pub fn unconfirmed(&self) -> BTreeSet<u32> {
+        self.instances.iter().filter(|(_, instance)| instance.is_unconfirmed()).map(|(leaf, _)| leaf).collect()
+    }
+
+    /// Returns why a plan cannot be taken on that has no program any more which could not be ended: what that has taken would be
+    /// free with it.
+    pub(super) fn unended_without(&self, plan: &Plan) -> Vec<String> {
+        let live = plan.live_leaves();
+        let gone = self.unconfirmed().into_iter().filter(|leaf| !live.contains(leaf));
+        let paths = gone.filter_map(|leaf| self.path(leaf));
+        paths
+            .map(|path| format!("`{path}` could not be ended and may still use what it has; end it, then take it away"))
+            .collect()
+    }
+
+    /// Refuses to begin a program that would use a device beside one that could not be ended; says whether it was.
+    pub(super) fn refuse_held(&self, leaf: u32, activation: u32, out: &mut Out<'_>) -> bool {
+        let wanted = self.devices(leaf);
+        let holder = |other: u32| {
+            let theirs = self.devices(other);
+            let (device, by) = wanted.first_conflict(&theirs)?;
+            Some(FailureCause::DeviceHeld { device: device.to_owned(), by: by.to_owned() })
+        };
+        // Its own program is refused by itself.
+        let others = self.unconfirmed().into_iter().filter(|other| *other != leaf);
+        let Some(cause) = others.into_iter().find_map(holder) else { return false };
+        let origin = self.path(leaf).unwrap_or_default().to_owned();
+        let ending = Ending::Aborted(Failure { origin, cause, at: self.since_go(out.now) });
+        self.happened(Target::Leaf(leaf), Change::Ended(ending.clone()), out);
+        self.tell_supervisor(Target::Leaf(leaf), activation, ending, out);
+        true
+    }
+
+    /// Returns the devices of a program: what it claims in the spec, and what is its own by its own word.
+    fn devices(&self, leaf: u32) -> Claims {
+        let mut claims = Claims::of_leaf(&self.site.plan, leaf);
+        let path = self.path(leaf).unwrap_or_default();
+        let facts = self.links.registrations.facts.get(&leaf);
+        facts.into_iter().for_each(|facts| claims.extend(Claims::of_owner(path, &facts.owns)));
+        claims
+    }
+
+    /// Tells every program to go after an emergency stop. Supervisors on other hosts hear that as the cause.
+    pub fn stop_at_once(&mut self, estop: &Estop, out: &mut Out<'_>) {
+        if self.phase == Phase::Leaving {
+            return;
+        }
+        self.estop = Some(estop.clone());
+        if matches!(self.phase, Phase::Preparing | Phase::Connecting) {
+            let reasons = vec![format!("host `{}`: {estop}", self.site.host)];
+            self.site.tell_home(ToCoordinator::Refused { reasons }, out);
+        }
+        self.leave(out);
+    }
+
+    /// Returns an ending with the emergency stop as its cause, if there was one: people read the first cause that is told.
+    pub(super) fn as_stopped(&self, ending: Ending) -> Ending {
+        match (ending, &self.estop) {
+            (Ending::Aborted(Failure { origin, cause: FailureCause::NotAvailable(_), at }), Some(estop)) => {
+                Ending::Aborted(Failure { origin, cause: FailureCause::Estop(estop.clone()), at })
+            }
+            (ending, _) => ending,
+        }
+    }
+
+    /// Tells every program to go.
+    pub fn leave(&mut self, out: &mut Out<'_>) {
+        if self.phase != Phase::Leaving {
+            (self.phase, self.together.check_in) = (Phase::Leaving, None);
+            self.abandon_groups(out);
+            self.begin_never(out);
+            for leaf in self.instances.numbers() {
+                self.with_instance(leaf, out, Instance::leave);
+            }
+            self.report_released(out);
+        }
+    }
+
+    fn abandon_groups(&mut self, out: &mut Out<'_>) {
+        let since_go = self.since_go(out.now);
+        let start = self.together.start();
+        let context = ExecContext {
+            deployment: &self.site.deployment,
+            home: &self.site.home,
+            plan: &self.site.plan,
+            since_go,
+            start,
+        };
+        self.executers.each(|group, executer| {
+            if !executer.is_running() {
+                return;
+            }
+            // What was taken for it is not free before its programs have ended.
+            executer.abandon(context, out);
+            let origin = self.site.group_path(group);
+            let left = || FailureCause::NotAvailable("its host has ended its part".into());
+            let cause = self.estop.clone().map_or_else(left, FailureCause::Estop);
+            let (target, activation) = (Target::Group(group), executer.activation());
+            let ending = Ending::Aborted(Failure { origin, cause, at: since_go });
+            if let Some(host) = self.site.supervisor_host(target) {
+                self.site.tell(host, ToParticipant::Ended { target, activation, ending }, out);
+            }
+        });
+    }
+
+    /// Returns whether it comes to its end here.
+    pub fn is_leaving(&self) -> bool {
+        self.phase == Phase::Leaving
+    }
+
+    /// Returns whether nothing of it is left here.
+    pub fn is_over(&self) -> bool {
+        self.phase == Phase::Leaving && self.instances.are_over()
     }
 }

@@ -14,22 +14,21 @@ use serde::{Deserialize, Serialize};
 /// A program that is to take the place of another one.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Succeeding {
-    /// Who has asked for that.
-    group: u32,
-    host: String,
-    /// What it gets, if it has to end a stop before that.
+    by: Supervisor,
+    /// The activation and its value, if it has to end a stop before that.
     then: Option<(u32, Vec<u8>)>,
+}
+
+/// The supervisor of a group.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Supervisor {
+    pub(super) group: u32,
+    pub(super) host: String,
 }
 
 impl Participant {
     /// Activates a program beside another one, for a supervisor.
-    pub(super) fn succeed(
-        &mut self,
-        (group, from): (u32, &str),
-        leaf: u32,
-        (activation, value): (u32, Vec<u8>),
-        out: &mut Out<'_>,
-    ) {
+    pub(super) fn succeed(&mut self, by: Supervisor, leaf: u32, activation: u32, value: Vec<u8>, out: &mut Out<'_>) {
         let Some(instance) = self.instances.get(leaf) else { return };
         // One that was not healthy is taken away again: its home knows.
         if self.is_adding(leaf) && !instance.is_linked() {
@@ -37,7 +36,7 @@ impl Participant {
         }
         let (is_active, is_stopping) = (instance.is_active(), instance.is_stopping());
         let then = is_stopping.then(|| (activation, value.clone()));
-        self.succeeding.insert(leaf, Succeeding { group, host: from.to_owned(), then });
+        self.changes.succeeding.insert(leaf, Succeeding { by, then });
         if !is_active {
             self.with_instance(leaf, out, |instance, context| instance.activate(activation, value, context));
         } else if !is_stopping {
@@ -48,14 +47,14 @@ impl Participant {
 
     /// Activates a program again that has ended the stop which came before; says whether it did.
     pub(super) fn begins_again(&mut self, leaf: u32, ending: &Ending, out: &mut Out<'_>) -> bool {
-        let Some(succeeding) = self.succeeding.get_mut(&leaf) else { return false };
+        let Some(succeeding) = self.changes.succeeding.get_mut(&leaf) else { return false };
         match succeeding.then.take().filter(|_| *ending == Ending::Stopped) {
             Some((activation, value)) => {
                 self.with_instance(leaf, out, |instance, context| instance.activate(activation, value, context));
                 true
             }
             None => {
-                self.succeeding.remove(&leaf);
+                self.changes.succeeding.remove(&leaf);
                 false
             }
         }
@@ -63,7 +62,7 @@ impl Participant {
 
     /// A change is not over before programs have handed their connections over.
     pub(super) fn report_handover(&mut self, out: &mut Out<'_>) {
-        if self.change.is_some() && !self.hands_over() {
+        if self.changes.current.is_some() && !self.hands_over() {
             self.report_change(out);
         }
     }
@@ -75,7 +74,7 @@ impl Participant {
 
     /// Tells a supervisor of this host how a member has ended.
     pub(super) fn member_ended(&mut self, target: Target, activation: u32, ending: Ending, out: &mut Out<'_>) {
-        let Some(&(group, slot)) = self.supervisors.get(&target) else { return };
+        let Some(&(group, slot)) = self.site.supervisors.get(&target) else { return };
         self.with_executer(group, out, |executer, at, out| {
             if !executer.speaks(slot, target, at, out) {
                 return None;
@@ -86,11 +85,13 @@ impl Participant {
 
     /// Tells a supervisor that a program runs that is to take the place of another one.
     pub(super) fn has_begun(&mut self, leaf: u32, out: &mut Out<'_>) {
-        let Some(Succeeding { group, host, .. }) = self.succeeding.remove(&leaf) else { return };
+        let Some(Succeeding { by: Supervisor { group, host }, .. }) = self.changes.succeeding.remove(&leaf) else {
+            return;
+        };
         let is_other = |other: u32| other != leaf && self.path(other) == self.path(leaf);
         let is_handed_over = self.instances.iter().any(|(other, instance)| is_other(other) && instance.is_linked());
         let word = ToParticipant::Succeeding { group, leaf, is_handed_over };
-        out.send(&host, self.deployment.to_participant(word));
+        self.site.tell(&host, word, out);
         if self.instances.get(leaf).is_some_and(Instance::is_active) {
             self.happened(Target::Leaf(leaf), Change::Resumed, out);
         }
@@ -98,8 +99,8 @@ impl Participant {
 
     /// Returns whether the plan has another program in the place of this one, which is about to leave.
     pub(super) fn is_succeeded(&self, leaf: u32) -> bool {
-        let Some((group, slot)) = self.supervisors.get(&Target::Leaf(leaf)) else { return true };
-        let members = self.plan.groups.get(*group as usize).map_or(&[][..], |group| &group.members);
+        let Some((group, slot)) = self.site.supervisors.get(&Target::Leaf(leaf)) else { return true };
+        let members = self.site.plan.groups.get(*group as usize).map_or(&[][..], |group| &group.members);
         members.get(*slot as usize).is_none_or(|member| member.kind != MemberKind::Leaf(leaf))
     }
 
@@ -108,7 +109,7 @@ impl Participant {
         if matches!(change, Change::Stopping | Change::Ended(Ending::Stopped)) && self.is_succeeded(leaf) {
             return;
         }
-        let is_next = change == Change::Activated && self.succeeding.contains_key(&leaf);
+        let is_next = change == Change::Activated && self.changes.succeeding.contains_key(&leaf);
         let change = if is_next { Change::Replacing } else { change };
         self.happened(Target::Leaf(leaf), change, out);
     }
