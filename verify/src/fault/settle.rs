@@ -8,8 +8,9 @@ use language::plan::LinkLoss;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-/// From the loss of a host to when every other has noted it: a node counts as missing 1 s after its last answer, and as lost 5 s later.
-pub(crate) const NOTED_AFTER: Duration = Duration::from_secs(6);
+/// From the loss of a host to when every other has noted it, at the latest: the next question comes within 1 s, the absence of the host
+/// starts 1 s after that question, and the host is lost 5 s later. Round trips come on top.
+pub(crate) const NOTED_AFTER: Duration = Duration::from_secs(7);
 /// From the loss of a host to when a program beyond it stops by itself, if it does.
 pub(crate) fn stops_by_itself_after(policy: LinkLoss) -> Duration {
     match policy {
