@@ -258,16 +258,7 @@ class MessageType:
     name: str
     fields: str
     inner: list[tuple[str, str]]
-    def __init__(
-        self,
-        name: str,
-        fields: str,
-        form: Any,
-        *,
-        stamp: int | None = None,
-        allow_nan: bool = False,
-        inner: Sequence[tuple[str, str]] = (),
-    ) -> None: ...
+    def __init__(self, described: Any, form: Any) -> None: ...
     def encode(self, value: Any) -> bytes: ...
     def decode(self, bytes: bytes) -> Any: ...
 

@@ -22,7 +22,7 @@ import types
 import typing
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, TypeVar, overload
+from typing import Annotated, Any, NamedTuple, TypeVar, overload
 
 from . import _dca
 from ._quantity import name_of
@@ -88,11 +88,21 @@ def message(
             raise TypeError(f"{cls.__qualname__}.stamp: the time of measurement is a dca.Time")
         # A spec has no word for some fields of devices, whose messages are compared by their names.
         fields = "" if of_device else text.removeprefix("{ ").removesuffix(" }")
-        made = _dca.MessageType(name or cls.__name__, fields, form, stamp=stamp, allow_nan=allow_nan, inner=list(inner.items()))
-        setattr(cls, _MESSAGE, made)
+        described = _Described(name or cls.__name__, fields, stamp, allow_nan, list(inner.items()))
+        setattr(cls, _MESSAGE, _dca.MessageType(described, form))
         return cls
 
     return decorate if cls is None else decorate(cls)
+
+
+class _Described(NamedTuple):
+    """A message type beside its form. The native half reads its attributes."""
+
+    name: str
+    fields: str
+    stamp: int | None
+    allow_nan: bool
+    inner: list[tuple[str, str]]
 
 
 def encode(value: Any) -> bytes:

@@ -9,7 +9,7 @@
 use serde::de::{self, DeserializeSeed, Deserializer, SeqAccess, Visitor};
 use serde::ser::{Error as _, Serialize, SerializeSeq, SerializeStruct, SerializeTuple, Serializer};
 use serde_json::{Value, json};
-use std::fmt::{self, Write as _};
+use std::fmt;
 use std::io::BufRead;
 
 /// A value of a type.
@@ -125,10 +125,7 @@ impl<'de> Visitor<'de> for Type<'_> {
 }
 
 fn digits(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::new(), |mut text, byte| {
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 fn bytes(digits: &Value) -> Option<Vec<u8>> {

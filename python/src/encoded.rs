@@ -12,9 +12,11 @@ use std::sync::Arc;
 const LARGE: usize = 4096;
 
 /// An encoded value.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Encoded {
     bytes: Vec<u8>,
+    /// Whether a number in it may be infinite, or not a number.
+    pub(crate) allows_nan: bool,
     /// Pieces that belong into `bytes`, each with its place there, in order.
     pieces: Vec<(usize, Held)>,
 }
@@ -38,6 +40,11 @@ impl Held {
 }
 
 impl Encoded {
+    /// Returns the beginning of a value; `allows_nan` says whether its numbers may be infinite, or not numbers.
+    pub(crate) fn new(allows_nan: bool) -> Self {
+        Self { bytes: Vec::new(), allows_nan, pieces: Vec::new() }
+    }
+
     /// Returns a writer that appends to it.
     pub(crate) fn writer(&mut self) -> Writer<'_> {
         Writer::new(&mut self.bytes)

@@ -100,9 +100,10 @@ impl Form {
             if Some(at) == stamp {
                 // Of an optional stamp the number is behind the mark that there is one.
                 let taken = before.get(..before.len() - reader.rest().len()).unwrap_or_default();
-                look.stamp = match form {
-                    Self::Stamp => Reader::new(taken).natural().map(from_nanos),
-                    _ => taken.last_chunk().map(|number| f64::from_le_bytes(*number)),
+                look.stamp = if matches!(form, Self::Stamp) {
+                    Reader::new(taken).natural().map(from_nanos)
+                } else {
+                    taken.last_chunk().map(|number| f64::from_le_bytes(*number))
                 };
             }
         }
@@ -195,12 +196,12 @@ impl Form {
         })
     }
 
-    /// Writes a value; `allows_nan` says whether a number may be infinite, or not a number.
-    pub(crate) fn write(&self, value: &Bound<'_, PyAny>, encoded: &mut Encoded, allows_nan: bool) -> PyResult<()> {
+    /// Writes a value.
+    pub(crate) fn write(&self, value: &Bound<'_, PyAny>, encoded: &mut Encoded) -> PyResult<()> {
         match self {
             Self::Number => {
                 let number: f64 = value.extract().map_err(|_no_number| expected("a number", value))?;
-                if !allows_nan && !number.is_finite() {
+                if !encoded.allows_nan && !number.is_finite() {
                     return Err(PyValueError::new_err(format!("{} is not a finite number", value.repr()?)));
                 }
                 encoded.writer().number(number);
@@ -241,38 +242,11 @@ impl Form {
             Self::Optional(of) => {
                 encoded.writer().truth(!value.is_none());
                 if !value.is_none() {
-                    of.write(value, encoded, allows_nan)?;
+                    of.write(value, encoded)?;
                 }
             }
-            Self::List { of, count, .. } => {
-                let length = value.len().map_err(|_no_list| expected("a list", value))?;
-                match count {
-                    Some(count) if *count != length => {
-                        return Err(PyValueError::new_err(format!("expected {count} elements, got {length}")));
-                    }
-                    Some(_) => {}
-                    None => encoded.writer().length(length),
-                }
-                let mut written = 0;
-                for element in value.try_iter()? {
-                    of.write(&element?, encoded, allows_nan)?;
-                    written += 1;
-                }
-                if written != length {
-                    return Err(PyValueError::new_err("the list has changed while it was written"));
-                }
-            }
-            Self::Record { class, fields } => {
-                if !value.is_instance(class.bind(value.py()))? {
-                    let name: String = class.bind(value.py()).getattr("__name__")?.extract()?;
-                    return Err(expected(&format!("a `{name}`"), value));
-                }
-                for (name, form) in fields {
-                    let name = name.bind(value.py());
-                    let in_field = |error: PyErr| within(value.py(), name, &error);
-                    form.write(&value.getattr(name)?, encoded, allows_nan).map_err(in_field)?;
-                }
-            }
+            Self::List { of, count, .. } => write_list(of, *count, value, encoded)?,
+            Self::Record { class, fields } => write_record(class, fields, value, encoded)?,
         }
         Ok(())
     }
@@ -286,7 +260,45 @@ fn is_whole(number: f64) -> bool {
     number.abs() <= WHOLE_MAX && number.fract().abs().to_bits() == 0
 }
 
-/// Writes what any buffer holds.
+fn write_list(of: &Form, count: Option<usize>, value: &Bound<'_, PyAny>, encoded: &mut Encoded) -> PyResult<()> {
+    let length = value.len().map_err(|_no_list| expected("a list", value))?;
+    match count {
+        Some(count) if count != length => {
+            return Err(PyValueError::new_err(format!("expected {count} elements, got {length}")));
+        }
+        Some(_) => {}
+        None => encoded.writer().length(length),
+    }
+    let mut written = 0;
+    for element in value.try_iter()? {
+        of.write(&element?, encoded)?;
+        written += 1;
+    }
+    if written != length {
+        return Err(PyValueError::new_err("the list has changed while it was written"));
+    }
+    Ok(())
+}
+
+fn write_record(
+    class: &Py<PyAny>,
+    fields: &[(Py<PyString>, Form)],
+    value: &Bound<'_, PyAny>,
+    encoded: &mut Encoded,
+) -> PyResult<()> {
+    let (py, class) = (value.py(), class.bind(value.py()));
+    if !value.is_instance(class)? {
+        let name: String = class.getattr("__name__")?.extract()?;
+        return Err(expected(&format!("a `{name}`"), value));
+    }
+    for (name, form) in fields {
+        let name = name.bind(py);
+        form.write(&value.getattr(name)?, encoded).map_err(|error| within(py, name, &error))?;
+    }
+    Ok(())
+}
+
+/// Writes the content of any buffer.
 fn write_bytes(value: &Bound<'_, PyAny>, encoded: &mut Encoded) -> PyResult<()> {
     if value.extract::<i64>().is_ok() {
         // Which `memoryview` has no word for.

@@ -43,8 +43,6 @@ pub(crate) struct Instance {
     outputs: Vec<Arc<OutputState>>,
     calls: Vec<Arc<CallState>>,
     stations: Stations,
-    /// The attributes of the object in the places of the stations.
-    station_objects: Vec<(String, Py<PyAny>)>,
     keys: Vec<Arc<KeysState>>,
     key_ports: KeyPorts,
     database: Arc<DatabaseState>,
@@ -78,14 +76,14 @@ impl Instance {
             let outputs: Vec<_> = class.outputs().map(|port| OutputState::new(Arc::clone(&port.message))).collect();
             let calls: Vec<_> = class.calls.iter().map(CallState::new).collect();
             let database = Arc::default();
-            let (stations, station_objects) =
+            let stations =
                 Stations::make(py, &class.stations, arguments.instance()).map_err(|error| told(py, error))?;
             let keys: Vec<Arc<KeysState>> = class.keys.iter().map(|_| Arc::default()).collect();
             let ends = Ends {
                 inputs: &inputs,
                 outputs: &outputs,
                 calls: &calls,
-                stations: &station_objects,
+                stations: &stations.objects,
                 keys: &keys,
                 database: &database,
             };
@@ -97,7 +95,6 @@ impl Instance {
                 outputs,
                 calls,
                 stations,
-                station_objects,
                 keys,
                 key_ports: KeyPorts::default(),
                 database,
@@ -175,7 +172,8 @@ impl Instance {
 
     fn begin(&mut self, py: Python<'_>, value: &[u8]) -> PyResult<()> {
         if self.is_used {
-            let Self { inputs, outputs, calls, station_objects: stations, keys, database, .. } = &*self;
+            let Self { inputs, outputs, calls, stations, keys, database, .. } = &*self;
+            let stations = &stations.objects;
             let ends = Ends { inputs, outputs, calls, stations, keys, database };
             self.object = make(py, &self.class, &ends, &self.arguments)?;
         }

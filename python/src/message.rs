@@ -27,19 +27,22 @@ pub(crate) struct MessageType {
     pub(crate) allows_nan: bool,
 }
 
+/// As `_message.py` has it.
+#[derive(FromPyObject)]
+struct Described {
+    name: String,
+    fields: String,
+    stamp: Option<usize>,
+    allow_nan: bool,
+    inner: Vec<(String, String)>,
+}
+
 #[pymethods]
 impl MessageType {
     #[new]
-    #[pyo3(signature = (name, fields, form, *, stamp = None, allow_nan = false, inner = Vec::new()))]
-    fn new(
-        name: String,
-        fields: String,
-        form: &Bound<'_, PyAny>,
-        stamp: Option<usize>,
-        allow_nan: bool,
-        inner: Vec<(String, String)>,
-    ) -> PyResult<Self> {
-        Ok(Self { name, fields, inner, form: Form::of(form, 0)?, stamp, allows_nan: allow_nan })
+    fn new(described: Described, form: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let Described { name, fields, stamp, allow_nan: allows_nan, inner } = described;
+        Ok(Self { name, fields, inner, form: Form::of(form, 0)?, stamp, allows_nan })
     }
 
     /// Returns the bytes of a value.
@@ -65,8 +68,8 @@ impl MessageType {
 
     /// Returns a value that waits to be sent.
     pub(crate) fn encoded(&self, value: &Bound<'_, PyAny>) -> PyResult<Encoded> {
-        let mut encoded = Encoded::default();
-        self.form.write(value, &mut encoded, self.allows_nan)?;
+        let mut encoded = Encoded::new(self.allows_nan);
+        self.form.write(value, &mut encoded)?;
         Ok(encoded)
     }
 

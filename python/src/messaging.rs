@@ -167,6 +167,8 @@ impl StationOf {
 #[derive(Debug, Default)]
 pub(crate) struct Stations {
     all: Vec<(Arc<dyn Station>, Names)>,
+    /// The attributes of the object in the places of the stations.
+    pub(crate) objects: Vec<(String, Py<PyAny>)>,
 }
 
 /// The names in an interface that lead to a station.
@@ -177,16 +179,12 @@ struct Names {
 }
 
 impl Stations {
-    /// Makes the stations of an instance at `path`; returns them with the attributes of its object.
+    /// Makes the stations of an instance at `path`.
     ///
     /// # Errors
     /// If the system gives no random number, or a queue has a lock that the class does not have.
-    pub(crate) fn make(
-        py: Python<'_>,
-        declared: &[StationOf],
-        path: &str,
-    ) -> PyResult<(Self, Vec<(String, Py<PyAny>)>)> {
-        let (mut stations, mut attributes) = (Self::default(), Vec::new());
+    pub(crate) fn make(py: Python<'_>, declared: &[StationOf], path: &str) -> PyResult<Self> {
+        let mut stations = Self::default();
         let locks: Vec<(&str, Arc<lock::LockStation>)> = declared
             .iter()
             .filter_map(|one| match one.kind {
@@ -194,7 +192,11 @@ impl Stations {
                     let exports = lock::exports(one.name, one.status, one.doc);
                     Some((one.attribute.as_str(), lock::LockStation::new((lease, preempt_after), exports)))
                 }
-                _ => None,
+                Kind::Queue { .. }
+                | Kind::Sender { .. }
+                | Kind::LockUser
+                | Kind::Router { .. }
+                | Kind::Subscriber { .. } => None,
             })
             .collect();
         let lock_of =
@@ -239,9 +241,9 @@ impl Stations {
             };
             let exports = one.exports().iter().map(|export| export.name).collect();
             stations.all.push((station, Names { exports, calls: one.calls().map(|_| one.name) }));
-            attributes.push((one.attribute.clone(), object));
+            stations.objects.push((one.attribute.clone(), object));
         }
-        Ok((stations, attributes))
+        Ok(stations)
     }
 
     /// Begins an activation; `connected` are the calls that the spec connects.

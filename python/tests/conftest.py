@@ -1,8 +1,11 @@
 """Where the programs of DCA are, and missions of Python controllers by real processes."""
 
 import os
+import shutil
 import subprocess
 import sys
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -28,6 +31,8 @@ class Missions:
 
     def __init__(self, dca: Path, folder: Path) -> None:
         self.dca, self.folder = dca, folder
+        # Of its own, so that verbs find this command among others; its path is short enough for a socket.
+        self.run_dir = Path(tempfile.mkdtemp(prefix="dca"))
         # A link to an environment is what `venv` of a module leads through.
         (folder / ".venv").symlink_to(sys.prefix)
 
@@ -46,8 +51,10 @@ class Missions:
 
 
 @pytest.fixture
-def missions(tmp_path: Path) -> Missions:
+def missions(tmp_path: Path) -> Iterator[Missions]:
     dca = program()
     if dca is None:
         pytest.skip("there is no `dca`: `cargo build` makes it")
-    return Missions(dca, tmp_path)
+    made = Missions(dca, tmp_path)
+    yield made
+    shutil.rmtree(made.run_dir, ignore_errors=True)

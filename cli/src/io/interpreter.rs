@@ -16,10 +16,10 @@ import dca, os
 print(dca.__version__, os.path.dirname(dca.__file__), sep='\\n')
 ";
 
-/// Returns the interpreter of the environment in this folder, or else that of `PATH`; nothing if there is no Python.
+/// Returns the interpreter of the environment in this folder, or else that of `PATH`; nothing on a machine without Python.
 pub(super) fn found() -> Vec<Interpreter> {
     let venv = Path::new(OF_VENV);
-    // A link that leads nowhere is found, too: that is what is wrong with it.
+    // A link that leads nowhere counts as there: the finding says what is wrong with it.
     let path = if venv.symlink_metadata().is_ok() { venv } else { Path::new(OF_PATH) };
     Some(look(path)).into_iter().filter(|one| path == venv || one.version.is_ok()).collect()
 }

@@ -1,7 +1,6 @@
 //! The record types of a spec as a program in Python or Rust declares them.
 
 use language::{FieldType, RecordType};
-use std::fmt::Write as _;
 
 /// The language of a program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -108,26 +107,25 @@ fn inner_name(outer: &str, field: &str) -> String {
 fn python(one: &Named<'_>) -> Result<String, String> {
     let mut text = String::from("\n\n");
     text += if one.is_own { "@dca.message\n" } else { "" };
-    let _ = writeln!(text, "@dataclass(slots=True)\nclass {}:", one.name);
+    text += &format!("@dataclass(slots=True)\nclass {}:\n", one.name);
     if let Some(doc) = one.doc.trim().lines().next() {
-        let _ = writeln!(text, "    \"\"\"{}\"\"\"\n", doc.replace('\\', "\\\\").replace('"', "\\\""));
+        text += &format!("    \"\"\"{}\"\"\"\n\n", doc.replace('\\', "\\\\").replace('"', "\\\""));
     }
     for (field, kind) in one.fields {
         if PYTHON_WORDS.split_whitespace().any(|word| word == field) {
             return Err(format!("`{}.{field}`: this word is not the name of a field in Python", one.name));
         }
-        let kind = match kind {
-            // An optional stamp is a list of at most one.
-            FieldType::List { of, count: None } if is_stamp(field, of) => "dca.Time | None".to_owned(),
-            kind => python_kind(kind, &one.name, field)?,
-        };
-        let _ = writeln!(text, "    {field}: {kind}");
+        let is_optional = is_optional_stamp(field, kind);
+        let kind = if is_optional { "dca.Time | None".to_owned() } else { python_kind(kind, &one.name, field)? };
+        text += &format!("    {field}: {kind}\n");
     }
     Ok(text)
 }
 
-fn is_stamp(field: &str, of: &FieldType) -> bool {
-    field == "stamp" && matches!(of, FieldType::Plain(plain) if plain == "Time")
+/// Returns whether a field is the time of measurement, if there is one: a list of at most one.
+fn is_optional_stamp(field: &str, kind: &FieldType) -> bool {
+    let is_time = |of: &FieldType| matches!(of, FieldType::Plain(plain) if plain == "Time");
+    field == "stamp" && matches!(kind, FieldType::List { of, count: None } if is_time(of))
 }
 
 fn python_kind(kind: &FieldType, name: &str, field: &str) -> Result<String, String> {
@@ -150,26 +148,21 @@ fn python_kind(kind: &FieldType, name: &str, field: &str) -> Result<String, Stri
 fn rust(one: &Named<'_>, all: &[Named<'_>]) -> Result<String, String> {
     let mut text = String::from("\n");
     for line in one.doc.trim().lines() {
-        let _ = writeln!(text, "/// {}", line.trim());
+        text += &format!("/// {}\n", line.trim());
     }
-    let _ = writeln!(text, "#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]\npub struct {} {{", one.name);
+    text += &format!("#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]\npub struct {} {{\n", one.name);
     for (field, kind) in one.fields {
         let raw = if RUST_WORDS.split_whitespace().any(|word| word == field) { "r#" } else { "" };
-        let kind = match kind {
-            FieldType::List { of, count: None } if is_stamp(field, of) => "Option<f64>".to_owned(),
-            kind => rust_kind(kind, &one.name, field)?,
-        };
-        let _ = writeln!(text, "    pub {raw}{field}: {kind},");
+        let is_optional = is_optional_stamp(field, kind);
+        let kind = if is_optional { "Option<f64>".to_owned() } else { rust_kind(kind, &one.name, field)? };
+        text += &format!("    pub {raw}{field}: {kind},\n");
     }
     text += "}\n";
     if one.is_own {
         let fields = spelt(one.fields, all);
-        let _ = writeln!(text, "\nimpl Message for {} {{\n    const TYPE: &'static str = \"{}\";", one.name, one.name);
-        let _ = writeln!(
-            text,
-            "    const FIELDS: &'static str = \"{fields}\";{}\n}}",
-            stamp(one.fields).unwrap_or_default()
-        );
+        text += &format!("\nimpl Message for {} {{\n    const TYPE: &'static str = \"{}\";\n", one.name, one.name);
+        text +=
+            &format!("    const FIELDS: &'static str = \"{fields}\";{}\n}}\n", stamp(one.fields).unwrap_or_default());
     }
     Ok(text)
 }
@@ -200,7 +193,7 @@ fn stamp(fields: &[(String, FieldType)]) -> Option<String> {
     let (_, kind) = fields.iter().find(|(name, _)| name == "stamp")?;
     let value = match kind {
         FieldType::Plain(plain) if plain == "Time" => "self.stamp",
-        FieldType::List { of, count: None } if is_stamp("stamp", of) => "self.stamp?",
+        FieldType::List { .. } if is_optional_stamp("stamp", kind) => "self.stamp?",
         FieldType::Plain(_) | FieldType::Named(_) | FieldType::Record(_) | FieldType::List { .. } => return None,
     };
     Some(format!(

@@ -82,9 +82,9 @@ fn told(end: SendEnd) -> Result<(), String> {
     match end {
         SendEnd::Accepted => Ok(()),
         SendEnd::Rejected(why) => Err(format!("the queue has turned it away: {why}")),
-        SendEnd::Unknown(why) => Err(format!("there is no queue: {why}")),
-        SendEnd::Deadline => Err("there was no receipt in time: it may be in the queue".to_owned()),
-        SendEnd::Gone => Err("the program of the queue is gone: it may be in the queue".to_owned()),
+        SendEnd::Unknown(why) => Err(format!("the queue cannot be reached: {why}")),
+        SendEnd::Deadline => Err("the receipt did not come in time: the message may be in the queue".to_owned()),
+        SendEnd::Gone => Err("the program of the queue is gone: the message may be in the queue".to_owned()),
     }
 }
 
@@ -145,7 +145,7 @@ impl Sending {
 
     /// Returns nothing if the message is in the queue, or was; raises `dca.SendError` if it is not, or may not be.
     fn result(&self) -> PyResult<()> {
-        let end = self.end().ok_or_else(|| PyRuntimeError::new_err("there is no receipt yet: see `done`"))?;
+        let end = self.end().ok_or_else(|| PyRuntimeError::new_err("the receipt has not come yet: see `done`"))?;
         end.map_err(SendError::new_err)
     }
 }
