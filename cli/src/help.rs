@@ -14,14 +14,17 @@ const GROUPS: [(&str, &[&str]); 7] = [
         ],
     ),
     ("Change what runs", &["plan", "replace", "add", "remove", "switch", "param", "call"]),
-    ("Check", &["check", "fix", "fmt", "graph", "sim", "verify", "test", "fmea", "conform", "explain", "doctor"]),
+    (
+        "Check",
+        &["check", "fix", "fmt", "graph", "types", "sim", "verify", "test", "fmea", "conform", "explain", "doctor"],
+    ),
     ("Team", &["team", "audit"]),
     ("Database", &["db"]),
     ("Editor and shell", &["lsp", "completions", "man"]),
 ];
 
 /// Two examples of each verb: what it is used for most, and a variant.
-const EXAMPLES: [(&str, [&str; 2]); 42] = [
+const EXAMPLES: [(&str, [&str; 2]); 43] = [
     ("new", ["dca new robot", "dca new --sdk robot"]),
     ("run", ["dca run robot.dca", "dca run robot.dca --set speed='0.3 m/s' --record all"]),
     ("deploy", ["dca deploy robot.dca", "dca deploy robot.dca --require-verified --aligned"]),
@@ -59,6 +62,7 @@ const EXAMPLES: [(&str, [&str; 2]); 42] = [
     ("fix", ["dca fix robot.dca", "dca fix robot.dca --controllers target/debug/arms"]),
     ("fmt", ["dca fmt robot.dca", "dca fmt --check robot.dca"]),
     ("graph", ["dca graph robot.dca -o robot.svg", "dca graph robot.dca --dot"]),
+    ("types", ["dca types --python robot.dca", "dca types --rust robot.dca"]),
     ("sim", ["dca sim robot.dca", "dca sim robot.dca --seed 1 --faults 20 --chart run.svg"]),
     ("verify", ["dca verify robot.dca", "dca verify robot.dca --fix"]),
     ("test", ["dca test tests", "dca test tests/robot-1.story"]),
