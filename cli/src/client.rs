@@ -216,7 +216,7 @@ impl Client {
                     let session = authenticated(session, &socket)?;
                     let signing = Signing::of(keys.clone());
                     let client = Self { session, local: Some(name), base: Some(folder.to_owned()), signing };
-                    // One whose keys are revoked reaches nobody else.
+                    // A node whose keys are revoked has no links to others.
                     if has_others && client.is_outlawed().await {
                         outlawed.get_or_insert(client);
                         continue;

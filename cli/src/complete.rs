@@ -23,7 +23,7 @@ pub(crate) const VARIABLE: &str = "DCA_COMPLETE";
 /// How long a person who has pressed a key waits at most.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// What the nodes have said.
+/// The answers of the nodes.
 type Found<'a> = Vec<(&'a Client, Statuses)>;
 
 /// Answers a shell and ends the process, if a shell has asked.
@@ -105,7 +105,7 @@ fn live<T: Default>(look: impl AsyncFnOnce(&Found<'_>) -> T) -> T {
     asked.unwrap_or_default()
 }
 
-/// Returns where the command that is being written looks for nodes, as far as it is written.
+/// Returns the options for reaching nodes from an unfinished command line.
 fn connect(words: impl Iterator<Item = OsString>) -> ConnectArgs {
     let command = project::with_defaults(Command::command()).unwrap_or_else(|_| Command::command());
     let matches = command.ignore_errors(true).try_get_matches_from(words).ok();

@@ -259,7 +259,10 @@ mod tests {
                     }
                     Command::Arm { timer, activation, .. } => Some(Event::Elapsed { timer, activation }),
                     Command::Stop { member, activation } => Some(Event::Stopped { member, activation }),
-                    _ => next,
+                    Command::Activate { .. }
+                    | Command::Cancel { .. }
+                    | Command::Connect { .. }
+                    | Command::Disconnect { .. } => next,
                 };
             }
             steps.push(StepRecord::new(event, commands, outcome));

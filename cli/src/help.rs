@@ -3,7 +3,7 @@
 use clap::Command;
 use std::fmt::Write as _;
 
-/// The verbs by what a person is about to do.
+/// The verbs, grouped by purpose.
 const GROUPS: [(&str, &[&str]); 7] = [
     ("Run", &["new", "run", "deploy", "attach", "stop", "estop"]),
     (
@@ -30,7 +30,7 @@ const EXAMPLES: [(&str, [&str; 2]); 43] = [
     ("deploy", ["dca deploy robot.dca", "dca deploy robot.dca --require-verified --aligned"]),
     ("attach", ["dca attach", "dca attach robot"]),
     ("stop", ["dca stop robot", "dca stop robot --forget"]),
-    ("estop", ["dca estop 'somebody is in the cell'", "dca estop --release"]),
+    ("estop", ["dca estop 'a person is in the cell'", "dca estop --release"]),
     ("status", ["dca status", "dca status robot --watch"]),
     ("nodes", ["dca nodes", "dca nodes --json"]),
     ("names", ["dca names", "dca names --json"]),
@@ -98,15 +98,15 @@ pub(crate) fn with_help(command: Command) -> Command {
     })
 }
 
-/// Returns the verbs in their groups, each with what it does.
+/// Returns the verbs in their groups, each with its purpose.
 fn groups(command: &Command) -> String {
     let width = command.get_subcommands().map(|verb| verb.get_name().len()).max().unwrap_or_default();
     let about = |verb: &str| command.find_subcommand(verb).and_then(Command::get_about).map(ToString::to_string);
     let mut text = String::new();
     for (group, verbs) in GROUPS {
-        write!(text, "{group}:\n").unwrap_or_default();
+        writeln!(text, "{group}:").unwrap_or_default();
         for verb in verbs {
-            write!(text, "  {verb:<width$}  {}\n", about(verb).unwrap_or_default()).unwrap_or_default();
+            writeln!(text, "  {verb:<width$}  {}", about(verb).unwrap_or_default()).unwrap_or_default();
         }
         text.push('\n');
     }

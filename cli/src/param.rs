@@ -363,7 +363,7 @@ fn programs(database: &DatabaseArgs) -> Result<Found, Failure> {
     database.with(async |databases| {
         let mut programs = Vec::new();
         for host in databases.robots().await? {
-            // What one robot does not say is no reason to keep quiet about the others: who does not answer is told with them.
+            // The other robots are still listed if one does not answer; the warnings name it.
             let told = match databases.parameters(&host).await {
                 Ok(told) if told.is_empty() => continue,
                 Ok(told) => told,

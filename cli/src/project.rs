@@ -1,8 +1,8 @@
 //! The project file `dca.toml`, and the environment: values of options that many commands have in common.
 //!
 //! An option on the command line counts first, then the environment, then the project file, then what the option has by itself. The
-//! file stands beside the spec that the command names, else in the folder where the command was started. What it says becomes the
-//! default of an option, so no verb knows of it.
+//! file stands beside the spec that the command names, else in the folder where the command was started. Its values become the
+//! defaults of options, so no verb knows of it.
 
 use crate::io::named_file;
 use anyhow::{Context as _, anyhow};
@@ -42,7 +42,7 @@ type Defaults = BTreeMap<&'static str, Vec<OsString>>;
 
 /// Returns a command line whose options have the defaults of the environment and of the project file.
 pub(crate) fn with_defaults(command: Command) -> Result<Command, Failure> {
-    // What is wrong with the arguments is said by whoever reads them.
+    // The later reading reports what is wrong with the arguments.
     let Ok(matches) = command.clone().try_get_matches() else { return Ok(command) };
     let folder = spec(&matches).and_then(Path::parent).unwrap_or(Path::new(""));
     let mut defaults =
@@ -111,14 +111,14 @@ fn text(name: &str, value: toml::Value) -> anyhow::Result<String> {
         toml::Value::Float(number) => Ok(number.to_string()),
         toml::Value::Boolean(truth) => Ok(truth.to_string()),
         toml::Value::Datetime(_) | toml::Value::Array(_) | toml::Value::Table(_) => {
-            Err(anyhow!("`set.{name}` in `{FILE}` is no text, number or truth value"))
+            Err(anyhow!("`set.{name}` in `{FILE}` is not a text, a number or a truth value"))
         }
     }
 }
 
 /// Gives the options of all verbs their defaults.
 fn set(command: Command, defaults: &Defaults) -> Command {
-    // `dca audit` asks where a node has its state, for which the folder of another node is no answer.
+    // `dca audit` finds the state of a node by its run folder, so the folder of another node would mislead it.
     if command.get_name() == "audit" {
         return command;
     }
@@ -197,7 +197,7 @@ mod tests {
         for (text, why) in [
             ("controler = []", "unknown field `controler`"),
             ("runs = 3", "invalid type"),
-            ("[set]\nroute = [1, 2]", "`set.route` in `dca.toml` is no text, number or truth value"),
+            ("[set]\nroute = [1, 2]", "`set.route` in `dca.toml` is not a text, a number or a truth value"),
         ] {
             let error = line(text, &[], &[]).unwrap_err();
             assert!(format!("{error:#}").contains(why), "{error:#}");

@@ -120,7 +120,7 @@ impl Nodes {
         result
     }
 
-    /// Ends the nodes and removes their folder. Another Ctrl-C cuts the time short.
+    /// Stops the nodes, then removes their folder. Another Ctrl-C cuts the time short.
     async fn leave(&mut self, within: Duration) {
         self.leave.send_replace(true);
         let mut deadline = clock::now() + within;

@@ -26,7 +26,7 @@ impl Process {
     }
 }
 
-/// Returns a word for each process that may be meant by what is written so far: the shortest that means it alone.
+/// Returns a word for each process that matches the text so far: the shortest unique name.
 pub(crate) fn processes(all: &BTreeSet<Process>, written: &str) -> BTreeSet<String> {
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
     for one in all {

@@ -14,7 +14,7 @@ pub(crate) struct Estimate {
     of: usize,
     /// When the jobs of this kind began.
     begun: Duration,
-    /// What an exploration within a job has found.
+    /// The states that an exploration within a job has found.
     states: u32,
 }
 

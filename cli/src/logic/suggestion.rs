@@ -1,4 +1,4 @@
-//! What a person may have meant by a name that nothing has.
+//! Suggestions for unknown names.
 
 use crate::logic::process_name::{DeploymentName, ProcessName};
 use node::logic::protocol::Deployment;

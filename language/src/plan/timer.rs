@@ -22,11 +22,16 @@ impl Expression {
     }
 
     fn add_timers(&self, timers: &mut Vec<TimerKind>) {
-        match self {
-            Self::Sequence(clock, end) if is_deadline(clock, end) => return timers.push(TimerKind::Limit),
-            Self::Wait(_) => timers.push(TimerKind::Pause),
-            Self::Shield { bound: Some(_), .. } => timers.push(TimerKind::Shield),
-            _ => {}
+        if let Self::Sequence(clock, end) = self
+            && is_deadline(clock, end)
+        {
+            return timers.push(TimerKind::Limit);
+        }
+        if let Self::Wait(_) = self {
+            timers.push(TimerKind::Pause);
+        }
+        if let Self::Shield { bound: Some(_), .. } = self {
+            timers.push(TimerKind::Shield);
         }
         self.operands().into_iter().for_each(|operand| operand.add_timers(timers));
     }

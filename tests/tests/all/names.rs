@@ -116,7 +116,7 @@ process Round() { instantiated_processes { base instof Say(\"c1\"); } internal_e
 process main() { host { \"c1\" } instantiated_processes { low instof Round(); } internal_event_actions { low } }
 ";
 
-/// What one verb prints every verb takes; a name that nothing has is refused with the one that was meant.
+/// Every verb takes the names that other verbs print. An unknown name is refused with the most similar one.
 #[test]
 fn every_verb_takes_the_names_that_others_print() {
     let cluster = Cluster::new();

@@ -314,7 +314,7 @@ fn sockets_go_with_their_deployment() {
     }
 }
 
-/// Who presses Ctrl-C twice does not wait for a program that takes its time; nothing of it stays all the same.
+/// A second Ctrl-C does not wait for a slow program, and leaves nothing of the mission behind.
 #[test]
 fn who_asks_twice_does_not_wait() {
     const STUBBORN: &str = "

@@ -9,7 +9,7 @@ use language::plan::{Expression, Group, MemberKind};
 pub(crate) struct Culprit {
     /// The group that it is a step of.
     group: u32,
-    /// Its slot; none for the expression itself, which begins anew or never ends.
+    /// Its slot; none for the expression itself, which repeats or never ends.
     slot: Option<u32>,
 }
 
@@ -20,7 +20,7 @@ impl Times<'_, '_> {
         self.culprit_of((group, source), &source.expression)
     }
 
-    /// Says what has no limit, and what would give it one.
+    /// Names the step without a limit, and the ways to give it one.
     pub(crate) fn without_limit(&self, group: u32) -> String {
         let Some(Culprit { group, slot }) = self.culprit(group) else {
             return "nothing limits how long it takes".to_owned();
@@ -28,7 +28,7 @@ impl Times<'_, '_> {
         let around = self.model.group_name(group);
         let Some(slot) = slot else {
             return format!(
-                "nothing limits how long `{around}` takes: a part of it begins anew, or never ends; write `P within 30 s`"
+                "nothing limits how long `{around}` takes: a part of it repeats, or never ends; write `P within 30 s`"
             );
         };
         let (step, member) =

@@ -128,7 +128,7 @@ fn the_step_without_a_limit_is_named() {
     let cases = [
         ("quick ; part", "nothing limits how long `part/drill` takes: write `drill within 30 s`, declare"),
         ("weld ; quick", "nothing limits how long `weld` takes, which is started again as often as it dies"),
-        ("quick ;; skip", "nothing limits how long `main` takes: a part of it begins anew"),
+        ("quick ;; skip", "nothing limits how long `main` takes: a part of it repeats"),
     ];
     for (expression, expected) in cases {
         assert!(told(expression).contains(expected), "{expression}: {}", told(expression));

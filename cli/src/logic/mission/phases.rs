@@ -203,11 +203,7 @@ impl Phases {
 
     pub(super) fn change(&mut self, path: &str, change: &Change, at: Duration) {
         if let Some(runs) = self.inner.get_mut(path) {
-            match change {
-                Change::Activated => *runs = true,
-                Change::Ended(_) => *runs = false,
-                _ => {}
-            }
+            *runs = *change == Change::Activated || *runs && !matches!(change, Change::Ended(_));
         }
         let Some((member, name)) = self.slots.get(path).cloned() else { return };
         if *change == Change::Activated {
