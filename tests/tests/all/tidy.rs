@@ -5,6 +5,7 @@
 mod glossary;
 mod inside;
 mod named;
+mod shapes;
 mod sources;
 
 use sources::{Source, Strings, files, room, root, sources, without_comments};
