@@ -154,7 +154,10 @@ impl Robots {
         let agreed = || {
             let all: Vec<Status> = self.ways.iter().map(Way::status).collect();
             all.iter().all(|one| {
-                one.members.len() == members && one.member && one.state == all[0].state && one.version == all[0].version
+                one.members.len() == members
+                    && one.member
+                    && one.contents.digest == all[0].contents.digest
+                    && one.contents.version == all[0].contents.version
             })
         };
         let took = wait_until(SOON, agreed);
@@ -196,7 +199,7 @@ fn three_robots_agree_after_each_was_alone() {
     let healed = now();
     let whole = wait_until(SOON, || {
         robots.check_whole();
-        let states: BTreeSet<String> = robots.ways.iter().map(|way| way.status().state).collect();
+        let states: BTreeSet<String> = robots.ways.iter().map(|way| way.status().contents.digest).collect();
         states.len() == 1
     });
     println!("the same state {:.2?} after the links were back", now() - healed);
