@@ -24,7 +24,7 @@ use crate::io::journal::{self, Journal};
 use crate::io::kept::KeptFiles;
 use crate::io::kernel;
 use crate::io::logging::{self, Log};
-use crate::io::peers::{Arrival, Peers};
+use crate::io::peers::{Arrival, Life, Peers};
 use crate::io::policy::ExecutionPolicy;
 use crate::io::run_dir::RunDir;
 use crate::io::service_manager::ServiceManager;
@@ -79,9 +79,9 @@ pub struct Config {
     pub programs: ProgramsConfig,
     /// Whether it takes over what a node of its name that was killed has left in its folder.
     pub adopts: bool,
-    /// What tells this boot of the machine from others, where the kernel does not.
+    /// A name for this boot of the machine, where the kernel has none.
     pub boot: Option<String>,
-    /// Folder for what must survive: the database and the journal; none for a node whose memory ends with it.
+    /// Folder of the database and the journal; none for a node whose memory ends with it.
     pub state: Option<PathBuf>,
     /// Its replica of the team's database.
     pub database: DatabaseConfig,
@@ -274,8 +274,8 @@ impl Driver {
         });
         let (mut tasks, (sink, arrivals)) = (JoinSet::new(), mpsc::channel(EVENTS_MAX));
         start::show_team(&config, &dir)?;
-        let (options, life) =
-            (start::session_options(&config, &dir)?, (state.agent.boot(), state.agent.started(), origin));
+        let options = start::session_options(&config, &dir)?;
+        let life = Life { boot: state.agent.boot(), started: state.agent.started(), origin };
         let peers = Peers::open(options, life, config.network.member.clone(), sink, &mut tasks).await?;
         peers.hold(state.agent.holders().clone());
         peers.beat(state.agent.beaten().clone());
@@ -283,7 +283,7 @@ impl Driver {
         let session = Arc::clone(peers.session());
         let database = tokio::task::spawn_blocking(move || database::start(&options, &session)).await??;
         let (jobs, waiting) = mpsc::channel(starter::JOBS_MAX);
-        tasks.spawn(start::starter(&config, &database, (policy.clone(), events.clone())).run(waiting));
+        tasks.spawn(start::starter(&config, &database, policy.clone(), events.clone()).run(waiting));
         tasks.spawn(start::forward(arrivals, events.clone()));
         tasks.spawn(keeping::reap_orphans());
         tasks.spawn(crate::io::founding::begin(config.network.member.clone(), database.handle().clone()));
@@ -346,7 +346,7 @@ impl Driver {
                 let process = self.state.attachments.find(&deployment, &instance)?.clone();
                 let (orders, notices) = counts;
                 self.running.returning.is_back(&process, notices);
-                let why = self.resume(&process, &sender, (version, orders)).err();
+                let why = self.resume(&process, &sender, version, orders).err();
                 // After the first order that it waits for.
                 self.tell_parameters(&sender, &process);
                 self.running.programs.insert(process.clone(), (number, sender));
@@ -364,7 +364,7 @@ impl Driver {
             }
             Event::Refused(connection, wires) => self.refused(&connection, wires),
             Event::Judge(connection, sender, number, call) => {
-                self.judge_call(connection, sender, (number, call));
+                self.judge_call(connection, sender, number, call);
                 None
             }
             Event::Reached(process) => {
@@ -404,7 +404,7 @@ impl Driver {
             Effect::JudgeResumed { deployment, signed } => self.judge_resumed(deployment, signed.as_deref()),
             Effect::OrderEnded { number, outcome } => self.order_ended(number, &outcome),
             Effect::FindPrograms { deployment, number, programs } => {
-                self.find_programs((deployment, number), programs);
+                self.find_programs(deployment, number, programs);
             }
             Effect::Settled { deployment } => {
                 let journal = Arc::clone(&self.files.journal);

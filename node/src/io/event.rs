@@ -78,7 +78,8 @@ pub(crate) struct Connection {
 pub(crate) async fn hear_programs(
     listener: Listener,
     deployment: Deployment,
-    (connected, database): (Arc<AtomicU64>, ProgramDatabase),
+    connected: Arc<AtomicU64>,
+    database: ProgramDatabase,
     events: Sender<Event>,
 ) {
     let mut programs = JoinSet::new();
@@ -88,7 +89,7 @@ pub(crate) async fn hear_programs(
             Ok((sender, receiver)) => {
                 let number = connected.fetch_add(1, Ordering::Relaxed);
                 let connection = Connection { deployment: deployment.clone(), instance: String::new(), number };
-                let hearing = hear((events.clone(), database.clone()), connection, sender, receiver);
+                let hearing = hear(events.clone(), database.clone(), connection, sender, receiver);
                 programs.spawn(async move {
                     if let Err(error) = hearing.await {
                         tracing::warn!(error = format!("{error:#}"), "a program cannot be heard any more");
@@ -103,7 +104,8 @@ pub(crate) async fn hear_programs(
 /// Passes on what a program says, which begins with who it is, until it says no more. What it asks of the database goes there
 /// directly.
 async fn hear(
-    (events, database): (Sender<Event>, ProgramDatabase),
+    events: Sender<Event>,
+    database: ProgramDatabase,
     mut connection: Connection,
     sender: ControlSender,
     mut receiver: ControlReceiver,

@@ -70,12 +70,8 @@ impl Guard {
     ///
     /// # Errors
     /// As of [`Guard::call`].
-    pub(crate) fn order(
-        &self,
-        deployment: &Deployment,
-        (from, order): (&str, &ToParticipant),
-    ) -> Result<Attempt, String> {
-        let passed = self.0.member.with_judge(|judge| self.gate().order(deployment, (from, order), judge));
+    pub(crate) fn order(&self, deployment: &Deployment, from: &str, order: &ToParticipant) -> Result<Attempt, String> {
+        let passed = self.0.member.with_judge(|judge| self.gate().order(deployment, from, order, judge));
         passed.map_err(|refused| self.refused(refused))
     }
 

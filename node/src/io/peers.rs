@@ -83,19 +83,31 @@ pub enum Arrival {
     Call(u64, Request, Caller),
 }
 
+/// The life of a node, for its answers.
+#[derive(Clone, Copy, Debug)]
+pub struct Life {
+    /// Its boot number.
+    pub boot: u64,
+    /// When it was started.
+    pub started: Time,
+    /// [`Pong::origin`].
+    pub origin: u32,
+}
+
 impl Peers {
     /// Opens the session, announces the node and begins to listen; arrivals go to `sink` from tasks of `tasks`. A node that was
-    /// killed keeps its boot number, and the time of its start, when it is taken over; `origin` is that of its answers.
+    /// killed keeps its boot number, and the time of its start, when it is taken over.
     ///
     /// # Errors
     /// The session cannot be opened.
     pub async fn open(
         options: NodeOptions,
-        (boot, started, origin): (u64, Time, u32),
+        life: Life,
         member: Option<Arc<Member>>,
         sink: Sender<Arrival>,
         tasks: &mut JoinSet<()>,
     ) -> anyhow::Result<Self> {
+        let Life { boot, started, origin } = life;
         let host = options.name.clone();
         let session = Session::open_node(options).await.with_context(|| format!("opening the node `{host}`"))?;
         let session = match &member {
@@ -111,7 +123,7 @@ impl Peers {
         let (pings, asked, pongs) = (pings?, asked?, pongs?);
         let presence = session.watch(&key::live_any())?;
         let namesakes = session.subscribe(&key::namesake(host.as_str()), Policy::reject(NAMESAKES_MAX))?;
-        tasks.spawn(hear_namesakes(namesakes, (authors.clone(), host.as_str().to_owned()), sink.clone()));
+        tasks.spawn(hear_namesakes(namesakes, authors.clone(), host.as_str().to_owned(), sink.clone()));
         let token = session.announce(&key::live(host.as_str(), boot))?;
         tasks.spawn(hear_frames(inbox, authors.clone(), sink.clone()));
         let refused = session.subscribe(&key::refused(host.as_str()), Policy::reject(REFUSED_MAX))?;
@@ -124,15 +136,28 @@ impl Peers {
         let beats = session.hear_beats(&key::beat(&own.host))?;
         tasks.spawn(beat::beat(Arc::clone(&session), to_beat));
         tasks.spawn(hear_presence(presence, Arc::clone(&own), sink.clone()));
-        let speaking = || (Arc::clone(&session), Arc::clone(&own), authors.clone());
-        tasks.spawn(answer_pings(pings, speaking(), sink.clone()));
-        tasks.spawn(answer_pings(asked, speaking(), sink.clone()));
-        tasks.spawn(hear_pongs(pongs, speaking(), sink.clone()));
+        let speaking = Speaking { session: Arc::clone(&session), own: Arc::clone(&own), authors: authors.clone() };
+        tasks.spawn(answer_pings(pings, speaking.clone(), sink.clone()));
+        tasks.spawn(answer_pings(asked, speaking.clone(), sink.clone()));
+        tasks.spawn(hear_pongs(pongs, speaking.clone(), sink.clone()));
         let revoked = session.subscribe(&key::revoked_any(), Policy::reject(REVOKED_MAX))?;
         if let Some(member) = &member {
-            let speaker = || (Arc::clone(member), Arc::clone(&session), authors.clone(), own.host.clone());
-            heads::spawn(speaker(), own.appeared.subscribe(), tasks)?;
-            renewal::spawn(speaker(), own.appeared.subscribe(), tasks)?;
+            heads::spawn(
+                Arc::clone(member),
+                Arc::clone(&session),
+                authors.clone(),
+                own.host.clone(),
+                own.appeared.subscribe(),
+                tasks,
+            )?;
+            renewal::spawn(
+                Arc::clone(member),
+                Arc::clone(&session),
+                authors.clone(),
+                own.host.clone(),
+                own.appeared.subscribe(),
+                tasks,
+            )?;
             tasks.spawn(spread_revocations(Arc::clone(member), revoked, Arc::clone(&session), Arc::clone(&own)));
         }
         tasks.spawn(calls::hear(calls, Arc::clone(&session), member, sink));
@@ -264,11 +289,16 @@ fn place() -> String {
     format!("on `{machine}`, process {}", std::process::id())
 }
 
-/// What it takes to answer, and to believe others.
-type Speaking = (Arc<Session>, Arc<Own>, Authors);
+/// The means to answer other nodes, and to believe them.
+#[derive(Clone)]
+struct Speaking {
+    session: Arc<Session>,
+    own: Arc<Own>,
+    authors: Authors,
+}
 
 /// Answers every other node that asks whether this one is there.
-async fn answer_pings(mut pings: Subscription, (session, own, authors): Speaking, sink: Sender<Arrival>) {
+async fn answer_pings(mut pings: Subscription, Speaking { session, own, authors }: Speaking, sink: Sender<Arrival>) {
     while let Some((key, bytes, author)) = pings.next_signed().await {
         let Ok(Ping { from, boot, round }) = codec::decode(&bytes) else {
             tracing::debug!("a node asks who is there in a way that cannot be read");
@@ -300,7 +330,7 @@ async fn answer_pings(mut pings: Subscription, (session, own, authors): Speaking
     }
 }
 
-async fn hear_pongs(mut pongs: Subscription, (session, own, authors): Speaking, sink: Sender<Arrival>) {
+async fn hear_pongs(mut pongs: Subscription, Speaking { session, own, authors }: Speaking, sink: Sender<Arrival>) {
     while let Some((_, bytes, author)) = pongs.next_signed().await {
         match codec::decode::<Pong>(&bytes) {
             Ok(pong) if !authors.admits(&author, &pong.from) => {}
@@ -319,7 +349,7 @@ async fn hear_pongs(mut pongs: Subscription, (session, own, authors): Speaking, 
     }
 }
 
-async fn hear_namesakes(mut namesakes: Subscription, (authors, own): (Authors, String), sink: Sender<Arrival>) {
+async fn hear_namesakes(mut namesakes: Subscription, authors: Authors, own: String, sink: Sender<Arrival>) {
     while let Some((_, bytes, author)) = namesakes.next_signed().await {
         match codec::decode::<Namesake>(&bytes) {
             Ok(_) if !authors.admits(&author, &own) => {}

@@ -41,7 +41,10 @@ struct Renewals {
 /// # Errors
 /// The session is closed.
 pub(super) fn spawn(
-    (member, session, authors, host): (Arc<Member>, Arc<Session>, Authors, String),
+    member: Arc<Member>,
+    session: Arc<Session>,
+    authors: Authors,
+    host: String,
     appeared: broadcast::Receiver<()>,
     tasks: &mut JoinSet<()>,
 ) -> anyhow::Result<()> {

@@ -387,7 +387,7 @@ pub(crate) fn user_of(node: &Path, process: &Path) -> Option<(u32, u32)> {
 ///
 /// # Errors
 /// The file system refuses, or this is not root.
-pub(crate) fn make_other(node: &Path, process: &Path, (uid, gid): (u32, u32)) -> io::Result<PathBuf> {
+pub(crate) fn make_other(node: &Path, process: &Path, uid: u32, gid: u32) -> io::Result<PathBuf> {
     let (others, own) = (of_others(node), other(node, process));
     if let Some(base) = others.parent() {
         let mode = fs::metadata(base)?.mode();

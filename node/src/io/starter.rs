@@ -97,7 +97,8 @@ impl Starter {
     pub(crate) fn new(
         shim: PathBuf,
         policy: ExecutionPolicy,
-        (secrets, database): (Arc<Secrets>, ProgramDatabase),
+        secrets: Arc<Secrets>,
+        database: ProgramDatabase,
         events: Sender<Event>,
     ) -> Self {
         Self {
@@ -198,7 +199,7 @@ impl Starter {
 
     fn listen(&mut self, listener: Listener, at: (Deployment, PathBuf)) {
         let (connected, events) = (Arc::clone(&self.connected), self.events.clone());
-        let hearing = hear_programs(listener, at.0.clone(), (connected, self.database.clone()), events);
+        let hearing = hear_programs(listener, at.0.clone(), connected, self.database.clone(), events);
         self.listeners.insert(at, self.tasks.spawn(hearing));
     }
 
@@ -207,7 +208,7 @@ impl Starter {
         self.database.connect(&order);
         let started = match obstacle {
             Some(why) => Err(anyhow::Error::msg(why)),
-            None => self.try_start(order, shim, (control, node)).await,
+            None => self.try_start(order, shim, control, node).await,
         };
         match started {
             Ok((shim, reports)) => {
@@ -228,7 +229,8 @@ impl Starter {
         &mut self,
         order: SpawnOrder,
         mut start: ShimStart,
-        (control, node): (Option<PathBuf>, PathBuf),
+        control: Option<PathBuf>,
+        node: PathBuf,
     ) -> anyhow::Result<(ShimOrders, ShimReports)> {
         let keys: Vec<String> = order.secrets.iter().map(|secret| secret.key.clone()).collect();
         let deployment = order.process.deployment.clone();
@@ -240,7 +242,7 @@ impl Starter {
             start.environment.retain(|(name, _)| environment.iter().all(|(other, _)| other != name));
             start.environment.extend(environment);
             run_dir::make_process(&start.dir).context("making its folder")?;
-            let control = others::move_to_user(&mut start, control, (&node, policy.member()))?;
+            let control = others::move_to_user(&mut start, control, &node, policy.member())?;
             anyhow::Ok((start, control))
         });
         let (start, control) = admitting.await??;

@@ -102,7 +102,7 @@ pub struct Agent {
 #[derive(Debug, Serialize, Deserialize)]
 struct Run {
     started: Time,
-    /// What the calendar clock showed at [`Time::ZERO`], as time since 1970.
+    /// The calendar clock at [`Time::ZERO`], as time since 1970.
     calendar: Duration,
     /// When it was made again from its inputs, the last few times.
     adoptions: VecDeque<Time>,

@@ -40,7 +40,7 @@ use start::{Next, Start};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
-use stop::{Stop, Wish};
+use stop::{Stop, StopBy};
 use switching::Switches;
 
 /// How long all hosts have to start their programs, if none may take longer than usual to be ready.
@@ -129,7 +129,7 @@ impl Coordinator {
             ToCoordinator::MainEnded { ending } => {
                 // A user who asked for a stop is not told that something has failed, nor that it has stopped.
                 let is_unconfirmed = matches!(&ending, Ending::Aborted(failure) if failure.cause.is_unconfirmed_stop());
-                let is_unconfirmed = is_unconfirmed && mission.stop.wish != Wish::None;
+                let is_unconfirmed = is_unconfirmed && mission.stop.by != StopBy::None;
                 self.end(Some(if is_unconfirmed { Ending::Unconfirmed } else { ending }), out);
             }
             ToCoordinator::Happened { target, change } => mission.happened(target, change, out),
@@ -258,7 +258,7 @@ impl Coordinator {
 
     /// Returns the record of it on the disk; nothing once it is to end.
     pub fn kept(&self) -> Option<Kept> {
-        (!self.is_ending() && self.mission.stop.wish != Wish::Unwanted).then(|| self.mission.kept(false))
+        (!self.is_ending() && self.mission.stop.by != StopBy::User).then(|| self.mission.kept(false))
     }
 
     /// Takes the failure of a host.
@@ -417,7 +417,7 @@ impl Coordinator {
         };
         let mission = &mut self.mission;
         // A node that leaves may be started again after a reboot.
-        if mission.stop.wish == Wish::NodeLeaves && !matches!(ending, Some(Ending::Done(_))) {
+        if mission.stop.by == StopBy::Node && !matches!(ending, Some(Ending::Done(_))) {
             out.effects.push(Effect::Keep(Box::new(mission.kept(true))));
         } else {
             mission.stop.unkeep(&mission.deployment, out);

@@ -91,14 +91,14 @@ fn script(rest: &[u8]) -> Script {
 fn elf(begin: &[u8]) -> Option<Elf> {
     let rest = begin.strip_prefix(ELF)?;
     let (is_64, is_little) = (*rest.first()? == 2, *rest.get(1)? == 1);
-    let number = |at: usize, size: usize| number(begin, at, (size, is_little));
+    let number = |at: usize, size: usize| number(begin, at, size, is_little);
     let short = |at: usize| u16::try_from(number(at, 2)?).ok();
     let (offset, size, count) =
         if is_64 { (number(32, 8)?, short(54)?, short(56)?) } else { (number(28, 4)?, short(42)?, short(44)?) };
     Some(Elf { is_64, is_little, kind: short(16)?, machine: short(18)?, headers: Table { offset, size, count } })
 }
 
-fn number(bytes: &[u8], at: usize, (size, is_little): (usize, bool)) -> Option<u64> {
+fn number(bytes: &[u8], at: usize, size: usize, is_little: bool) -> Option<u64> {
     let bytes = bytes.get(at..at.checked_add(size)?)?;
     let append = |value: u64, byte: &u8| value << 8 | u64::from(*byte);
     Some(if is_little { bytes.iter().rev().fold(0, append) } else { bytes.iter().fold(0, append) })
@@ -144,7 +144,7 @@ impl Elf {
     pub fn loader(&self, headers: &[u8]) -> Option<Piece> {
         let (offset, length, size) = if self.is_64 { (8, 32, 8) } else { (4, 16, 4) };
         headers.chunks(usize::from(self.headers.size).max(1)).find_map(|header| {
-            let number = |at: usize, size: usize| number(header, at, (size, self.is_little));
+            let number = |at: usize, size: usize| number(header, at, size, self.is_little);
             (number(0, 4)? == LOADER).then_some(())?;
             Some(Piece { offset: number(offset, size)?, length: number(length, size)? })
         })

@@ -183,7 +183,7 @@ impl Gate {
             return Err(Refused { attempt, why: Refusal::Unreadable });
         };
         let attempt = Attempt { who, what: subject(&request) };
-        match self.check_call(&signed, (action, &request), judge, epoch_of) {
+        match self.check_call(&signed, action, &request, judge, epoch_of) {
             Ok(()) => Ok(Passed::Signed(attempt, signed)),
             Err(why) => Err(Refused { attempt, why }),
         }
@@ -199,7 +199,7 @@ impl Gate {
         let refused = |why| Err(Refused { attempt: attempt.clone(), why });
         let Ok(found) = signed.request() else { return refused(Refusal::Unreadable) };
         let Some(action) = action(&request).filter(|_| found == request) else { return refused(Refusal::OtherCall) };
-        match self.check_call(signed, (action, &request), judge, |_| 0) {
+        match self.check_call(signed, action, &request, judge, |_| 0) {
             Ok(()) => Ok(attempt),
             Err(why) => refused(why),
         }
@@ -208,7 +208,8 @@ impl Gate {
     fn check_call(
         &mut self,
         signed: &Signed,
-        (asked, request): (Action, &Request),
+        asked: Action,
+        request: &Request,
         judge: &Judge<'_>,
         epoch_of: impl Fn(&str) -> u64,
     ) -> Result<(), Refusal> {
@@ -234,7 +235,8 @@ impl Gate {
     pub fn order(
         &mut self,
         deployment: &Deployment,
-        (from, order): (&str, &ToParticipant),
+        from: &str,
+        order: &ToParticipant,
         judge: &Judge<'_>,
     ) -> Result<Attempt, Refused> {
         let what = format!("start `{deployment}` for `{from}`");
@@ -243,7 +245,7 @@ impl Gate {
             return Err(Refused { attempt, why: Refusal::Unsigned(Action::Deploy) });
         };
         let attempt = Attempt { who: signer(&ordered.by), what };
-        match self.check_order(deployment, (from, ordered), judge) {
+        match self.check_order(deployment, from, ordered, judge) {
             Ok(()) => Ok(attempt),
             Err(why) => Err(Refused { attempt, why }),
         }
@@ -252,7 +254,8 @@ impl Gate {
     fn check_order(
         &mut self,
         deployment: &Deployment,
-        (from, ordered): (&str, &Ordered),
+        from: &str,
+        ordered: &Ordered,
         judge: &Judge<'_>,
     ) -> Result<(), Refusal> {
         let Ordered { by, order } = ordered;
@@ -266,7 +269,7 @@ impl Gate {
         let known = self.ledger.epoch(&place);
         // After a reboot its home begins it again under a later epoch, as the user has signed.
         let may_resume = is_first && plan.on_boot == OnBoot::Resume && epoch > known;
-        let resumed = may_resume.then(|| self.ledger.accepted(&place, known, mark)).flatten();
+        let resumed = may_resume.then(|| self.ledger.accepted(&place, known, mark.0, mark.1)).flatten();
         let follows = match resumed {
             Some(_) => true,
             None => follows(order, &request, plan, epoch),
@@ -279,7 +282,7 @@ impl Gate {
         }
         let Self { node, name, ledger, news } = self;
         // What was accepted for this very deployment goes on: its number is spent, and its time may be over.
-        let before = ledger.accepted(&place, epoch, mark).filter(|_| !is_first).or(resumed);
+        let before = ledger.accepted(&place, epoch, mark.0, mark.1).filter(|_| !is_first).or(resumed);
         let judge = Judge { now: before.unwrap_or(judge.now), ..*judge };
         let context = Context { judge, node: *node, name, deployment: deployed.as_ref(), epoch_min: 0 };
         if before.is_some() {

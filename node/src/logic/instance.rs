@@ -524,7 +524,7 @@ impl Instance {
         self.obstacles.hosts.remove(host);
     }
 
-    /// Ends the current activation, if there is one. What stopped because a host was lost has failed.
+    /// The current activation ends, if there is one. A stop because of a lost host counts as a failure.
     fn finish(&mut self, ending: Ending, context: &mut InstanceContext<'_>) {
         let Some(Current { number, lost, .. }) = self.current.take() else { return };
         let ending = match (ending, lost) {

@@ -97,7 +97,7 @@ struct Unacknowledged {
 
 impl Link {
     /// Returns a fresh link of node `host`, booted as `boot`, to a peer booted as `boot_peer`.
-    pub fn new(now: Time, host: &str, (boot, boot_peer): (u64, u64)) -> Self {
+    pub fn new(now: Time, host: &str, boot: u64, boot_peer: u64) -> Self {
         let host = host.to_owned();
         Self {
             host,
@@ -254,7 +254,7 @@ mod tests {
     }
 
     fn pair() -> (Link, Link) {
-        (Link::new(Time::ZERO, "a", (1, 2)), Link::new(Time::ZERO, "b", (2, 1)))
+        (Link::new(Time::ZERO, "a", 1, 2), Link::new(Time::ZERO, "b", 2, 1))
     }
 
     /// A pair of links over a line that loses, repeats and swaps frames as a seeded generator says.
@@ -306,7 +306,7 @@ mod tests {
     #[test]
     fn a_peer_that_does_not_answer_is_not_flooded() {
         for (lost, most) in [(false, 20 * WINDOW), (true, 20)] {
-            let mut link = Link::new(Time::ZERO, "a", (1, 2));
+            let mut link = Link::new(Time::ZERO, "a", 1, 2);
             (1..=1000).for_each(|number| drop(link.send(Time::ZERO, numbered(number))));
             if lost {
                 link.abandon();
@@ -362,7 +362,7 @@ mod tests {
 
     #[test]
     fn ignores_frames_of_another_boot() {
-        let (mut a, mut b) = (Link::new(Time::ZERO, "a", (1, 2)), Link::new(Time::ZERO, "b", (3, 1)));
+        let (mut a, mut b) = (Link::new(Time::ZERO, "a", 1, 2), Link::new(Time::ZERO, "b", 3, 1));
         let frame = a.send(Time::ZERO, numbered(1)).unwrap();
         assert_eq!(b.receive(Time::ZERO, frame), Received::default());
     }
@@ -386,7 +386,7 @@ mod tests {
             for step in 0..1500 {
                 now = now + Duration::from_millis(50);
                 if step == forgets {
-                    b = Link::new(now, "b", (2, 1));
+                    b = Link::new(now, "b", 2, 1);
                     // What had arrived is another matter.
                     got.clear();
                 }
@@ -426,7 +426,7 @@ mod tests {
         a.receive(Time::ZERO, first.answer.unwrap());
         drop((a.send(Time::ZERO, numbered(2)), a.send(Time::ZERO, release())));
         let later = Time::ZERO + Duration::from_secs(1);
-        b = Link::new(later, "b", (2, 1));
+        b = Link::new(later, "b", 2, 1);
         assert!(a.receive(later, b.send(later, numbered(3)).unwrap()).is_anew);
         let again = a.resend(later);
         assert_eq!(again.len(), 1);

@@ -381,7 +381,7 @@ impl NameServer {
         now.since(self.due.max(self.seen + ASK_EVERY))
     }
 
-    /// Shifts all times by the span that this node has slept: that is no silence of others. Who has slept for long asks all.
+    /// Shifts all times by the span that this node has slept, since others were not silent in it. After a long sleep it asks all.
     fn make_up(&mut self, now: Time) {
         let slept = self.slept(now);
         self.seen = now;

@@ -232,20 +232,10 @@ impl Participant {
                 let by = Supervisor { group, host: from.to_owned() };
                 self.succeed(by, leaf, activation, value, out);
             }
-            ToParticipant::Expecting { group, leaf, generation } => {
-                self.tell_executer(group, out, |executer, at, out| executer.expecting((generation, leaf), at, out));
-            }
-            ToParticipant::Taken { group, leaf, generation, lost, late, missing } => {
-                self.tell_executer(group, out, |executer, at, out| {
-                    executer.taken((generation, leaf), (lost, late, missing), at, out);
-                });
-            }
-            ToParticipant::Succeeding { group, leaf, is_handed_over } => {
-                self.tell_executer(group, out, |executer, at, out| executer.succeeding(leaf, is_handed_over, at, out));
-            }
-            ToParticipant::SwitchSets { group, slot, sets, call } => {
-                self.tell_executer(group, out, |executer, at, out| executer.switch_sets((slot, &sets), call, at, out));
-            }
+            ToParticipant::Expecting { .. }
+            | ToParticipant::Taken { .. }
+            | ToParticipant::Succeeding { .. }
+            | ToParticipant::SwitchSets { .. } => self.follow_switch(message, out),
             ToParticipant::Loose { target, hosts } => {
                 let Some(&(group, slot)) = self.site.supervisors.get(&target) else { return };
                 self.tell_executer(group, out, |executer, at, out| {
@@ -271,6 +261,21 @@ impl Participant {
                     self.moved(facts, out);
                 }
             }
+        }
+    }
+
+    /// Passes a message about a switch on to a supervisor of this host.
+    fn follow_switch(&mut self, message: ToParticipant, out: &mut Out<'_>) {
+        if let ToParticipant::Expecting { group, leaf, generation } = message {
+            self.tell_executer(group, out, |executer, at, out| executer.expecting((generation, leaf), at, out));
+        } else if let ToParticipant::Taken { group, leaf, generation, lost, late, missing } = message {
+            self.tell_executer(group, out, |executer, at, out| {
+                executer.taken((generation, leaf), (lost, late, missing), at, out);
+            });
+        } else if let ToParticipant::Succeeding { group, leaf, is_handed_over } = message {
+            self.tell_executer(group, out, |executer, at, out| executer.succeeding(leaf, is_handed_over, at, out));
+        } else if let ToParticipant::SwitchSets { group, slot, sets, call } = message {
+            self.tell_executer(group, out, |executer, at, out| executer.switch_sets((slot, &sets), call, at, out));
         }
     }
 

@@ -96,7 +96,7 @@ impl Programs {
 }
 
 /// Returns how the program of a leaf of this plan is started.
-pub fn order(process: ProcessId, command: Vec<String>, (plan, leaf): (&Plan, &Leaf)) -> SpawnOrder {
+pub fn order(process: ProcessId, command: Vec<String>, plan: &Plan, leaf: &Leaf) -> SpawnOrder {
     let claimed = plan.claims.iter().filter(|claim| claim.leaf == process.leaf).map(|claim| claim.device.clone());
     let (path, secrets, devices) = (leaf.path.clone(), secrets(leaf, &command), claimed.collect());
     let before = plan.leaves.iter().take(process.leaf as usize);

@@ -39,7 +39,7 @@ fn rejoin(plan: Plan) -> ToParticipant {
 
 /// What `c1`, the home, orders `c2`.
 fn order(gate: &mut Gate, world: &World, epoch: u64, order: &ToParticipant) -> Result<(), Refusal> {
-    gate.order(&at(epoch), ("c1", order), &world.judge(NOW)).map(drop).map_err(|refused| refused.why)
+    gate.order(&at(epoch), "c1", order, &world.judge(NOW)).map(drop).map_err(|refused| refused.why)
 }
 
 fn call(gate: &mut Gate, world: &World, request: Request) -> Result<Passed, Refusal> {
@@ -262,9 +262,9 @@ fn an_order_starts_what_was_signed_and_nothing_else() {
     hidden.groups[0].members[0].kind = MemberKind::Leaf(number);
     assert_eq!(order(&mut gate, &world, 5, &rejoin(hidden).signed(Some(&by))), Err(altered.clone()));
     let another = Deployment { name: "other".into(), epoch: 5 };
-    let refused = gate.order(&another, ("c1", &prepare().signed(Some(&by))), &world.judge(NOW)).unwrap_err();
+    let refused = gate.order(&another, "c1", &prepare().signed(Some(&by)), &world.judge(NOW)).unwrap_err();
     assert_eq!((refused.why, refused.attempt.who.as_str()), (altered.clone(), "dan"));
-    let refused = gate.order(&at(5), ("c3", &prepare().signed(Some(&by))), &world.judge(NOW)).unwrap_err();
+    let refused = gate.order(&at(5), "c3", &prepare().signed(Some(&by)), &world.judge(NOW)).unwrap_err();
     assert_eq!(refused.why, Refusal::Altered("c3".into()), "only the home of the plan orders");
     let mut elsewhere = world.gate("c9");
     assert_eq!(order(&mut elsewhere, &world, 5, &prepare().signed(Some(&by))), Err(altered.clone()));
@@ -297,7 +297,7 @@ fn a_deployment_goes_on_by_the_request_that_began_it() {
     let back = rejoin(plan()).signed(Some(&by));
     let later = |gate: &mut Gate, world: &World, epoch: u64, order: &ToParticipant| {
         let judge = world.judge(NOW.plus(20 * 24 * 3600));
-        gate.order(&at(epoch), ("c1", order), &judge).map(drop).map_err(|refused| refused.why)
+        gate.order(&at(epoch), "c1", order, &judge).map(drop).map_err(|refused| refused.why)
     };
     assert_eq!(later(&mut gate, &world, 5, &back), Ok(()));
     // As another deployment, it is a request that has ended.
@@ -323,7 +323,7 @@ fn a_mission_is_resumed_by_the_request_that_began_it_if_that_says_so() {
         assert_eq!(order(&mut gate, &world, 5, &prepare), Ok(()));
         let later = |gate: &mut Gate, world: &World, epoch: u64| {
             let judge = world.judge(NOW.plus(20 * 24 * 3600));
-            gate.order(&at(epoch), ("c1", &prepare), &judge).map(drop).map_err(|refused| refused.why)
+            gate.order(&at(epoch), "c1", &prepare, &judge).map(drop).map_err(|refused| refused.why)
         };
         if on_boot == OnBoot::None {
             assert!(matches!(later(&mut gate, &world, 6), Err(Refusal::Request(Unsound::Late(_)))));

@@ -42,7 +42,7 @@ pub fn check_executable(command: &[String], environment: &Environment) -> io::Re
     };
     let refused = |why: String| io::Error::new(io::ErrorKind::PermissionDenied, format!("`{name}` {why}"));
     check_permission(file).map_err(refused)?;
-    check_format(file, (&path, INTERPRETERS_MAX)).map_err(refused)?;
+    check_format(file, &path, INTERPRETERS_MAX).map_err(refused)?;
     Ok(file.clone())
 }
 
@@ -64,7 +64,7 @@ fn check_permission(file: &Path) -> Result<(), String> {
 }
 
 /// Says why the kernel does not execute a file, as far as its content tells. Programs are looked for on `search`.
-fn check_format(path: &Path, (search, interpreters): (&OsStr, usize)) -> Result<(), String> {
+fn check_format(path: &Path, search: &OsStr, interpreters: usize) -> Result<(), String> {
     // The kernel executes also what this user must not read.
     let Ok(file) = file::opened(path) else { return Ok(()) };
     let mut begin = Vec::new();
@@ -73,7 +73,7 @@ fn check_format(path: &Path, (search, interpreters): (&OsStr, usize)) -> Result<
     }
     match format(&begin) {
         Format::Empty => Err("is empty".to_owned()),
-        Format::Script(script) => check_script(&script, (search, interpreters)),
+        Format::Script(script) => check_script(&script, search, interpreters),
         Format::Elf(elf) => check_program(&file, elf, &begin),
         Format::Unknown if is_taken(&begin) => Ok(()),
         Format::Unknown => {
@@ -84,7 +84,7 @@ fn check_format(path: &Path, (search, interpreters): (&OsStr, usize)) -> Result<
     }
 }
 
-fn check_script(script: &Script, (search, interpreters): (&OsStr, usize)) -> Result<(), String> {
+fn check_script(script: &Script, search: &OsStr, interpreters: usize) -> Result<(), String> {
     let Script { interpreter, argument, has_carriage_return } = script;
     if interpreter.is_empty() {
         return Err("names no interpreter behind `#!` in its first line".to_owned());
@@ -105,7 +105,7 @@ fn check_script(script: &Script, (search, interpreters): (&OsStr, usize)) -> Res
     if interpreters == 0 {
         return Err(of("has too many interpreters of its own".to_owned()));
     }
-    check_format(path, (search, interpreters - 1)).map_err(of)?;
+    check_format(path, search, interpreters - 1).map_err(of)?;
     let is_name = !argument.is_empty() && !argument.starts_with('-') && !argument.contains(['=', ' ', '\t', '/']);
     if path.file_name() == Some(OsStr::new(ENV))
         && is_name

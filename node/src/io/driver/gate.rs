@@ -62,7 +62,7 @@ impl Driver {
     }
 
     /// Judges the call of a user that has come to a program, and tells the program when it is written down.
-    pub(super) fn judge_call(&mut self, program: Connection, sender: ControlSender, (number, call): (u64, UserCall)) {
+    pub(super) fn judge_call(&mut self, program: Connection, sender: ControlSender, number: u64, call: UserCall) {
         let Connection { deployment, instance, .. } = program;
         let UserCall { name: procedure, access, digest, warrant: Warrant { head, body } } = call;
         // A number behind the path tells it from another program of the same process.
@@ -96,7 +96,7 @@ impl Driver {
     /// Judges what another node orders, and gives the verdict when it is written down.
     pub(super) fn judge(&mut self, number: u64, deployment: &Deployment, from: &str, order: &ToParticipant) {
         let none = || Err("this node is in no team".to_owned());
-        let judged = self.gate.guard.as_ref().map_or_else(none, |guard| guard.order(deployment, (from, order)));
+        let judged = self.gate.guard.as_ref().map_or_else(none, |guard| guard.order(deployment, from, order));
         match (judged, self.gate.guard.clone()) {
             (Ok(attempt), Some(guard)) => {
                 let events = self.queues.events.clone();

@@ -21,7 +21,7 @@ use std::path::PathBuf;
 use tokio::sync::mpsc;
 
 /// Says why a program cannot be started. Blocks.
-fn examine(order: &SpawnOrder, (folder, policy): (&StartFolder, &ExecutionPolicy)) -> anyhow::Result<()> {
+fn examine(order: &SpawnOrder, folder: &StartFolder, policy: &ExecutionPolicy) -> anyhow::Result<()> {
     let directory = folder.of(order.environment.directory.as_deref()).map_err(anyhow::Error::msg)?;
     folder::check_directory(&directory).map_err(anyhow::Error::msg)?;
     policy.admit(order).map(drop)
@@ -29,12 +29,12 @@ fn examine(order: &SpawnOrder, (folder, policy): (&StartFolder, &ExecutionPolicy
 
 impl Driver {
     /// Looks at executables in a task: a folder of another machine may not answer.
-    pub(super) fn find_programs(&mut self, (deployment, number): (Deployment, u32), programs: Vec<SpawnOrder>) {
+    pub(super) fn find_programs(&mut self, deployment: Deployment, number: u32, programs: Vec<SpawnOrder>) {
         let (events, policy, folder) =
             (self.queues.events.clone(), self.gate.policy.clone(), self.running.start_folder.clone());
         self.queues.tasks.spawn(async move {
             let problem = move |order: SpawnOrder| {
-                let problem = examine(&order, (&folder, &policy)).err()?;
+                let problem = examine(&order, &folder, &policy).err()?;
                 Some(format!("`{}` cannot be started: {problem:#}", order.path))
             };
             let looking = tokio::task::spawn_blocking(move || programs.into_iter().filter_map(problem).collect()).await;
@@ -130,7 +130,8 @@ impl Driver {
         &self,
         process: &ProcessId,
         sender: &ControlSender,
-        (version, taken): (u16, u64),
+        version: u16,
+        taken: u64,
     ) -> Result<(), String> {
         if version != WIRE_VERSION {
             return Err(format!(

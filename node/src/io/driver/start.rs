@@ -49,12 +49,13 @@ pub(super) fn database_options(config: &Config, dir: &RunDir) -> database::Optio
 pub(super) fn starter(
     config: &Config,
     database: &DatabaseThread,
-    (policy, events): (ExecutionPolicy, Sender<Event>),
+    policy: ExecutionPolicy,
+    events: Sender<Event>,
 ) -> Starter {
     let secrets = Arc::new(Secrets::new(config.network.member.clone(), database.handle().clone(), &config.name));
     let access = Access { robot: config.name.clone(), is_team: config.network.member.is_some() };
     let database = ProgramDatabase::new(database.handle().clone(), access, Arc::clone(&secrets));
-    Starter::new(programs::beside("dca-shim"), policy, (secrets, database), events)
+    Starter::new(programs::beside("dca-shim"), policy, secrets, database, events)
 }
 
 /// Opens the journal: in the state that survives the node, if it has one.

@@ -15,10 +15,11 @@ use team::member::Member;
 pub(super) fn move_to_user(
     start: &mut ShimStart,
     control: Option<PathBuf>,
-    (node, member): (&Path, Option<&Member>),
+    node: &Path,
+    member: Option<&Member>,
 ) -> anyhow::Result<Option<PathBuf>> {
     let Some((uid, gid)) = start.sandbox.user.as_ref().map(|user| (user.uid, user.gid)) else { return Ok(control) };
-    let own = run_dir::make_other(node, &start.dir, (uid, gid)).context("making the folder of its user")?;
+    let own = run_dir::make_other(node, &start.dir, uid, gid).context("making the folder of its user")?;
     let control = control.map(|path| run_dir::other(node, &path));
     for (name, value) in &mut start.environment {
         let moved = match name.as_str() {

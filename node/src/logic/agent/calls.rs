@@ -7,7 +7,7 @@ use crate::logic::effect::{Effect, Out, ProcessId};
 use crate::logic::history::Audience;
 use crate::logic::participant::Participant;
 use crate::logic::protocol::{
-    Answer, ChangeRequest, Deployment, Names, Report, Request, SEVERAL, Signed, StartMode, StopReply, SwitchRequest,
+    Answer, ChangeRequest, Deployment, Names, Report, Request, SEVERAL, Signed, StopReply, SwitchRequest,
 };
 use language::plan::Plan;
 use std::sync::Arc;
@@ -25,7 +25,9 @@ impl Agent {
     pub(super) fn call(&mut self, call: u64, request: Request, signed: Option<Arc<Signed>>, out: &mut Out<'_>) {
         match request {
             Request::Deploy { request, plan, by, start } => {
-                return self.deploy((call, request), (plan, start), (by, signed), out);
+                let (until, call) = (out.now + GATHER_WITHIN, Some(call));
+                let one = AwaitingHosts { until, call, plan, by, signed, resumed: None, start };
+                return self.deploy(request, one, out);
             }
             Request::Status => out.answer(call, Answer::Status(self.status(out.now))),
             Request::Absent => out.answer(call, Answer::Absent(self.absent(out.now))),
@@ -42,9 +44,8 @@ impl Agent {
                 out.answer(call, Answer::Stop(if is_known { StopReply::Stopped } else { StopReply::Unknown }));
             }
             Request::Stop { name } => {
-                let home = self.coordinators.iter_mut().find(|(deployment, _)| deployment.name == name);
-                if let Some((_, coordinator)) = home {
-                    return coordinator.stop(Some(call), out);
+                if let Some(home) = self.home_of(&name) {
+                    return home.stop(Some(call), out);
                 }
                 if self.stop_waiting(call, &name, out) {
                     return;
@@ -108,16 +109,20 @@ impl Agent {
         }
     }
 
-    fn revision(&self, name: &str) -> Answer {
-        let home = self.coordinators.iter().find(|(deployment, _)| deployment.name == name);
-        let revision = home.map(|(_, home)| Answer::Revision(Box::new(home.revision())));
+    /// Returns the home of the deployment of a name, if it is here.
+    fn home_of(&mut self, name: &str) -> Option<&mut Coordinator> {
+        self.coordinators.iter_mut().find(|(deployment, _)| deployment.name == name).map(|(_, home)| home)
+    }
+
+    fn revision(&mut self, name: &str) -> Answer {
+        let revision = self.home_of(name).map(|home| Answer::Revision(Box::new(home.revision())));
         revision.unwrap_or_else(|| Answer::Refused(format!("`{name}` does not run here")))
     }
 
     /// Has the home of a deployment switch a process to other connection sets.
     fn switch(&mut self, call: u64, request: &SwitchRequest, out: &mut Out<'_>) {
-        match self.coordinators.iter_mut().find(|(deployment, _)| deployment.name == request.name) {
-            Some((_, home)) => home.switch(call, request, out),
+        match self.home_of(&request.name) {
+            Some(home) => home.switch(call, request, out),
             None => {
                 let why = format!("`{}` does not run here", request.name);
                 out.answer_last(call, Answer::Switched(Err(why)));
@@ -146,13 +151,8 @@ impl Agent {
         self.participants.get(deployment)?.wire(number)
     }
 
-    fn deploy(
-        &mut self,
-        (call, request): (u64, u64),
-        (plan, start): (Plan, StartMode),
-        (by, signed): (String, Option<Arc<Signed>>),
-        out: &mut Out<'_>,
-    ) {
+    fn deploy(&mut self, request: u64, one: AwaitingHosts, out: &mut Out<'_>) {
+        let plan = &one.plan;
         let home_is_here = plan.home() == Some(&self.identity.host);
         let refusal = if self.run.leaving {
             Some("this node is leaving".to_owned())
@@ -171,15 +171,14 @@ impl Agent {
             holder.map(|how| format!("`{}` {how}; `dca stop {}` ends it", plan.name, plan.name))
         };
         if let Some(reason) = refusal {
-            out.answer_last(call, Answer::Report(Report::Refused { reasons: vec![reason] }));
-            return;
+            let refused = |call| out.answer_last(call, Answer::Report(Report::Refused { reasons: vec![reason] }));
+            return one.call.map_or((), refused);
         }
         self.pending.requests.insert(request);
         if self.pending.requests.len() > REQUESTS_MAX {
             self.pending.requests.pop_first();
         }
-        let (until, call, resumed) = (out.now + GATHER_WITHIN, Some(call), None);
-        self.pending.awaiting.push(AwaitingHosts { until, call, plan, by, signed, resumed, start });
+        self.pending.awaiting.push(one);
         self.begin_gathered(out);
     }
 

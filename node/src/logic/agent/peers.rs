@@ -48,7 +48,7 @@ impl Agent {
         let links = self.peers.links.entry(host.to_owned()).or_default();
         // The link to a boot that is back goes on where it was: the boot has not forgotten it either.
         let known = links.iter().position(|link| link.boot_peer() == boot).map(|at| links.remove(at));
-        let mut link = known.unwrap_or_else(|| Link::new(out.now, &self.identity.host, (self.identity.boot, boot)));
+        let mut link = known.unwrap_or_else(|| Link::new(out.now, &self.identity.host, self.identity.boot, boot));
         link.reached(out.now);
         links.push(link);
         links.drain(..links.len().saturating_sub(LINKS_MAX));

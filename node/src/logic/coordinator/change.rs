@@ -12,7 +12,7 @@
 //! the other user is told the name of the first.
 
 use super::mission::Mission;
-use super::stop::Wish;
+use super::stop::StopBy;
 use crate::logic::effect::{Effect, Out};
 use crate::logic::instance::watchdog::{probation, ready_within};
 use crate::logic::protocol::{
@@ -349,7 +349,7 @@ impl Changes {
         } else {
             (self.revision, self.by) = (self.revision + 1, by.clone());
             (mission.request.signed, mission.request.wanted) = (change.next.signed, wanted);
-            if mission.stop.wish != Wish::Unwanted {
+            if mission.stop.by != StopBy::User {
                 out.effects.push(Effect::Keep(Box::new(mission.kept(false))));
             }
             Report::Changed { revision: self.revision, by, changes: lines }

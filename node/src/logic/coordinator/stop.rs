@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Stop {
-    pub(super) wish: Wish,
+    pub(super) by: StopBy,
     /// The callers that wait for the end.
     pub(super) calls: Vec<u64>,
     /// How many times the disk still has to confirm that it has forgotten the deployment.
@@ -15,25 +15,25 @@ pub(super) struct Stop {
 
 /// Why a deployment is to end.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-pub(super) enum Wish {
+pub(super) enum StopBy {
     #[default]
     None,
     /// Its node leaves, perhaps for a reboot.
-    NodeLeaves,
+    Node,
     /// A user asked for it.
-    Unwanted,
+    User,
 }
 
 impl Stop {
     /// Takes the request of a caller, or the departure of the node.
     pub(super) fn ask(&mut self, call: Option<u64>) {
         self.calls.extend(call);
-        self.wish = self.wish.max(if call.is_some() { Wish::Unwanted } else { Wish::NodeLeaves });
+        self.by = self.by.max(if call.is_some() { StopBy::User } else { StopBy::Node });
     }
 
     /// Has the disk forget the deployment. A user who asked for its end waits until that has happened.
     pub(super) fn unkeep(&mut self, deployment: &Deployment, out: &mut Out<'_>) {
-        self.unkeeping += u32::from(self.wish == Wish::Unwanted);
+        self.unkeeping += u32::from(self.by == StopBy::User);
         out.effects.push(Effect::Unkeep { deployment: deployment.clone() });
     }
 

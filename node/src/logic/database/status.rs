@@ -30,7 +30,7 @@ impl Database {
                 lacks: past.lag(said),
                 ahead: missing(said, version),
                 pins: stable.pinned_by.contains(&origin),
-                clock: self.heard.get(&origin).and_then(|heard| heard.walls).map(clock),
+                clock: self.heard.get(&origin).and_then(|heard| heard.walls).map(|(theirs, ours)| clock(theirs, ours)),
             }
         };
         let mut members: Vec<MemberStatus> = self.replica.members().active().map(member).collect();
@@ -62,7 +62,7 @@ impl Database {
     }
 }
 
-fn clock((theirs, ours): (Wall, Wall)) -> Clock {
+fn clock(theirs: Wall, ours: Wall) -> Clock {
     Clock { quality: quality(theirs.quality).to_owned(), ahead: theirs.millis.wrapping_sub(ours.millis).cast_signed() }
 }
 

@@ -150,7 +150,7 @@ impl Ledger {
     }
 
     /// Returns when a request was accepted for this epoch of a deployment, if it was.
-    pub(super) fn accepted(&self, place: &Place, epoch: u64, (signer, number): (KeyId, u64)) -> Option<UnixTime> {
+    pub(super) fn accepted(&self, place: &Place, epoch: u64, signer: KeyId, number: u64) -> Option<UnixTime> {
         let running = self.running.get(place).filter(|running| running.epoch == epoch)?;
         let mut requests = running.requests.iter();
         requests.find(|(by, of, _)| (*by, *of) == (signer.0, number)).map(|(_, _, at)| UnixTime(*at))

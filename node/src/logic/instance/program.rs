@@ -108,7 +108,7 @@ impl Instance {
         answers
     }
 
-    /// Passes on where a program is now that was started again. One that makes its links was told where that was before.
+    /// Passes on the place of another program that was started again. A program that makes its links knows the old place.
     pub fn relink(&mut self, order: Order, context: &mut InstanceContext<'_>) {
         if self.is_linked() || matches!(self.stage, Stage::Connecting { .. }) {
             self.tell(order, context);
@@ -395,7 +395,7 @@ impl Instance {
             return;
         }
         self.program.clearing = None;
-        // What is being stopped or ended since then has a limit of its own.
+        // A stop or an end since then has a limit of its own.
         if !matches!(self.stage, Stage::Prepared | Stage::Idle | Stage::Running) {
             return;
         }

@@ -19,7 +19,7 @@ const LATE_MIN: Duration = Duration::from_millis(1);
 /// By how much this node may wake up late for the moment before they are: on a busy machine it waits for a core, as programs do.
 pub(super) const WOKEN_LATE_MIN: Duration = Duration::from_millis(20);
 
-/// What begins with others.
+/// The start of the processes of this host, and the activations that wait.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Together {
     /// When the home said GO.

@@ -151,7 +151,7 @@ impl Participant {
             let process = ProcessId { deployment: self.site.deployment.clone(), leaf: number };
             match offered.command(leaf) {
                 Ok(command) => {
-                    let order = programs::order(process, command, (plan, leaf));
+                    let order = programs::order(process, command, plan, leaf);
                     starts.push((number, Start { order, stop_within: leaf.stop_within }));
                 }
                 Err(why) => problems.push(why),
@@ -452,7 +452,7 @@ impl Participant {
         self.free_claims();
     }
 
-    /// Takes note that nothing of a program is left. One that was taken away is forgotten; what it held is free.
+    /// Nothing of a program is left. A program that was taken away is forgotten, and its claims are free.
     pub(super) fn removed(&mut self, leaf: u32) {
         let is_gone = self.instances.get(leaf).is_some_and(|instance| !instance.is_unconfirmed());
         if is_gone && self.changes.current.is_none() && !self.site.plan.live_leaves().contains(&leaf) {

@@ -234,7 +234,7 @@ impl Participant {
         }
     }
 
-    /// Has a program expect a switch. For one that is not there nobody waits: what is sent to it is lost anyway.
+    /// Has a program expect a switch. A program that is not there is not waited for: its values are lost anyway.
     pub(super) fn expect(
         &mut self,
         leaf: u32,

@@ -129,7 +129,7 @@ impl Participant {
         true
     }
 
-    /// Returns the devices of a program: what it claims in the spec, and what is its own by its own word.
+    /// Returns the devices of a program: its claims in the spec, and those that it named itself.
     fn devices(&self, leaf: u32) -> Claims {
         let mut claims = Claims::of_leaf(&self.site.plan, leaf);
         let path = self.path(leaf).unwrap_or_default();
@@ -188,7 +188,7 @@ impl Participant {
             if !executer.is_running() {
                 return;
             }
-            // What was taken for it is not free before its programs have ended.
+            // Its resources are not free before its programs have ended.
             executer.abandon(context, out);
             let origin = self.site.group_path(group);
             let left = || FailureCause::NotAvailable("its host has ended its part".into());
