@@ -147,7 +147,7 @@ impl Database {
     pub(super) fn settle(&mut self, resolve: &Resolve) -> Result<Commit, Reply> {
         let Resolve { key, choice, reason, level, within, seen } = resolve;
         let past = Past { log: self.replica.log(), state: self.replica.state() };
-        if !past.state.is_conflict(key) && self.races.race_at(&past, key).is_none() {
+        if !past.state.is_conflict(key) && self.derived.races.race_at(&past, key).is_none() {
             return Err(self.settled_already(key, choice));
         }
         let versions = self.replica.state().versions(key);
