@@ -15,10 +15,10 @@ const LINE_EVERY: Duration = Duration::from_secs(10);
 
 /// Some work that has begun. Nothing is said of work that is soon over.
 #[derive(Debug)]
-pub(crate) struct Work(Mutex<Told>);
+pub(crate) struct Work(Mutex<ProgressLine>);
 
 #[derive(Debug)]
-struct Told {
+struct ProgressLine {
     output: Output,
     estimate: Estimate,
     begun: Time,
@@ -28,7 +28,8 @@ struct Told {
 impl Work {
     /// Begins now.
     pub(crate) fn new() -> Self {
-        let told = Told { output: Output::standard(), estimate: Estimate::default(), begun: clock::now(), last: None };
+        let told =
+            ProgressLine { output: Output::standard(), estimate: Estimate::default(), begun: clock::now(), last: None };
         Self(Mutex::new(told))
     }
 
@@ -47,12 +48,12 @@ impl Work {
         told.tell();
     }
 
-    fn told(&self) -> MutexGuard<'_, Told> {
+    fn told(&self) -> MutexGuard<'_, ProgressLine> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Told {
+impl ProgressLine {
     fn tell(&mut self) {
         let now = clock::now();
         let (patience, every) = match self.output.style() {
@@ -68,7 +69,7 @@ impl Told {
     }
 }
 
-impl Drop for Told {
+impl Drop for ProgressLine {
     fn drop(&mut self) {
         self.output.clear();
     }
