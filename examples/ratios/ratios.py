@@ -3,7 +3,8 @@
     cargo build --release && cargo build
     python3 -m venv .venv && .venv/bin/pip install ../../python && .venv/bin/python ratios.py
 
-`DCA` is the program `dca`, and `VENV` the environment. Medians of several rounds, and of starts the time of the processor; other load changes the times, and the ratios much less.
+`DCA` is the program `dca`, and `VENV` the environment. `DORA` is an environment with the packages `dora-rs` and `dora-rs-cli`, to measure dora
+beside it. Medians of several rounds, and of starts the time of the processor; other load changes the times, and the ratios much less.
 """
 
 import os
@@ -42,6 +43,19 @@ process main(){
 }
 """
 
+DORA = """
+nodes:
+  - id: ping
+    path: dora_ping.py
+    args: {size} {rounds} {result}
+    inputs: {{tick: dora/timer/millis/200, back: pong/out}}
+    outputs: [out]
+  - id: pong
+    path: dora_pong.py
+    inputs: {{in: ping/out}}
+    outputs: [out]
+"""
+
 
 def run(folder: Path, spec: str, process: str, word: str, *options: str) -> float:
     """Runs a mission; returns the number behind a word in the log of a process."""
@@ -67,6 +81,20 @@ def hop(folder: Path, language: str, size: int, rounds: int) -> float:
     return run(folder, PAIR.format(ping=program, pong=program, kind="", size=size, rounds=rounds), "ping", "hop")
 
 
+def dora(folder: Path, venv: Path, size: int, rounds: int) -> float:
+    """Returns the hop of dora, between two nodes in Python."""
+    result = folder / "hop"
+    for name in ("ping", "pong"):
+        (folder / f"dora_{name}.py").write_text((HERE / "dora" / f"{name}.py").read_text())
+    (folder / "flow.yml").write_text(DORA.format(size=size, rounds=rounds, result=result))
+    environment = os.environ | {"PATH": f"{venv}/bin:{os.environ['PATH']}"}
+    command = [venv / "bin" / "dora", "run", "flow.yml"]
+    ended = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=120, check=False)
+    if ended.returncode != 0:
+        sys.exit(f"dora has failed:\n{ended.stdout}{ended.stderr}")
+    return float(result.read_text())
+
+
 def start(*command: str) -> float:
     """Returns the time of the processor that a command takes, in milliseconds: other load does not count."""
     began = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -87,6 +115,12 @@ def main() -> None:
                 for language, found in times.items():
                     found.append(hop(folder, language, size, rounds))
             rust, python = (statistics.median(found) for found in times.values())
+            if "DORA" in os.environ:
+                # A folder of its own: dora would take the environment of the other one.
+                with tempfile.TemporaryDirectory() as own:
+                    venv_of = Path(os.environ["DORA"])
+                    other = statistics.median(dora(Path(own), venv_of, size, rounds) for _ in range(ROUNDS))
+                print(f"hop of {size} B: dora {other:.1f} µs, {other / statistics.median(times['Python']):.1f} times that of Python here")
             print(f"hop of {size} B: Rust {rust:.1f} µs, Python {python:.1f} µs: {python / rust:.2f} (at most {most})")
         core = statistics.median(run(folder, STEADY, "steady", "core") for _ in range(ROUNDS))
         print(f"a controller at 100 Hz: {core:.2f} % of a core (at most 2)")
