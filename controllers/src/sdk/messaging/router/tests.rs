@@ -1,7 +1,7 @@
 use super::*;
 use crate::sdk::calls::{AnyCalls, CallOrder};
 use crate::sdk::export::{Activity, Exports, RawReply};
-use crate::sdk::messaging::{Full, MessageId};
+use crate::sdk::messaging::{Full, Header, MessageId};
 use proptest::prelude::*;
 use std::sync::mpsc::{Receiver, sync_channel};
 
