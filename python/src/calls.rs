@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-pyo3::create_exception!(_dca, CallError, PyException, "A call that has no result, and why.");
+pyo3::create_exception!(dca, CallError, PyException, "A call that has no result, and why.");
 
 /// As `_controller.py` has it.
 #[derive(FromPyObject)]

@@ -12,9 +12,9 @@ use pyo3::prelude::*;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-pyo3::create_exception!(_dca, DatabaseFailure, PyException, "A request to the database that has no result, and why.");
+pyo3::create_exception!(dca, DatabaseFailure, PyException, "A request to the database that has no result, and why.");
 pyo3::create_exception!(
-    _dca,
+    dca,
     DatabaseUnknown,
     DatabaseFailure,
     "The result is unknown: the write may have been committed."

@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 use std::sync::{Arc, Mutex, PoisonError};
 
-pyo3::create_exception!(_dca, Refused, PyException, "A procedure that is not carried out, and why, for its caller.");
+pyo3::create_exception!(dca, Refused, PyException, "A procedure that is not carried out, and why, for its caller.");
 
 /// An export of a class.
 #[derive(Debug)]

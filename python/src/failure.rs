@@ -1,5 +1,6 @@
 //! Exceptions: the last line of one is the reason of an abort, and its traceback is in the program's log.
 
+use pyo3::exceptions::PyBaseException;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
@@ -17,8 +18,15 @@ pub(crate) fn told(py: Python<'_>, error: PyErr) -> String {
         }
         let last: Vec<String> =
             traceback.call_method1("format_exception_only", PyTuple::new(py, [value])?)?.extract()?;
-        Ok(last.last().map(|line| line.trim().to_owned()).unwrap_or_default())
+        let own = last.len().saturating_sub(note_lines(value));
+        Ok(last.get(..own).unwrap_or_default().last().map(|line| line.trim().to_owned()).unwrap_or_default())
     })();
     // A closed standard error is no reason to say less.
     told.ok().filter(|line| !line.is_empty()).unwrap_or(plain)
+}
+
+/// Returns how many lines behind an exception are notes that were added to it.
+fn note_lines(exception: &Bound<'_, PyBaseException>) -> usize {
+    let notes = exception.getattr("__notes__").and_then(|notes| notes.extract::<Vec<String>>());
+    notes.unwrap_or_default().iter().map(|note| note.split('\n').count()).sum()
 }

@@ -219,3 +219,20 @@ def test_an_outcome_has_its_tag_before_its_value(tag, how, value):
     harness.add(Search).start()
     ended = harness.run("1 s")
     assert (ended.how, ended.value) == (how, value)
+
+
+def test_the_reason_of_an_abort_is_the_exception_and_not_its_note():
+    @dca.task("Fails.")
+    class Fails:
+        def main_calc(self, tick):
+            error = ValueError("the door is shut")
+            error.add_note("seen from\nthe left")
+            raise error
+
+    harness = dca.testing.Harness()
+    harness.add(Fails).start()
+    assert harness.run("1 s").reason == "ValueError: the door is shut"
+
+
+def test_an_exception_of_the_package_has_its_name():
+    assert dca.SendError.__module__ == dca.CallError.__module__ == dca.Refused.__module__ == "dca"

@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-pyo3::create_exception!(_dca, SendError, PyException, "A message that is not in its queue, or may not be, and why.");
+pyo3::create_exception!(dca, SendError, PyException, "A message that is not in its queue, or may not be, and why.");
 
 /// The client of a queue.
 #[derive(Debug)]
