@@ -340,7 +340,11 @@ class Declaration:
             raise TypeError(f"{self.cls.__name__}: a controller has a method `main_calc(self, tick)`")
         if self.signals_every is not None and not callable(getattr(self.cls, "signals", None)):
             raise TypeError(f"{self.cls.__name__}: signals_every needs a method `signals(self)`")
-        # What is wrong with a period or a parameter is said where the class is written.
+        locks = [station.attribute for station in self.stations if station.kind == "lock"]
+        for station in self.stations:
+            if station.lock is not None and station.lock not in locks:
+                raise TypeError(f"{self.cls.__name__}: the queue `{station.name}` has a lock `{station.lock}`, which is not one of its dca.Lock")
+        # A wrong name, period or parameter is reported where the class is written.
         _dca.interface([self])
 
     def make(self, attributes: dict[str, Any]) -> Any:

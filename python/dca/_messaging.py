@@ -10,6 +10,7 @@ from ._message import message_type
 T = TypeVar("T")
 A = TypeVar("A")
 
+_CAPACITY_MAX = 65_536
 _FULL = ("reject", "drop lowest", "drop oldest")
 
 
@@ -21,6 +22,19 @@ class Filter:
     sender: str | None = None
     priority_min: int | None = None
     marker: int | None = None
+
+
+def _capacity(number: int) -> int:
+    if not 1 <= number <= _CAPACITY_MAX:
+        raise ValueError(f"a capacity is a whole number from 1 to {_CAPACITY_MAX}, not {number}")
+    return number
+
+
+def _span(value: str | float, name: str) -> float:
+    seconds = _dca.si(value, "Time")
+    if not 0.0 < seconds < 1e9:
+        raise ValueError(f"`{name}` is a span of time, not {seconds} s")
+    return seconds
 
 
 class _Station:
@@ -75,7 +89,7 @@ class Queue(_Station, Generic[T]):
         super().__init__(message, name=name, doc=doc)
         if full not in _FULL:
             raise TypeError(f"`{full}` is not what a full queue does: {', '.join(_FULL)}")
-        self.capacity, self.full, self.lock, self.status = capacity, full, lock, status
+        self.capacity, self.full, self.lock, self.status = _capacity(capacity), full, lock, status
 
     @overload
     def __get__(self, controller: None, cls: type) -> "Queue[T]": ...
@@ -121,8 +135,8 @@ class Lock(_Station):
         doc: str = "",
     ) -> None:
         super().__init__(None, name=name, doc=doc)
-        self.lease = _dca.si(lease, "Time")
-        self.preempt_after = None if preempt_after is None else _dca.si(preempt_after, "Time")
+        self.lease = _span(lease, "lease")
+        self.preempt_after = None if preempt_after is None else _span(preempt_after, "preempt_after")
         self.status = status
 
     @overload
@@ -159,7 +173,7 @@ class Router(_Station, Generic[T]):
         self, message: type[T], *, outbox: int = 64, status: str | None = None, name: str | None = None, doc: str = ""
     ) -> None:
         super().__init__(message, name=name, doc=doc)
-        self.capacity, self.status = outbox, status
+        self.capacity, self.status = _capacity(outbox), status
 
     @overload
     def __get__(self, controller: None, cls: type) -> "Router[T]": ...
@@ -185,7 +199,7 @@ class Subscriber(_Station, Generic[T]):
         doc: str = "",
     ) -> None:
         super().__init__(message, name=name, doc=doc)
-        self.capacity, self.filters, self.is_optional = capacity, list(filters), optional
+        self.capacity, self.filters, self.is_optional = _capacity(capacity), list(filters), optional
 
     @overload
     def __get__(self, controller: None, cls: type) -> "Subscriber[T]": ...

@@ -4,6 +4,8 @@ use crate::declaration::Class;
 use crate::instance::Instance;
 use controllers::sdk::process::{Embedding, run_in};
 use controllers::sdk::{Module, Registry};
+use language::{Diagnostic, Options, Origin, Severity, Source};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -16,10 +18,17 @@ pub(crate) fn run(py: Python<'_>, declarations: Vec<Py<PyAny>>, arguments: Vec<S
     Ok((0..=2).find(|number| ExitCode::from(*number) == code).unwrap_or(1))
 }
 
-/// Returns the interfaces of classes, as `module` blocks of a spec.
+/// Returns the interfaces of classes, as `module` blocks of a spec. A name that cannot be in a spec is refused.
 #[pyfunction]
 pub(crate) fn interface(py: Python<'_>, declarations: Vec<Py<PyAny>>) -> PyResult<String> {
-    Ok(registry(py, &declarations)?.interface_text())
+    let text = registry(py, &declarations)?.interface_text();
+    let (spec, told) = (Source::new("spec", "process main(){\n}\n"), Source::new("interface", text.as_str()));
+    let compiled = language::compile(&spec, &[told], &Options::named("spec"));
+    let is_wrong = |found: &&Diagnostic| found.severity == Severity::Error && found.primary.span.origin != Origin::Spec;
+    let Some(wrong) = compiled.diagnostics.iter().find(is_wrong) else { return Ok(text) };
+    let before = text.get(..wrong.primary.span.start as usize).unwrap_or_default();
+    let line = text.lines().nth(before.matches('\n').count()).unwrap_or_default().trim().to_owned();
+    Err(PyValueError::new_err(format!("`{line}` cannot be in a spec: {}", wrong.message)))
 }
 
 fn registry(py: Python<'_>, declarations: &[Py<PyAny>]) -> PyResult<Registry> {

@@ -1,5 +1,6 @@
 """Declarations of controllers, as a spec sees them, and what is refused where the class is written."""
 
+import re
 from dataclasses import dataclass
 
 import dca
@@ -129,3 +130,30 @@ def test_quantities_are_in_si_units():
     assert dca.si("20 cm", dca.Length) == 0.2
     assert dca.si("2 min", dca.Time) == 120.0
     assert dca.si(3, dca.Length) == 3.0
+
+
+@pytest.mark.parametrize(
+    ("name", "members", "text"),
+    [
+        ("Keep", dict(In=dca.In(Range, "La ser")), "`in La ser: Range;` cannot be in a spec"),
+        ("Keep", dict(In=dca.In(Range, "x; }")), "cannot be in a spec"),
+        ("größe;", {}, "cannot be in a spec"),
+        ("Keep", dict(host=dca.parameter(float, default=1)), "cannot be in a spec"),
+        ("Keep", dict(wait=dca.parameter(float, default=1), name="x y"), None),
+    ],
+)
+def test_a_name_that_cannot_be_in_a_spec_is_refused_at_the_class(name, members, text):
+    cls = type(name, (), {"main_calc": lambda self, tick: None} | members)
+    if text is None:
+        dca.service("Does nothing.")(cls)
+        return
+    with pytest.raises(ValueError, match=re.escape(text)):
+        dca.service("Does nothing.")(cls)
+
+
+def test_capacities_and_leases_have_limits():
+    for wrong in (lambda: dca.Queue(Range, capacity=0), lambda: dca.Router(Range, outbox=10**30), lambda: dca.Lock(lease="0 s")):
+        with pytest.raises(ValueError):
+            wrong()
+    with pytest.raises(TypeError, match="has a lock `arm`, which is not one of its dca.Lock"):
+        dca.service("Does nothing.")(type("Odd", (), {"Q": dca.Queue(Range, lock="arm"), "main_calc": lambda self, tick: None}))
