@@ -14,7 +14,7 @@ import contextlib
 import json
 import os
 import shutil
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -90,11 +90,11 @@ class Client:
     async def call(self, name: str, argument: Mapping[str, Any] | None = None, *, within: float = 5.0) -> Any:
         """Calls a procedure, `hand.Grip`; returns its result as dicts and lists. A quantity is a text with a unit, `"20 N"`."""
         words = [f"{field}={_spelt(value)}" for field, value in (argument or {}).items()]
-        return _result(await self._json("call", name, *words, "--within", str(within)))
+        return _result(await self._json("call", name, *words, options=["--within", str(within)]))
 
     async def get(self, name: str, *, within: float = 5.0) -> Any:
         """Reads a state, `hand.opening`."""
-        return _result(await self._json("get", name, "--within", str(within)))
+        return _result(await self._json("get", name, options=["--within", str(within)]))
 
     async def status(self, deployment: str | None = None) -> Any:
         """Returns the processes of all hosts, as `dca status --json` shows them."""
@@ -102,36 +102,40 @@ class Client:
 
     async def key(self, key: str) -> Any:
         """Returns what `dca db get --json` prints of a key."""
-        return await self._json("db", "get", key)
+        return await self._json("db get", key)
 
     def echo(self, output: str, *, count: int | None = None) -> AsyncIterator[Any]:
         """Iterates over the values that leave an output, `force.Out`, as dicts with `value` and `at`."""
-        return self._lines("echo", output, *([] if count is None else ["--count", str(count)]))
+        return self._lines("echo", output, options=[] if count is None else ["--count", str(count)])
 
     def events(self, deployment: str | None = None) -> AsyncIterator[Any]:
         """Iterates over what has happened and happens, as dicts."""
-        return self._lines("events", *_optional(deployment), "--follow")
+        return self._lines("events", *_optional(deployment), options=["--follow"])
 
     def watch(self, prefix: str = "") -> AsyncIterator[Any]:
         """Iterates over the changes of the keys below a prefix that ends in `/`, or of one key, as dicts."""
-        return self._lines("db", "watch", prefix)
+        return self._lines("db watch", prefix)
 
     async def deploy(self, spec: str | os.PathLike[str], *, set: Mapping[str, Any] | None = None) -> Deployment:
         """Deploys a spec on the hosts that it names; the mission goes on until it ends or is stopped."""
         values = [word for name, value in (set or {}).items() for word in ("--set", f"{name}={_spelt(value)}")]
-        process = await self._start("deploy", os.fspath(spec), "--no-record", *values)
+        process = await self._start("deploy", [os.fspath(spec)], ["--no-record", *values])
         return Deployment(process, asyncio.create_task(_told(process)))
 
     async def stop(self, deployment: str) -> Any:
         """Stops a deployment everywhere."""
         return await self._json("stop", deployment)
 
-    async def _start(self, *words: str) -> asyncio.subprocess.Process:
+    async def _start(self, verb: str, words: Sequence[str], options: Sequence[str]) -> asyncio.subprocess.Process:
         pipe = asyncio.subprocess.PIPE
         return await asyncio.create_subprocess_exec(
             self._program,
-            *words,
+            *verb.split(),
+            *options,
             *self._options,
+            # A name that looks like an option is none.
+            "--",
+            *words,
             stdin=asyncio.subprocess.DEVNULL,
             stdout=pipe,
             stderr=pipe,
@@ -140,8 +144,8 @@ class Client:
             start_new_session=True,
         )
 
-    async def _json(self, *words: str) -> Any:
-        process = await self._start(*words, "--json")
+    async def _json(self, verb: str, *words: str, options: Sequence[str] = ()) -> Any:
+        process = await self._start(verb, words, [*options, "--json"])
         self._running.add(process)
         try:
             out, errors = await _told(process)
@@ -152,8 +156,8 @@ class Client:
             raise ClientError(process.returncode or 0, _last(errors) or _last(out))
         return json.loads(out) if out.strip() else None
 
-    async def _lines(self, *words: str) -> AsyncIterator[Any]:
-        process = await self._start(*words, "--json")
+    async def _lines(self, verb: str, *words: str, options: Sequence[str] = ()) -> AsyncIterator[Any]:
+        process = await self._start(verb, words, [*options, "--json"])
         self._running.add(process)
         errors = asyncio.create_task(_read(process.stderr))
         try:

@@ -71,6 +71,8 @@ async def talk(robot):
     with pytest.raises(dca.aio.ClientError, match="it is too wide") as refused:
         await robot.call("hand.Grip", {"length": "2 m"})
     assert refused.value.code == 1
+    with pytest.raises(dca.aio.ClientError):
+        await robot.call("--help")
     values = [value async for value in robot.echo("hand.Out", count=2)]
     assert len(values) == 2 and "0.2" in str(values[0]), values
     # Several at a time, on one loop.
