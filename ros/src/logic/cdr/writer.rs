@@ -1,0 +1,58 @@
+//! Writes values one after the other.
+
+use super::{CdrError, HEADER};
+
+/// Writes a value behind the header of CDR.
+#[derive(Debug)]
+pub struct Writer {
+    bytes: Vec<u8>,
+}
+
+impl Default for Writer {
+    fn default() -> Self {
+        Self { bytes: HEADER.to_vec() }
+    }
+}
+
+impl Writer {
+    /// Returns the bytes of the value, with their header.
+    pub fn finish(self) -> Vec<u8> {
+        self.bytes
+    }
+
+    /// Writes a number at a multiple of its size.
+    pub fn number<const N: usize>(&mut self, number: [u8; N]) {
+        let at = self.bytes.len() - HEADER.len();
+        self.bytes.resize(at.next_multiple_of(N) + HEADER.len(), 0);
+        self.bytes.extend_from_slice(&number);
+    }
+
+    /// Writes bytes as they are.
+    pub fn bytes(&mut self, bytes: &[u8]) {
+        self.bytes.extend_from_slice(bytes);
+    }
+
+    /// Writes a text, with its length and a zero byte.
+    ///
+    /// # Errors
+    /// The text has a zero byte in it, which would end it at the reader, or it is longer than a length can say.
+    pub fn text(&mut self, text: &str) -> Result<(), CdrError> {
+        if text.contains('\0') {
+            return Err(CdrError::Text);
+        }
+        self.count(text.len() + 1)?;
+        self.bytes(text.as_bytes());
+        self.bytes(&[0]);
+        Ok(())
+    }
+
+    /// Writes the number of elements of a list.
+    ///
+    /// # Errors
+    /// There are more than a length can say.
+    pub fn count(&mut self, count: usize) -> Result<(), CdrError> {
+        let count = u32::try_from(count).map_err(|_large| CdrError::Long(count))?;
+        self.number(count.to_le_bytes());
+        Ok(())
+    }
+}

@@ -1,0 +1,136 @@
+//! The standard messages and services of ROS 2, as data.
+//!
+//! `ros/generate/messages.py` has written the messages. Nothing is parsed before it is used.
+
+use super::definition::DefinitionError;
+use super::name::{Folder, TypeName, spec_package, spec_words};
+use super::schema::{Schema, sections};
+use std::borrow::Cow;
+
+/// The definitions of each package, and its name.
+const PACKAGES: [(&str, &str); 16] = [
+    ("action_msgs", include_str!("../../messages/action_msgs.msgs")),
+    ("builtin_interfaces", include_str!("../../messages/builtin_interfaces.msgs")),
+    ("diagnostic_msgs", include_str!("../../messages/diagnostic_msgs.msgs")),
+    ("geometry_msgs", include_str!("../../messages/geometry_msgs.msgs")),
+    ("lifecycle_msgs", include_str!("../../messages/lifecycle_msgs.msgs")),
+    ("nav_msgs", include_str!("../../messages/nav_msgs.msgs")),
+    ("rcl_interfaces", include_str!("../../messages/rcl_interfaces.msgs")),
+    ("rosgraph_msgs", include_str!("../../messages/rosgraph_msgs.msgs")),
+    ("sensor_msgs", include_str!("../../messages/sensor_msgs.msgs")),
+    ("service_msgs", include_str!("../../messages/service_msgs.msgs")),
+    ("shape_msgs", include_str!("../../messages/shape_msgs.msgs")),
+    ("std_msgs", include_str!("../../messages/std_msgs.msgs")),
+    ("tf2_msgs", include_str!("../../messages/tf2_msgs.msgs")),
+    ("trajectory_msgs", include_str!("../../messages/trajectory_msgs.msgs")),
+    ("unique_identifier_msgs", include_str!("../../messages/unique_identifier_msgs.msgs")),
+    ("visualization_msgs", include_str!("../../messages/visualization_msgs.msgs")),
+];
+/// The definitions of services.
+const SERVICES: &str = include_str!("../../messages/services.srvs");
+/// The line between the request and the response of a service.
+const MIDDLE: &str = "---";
+
+/// Returns the names of all standard messages, in the order of their packages.
+pub fn messages() -> impl Iterator<Item = TypeName> {
+    PACKAGES.iter().flat_map(|(_, text)| sections(text)).map(|(name, _)| name)
+}
+
+/// Returns the names of all standard services.
+pub fn services() -> impl Iterator<Item = TypeName> {
+    let names = sections(SERVICES).map(|(name, _)| TypeName::new(name.package(), Folder::Srv, name.name()));
+    names.flatten()
+}
+
+/// Returns the standard message or service that a spec means: `ros.sensor.LaserScan`.
+pub fn by_spec(text: &str) -> Option<TypeName> {
+    let (package, name) = spec_words(text)?;
+    let is_meant = |found: &TypeName| spec_package(found.package()) == package && found.name() == name;
+    messages().chain(services()).find(is_meant)
+}
+
+/// Returns the schema of a standard message, of a standard service, or of the request, the response or the event of one:
+/// `std_srvs/srv/Trigger_Request`.
+///
+/// # Errors
+/// There is no such type in the library.
+pub fn schema(name: &TypeName) -> Result<Schema, DefinitionError> {
+    Schema::new(name, definition)
+}
+
+/// Returns the lines that define a standard type.
+fn definition(name: &TypeName) -> Option<Cow<'static, str>> {
+    match name.folder() {
+        Folder::Msg => {
+            let (_, text) = PACKAGES.iter().find(|(package, _)| *package == name.package())?;
+            let found = sections(text).find(|(other, _)| other == name);
+            found.map(|(_, lines)| Cow::Borrowed(lines))
+        }
+        Folder::Srv => service(name),
+        Folder::Action => None,
+    }
+}
+
+/// Returns the lines that define a service, or a part of one. Source: `rosidl_parser`, `Service`.
+fn service(name: &TypeName) -> Option<Cow<'static, str>> {
+    let (base, part) = name.name().split_once('_').map_or((name.name(), None), |(base, part)| (base, Some(part)));
+    let (_, lines) = sections(SERVICES).find(|(one, _)| one.package() == name.package() && one.name() == base)?;
+    let (request, response) = halves(lines)?;
+    let whole = TypeName::new(name.package(), Folder::Srv, base)?;
+    let [asked, answered, event] = ["_Request", "_Response", "_Event"].map(|ending| whole.with(ending));
+    Some(match part {
+        Some("Request") => Cow::Borrowed(request),
+        Some("Response") => Cow::Borrowed(response),
+        Some("Event") => {
+            Cow::Owned(format!("service_msgs/ServiceEventInfo info\n{asked}[<=1] request\n{answered}[<=1] response\n"))
+        }
+        Some(_) => return None,
+        None => Cow::Owned(format!("{asked} request_message\n{answered} response_message\n{event} event_message\n")),
+    })
+}
+
+/// Returns the request and the response of a service.
+fn halves(lines: &str) -> Option<(&str, &str)> {
+    let at = lines.lines().position(|line| line == MIDDLE)?;
+    let before: usize = lines.split_inclusive('\n').take(at).map(str::len).sum();
+    let (request, rest) = lines.split_at(before);
+    Some((request, rest.strip_prefix(MIDDLE)?.trim_start()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::logic::hash::rihs01;
+
+    #[test]
+    fn every_type_has_a_schema_and_a_name_of_its_own() {
+        let all: Vec<TypeName> = messages().chain(services()).collect();
+        assert!(all.len() > 150, "{}", all.len());
+        for name in &all {
+            let schema = schema(name).unwrap();
+            assert_eq!(schema.name(), name);
+            assert_eq!(by_spec(&name.spec()).as_ref(), Some(name));
+            if name.folder() == Folder::Msg {
+                assert_eq!(Schema::parse(name, &schema.text()), Ok(schema), "{name}");
+            }
+        }
+        for text in ["ros.sensor.LaserScam", "ros.sensor_msgs.LaserScan", "ros.sensor", "sensor.LaserScan", "ros..", ""]
+        {
+            assert_eq!(by_spec(text), None, "{text}");
+        }
+    }
+
+    /// The hashes are those of stock ROS 2.
+    #[test]
+    fn hashes_are_those_of_ros() {
+        let check = |name: &str, expected: &str| {
+            let schema = schema(&TypeName::parse(name).unwrap()).unwrap();
+            assert_eq!(rihs01(&schema), format!("RIHS01_{expected}"), "{name}");
+        };
+        check("std_msgs/String", "df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18");
+        check("std_msgs/Char", "3ad2d04dd29ba19d04b16659afa3ccaedd691914b02a64e82e252f2fa6a586a9");
+        check("std_msgs/Byte", "41e1a3345f73fe93ede006da826a6ee274af23dd4653976ff249b0f44e3e798f");
+        check("std_msgs/ColorRGBA", "77a7a5b9ae477306097665106e0413ba74440245b1f3d0c6d6405fe5c7813fe8");
+        check("std_srvs/srv/Trigger", "eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f");
+    }
+}

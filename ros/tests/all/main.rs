@@ -1,0 +1,5 @@
+//! Tests of this room, one module for each subject.
+
+mod golden;
+mod rosbags;
+mod text;
