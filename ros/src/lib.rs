@@ -1,7 +1,8 @@
 //! The formats of ROS 2: its messages, and how they are encoded.
 //!
 //! [`logic::library`] has the definitions of the standard messages and services as data. [`logic::schema`] is a type that is
-//! ready to use, [`logic::cdr`] reads and writes its values, [`logic::hash`] is the hash that names a type.
+//! ready to use, [`logic::cdr`] reads and writes its values, [`logic::hash`] is the hash that names a type. [`typed`] has the standard
+//! messages as structs of Rust.
 //!
 //! ```
 //! use ros::logic::cdr::{self, Value};
@@ -19,3 +20,4 @@
 //! ```
 
 pub mod logic;
+pub mod typed;

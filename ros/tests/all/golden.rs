@@ -12,7 +12,7 @@ use ros::logic::schema::Schema;
 const GOLDEN: &str = include_str!("../golden/rosbags.txt");
 
 /// Calls `check` with each value: its schema and its line.
-fn each(mut check: impl FnMut(&Schema, &str)) -> (Vec<TypeName>, usize) {
+pub(crate) fn each(mut check: impl FnMut(&Schema, &str)) -> (Vec<TypeName>, usize) {
     let (mut names, mut schema, mut values) = (Vec::new(), None, 0);
     for line in GOLDEN.lines() {
         let (kind, rest) = line.split_once(' ').unwrap();

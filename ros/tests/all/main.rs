@@ -3,3 +3,4 @@
 mod golden;
 mod rosbags;
 mod text;
+mod typed;
