@@ -28,6 +28,11 @@ pub enum Layout {
     Truth,
     /// `String`.
     Text,
+    /// Bytes that are sent with their length, in a form that another description has.
+    Piece {
+        /// The type that the description has: `ros.sensor.LaserScan`.
+        of: String,
+    },
     /// Fields in order.
     Record(Vec<Field>),
     /// Elements of one type.
@@ -65,7 +70,7 @@ impl Layout {
                 let fields = fields.iter().map(|Field { name, layout }| format!("{name}: {layout}"));
                 fields.collect::<Vec<_>>().join(", ")
             }
-            Self::Number { .. } | Self::Truth | Self::Text | Self::List { .. } => String::new(),
+            Self::Number { .. } | Self::Truth | Self::Text | Self::Piece { .. } | Self::List { .. } => String::new(),
         }
     }
 }
@@ -74,7 +79,7 @@ impl Layout {
 impl fmt::Display for Layout {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Number { of } => f.write_str(of),
+            Self::Number { of } | Self::Piece { of } => f.write_str(of),
             Self::Truth => f.write_str("Truth"),
             Self::Text => f.write_str("Text"),
             Self::Record(_) => write!(f, "{{ {} }}", self.fields()),

@@ -13,6 +13,8 @@ pub trait Build {
     fn truth(&mut self, truth: bool) -> Self::Value;
     /// Returns a text.
     fn text(&mut self, text: &str) -> Self::Value;
+    /// Returns the value in bytes of the type `of`; none if they are no such value.
+    fn piece(&mut self, of: &str, bytes: &[u8]) -> Option<Self::Value>;
     /// Returns a record of the values of these fields, in their order.
     fn record(&mut self, fields: &[Field], values: Vec<Self::Value>) -> Self::Value;
     /// Returns a list of these elements.
@@ -31,6 +33,7 @@ fn value<B: Build>(layout: &Layout, reader: &mut Reader<'_>, build: &mut B) -> O
         Layout::Number { .. } => build.number(reader.number()?),
         Layout::Truth => build.truth(reader.truth()?),
         Layout::Text => build.text(reader.text()?),
+        Layout::Piece { of } => build.piece(of, reader.piece()?)?,
         Layout::Record(fields) => {
             let values = fields.iter().map(|field| value(&field.layout, reader, build)).collect::<Option<_>>()?;
             build.record(fields, values)

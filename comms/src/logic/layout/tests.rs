@@ -11,6 +11,7 @@ enum Tree {
     Number(f64),
     Truth(bool),
     Text(String),
+    Piece(Vec<u8>),
     Record(Vec<Self>),
     /// An array where its layout has a count.
     List(Vec<Self>, bool),
@@ -23,6 +24,7 @@ impl Serialize for Tree {
             Self::Number(number) => serializer.serialize_f64(*number),
             Self::Truth(truth) => serializer.serialize_bool(*truth),
             Self::Text(text) => serializer.serialize_str(text),
+            Self::Piece(bytes) => serializer.serialize_bytes(bytes),
             Self::Record(values) | Self::List(values, true) => {
                 let mut tuple = serializer.serialize_tuple(values.len())?;
                 values.iter().try_for_each(|value| tuple.serialize_element(value))?;
@@ -45,6 +47,7 @@ impl Part for &Tree {
             Tree::Number(number) => writer.number(*number),
             Tree::Truth(truth) => writer.truth(*truth),
             Tree::Text(text) => writer.text(text),
+            Tree::Piece(bytes) => writer.piece(bytes),
             Tree::Record(_) | Tree::List(..) => panic!("{layout} is not a leaf"),
         }
         Ok(())
@@ -77,6 +80,9 @@ impl Build for Trees {
     fn text(&mut self, text: &str) -> Tree {
         Tree::Text(text.to_owned())
     }
+    fn piece(&mut self, of: &str, bytes: &[u8]) -> Option<Tree> {
+        (of == "ros.A").then(|| Tree::Piece(bytes.to_vec()))
+    }
     fn record(&mut self, fields: &[Field], values: Vec<Tree>) -> Tree {
         assert_eq!(fields.len(), values.len());
         Tree::Record(values)
@@ -90,12 +96,16 @@ fn without_arrays(tree: Tree) -> Tree {
     match tree {
         Tree::List(values, _) => Tree::List(values.into_iter().map(without_arrays).collect(), false),
         Tree::Record(values) => Tree::Record(values.into_iter().map(without_arrays).collect()),
-        leaf @ (Tree::Number(_) | Tree::Truth(_) | Tree::Text(_)) => leaf,
+        leaf @ (Tree::Number(_) | Tree::Truth(_) | Tree::Text(_) | Tree::Piece(_)) => leaf,
     }
 }
 
 fn number() -> Layout {
     Layout::Number { of: "Force".to_owned() }
+}
+
+fn piece() -> Layout {
+    Layout::Piece { of: "ros.A".to_owned() }
 }
 
 fn record(layouts: Vec<Layout>) -> Layout {
@@ -104,7 +114,7 @@ fn record(layouts: Vec<Layout>) -> Layout {
 }
 
 fn layouts() -> impl Strategy<Value = Layout> {
-    let leaf = prop_oneof![Just(number()), Just(Layout::Truth), Just(Layout::Text)];
+    let leaf = prop_oneof![Just(number()), Just(Layout::Truth), Just(Layout::Text), Just(piece())];
     leaf.prop_recursive(4, 24, 5, |inner| {
         prop_oneof![
             prop::collection::vec(inner.clone(), 1..5).prop_map(record),
@@ -118,6 +128,7 @@ fn values(layout: &Layout) -> BoxedStrategy<Tree> {
         Layout::Number { .. } => any::<f64>().prop_map(Tree::Number).boxed(),
         Layout::Truth => any::<bool>().prop_map(Tree::Truth).boxed(),
         Layout::Text => any::<String>().prop_map(Tree::Text).boxed(),
+        Layout::Piece { .. } => any::<Vec<u8>>().prop_map(Tree::Piece).boxed(),
         Layout::Record(fields) => {
             fields.iter().map(|field| values(&field.layout)).collect::<Vec<_>>().prop_map(Tree::Record).boxed()
         }
@@ -174,7 +185,7 @@ fn nothing_that_is_sent_takes_more_memory_or_time_than_its_length() {
 #[test]
 fn a_type_is_spelt_as_in_a_spec() {
     let list = |of, count| Layout::List { of: Box::new(of), count };
-    let layout = record(vec![list(number(), Some(3)), Layout::Text, record(vec![list(Layout::Truth, None)])]);
-    assert_eq!(layout.fields(), "f0: Force[3], f1: Text, f2: { f0: Truth[] }");
+    let layout = record(vec![list(number(), Some(3)), Layout::Text, record(vec![list(Layout::Truth, None), piece()])]);
+    assert_eq!(layout.fields(), "f0: Force[3], f1: Text, f2: { f0: Truth[], f1: ros.A }");
     assert_eq!((list(number(), None).to_string().as_str(), number().fields().as_str()), ("Force[]", ""));
 }

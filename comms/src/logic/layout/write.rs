@@ -7,7 +7,7 @@ pub trait Part: Sized {
     /// Why a value cannot be written.
     type Error;
 
-    /// Writes a number, a truth value or a text.
+    /// Writes a number, a truth value, a text or a piece.
     ///
     /// # Errors
     /// The value is not of this layout.
@@ -32,7 +32,7 @@ pub trait Part: Sized {
 /// The value is not of this layout; some of it may have been written.
 pub fn write<P: Part>(layout: &Layout, part: &P, writer: &mut Writer<'_>) -> Result<(), P::Error> {
     match layout {
-        Layout::Number { .. } | Layout::Truth | Layout::Text => part.leaf(layout, writer),
+        Layout::Number { .. } | Layout::Truth | Layout::Text | Layout::Piece { .. } => part.leaf(layout, writer),
         Layout::Record(fields) => fields.iter().try_for_each(|one| write(&one.layout, &part.field(one)?, writer)),
         Layout::List { of, count } => {
             let elements = part.elements(of, *count)?;
