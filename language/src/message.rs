@@ -23,6 +23,11 @@ pub enum Layout {
     Truth,
     /// `String`.
     Text,
+    /// A message of ROS 2, as the bytes of its CDR with their length.
+    Ros {
+        /// Its type: `ros.sensor.LaserScan`.
+        of: String,
+    },
     /// Fields with their names.
     Record(Vec<(String, Self)>),
     /// Elements of one type.

@@ -10,6 +10,7 @@ use crate::plan::{Accepts, Constant, Parameter};
 use crate::source::{Origin, Source};
 use crate::syntax::{Parse, ast, parse};
 use crate::unit;
+use ros::logic::library;
 use std::collections::BTreeMap;
 
 /// Returns the parameters of each module that the texts declare, as its program gets them. A module is left out if that
@@ -127,6 +128,7 @@ fn layout(spec: &Spec, kind: &Kind) -> Option<Layout> {
         Shape::Plain(plain) if plain == "Number" || unit::of_type(plain).is_some() => {
             Some(Layout::Number { of: plain.to_owned() })
         }
+        Shape::Plain(plain) if library::by_spec(plain).is_some() => Some(Layout::Ros { of: plain.to_owned() }),
         Shape::Plain(_) => None,
     }
 }
@@ -210,7 +212,8 @@ mod tests {
             type Point = { x: Length };
             type Way = Point;
             type Round = { next: Round };
-            module Hand(host) { out Out: Wrench; out Way: Way; out Raw: Camera; out Loop: Round; out Plain: Number; in In: Point;
+            type Seen = { scan: ros.sensor.LaserScan, near: Truth };
+            module Hand(host) { out Scan: ros.sensor.LaserScan; out Seen: Seen; out Odd: ros.sensor.Nothing; out Out: Wrench; out Way: Way; out Raw: Camera; out Loop: Round; out Plain: Number; in In: Point;
                 done; }";
         let found = &messages(&[Source::new("a", text)])["Hand"];
         let number = |of: &str| Layout::Number { of: of.to_owned() };
@@ -230,7 +233,11 @@ mod tests {
         assert_eq!(found["Out"], message("Wrench", wrench));
         assert_eq!(found["Way"], message("Way", point));
         assert_eq!(found["Plain"], message("Number", number("Number")));
-        assert_eq!(found.keys().collect::<Vec<_>>(), ["Out", "Plain", "Way"], "nothing is known of the others");
+        let scan = Layout::Ros { of: "ros.sensor.LaserScan".to_owned() };
+        assert_eq!(found["Scan"], message("ros.sensor.LaserScan", scan.clone()));
+        assert_eq!(found["Seen"], message("Seen", fields(&[("scan", scan), ("near", Layout::Truth)])));
+        let known = ["Out", "Plain", "Scan", "Seen", "Way"];
+        assert_eq!(found.keys().collect::<Vec<_>>(), known, "nothing is known of the others");
     }
 
     #[test]

@@ -19,17 +19,17 @@ const CORE_LINES_MAX: usize = 5400;
 /// The rooms that each room may import. `dca-tests` sees every room, and no room sees it.
 const FLOORS: [(&str, &[&str]); 14] = [
     ("ros", &[]),
-    ("language", &[]),
+    ("language", &["ros"]),
     ("verify", &["language"]),
     ("comms", &[]),
     ("trust", &[]),
     ("team", &["comms", "trust"]),
     ("dbmanager", &["comms"]),
-    ("controllers", &["comms", "team"]),
+    ("controllers", &["comms", "ros", "team"]),
     // Only the tests of `node` use `verify`, to compare the records of a supervisor.
     ("node", &["comms", "dbmanager", "language", "shim", "team", "trust", "verify"]),
     ("node/shim", &["comms"]),
-    ("cli", &["comms", "dbmanager", "language", "node", "shim", "team", "trust", "verify"]),
+    ("cli", &["comms", "dbmanager", "language", "node", "ros", "shim", "team", "trust", "verify"]),
     ("python", &["comms", "controllers", "language"]),
     ("examples", &["controllers"]),
     ("tests", &["cli", "comms", "controllers", "dbmanager", "language", "node", "team", "trust", "verify"]),

@@ -4,8 +4,11 @@ use crate::check::diagnostics::Diagnostics;
 use crate::check::spec::{FIELDS_MAX, Kind, NamedType, Spec};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::DEPTH_MAX;
+use crate::similar::Near;
 use crate::source::Span;
 use crate::unit;
+use ros::logic::library;
+use ros::logic::name::is_spec_name;
 
 /// Checks the named types. What has no end, or is too large, is reported and taken as a type of which nothing is known.
 pub(super) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
@@ -17,6 +20,7 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
     }
     let is_sound: Vec<bool> = walk.states.iter().map(|state| matches!(state, State::Closed(_))).collect();
     report_misspelt(spec, diagnostics);
+    report_ros(spec, diagnostics);
     spec.type_names.values_mut().for_each(|all| all.retain(|&named| is_sound[named]));
     spec.type_names.retain(|_, all| !all.is_empty());
 }
@@ -161,17 +165,45 @@ fn report_misspelt(spec: &Spec, diagnostics: &mut Diagnostics) {
     let mut known: Vec<&str> = unit::names().collect();
     known.extend(spec.types.iter().map(|named| named.name.text.as_str()));
     for (kind, name) in kinds.filter_map(|kind| Some((kind, kind.name()?))) {
-        if unit::is_type(name) || spec.type_names.contains_key(name) {
+        if unit::is_type(name) || spec.type_names.contains_key(name) || is_spec_name(name) {
             continue;
         }
         if let Some(near) = diagnostics.near(name, known.iter().copied()) {
-            let message = format!("`{name}` is no type that is known");
-            let diagnostic =
-                Diagnostic::new(Code::W0206, kind.span, message).label(format!("did you mean `{}`?", near.name));
-            let start = kind.span.start;
-            let length = u32::try_from(name.len()).unwrap_or(u32::MAX);
-            let span = Span { end: start.saturating_add(length).min(kind.span.end), ..kind.span };
-            diagnostics.push(diagnostic.rename(span, &near));
+            let found = misspelt(kind, name, &near);
+            diagnostics.push(found);
         }
     }
+}
+
+/// Reports types of ROS 2 that are none of the standard ones. Any port, parameter or field may have one.
+fn report_ros(spec: &Spec, diagnostics: &mut Diagnostics) {
+    let modules = spec.modules.iter();
+    let ports = modules.clone().flat_map(|module| &module.ports);
+    let ports =
+        ports.flat_map(|port| port.kind.iter().chain(port.call.iter().filter_map(|call| call.argument.as_ref())));
+    let params = spec.processes.iter().flat_map(|process| &process.params);
+    let params = params.chain(modules.flat_map(|module| module.params.iter().flatten())).chain(spec.fields());
+    let kinds = ports.chain(params.filter_map(|param| param.kind.as_ref()));
+    let named = kinds.filter_map(|kind| Some((kind, kind.name().filter(|name| is_spec_name(name))?)));
+    let unknown: Vec<(&Kind, &str)> = named.filter(|(_, name)| library::by_spec(name).is_none()).collect();
+    if unknown.is_empty() {
+        return;
+    }
+    let known: Vec<String> = library::messages().map(|name| name.spec()).collect();
+    for (kind, name) in unknown {
+        let found = match diagnostics.near(name, known.iter().map(String::as_str)) {
+            Some(near) => misspelt(kind, name, &near),
+            None => Diagnostic::new(Code::W0206, kind.span, format!("`{name}` is no standard message of ROS 2"))
+                .help("its values are bytes to `dca echo` and in records"),
+        };
+        diagnostics.push(found);
+    }
+}
+
+fn misspelt(kind: &Kind, name: &str, near: &Near<'_>) -> Diagnostic {
+    let message = format!("`{name}` is no type that is known");
+    let found = Diagnostic::new(Code::W0206, kind.span, message).label(format!("did you mean `{}`?", near.name));
+    let length = u32::try_from(name.len()).unwrap_or(u32::MAX);
+    let span = Span { end: kind.span.start.saturating_add(length).min(kind.span.end), ..kind.span };
+    found.rename(span, near)
 }
