@@ -25,6 +25,16 @@ pub mod message;
 pub mod robot;
 pub mod sdk;
 
+/// The standard messages of ROS 2, for ports such as `In<LaserScan>`: in a spec the type is `ros.sensor.LaserScan`.
+///
+/// ```
+/// use controllers::ros::sensor_msgs::LaserScan;
+/// use controllers::sdk::Message;
+///
+/// assert_eq!(<LaserScan as Message>::TYPE, "ros.sensor.LaserScan");
+/// ```
+pub use ::ros::typed as ros;
+
 /// Returns every controller type of this crate: Appendix A of the paper, its CompliantMotion, and the plant.
 pub fn registry() -> sdk::Registry {
     library::registry()

@@ -94,6 +94,7 @@ pub mod process;
 mod quantity;
 mod random;
 mod registry;
+mod ros;
 
 pub use comms::logic::signals::Signal;
 pub use comms::logic::time::Time;
