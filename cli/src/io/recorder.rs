@@ -247,8 +247,9 @@ impl Log {
     fn write(&mut self, entry: &Entry, arrived: Duration) -> Result<(), McapError> {
         let Row { topic, at, data } = self.rows.row(entry, arrived);
         for topic in &self.rows.topics()[self.channels.len()..] {
-            let schema = self.writer.add_schema(&topic.schema_name, "jsonschema", &topic.schema)?;
-            self.channels.push(self.writer.add_channel(schema, &topic.name, "json", &topic.metadata)?);
+            let (encoding, schema_encoding) = topic.form.encodings();
+            let schema = self.writer.add_schema(&topic.schema_name, schema_encoding, &topic.schema)?;
+            self.channels.push(self.writer.add_channel(schema, &topic.name, encoding, &topic.metadata)?);
         }
         let log_time = nanos(at);
         let sequence = u32::try_from(self.entries % (u64::from(u32::MAX) + 1)).unwrap_or_default();

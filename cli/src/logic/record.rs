@@ -1,6 +1,6 @@
 //! The record of a run: all reports and signals in one MCAP file.
 //!
-//! Each message is JSON, so that any MCAP viewer shows it: reports on `/events`, a program's samples on `/signals/<path>` as
+//! Each message is JSON, so that any MCAP viewer shows it, except messages of ROS 2, which are CDR with their definitions: reports on `/events`, a program's samples on `/signals/<path>` as
 //! one object of numbers, what programs write on `/log`. Times are since 1970. The spec and its plan are attachments. What
 //! is here turns entries into messages and a file's bytes back into a [`Run`]; `io::recorder` has the file and the thread.
 //!
@@ -23,7 +23,7 @@ pub use ports::{Port, ports};
 
 pub use read::ReadError;
 pub(crate) use row::kind as report_kind;
-pub use row::{EVENTS, LOG, PORTS, Row, Rows, SIGNALS, Topic};
+pub use row::{EVENTS, Form, LOG, PORTS, Row, Rows, SIGNALS, Topic};
 
 use crate::logic::mission::Mission;
 use comms::logic::layout::Message;

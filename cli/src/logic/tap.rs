@@ -290,4 +290,16 @@ mod tests {
         next.take(&tapped(1, 1100));
         assert_eq!(next.text(), "1 value");
     }
+
+    #[test]
+    fn messages_of_ros_have_their_fields() {
+        let output =
+            OutputType { name: "Cmd".to_owned(), type_name: "ros.geometry.Point".to_owned(), fields: String::new() };
+        let outputs = Outputs { outputs: vec![output.clone()], inner: Vec::new() };
+        let message = message(&output, &outputs);
+        let point = ros::typed::geometry_msgs::Point { x: 1.5, y: f64::NAN, z: 0.0 };
+        let bytes = postcard::to_stdvec(&point).unwrap();
+        assert_eq!(value(message.as_ref(), &bytes), json!({ "x": 1.5, "y": "NaN", "z": 0.0 }));
+        assert_eq!(value(message.as_ref(), &bytes[..9]), json!({ "size": 9 }));
+    }
 }

@@ -89,6 +89,14 @@ impl Schema {
         &self.structs[index]
     }
 
+    /// Returns the type of a field that is a message, or a list of messages.
+    pub fn message(&self, field: &Field<usize>) -> Option<&Struct> {
+        match &field.element {
+            Element::Message(index) => self.structs.get(*index),
+            Element::Primitive(_) | Element::Text { .. } => None,
+        }
+    }
+
     /// Returns all types, the type itself first.
     pub fn structs(&self) -> &[Struct] {
         &self.structs

@@ -408,6 +408,63 @@ fn what_goes_over_ports_is_on_topics_of_their_own() {
     assert_eq!(Run::from_bytes(&bytes).map(|run| (run.entries, run.damage)).unwrap(), (Vec::new(), None));
 }
 
+/// Messages of ROS 2 are recorded as they are, with their definitions, so that viewers show them as from ROS 2.
+#[test]
+fn messages_of_ros_are_cdr() {
+    use ros::typed::Message as _;
+    use ros::typed::geometry_msgs::Twist;
+
+    let of = |of: &str| {
+        let layout = Layout::Piece { of: of.to_owned() };
+        Some(Arc::new(Message { name: of.to_owned(), layout }))
+    };
+    let mut twist = Twist::default();
+    twist.linear.x = 0.5;
+    let port = |bytes: Vec<u8>, of_name: &str| Entry::Port {
+        from: "main/base/Cmd".to_owned(),
+        to: "main/wheels/In".to_owned(),
+        at: Duration::from_secs(1),
+        bytes,
+        message: of(of_name),
+    };
+    let folder = Folder::new("ros");
+    let recorder = Recorder::create(&folder.0, &header()).unwrap();
+    for entry in [
+        port(postcard::to_stdvec(&twist).unwrap(), "ros.geometry.Twist"),
+        port(vec![3, 0, 1, 0], "ros.geometry.Twist"),
+        port(postcard::to_stdvec(&twist).unwrap(), "ros.geometry.Twirl"),
+    ] {
+        recorder.push(entry);
+    }
+    let (path, _) = recorder.finish().unwrap();
+    let bytes = fs::read(path).unwrap();
+    let mut seen = Vec::new();
+    for message in mcap::MessageStream::new(&bytes).unwrap() {
+        let message = message.unwrap();
+        let schema = message.channel.schema.as_ref().unwrap();
+        let encodings = (message.channel.message_encoding.clone(), schema.encoding.clone());
+        seen.push((message.channel.topic.clone(), schema.name.clone(), encodings));
+        if schema.encoding == "ros2msg" {
+            let text = String::from_utf8(schema.data.to_vec()).unwrap();
+            let separator = "=".repeat(80);
+            let vector = format!("{separator}\nMSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n");
+            assert_eq!(text, format!("geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular\n{vector}"));
+            assert_eq!(message.data.as_ref(), twist.to_cdr().unwrap());
+        }
+    }
+    let json = || ("json".to_owned(), "jsonschema".to_owned());
+    let row =
+        |topic: &str, schema: &str, encodings| (format!("/ports/main/base/Cmd{topic}"), schema.to_owned(), encodings);
+    assert_eq!(
+        seen,
+        [
+            row("", "geometry_msgs/msg/Twist", ("cdr".to_owned(), "ros2msg".to_owned())),
+            row("_2", "dca.Encoded", json()),
+            row("_2", "dca.Encoded", json()),
+        ]
+    );
+}
+
 /// On a disk that was full a record ends well, and before the deployment did.
 #[test]
 fn a_record_without_the_end_of_its_deployment_says_so() {

@@ -3,7 +3,8 @@
 //! Samples on wires are encoded with postcard, which says nothing of what is in them. Source: <https://postcard.jamesmunns.com/wire-format>.
 
 use crate::logic::record::schema;
-use comms::logic::layout::{Build, Field, Layout, Message, read};
+use crate::logic::ros;
+use comms::logic::layout::{Build, Field, Layout, Message, Reader, read};
 use language::Source;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
@@ -28,6 +29,7 @@ fn layout(declared: language::Layout) -> Layout {
         language::Layout::Number { of } => Layout::Number { of },
         language::Layout::Truth => Layout::Truth,
         language::Layout::Text => Layout::Text,
+        language::Layout::Ros { of } => Layout::Piece { of },
         language::Layout::Record(fields) => {
             Layout::Record(fields.into_iter().map(|(name, of)| Field { name, layout: layout(of) }).collect())
         }
@@ -39,7 +41,7 @@ fn layout(declared: language::Layout) -> Layout {
 pub(super) fn schema(title: &str, message: &Message) -> Value {
     let mut schema = match &message.layout {
         Layout::Record(_) => property(&message.layout),
-        of @ (Layout::Number { .. } | Layout::Truth | Layout::Text | Layout::List { .. }) => {
+        of @ (Layout::Number { .. } | Layout::Truth | Layout::Text | Layout::Piece { .. } | Layout::List { .. }) => {
             json!({ "type": "object", "properties": { VALUE: property(of) } })
         }
     };
@@ -52,6 +54,7 @@ fn property(layout: &Layout) -> Value {
         Layout::Number { of } => json!({ "type": "number", "description": of }),
         Layout::Truth => json!({ "type": "boolean" }),
         Layout::Text => json!({ "type": "string" }),
+        Layout::Piece { of } => json!({ "type": "object", "description": of }),
         Layout::List { of, .. } => json!({ "type": "array", "items": property(of) }),
         Layout::Record(fields) => {
             let names = names(fields);
@@ -76,7 +79,7 @@ fn names(fields: &[Field]) -> Vec<String> {
 pub(crate) fn decode(message: &Message, bytes: &[u8]) -> Option<Value> {
     let value = read(&message.layout, bytes, &mut Json)?;
     Some(match (&message.layout, value) {
-        (Layout::Record(_), Some(object)) => object,
+        (Layout::Record(_) | Layout::Piece { .. }, Some(object)) => object,
         (_, Some(value)) => json!({ VALUE: value }),
         (_, None) => json!({}),
     })
@@ -100,6 +103,10 @@ impl Build for Json {
         Some(json!(text))
     }
 
+    fn piece(&mut self, of: &str, bytes: &[u8]) -> Option<Option<Value>> {
+        ros::decode(of, bytes).map(Some)
+    }
+
     fn record(&mut self, fields: &[Field], values: Vec<Option<Value>>) -> Option<Value> {
         let fields = std::iter::zip(names(fields), values);
         Some(Value::Object(fields.filter_map(|(name, value)| Some((name, value?))).collect()))
@@ -108,6 +115,14 @@ impl Build for Json {
     fn list(&mut self, elements: Vec<Option<Value>>) -> Option<Value> {
         elements.into_iter().collect::<Option<Vec<Value>>>().map(Value::Array)
     }
+}
+
+/// Returns the type of a ROS 2 message, `ros.sensor.LaserScan`, and the bytes of its CDR; nothing for another message.
+pub(super) fn cdr<'a>(message: &'a Message, bytes: &'a [u8]) -> Option<(&'a str, &'a [u8])> {
+    let Layout::Piece { of } = &message.layout else { return None };
+    let mut reader = Reader::new(bytes);
+    let cdr = reader.piece().filter(|_| reader.rest().is_empty())?;
+    Some((of, cdr))
 }
 
 #[cfg(test)]

@@ -1,7 +1,10 @@
 //! Turns an entry of a record into messages.
 
 use crate::logic::record::{Entry, message, schema};
+use crate::logic::ros;
 use crate::logic::sentence::report_text;
+use ::ros::logic::cdr;
+use ::ros::logic::schema::Schema;
 use comms::logic::layout::Message;
 use comms::logic::signals::Signals;
 use node::logic::protocol::{Change, Ending, Report};
@@ -26,12 +29,33 @@ pub(super) const PATH: &str = "dca.path";
 pub struct Topic {
     /// `/events`, `/log` or `/signals/<path>`.
     pub name: String,
+    /// The form of the messages.
+    pub form: Form,
     /// The schema's name; each schema has its own.
     pub schema_name: String,
-    /// A JSON schema of the messages.
+    /// The schema of the messages.
     pub schema: Vec<u8>,
     /// For the channel: the program's path; name, unit and headline of each signal.
     pub metadata: BTreeMap<String, String>,
+}
+
+/// The form of the messages of a channel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Form {
+    /// JSON, with a JSON schema.
+    Json,
+    /// CDR, with the definitions of ROS 2.
+    Ros,
+}
+
+impl Form {
+    /// Returns the encoding of the messages, and that of their schema, as the registry of MCAP names them.
+    pub fn encodings(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Json => ("json", "jsonschema"),
+            Self::Ros => ("cdr", "ros2msg"),
+        }
+    }
 }
 
 /// A message of the record.
@@ -41,7 +65,7 @@ pub struct Row {
     pub topic: usize,
     /// Since 1970.
     pub at: Duration,
-    /// JSON.
+    /// In the form of its topic.
     pub data: Vec<u8>,
 }
 
@@ -75,6 +99,8 @@ pub struct Rows {
     topics: Vec<Topic>,
     /// The topics of a program: more than one when it changes what it publishes.
     of: BTreeMap<String, Vec<usize>>,
+    /// The types of ROS 2 that came: none for one that is no standard type.
+    ros: BTreeMap<String, Option<Schema>>,
     /// When GO was, since 1970, once it was.
     go: Option<Duration>,
     now: Duration,
@@ -98,8 +124,16 @@ impl Rows {
             }
             Entry::Port { from, to, at, bytes, message } => {
                 let at = self.since_1970(*at, arrived);
+                if let Some(row) = message.as_deref().and_then(|message| self.ros_row((from, to), at, (message, bytes)))
+                {
+                    return row;
+                }
                 let read = message.as_deref().and_then(|known| Some((known, message::decode(known, bytes)?)));
-                let topic = self.port(from, to, read.as_ref().map(|(known, _)| *known));
+                let topic = match &read {
+                    None => self
+                        .port((from, to), "bytes", |_| (Form::Json, "dca.Encoded".to_owned(), json(&schema::port()))),
+                    Some((known, _)) => self.port((from, to), &known.name, |topics| schema_of(topics, known)),
+                };
                 let raw = || json!({ "size": bytes.len(), "bytes": base64(bytes) });
                 Row { topic, at, data: json(&read.map_or_else(raw, |(_, value)| value)) }
             }
@@ -113,6 +147,16 @@ impl Rows {
                 Row { topic, at, data: json(&log) }
             }
         }
+    }
+
+    /// Returns the message for a value that is one of ROS 2; none if it is not, or is damaged.
+    fn ros_row(&mut self, (from, to): (&str, &str), at: Duration, (message, bytes): (&Message, &[u8])) -> Option<Row> {
+        let (of, data) = message::cdr(message, bytes)?;
+        let schema = self.ros.entry(of.to_owned()).or_insert_with(|| ros::schema(of)).as_ref()?;
+        cdr::read(schema, data).ok()?;
+        let (name, text) = (schema.name().to_string(), schema.text().into_bytes());
+        let topic = self.port((from, to), of, |_| (Form::Ros, name, text));
+        Some(Row { topic, at, data: data.to_vec() })
     }
 
     /// Returns when something was that came at `at` since GO.
@@ -192,7 +236,7 @@ impl Rows {
         let schema_name = format!("dca.{}", name.trim_start_matches('/').replace('/', "."));
         let units = sample.values.iter().map(|signal| (signal.name.as_str(), signal.unit.as_str()));
         let units: BTreeMap<&str, &str> = units.collect();
-        let topic = Topic { name, schema_name, schema: Vec::new(), metadata };
+        let topic = Topic { name, form: Form::Json, schema_name, schema: Vec::new(), metadata };
         let fields = fields_of(&topic);
         let fields = fields.iter().map(|(name, field)| (*field, units.get(name.as_str()).copied().unwrap_or("")));
         let schema = json(&schema::signals(&topic.schema_name, fields));
@@ -202,43 +246,46 @@ impl Rows {
         index
     }
 
-    /// Returns the topic of a wire, for messages that can be read or for others.
-    fn port(&mut self, from: &str, to: &str, message: Option<&Message>) -> usize {
-        let wire = format!("{from} -> {to}: {}", message.map_or("bytes", |message| &message.name));
+    /// Returns the topic of a wire for messages of a type; a new one has the form and the schema that `schema` returns, with its name.
+    fn port(
+        &mut self,
+        (from, to): (&str, &str),
+        of: &str,
+        schema: impl FnOnce(&[Topic]) -> (Form, String, Vec<u8>),
+    ) -> usize {
+        let wire = format!("{from} -> {to}: {of}");
         if let Some([known]) = self.of.get(&wire).map(Vec::as_slice) {
             return *known;
         }
         let is_taken = |name: &str| self.topics.iter().any(|topic| topic.name == name);
         let name = schema::free_name(format!("{PORTS}{}", schema::plain_path(from)), is_taken);
         let metadata = BTreeMap::from([(PATH.to_owned(), from.to_owned()), ("dca.to".to_owned(), to.to_owned())]);
-        let (schema_name, schema) = match message {
-            None => ("dca.Encoded".to_owned(), json(&schema::port())),
-            Some(message) => self.schema_of(message),
-        };
+        let (form, schema_name, schema) = schema(&self.topics);
         self.of.insert(wire, vec![self.topics.len()]);
-        self.topics.push(Topic { name, schema_name, schema, metadata });
+        self.topics.push(Topic { name, form, schema_name, schema, metadata });
         self.topics.len() - 1
-    }
-
-    /// Returns the schema of a message: what is called the same and is not has another name.
-    fn schema_of(&self, message: &Message) -> (String, Vec<u8>) {
-        let name = format!("dca.types.{}", schema::plain_name(&message.name));
-        let schema_as = |name: &str| json(&message::schema(name, message));
-        let is_another =
-            |name: &str| self.topics.iter().any(|topic| topic.schema_name == name && topic.schema != schema_as(name));
-        let name = schema::free_name(name, is_another);
-        let schema = schema_as(&name);
-        (name, schema)
     }
 
     /// Returns the topic of which there is one.
     fn single(&mut self, name: &str, schema_name: &str, schema: impl Fn() -> Value) -> usize {
         self.topics.iter().position(|topic| topic.name == name).unwrap_or_else(|| {
             let (name, schema_name) = (name.to_owned(), schema_name.to_owned());
-            self.topics.push(Topic { name, schema_name, schema: json(&schema()), metadata: BTreeMap::new() });
+            let (form, schema) = (Form::Json, json(&schema()));
+            self.topics.push(Topic { name, form, schema_name, schema, metadata: BTreeMap::new() });
             self.topics.len() - 1
         })
     }
+}
+
+/// Returns the schema of a message: what is called the same and is not has another name.
+fn schema_of(topics: &[Topic], message: &Message) -> (Form, String, Vec<u8>) {
+    let name = format!("dca.types.{}", schema::plain_name(&message.name));
+    let schema_as = |name: &str| json(&message::schema(name, message));
+    let is_another =
+        |name: &str| topics.iter().any(|topic| topic.schema_name == name && topic.schema != schema_as(name));
+    let name = schema::free_name(name, is_another);
+    let schema = schema_as(&name);
+    (Form::Json, name, schema)
 }
 
 /// Returns the field of each signal of a topic, by the signal's name.
