@@ -1,8 +1,12 @@
 //! The formats of ROS 2: types, values and names. It is all pure.
 
+pub mod attachment;
 pub mod cdr;
 pub mod definition;
 pub mod hash;
+pub mod key;
 pub mod library;
 pub mod name;
+pub mod qos;
 pub mod schema;
+pub mod token;

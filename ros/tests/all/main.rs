@@ -1,6 +1,7 @@
 //! Tests of this room, one module for each subject.
 
 mod golden;
+mod hiroz;
 mod rosbags;
 mod text;
 mod typed;
