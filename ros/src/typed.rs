@@ -52,7 +52,7 @@ pub trait Message: Field {
     /// Returns the message in `bytes`.
     ///
     /// # Errors
-    /// The bytes are no message of this type.
+    /// The bytes are not a message of this type.
     fn from_cdr(bytes: &[u8]) -> Result<Self, CdrError> {
         let mut reader = Reader::new(bytes)?;
         let message = Self::read(&mut reader)?;

@@ -6,8 +6,8 @@ use ros::typed::{self, Message as RosMessage};
 
 /// Returns whether numbers in the messages of a package may be infinite, or not a number.
 ///
-/// Drivers send such numbers in the messages of sensors: infinite for a ray without an echo, not a number for what a battery
-/// does not measure. Source: REP 117, <https://www.ros.org/reps/rep-0117.html>.
+/// Drivers send such numbers in the messages of sensors: infinite for a ray without an echo, not a number for a quantity
+/// without a measurement. Source: REP 117, <https://www.ros.org/reps/rep-0117.html>.
 const fn allows_nan(package: &str) -> bool {
     matches!(package.as_bytes(), b"sensor_msgs")
 }

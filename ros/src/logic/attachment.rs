@@ -1,4 +1,4 @@
-//! What is attached to each message, request and response: its number, its time, its sender.
+//! The attachment of each message, request and response: its number, its time, its sender.
 //!
 //! A process of ROS 2 drops a message without it, and may end when it is malformed. So it has one form when it is written, and
 //! no caller makes its bytes. Source: `rmw_zenoh_cpp/src/detail/attachment_helpers.cpp`.

@@ -19,7 +19,7 @@ const HEADER: [u8; 4] = [0, 1, 0, 0];
 /// The most bytes that may follow a value, to make its length a multiple of four.
 const PADDING_MAX: usize = 3;
 
-/// Why bytes are no value of a type, or a value cannot be written.
+/// The reason why bytes cannot be read as a type, or a value cannot be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum CdrError {
     /// The bytes do not begin with the header of CDR in little endian.

@@ -32,7 +32,7 @@ pub struct Field<R> {
     pub default: Option<String>,
 }
 
-/// The type of a value that is no list.
+/// The type of a single value, or of an element of a list.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Element<R> {
     /// A number or a truth value.
@@ -99,7 +99,7 @@ pub struct Constant {
     pub value: String,
 }
 
-/// Why a definition cannot be used.
+/// The reason why a definition cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum DefinitionError {
     /// A line is neither a field nor a constant.
@@ -113,7 +113,7 @@ pub enum DefinitionError {
         text: String,
     },
     /// A type has no definition.
-    #[error("there is no definition of `{0}`")]
+    #[error("no definition of `{0}` is known")]
     Unknown(String),
     /// A message contains itself, or it is too large.
     #[error("`{0}` contains itself, or too many other messages")]

@@ -17,7 +17,7 @@ const PLACEHOLDER: &str = "structure_needs_at_least_one_member";
 const MESSAGE: u32 = 1;
 const TEXT: u32 = 17;
 const TEXT_MAX: u32 = 21;
-/// What the number of an element is raised by in a list.
+/// In a list the number of the element is raised by one of these.
 const ARRAY: u32 = 48;
 const LIST_MAX: u32 = 96;
 const LIST: u32 = 144;

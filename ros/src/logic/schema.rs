@@ -20,7 +20,7 @@ pub struct Schema {
     structs: Vec<Struct>,
 }
 
-/// One of the types of a schema.
+/// A type within a schema.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Struct {
     /// Its name.

@@ -10,7 +10,7 @@ use super::qos::Qos;
 const SPACE: &str = "@ros2_lv";
 /// The longest token that is read.
 const LENGTH_MAX: usize = 2048;
-/// What stands for a slash in a name, and for no name.
+/// The sign for a slash in a name, and for an empty name.
 const SLASH: &str = "%";
 /// The kind of a token of a node.
 const NODE: &str = "NN";
@@ -24,7 +24,7 @@ pub struct Token {
     pub session: String,
     /// The node, or the node that the others belong to.
     pub node: Node,
-    /// What a node has, if the token is not of the node itself.
+    /// The publisher, subscriber, server or client; none in the token of the node itself.
     pub endpoint: Option<Endpoint>,
 }
 
@@ -44,7 +44,7 @@ pub struct Node {
 pub struct Endpoint {
     /// Its number within the session.
     pub id: u64,
-    /// What it is.
+    /// Its role.
     pub role: Role,
     /// The topic or service.
     pub topic: Topic,
@@ -54,7 +54,7 @@ pub struct Endpoint {
     pub takes_buffers: bool,
 }
 
-/// What an endpoint does.
+/// The role of an endpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
     /// It sends messages.
@@ -100,7 +100,7 @@ impl Token {
         format!("{}/{name}/{of}/{hash}/{qos}{buffers}", of_node(*id, role.as_str()))
     }
 
-    /// Reads the key of a token; none for what is none, or has a type that cannot be a type of ROS 2.
+    /// Reads the key of a token. Returns none for another key, and for a type whose name ROS 2 does not allow.
     pub fn parse(key: &str) -> Option<Self> {
         if key.len() > LENGTH_MAX {
             return None;

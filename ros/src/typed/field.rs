@@ -1,4 +1,4 @@
-//! What fields of messages can be: numbers, texts, lists, other messages.
+//! The values of fields: numbers, texts, lists, other messages.
 
 use crate::logic::cdr::{CdrError, Reader, Writer};
 use serde::{Serialize, Serializer};
@@ -21,13 +21,13 @@ pub trait Field: Clone + Debug + PartialEq + Sized {
     /// Reads a value.
     ///
     /// # Errors
-    /// The bytes are no such value.
+    /// The bytes are not such a value.
     fn read(reader: &mut Reader<'_>) -> Result<Self, CdrError>;
 
     /// Shows the value as the names and values of its fields.
     ///
     /// # Errors
-    /// Those of the serializer.
+    /// The errors of the serializer.
     fn show<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error>;
 
     /// Writes values one after the other.
@@ -49,7 +49,7 @@ pub trait Field: Clone + Debug + PartialEq + Sized {
     /// Shows values as a list.
     ///
     /// # Errors
-    /// Those of the serializer.
+    /// The errors of the serializer.
     fn show_all<S: Serializer>(values: &[Self], serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_seq(values.iter().map(Shown))
     }

@@ -35,8 +35,20 @@ const FLOORS: [(&str, &[&str]); 14] = [
     ("tests", &["cli", "comms", "controllers", "dbmanager", "language", "node", "team", "trust", "verify"]),
 ];
 /// Every room, by the name under which it is imported.
-const ROOMS: [&str; 12] =
-    ["language", "ros", "verify", "comms", "trust", "team", "dbmanager", "controllers", "node", "shim", "cli", "dca_tests"];
+const ROOMS: [&str; 12] = [
+    "language",
+    "ros",
+    "verify",
+    "comms",
+    "trust",
+    "team",
+    "dbmanager",
+    "controllers",
+    "node",
+    "shim",
+    "cli",
+    "dca_tests",
+];
 /// Folders and files in which the same input has to give the same output, besides every `logic`.
 const PURE: [&str; 8] = [
     "language/src/",

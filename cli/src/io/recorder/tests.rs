@@ -408,7 +408,7 @@ fn what_goes_over_ports_is_on_topics_of_their_own() {
     assert_eq!(Run::from_bytes(&bytes).map(|run| (run.entries, run.damage)).unwrap(), (Vec::new(), None));
 }
 
-/// Messages of ROS 2 are recorded as they are, with their definitions, so that viewers show them as from ROS 2.
+/// Messages of ROS 2 are recorded unchanged and with their definitions. Viewers cannot tell them from a record of ROS 2.
 #[test]
 fn messages_of_ros_are_cdr() {
     use ros::typed::Message as _;

@@ -99,7 +99,7 @@ pub struct Rows {
     topics: Vec<Topic>,
     /// The topics of a program: more than one when it changes what it publishes.
     of: BTreeMap<String, Vec<usize>>,
-    /// The types of ROS 2 that came: none for one that is no standard type.
+    /// The schemas of the types of ROS 2 so far. A type outside the standard library has none.
     ros: BTreeMap<String, Option<Schema>>,
     /// When GO was, since 1970, once it was.
     go: Option<Duration>,

@@ -193,8 +193,8 @@ fn report_ros(spec: &Spec, diagnostics: &mut Diagnostics) {
     for (kind, name) in unknown {
         let found = match diagnostics.near(name, known.iter().map(String::as_str)) {
             Some(near) => misspelt(kind, name, &near),
-            None => Diagnostic::new(Code::W0206, kind.span, format!("`{name}` is no standard message of ROS 2"))
-                .help("its values are bytes to `dca echo` and in records"),
+            None => Diagnostic::new(Code::W0206, kind.span, format!("`{name}` is not a standard message of ROS 2"))
+                .help("`dca echo` and records show its values as bytes"),
         };
         diagnostics.push(found);
     }

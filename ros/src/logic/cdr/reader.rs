@@ -33,7 +33,7 @@ impl<'a> Reader<'a> {
         if self.left() <= PADDING_MAX { Ok(()) } else { Err(CdrError::Rest(self.left())) }
     }
 
-    /// Takes a number of `N` bytes, as they are.
+    /// Takes the `N` bytes of a number.
     ///
     /// # Errors
     /// There are not so many bytes.

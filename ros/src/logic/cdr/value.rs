@@ -30,7 +30,7 @@ pub enum Value {
 /// Returns the value in `bytes`.
 ///
 /// # Errors
-/// The bytes are no value of this type, to the last one but padding.
+/// The bytes are not a value of this type, or more than padding follows.
 pub fn read(schema: &Schema, bytes: &[u8]) -> Result<Value, CdrError> {
     let mut reader = Reader::new(bytes)?;
     let value = record(schema, schema.root(), &mut reader)?;

@@ -27,7 +27,7 @@ impl Writer {
         self.bytes.extend_from_slice(&number);
     }
 
-    /// Writes bytes as they are.
+    /// Writes bytes without their number.
     pub fn bytes(&mut self, bytes: &[u8]) {
         self.bytes.extend_from_slice(bytes);
     }
