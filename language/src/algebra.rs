@@ -32,6 +32,7 @@
 //! assert_eq!(step(&program, &mut state, stopped, &mut commands), Some(Outcome::Done(Value::new(b"12 N"))));
 //! ```
 
+mod charts;
 mod event;
 mod memo;
 mod packed;

@@ -39,7 +39,7 @@ mod shape;
 mod step;
 
 pub use chart::{
-    Action, Chart, ChartState, Failure, History, StateKind, Target, Transition, Trigger, ValueSource, Variable,
+    Action, Chart, ChartState, Failure, Fragment, History, StateKind, Target, Transition, Trigger, ValueSource, Variable,
 };
 pub use configuration::Configuration;
 pub use event::{Command, Event};

@@ -4,6 +4,7 @@
 //! decide its shape once for each choice of values), `names` and
 //! `expression` (inside one group), `types` (between groups), `ports`, `flow`, and at last `lower` makes the plan.
 
+mod activity;
 mod count;
 mod declare;
 mod diagnostics;
@@ -25,6 +26,7 @@ mod types;
 mod uses;
 mod value;
 
+pub(crate) use activity::is_activity;
 pub(crate) use sentences::{EVENTS, STATES, Word, is_word as is_sentence_word, words_of};
 
 pub(crate) use interface::{asked, exports, messages, parameters, port_types, record_types};

@@ -15,6 +15,7 @@ mod nested;
 mod on_boot;
 mod parameter;
 mod policy;
+mod state_chart;
 mod supervision;
 mod timer;
 mod validate;
@@ -35,6 +36,7 @@ pub use parameter::{Accepts, Parameter};
 pub use policy::{
     BACKOFF_MAX, BACKOFF_MIN, Backoff, LinkLoss, Policy, REALTIME_MAX, Realtime, Replacement, Restart, Usage, Watchdog,
 };
+pub use state_chart::{Filter, FilterPart, Notice, StateChart, StateRun, text_value};
 pub use supervision::{Intensity, RESTARTS_MAX, Strategy, Supervision};
 pub use timer::TimerKind;
 pub use validate::PlanError;
@@ -370,6 +372,8 @@ pub enum Expression {
         /// The operand.
         of: Box<Self>,
     },
+    /// The states of an activity. They are the whole event actions of their group.
+    Chart(Box<StateChart>),
 }
 
 impl Expression {
@@ -388,6 +392,7 @@ impl Expression {
             Self::Match(arms) => arms.iter().map(|arm| &arm.body).collect(),
             Self::Shield { of, .. } | Self::Using { of, .. } | Self::Tagged { of, .. } => vec![of],
             Self::Asynchronous { source, pool } => std::iter::once(&**source).chain(pool).collect(),
+            Self::Chart(chart) => chart.runs.iter().map(|run| &run.expression).collect(),
         }
     }
 
@@ -406,6 +411,7 @@ impl Expression {
             Self::Match(arms) => arms.iter_mut().map(|arm| &mut arm.body).collect(),
             Self::Shield { of, .. } | Self::Using { of, .. } | Self::Tagged { of, .. } => vec![of],
             Self::Asynchronous { source, pool } => std::iter::once(&mut **source).chain(pool).collect(),
+            Self::Chart(chart) => chart.runs.iter_mut().map(|run| &mut run.expression).collect(),
         }
     }
 

@@ -7,6 +7,7 @@ mod chart;
 mod command;
 mod random;
 mod replay;
+mod says;
 mod trace;
 
 use crate::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, Value, step};
@@ -53,6 +54,8 @@ pub enum Transition {
     Waits(Duration),
     /// A part of a group begins that may take so long: `P within 5 s`.
     Limited(Duration),
+    /// An activity is in these states, or does something that is seen outside.
+    Says(String),
 }
 
 /// The end of a leaf.
@@ -103,6 +106,8 @@ pub struct Simulation<'a> {
     log: Vec<SimulationEvent>,
     timeline: Timeline,
     outcome: Option<Transition>,
+    /// The states that each activity was last seen in.
+    states_seen: BTreeMap<usize, String>,
     /// How each group has last ended, with its tag, while a story is played.
     last_ends: BTreeMap<usize, (Transition, Option<String>)>,
     /// What a story has still to say something of, while one is played.
@@ -151,6 +156,7 @@ impl<'a> Simulation<'a> {
             log: Vec::new(),
             timeline: Timeline::default(),
             outcome: None,
+            states_seen: BTreeMap::new(),
             last_ends: BTreeMap::new(),
             pending: None,
         }
@@ -279,8 +285,9 @@ impl<'a> Simulation<'a> {
             for command in commands.drain(..) {
                 self.obey_command(group, command);
             }
-            if let Some(outcome) = outcome {
-                self.ended(group, outcome);
+            match outcome {
+                Some(outcome) => self.ended(group, outcome),
+                None => self.note_states(group),
             }
         }
     }
@@ -348,12 +355,14 @@ impl<'a> Simulation<'a> {
                     self.note_wait(cancelled, &Transition::Stopped);
                 }
             }
+            Command::Log { .. } | Command::Send { .. } | Command::Lost { .. } => self.say(group, &command),
         }
     }
 
     /// The end of a group: an event for the group around it.
     fn ended(&mut self, group: usize, outcome: Outcome) {
         let outcome = self.escalated(group, outcome);
+        self.states_seen.remove(&group);
         let path = &self.plan.groups[group].path;
         let transition = match &outcome {
             Outcome::Done(_) => Transition::Done,

@@ -48,6 +48,16 @@ impl Value {
         std::str::from_utf8(tag).ok()
     }
 
+    /// Returns the text that the bytes are, if they can be read so: a length, seven bits a byte, and the text.
+    pub fn text(&self) -> Option<&str> {
+        let bytes = self.bytes();
+        let start = bytes.iter().position(|byte| byte & 0x80 == 0)? + 1;
+        let groups = bytes.iter().take(start.min(4)).rev();
+        let length = groups.fold(0, |length, byte| length << 7 | usize::from(byte & 0x7f));
+        let text = bytes.get(start..).filter(|text| text.len() == length)?;
+        std::str::from_utf8(text).ok()
+    }
+
     /// Returns what stands behind the tag, which the bytes must begin with.
     pub(crate) fn without_tag(self) -> Self {
         let length = self.tag().map_or(0, |tag| tag.len() + 1);
@@ -142,6 +152,19 @@ pub enum Event {
         /// The arming of the timer that has elapsed.
         activation: Activation,
     },
+    /// A message has arrived for an activity.
+    Message {
+        /// The number of the input port.
+        port: u32,
+        /// The numbers of the filters that let it through.
+        filters: Vec<u32>,
+        /// The priority; of messages that wait, a greater one comes first.
+        priority: u8,
+        /// The content.
+        value: Value,
+    },
+    /// The surroundings of an activity have noticed something.
+    Notice(u32),
 }
 
 /// One order of a supervisor. A step gives them in the order in which they are to be carried out.
@@ -188,6 +211,23 @@ pub enum Command {
         timer: u32,
         /// The number of the arming that is cancelled.
         activation: Activation,
+    },
+    /// Send a value of an activity.
+    Send {
+        /// The number of the output port.
+        output: u32,
+        /// The value.
+        value: Value,
+    },
+    /// Write a line of an activity for people.
+    Log {
+        /// The line.
+        text: Arc<str>,
+    },
+    /// A message for an activity was lost, because too many wait at its port.
+    Lost {
+        /// The number of the input port.
+        port: u32,
     },
 }
 

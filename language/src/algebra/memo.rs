@@ -200,7 +200,11 @@ impl<'p> Steps<'p> {
             Event::Stopped { member, .. } => Some(of_member(2, *member)),
             Event::StopUnconfirmed { member, .. } => Some(of_member(3, *member)),
             Event::Elapsed { timer, .. } => Some(2 + 4 * self.program.endless.len() + *timer as usize),
-            Event::Start(_) | Event::Done { .. } | Event::Aborted { .. } => None,
+            Event::Start(_)
+            | Event::Done { .. }
+            | Event::Aborted { .. }
+            | Event::Message { .. }
+            | Event::Notice(_) => None,
         };
         let valued = || self.valued.iter().find(|(known, _)| known == event).map(|(_, root)| *root);
         if let Some(root) = plain.or_else(valued) {
@@ -227,12 +231,14 @@ impl<'p> Steps<'p> {
             timers: std::mem::take(&mut scratch.timers),
             queue,
             holders,
+            chart: packing.chart(program, words),
         };
         let mut effect = std::mem::take(unkept);
         effect.writes.clear();
         effect.commands.clear();
         effect.outcome = step_in(program, &mut state, event, (&mut effect.commands, ended));
-        let State { timers, queue, holders, .. } = state;
+        let State { timers, queue, holders, chart, .. } = state;
+        let chart = packing.words_of_chart(chart.as_deref());
         (scratch.looked_at, scratch.timers) = (looked_at.into_inner(), timers);
         scratch.timers.fill(Activation(1));
         for &item in &scratch.looked_at {
@@ -241,8 +247,10 @@ impl<'p> Steps<'p> {
                 scratch.cells[index].take().map(|cell| packing.word(&cell))
             } else if index < start {
                 scratch.seats[index - nodes].take().map(|seat| word_of_seat(&seat))
-            } else {
+            } else if index < packing.chart_start() {
                 Some(packing.word_of_using(index, &queue, &holders))
+            } else {
+                chart.get(index - packing.chart_start()).copied()
             };
             effect.writes.extend(word.filter(|&word| word != words.get(item)).map(|word| (item, word)));
         }

@@ -6,15 +6,17 @@
 //! the outcome's value (8), how many operands are waited for (26) and how many are done (26).
 //!
 //! Where a state is stored, half a byte a node says its phase and the kind of its outcome. If the values of outcomes matter, a
-//! byte a node follows with the number of the value. At last the queue of `using`, three bytes a place. All else follows from
-//! these: counts of operands from their phases, seats and holders from the nodes that are active. Two things are left out
+//! byte a node follows with the number of the value. Then the queue of `using`, three bytes a place, and of an activity eight
+//! bytes that say where it is. All else follows from these: counts of operands from their phases, seats and holders from the nodes that are active. Two things are left out
 //! because no rule reads them: why something has aborted (but for an unconfirmed stop), and the numbers of activations, which
 //! are all 1.
 
+use super::charts::Charts;
 use super::event::{Activation, Cause, Outcome, Reason, Value};
 use super::phase::Phase;
 use super::program::{Kind, Program};
 use super::state::{Activity, Cell, MemberState};
+use crate::automaton::Configuration;
 
 /// How the states of one program are packed.
 #[derive(Clone, Debug)]
@@ -33,6 +35,8 @@ pub struct Packing {
     usings: Vec<usize>,
     /// Values by number; number 0 is the empty value, and every value that is not here.
     values: Vec<Value>,
+    /// The items of an activity: where it is, and whether each of its timers is armed.
+    charts: Option<Charts>,
 }
 
 /// A state of one program, a word for each item.
@@ -41,6 +45,8 @@ pub struct Words {
     words: Vec<u64>,
     nodes: usize,
     members: usize,
+    /// Where the items of an activity begin.
+    charts: usize,
 }
 
 /// What an outcome is, as far as it is kept.
@@ -141,8 +147,16 @@ impl Words {
 
     /// Returns whether a timer is armed.
     pub fn is_armed(&self, program: &Program, timer: u32) -> bool {
+        if program.chart.as_ref().is_some_and(|chart| (timer as usize) < chart.timed.len()) {
+            return self.words[self.charts + 2 + timer as usize] != 0;
+        }
         let node = program.timers.get(timer as usize);
         node.is_some_and(|&node| phase(self.words[node]) == program.armed_phase(node))
+    }
+
+    /// Returns whether an activity would look at a message at once.
+    pub fn hears(&self) -> bool {
+        self.words.get(self.charts + 1).is_some_and(|&hears| hears != 0)
     }
 
     fn seats(&self) -> &[u64] {
@@ -181,12 +195,15 @@ impl Packing {
                 | Kind::Match { .. }
                 | Kind::Shield { .. }
                 | Kind::Finally
-                | Kind::Tagged(_) => {}
+                | Kind::Tagged(_)
+                | Kind::Chart => {}
             }
         }
         let resources = program.resources().len();
-        let length = nodes.div_ceil(2) + if values.len() > 1 { nodes } else { 0 } + 3 * places;
-        Self { nodes, members, places, resources, length, runs, counting, usings, values }
+        let charts = program.chart.as_deref().map(Charts::new);
+        let own = charts.as_ref().map_or(0, |_| Charts::LENGTH);
+        let length = nodes.div_ceil(2) + if values.len() > 1 { nodes } else { 0 } + 3 * places + own;
+        Self { nodes, members, places, resources, length, runs, counting, usings, values, charts }
     }
 
     /// Returns how many bytes a packed state has.
@@ -196,8 +213,8 @@ impl Packing {
 
     /// Returns the idle state.
     pub fn idle(&self) -> Words {
-        let items = self.nodes + self.members + self.places + self.resources;
-        Words { words: vec![0; items], nodes: self.nodes, members: self.members }
+        let (items, charts) = (self.items(), self.chart_start());
+        Words { words: vec![0; items], nodes: self.nodes, members: self.members, charts }
     }
 
     /// Appends a state.
@@ -205,7 +222,8 @@ impl Packing {
         let start = bytes.len();
         bytes.resize(start + self.length(), 0);
         let queue = self.nodes + self.members..self.nodes + self.members + self.places;
-        for item in (0..self.nodes).chain(queue) {
+        let chart = self.charts.as_ref().map(|_| self.chart_start());
+        for item in (0..self.nodes).chain(queue).chain(chart) {
             self.patch(small(item), words.words[item], &mut bytes[start..]);
         }
     }
@@ -215,9 +233,12 @@ impl Packing {
         let item = item as usize;
         let bits = word.to_le_bytes();
         if let Some(place) = item.checked_sub(self.nodes + self.members) {
+            let end = self.length() - self.charts.as_ref().map_or(0, |_| Charts::LENGTH);
             if place < self.places {
-                let start = self.length() - 3 * (self.places - place);
+                let start = end - 3 * (self.places - place);
                 bytes[start..start + 3].copy_from_slice(&bits[..3]);
+            } else if item == self.chart_start() {
+                bytes[end..].copy_from_slice(&bits);
             }
         } else if item < self.nodes {
             let byte = &mut bytes[item / 2];
@@ -247,7 +268,14 @@ impl Packing {
                 all[self.nodes + member as usize] = node_to_number(Some(node));
             }
         }
-        let queue = &bytes[self.length() - 3 * self.places..];
+        let end = self.length() - self.charts.as_ref().map_or(0, |_| Charts::LENGTH);
+        if let Some(charts) = &self.charts {
+            let mut word = [0; Charts::LENGTH];
+            word.copy_from_slice(&bytes[end..]);
+            let start = self.chart_start();
+            charts.unpack(u64::from_le_bytes(word), &mut all[start..]);
+        }
+        let queue = &bytes[end - 3 * self.places..end];
         for (place, bytes) in queue.chunks(3).enumerate() {
             let number = u32::from_le_bytes([bytes[0], bytes[1], bytes[2], 0]);
             all[self.nodes + self.members + place] = u64::from(number);
@@ -270,12 +298,30 @@ impl Packing {
 
     /// How many items there are.
     pub(super) fn items(&self) -> usize {
+        self.chart_start() + self.charts.as_ref().map_or(0, Charts::items)
+    }
+
+    /// Where the items of an activity begin.
+    pub(super) fn chart_start(&self) -> usize {
         self.nodes + self.members + self.places + self.resources
+    }
+
+    /// Where an activity is.
+    pub(super) fn chart(&self, program: &Program, words: &Words) -> Option<Box<Configuration>> {
+        let word = words.words.get(self.chart_start()).copied().unwrap_or(0);
+        Some(Box::new(self.charts.as_ref()?.configuration(program.automaton()?, word)))
+    }
+
+    /// The words of where an activity is.
+    pub(super) fn words_of_chart(&self, configuration: Option<&Configuration>) -> Vec<u64> {
+        let Some((charts, configuration)) = self.charts.as_ref().zip(configuration) else { return Vec::new() };
+        let plain = configuration.without_numbers(&|value| self.values[self.number(value)].clone());
+        charts.words(plain)
     }
 
     /// The queue of a state, and who holds what.
     pub(super) fn queue(&self, words: &Words) -> (Vec<usize>, Vec<Option<usize>>) {
-        let (queue, holders) = words.words[self.usings_start()..].split_at(self.places);
+        let (queue, holders) = words.words[self.usings_start()..self.chart_start()].split_at(self.places);
         let queue = queue.iter().filter_map(|&number| number_to_node(number));
         (queue.collect(), holders.iter().map(|&number| number_to_node(number)).collect())
     }

@@ -18,7 +18,8 @@
 //! - a chain of parents has at most [`DEPTH_MAX`] nodes.
 
 use super::phase::Phase;
-use crate::plan::{DEPTH_MAX, Expression, Group, Member, MemberKind};
+use crate::automaton::Automaton;
+use crate::plan::{DEPTH_MAX, Expression, Group, Member, MemberKind, StateChart};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::sync::Arc;
@@ -46,6 +47,37 @@ pub struct Program {
     pub(super) usings: usize,
     /// The tags of all `Match` nodes, one after the other, an arm each; none for `else`.
     pub(super) tags: Vec<Option<Arc<str>>>,
+    /// The automaton of an activity, whose node is the root.
+    pub(super) chart: Option<Box<ChartProgram>>,
+}
+
+/// The automaton of an activity, with the places of its runs.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct ChartProgram {
+    pub(super) automaton: Automaton,
+    /// The states that run something, each with its node.
+    runs: Vec<(usize, usize)>,
+    /// The transitions with a timer, in the order of their timers; the first timer is number 0.
+    pub(super) timed: Vec<usize>,
+    /// Whether the activity has no normal end.
+    is_service: bool,
+}
+
+impl ChartProgram {
+    /// The node of the run of a state.
+    pub(super) fn node_of(&self, state: usize) -> Option<usize> {
+        self.runs.iter().find(|(of, _)| *of == state).map(|(_, node)| *node)
+    }
+
+    /// The state that runs a node.
+    pub(super) fn state_of(&self, node: usize) -> Option<usize> {
+        self.runs.iter().find(|(_, of)| *of == node).map(|(state, _)| *state)
+    }
+
+    /// The timer of a transition.
+    pub(super) fn timer_of(&self, transition: usize) -> Option<u32> {
+        self.timed.iter().position(|&timed| timed == transition).map(small)
+    }
 }
 
 /// One operator, constant or member.
@@ -119,6 +151,8 @@ pub(super) enum Kind {
     Finally,
     /// `as`
     Tagged(Arc<str>),
+    /// The states of an activity.
+    Chart,
 }
 
 /// How long a `shield` holds up a stop.
@@ -132,8 +166,8 @@ impl Program {
     /// Compiles the expression of a group of a validated plan, with the service flags of its members.
     ///
     /// # Panics
-    /// If the expression is nested deeper than [`DEPTH_MAX`] or names a member that the group has not; `Plan::validate`
-    /// refuses both.
+    /// If the expression is nested deeper than [`DEPTH_MAX`], names a member that the group has not, or is a chart that is
+    /// not an automaton; `Plan::validate` refuses all of these.
     pub fn compile(group: &Group) -> Self {
         let endless = |member: &Member| member.service && matches!(member.kind, MemberKind::Leaf(_));
         let mut program = Self {
@@ -146,9 +180,25 @@ impl Program {
             taken: Vec::new(),
             usings: 0,
             tags: Vec::new(),
+            chart: None,
         };
+        if let Expression::Chart(chart) = &group.expression {
+            program.chart = Some(Box::new(ChartProgram::new(chart)));
+            let timers = program.chart.iter().map(|chart| chart.timed.len()).sum();
+            program.timers = vec![0; timers];
+        }
         program.add(&group.members, &group.expression, None, 1);
+        if let Some(chart) = &mut program.chart {
+            let first = Some(1).filter(|&first| first < program.nodes[0].end);
+            let nodes = std::iter::successors(first, |&node| Some(program.nodes[node].end));
+            chart.runs.iter_mut().zip(nodes).for_each(|(run, node)| run.1 = node);
+        }
         program
+    }
+
+    /// Returns the automaton of an activity; none if the group is not an activity.
+    pub fn automaton(&self) -> Option<&Automaton> {
+        self.chart.as_ref().map(|chart| &chart.automaton)
     }
 
     /// Returns whether the group is a service: no fault-free run of it ends. This is the `service` of the group as a
@@ -223,6 +273,7 @@ impl Program {
             Expression::Asynchronous { .. } => Kind::Asynchronous,
             Expression::Finally(..) => Kind::Finally,
             Expression::Tagged { tag, .. } => Kind::Tagged(tag.as_str().into()),
+            Expression::Chart(_) => Kind::Chart,
         }
     }
 
@@ -261,6 +312,7 @@ impl Program {
             Kind::Otherwise | Kind::Shield { .. } | Kind::Using { .. } | Kind::Tagged(_) => {
                 self.nodes[node + 1].service
             }
+            Kind::Chart => self.chart.as_ref().is_some_and(|chart| chart.is_service),
             Kind::AnyOf { count, .. } => services.filter(|service| !service).count() < *count as usize,
         }
     }
@@ -299,6 +351,16 @@ impl Program {
 
     fn end(&self, node: usize) -> usize {
         self.nodes[node].end
+    }
+}
+
+impl ChartProgram {
+    fn new(chart: &StateChart) -> Self {
+        let automaton = Automaton::new(chart.chart.clone()).expect("the chart of a validated plan is an automaton");
+        let transitions = &automaton.chart().transitions;
+        let timed = (0..transitions.len()).filter(|&number| transitions[number].trigger.time().is_some()).collect();
+        let runs = chart.runs.iter().map(|run| (run.state as usize, 0)).collect();
+        Self { automaton, runs, timed, is_service: chart.is_service() }
     }
 }
 

@@ -40,16 +40,25 @@ impl StepRecord {
 
     fn values(&self) -> impl Iterator<Item = &Value> {
         let event = match &self.event {
-            Event::Start(value) | Event::Done { value, .. } | Event::Aborted { report: value, .. } => Some(value),
-            Event::Stop | Event::Stopped { .. } | Event::StopUnconfirmed { .. } | Event::Elapsed { .. } => None,
+            Event::Start(value)
+            | Event::Done { value, .. }
+            | Event::Aborted { report: value, .. }
+            | Event::Message { value, .. } => Some(value),
+            Event::Stop
+            | Event::Stopped { .. }
+            | Event::StopUnconfirmed { .. }
+            | Event::Elapsed { .. }
+            | Event::Notice(_) => None,
         };
         let commands = self.commands.iter().filter_map(|command| match command {
-            Command::Activate { value, .. } => Some(value),
+            Command::Activate { value, .. } | Command::Send { value, .. } => Some(value),
             Command::Connect { .. }
             | Command::Disconnect { .. }
             | Command::Stop { .. }
             | Command::Arm { .. }
-            | Command::Cancel { .. } => None,
+            | Command::Cancel { .. }
+            | Command::Log { .. }
+            | Command::Lost { .. } => None,
         });
         let outcome = self.outcome.iter().filter_map(|outcome| match outcome {
             Outcome::Done(value) => Some(value),
@@ -60,13 +69,20 @@ impl StepRecord {
 
     fn change_values(&mut self, change: impl Fn(&Value) -> Value) {
         match &mut self.event {
-            Event::Start(value) | Event::Done { value, .. } | Event::Aborted { report: value, .. } => {
+            Event::Start(value)
+            | Event::Done { value, .. }
+            | Event::Aborted { report: value, .. }
+            | Event::Message { value, .. } => {
                 *value = change(value);
             }
-            Event::Stop | Event::Stopped { .. } | Event::StopUnconfirmed { .. } | Event::Elapsed { .. } => {}
+            Event::Stop
+            | Event::Stopped { .. }
+            | Event::StopUnconfirmed { .. }
+            | Event::Elapsed { .. }
+            | Event::Notice(_) => {}
         }
         for command in &mut self.commands {
-            if let Command::Activate { value, .. } = command {
+            if let Command::Activate { value, .. } | Command::Send { value, .. } = command {
                 *value = change(value);
             }
         }

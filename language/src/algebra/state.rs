@@ -32,6 +32,7 @@
 use super::event::{Activation, Outcome};
 use super::phase::Phase;
 use super::program::Program;
+use crate::automaton::Configuration;
 use serde::{Deserialize, Serialize};
 
 /// The configuration of one group: idle, running or stopping. Belongs to one [`Program`].
@@ -46,6 +47,8 @@ pub struct State<C = Vec<Cell>, S = Vec<MemberState>> {
     pub(super) queue: Vec<usize>,
     /// For each thing that `using` takes, the node that has it.
     pub(super) holders: Vec<Option<usize>>,
+    /// Where an activity is; none if the group is not an activity.
+    pub(super) chart: Option<Box<Configuration>>,
 }
 
 /// The state of one node. Opaque, but comparable: see [`State::configuration`].
@@ -70,7 +73,7 @@ pub struct MemberState {
 }
 
 /// The state of a member, as far as its supervisor knows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum Activity {
     /// Not activated.
     Idle,
@@ -89,6 +92,7 @@ impl State {
             timers: vec![Activation::default(); program.timers.len()],
             queue: Vec::with_capacity(program.usings),
             holders: vec![None; program.resources().len()],
+            chart: program.automaton().map(|automaton| Box::new(Configuration::new(automaton))),
         }
     }
 
@@ -121,8 +125,17 @@ impl State {
     /// Returns the number of a timer's latest arm and whether it is armed now.
     pub fn timer(&self, program: &Program, timer: u32) -> (Activation, bool) {
         let node = program.timers.get(timer as usize);
-        let armed = node.is_some_and(|&node| self.cells[node].phase == program.armed_phase(node));
+        let transition = program.chart.as_ref().and_then(|chart| chart.timed.get(timer as usize));
+        let armed = match (&self.chart, transition) {
+            (Some(chart), Some(&transition)) => chart.timer(transition).1,
+            (_, _) => node.is_some_and(|&node| self.cells[node].phase == program.armed_phase(node)),
+        };
         (self.timers.get(timer as usize).copied().unwrap_or_default(), armed)
+    }
+
+    /// Returns where an activity is; none if the group is not an activity.
+    pub fn chart(&self) -> Option<&Configuration> {
+        self.chart.as_deref()
     }
 
     /// Returns the slots of the members that are active or stopping, in slot order.
@@ -137,7 +150,7 @@ impl State {
 
     /// Returns what decides the future but for the numbers of activations: two states of one program with equal
     /// configurations react alike to the same events. An explorer keys its visited states by this. It is what each node
-    /// does, and which of them wait, the first to come first.
+    /// does, and which of them wait, the first to come first. Of an activity, [`State::chart`] belongs to it.
     pub fn configuration(&self) -> (&[Cell], &[usize]) {
         (&self.cells, &self.queue)
     }

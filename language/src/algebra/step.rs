@@ -40,6 +40,7 @@
 //! FIN        fin1: o -> empty |- F, then fin2(o)    fin2(o): done -> o, r -> o, but r if o is done; no unconfirmed stop is lost
 //!            stop(fin1(C,F)) = fin1(stop(C),F)       stop(fin2(o,C)) = fin2(killed,C), unless o is an unconfirmed stop
 //! TAG        done(v) -> done(t:v)                    any other o -> o
+//! CHART      o -> the event of the automaton that the run has ended like this; its commands start and stop runs
 //! SHIELD     o -> o; of a shield that holds up a stop, killed unless o is an unconfirmed stop
 //! [e-done] [e-abort] [e-stopped] [e-unconf] [e-timer]         the leaf's part, which also disconnects L
 //! [e-ctx]    climbs
@@ -66,6 +67,7 @@
 //!   other in no time cannot hang a node; what is left waits for the next event. No spec that was checked gets there.
 
 mod carry;
+mod chart;
 mod completion;
 mod drain;
 mod finish;
@@ -78,6 +80,7 @@ use super::event::{Command, Event, Outcome, Value};
 use super::phase::Phase;
 use super::program::{Kind, Program};
 use super::state::{Cell, MemberState, State};
+use crate::automaton;
 pub use carry::{Carried, Misfit, carry};
 use std::ops::IndexMut;
 
@@ -130,8 +133,14 @@ pub(super) fn step_in<C: Cells, S: Seats>(
         }
         Event::Elapsed { timer, activation } => {
             let node = reaction.armed(timer, activation)?;
-            reaction.e_timer(node).and_then(|outcome| reaction.e_ctx(node, outcome))
+            reaction.e_timer(node, timer).and_then(|outcome| reaction.e_ctx(node, outcome))
         }
+        Event::Message { port, filters, priority, value } => {
+            let filters = filters.into_iter().map(|filter| filter as usize).collect();
+            let message = automaton::Event::Message { port: port as usize, filters, priority, value };
+            reaction.e_chart(message)
+        }
+        Event::Notice(notice) => reaction.e_chart(automaton::Event::Notice(notice as usize)),
     };
     outcome.or_else(|| reaction.e_grant())
 }
@@ -221,6 +230,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
             Kind::Asynchronous => self.asynchronous(node, operand, outcome),
             Kind::Finally => self.finally(node, outcome),
             Kind::Tagged(_) => Some(self.tagged(node, outcome)),
+            Kind::Chart => self.chart(node, operand, outcome),
             Kind::Run { .. } | Kind::Skip | Kind::Never | Kind::Fail(_) | Kind::Wait { .. } => {
                 unreachable!("a node without operands has no operand that ends")
             }

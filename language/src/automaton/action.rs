@@ -1,6 +1,6 @@
 //! Actions: rules 10 to 14.
 
-use super::chart::{Action, ValueSource};
+use super::chart::{Action, Fragment, ValueSource};
 use super::configuration::Configuration;
 use super::event::Command;
 use super::select::Cue;
@@ -32,6 +32,13 @@ pub(super) fn carry_out(
             Action::Raise(signal) => configuration.raised.push_back(Cue::Signal(*signal)),
             Action::Send { output, value } => {
                 commands.push(Command::Send { output: *output, value: value_of(configuration, value, event) });
+            }
+            Action::Log(fragments) => {
+                let text = |fragment: &Fragment| match fragment {
+                    Fragment::Text(text) => text.clone(),
+                    Fragment::Number(formula) => formula.value(configuration).to_string(),
+                };
+                commands.push(Command::Log(fragments.iter().map(text).collect()));
             }
         }
     }

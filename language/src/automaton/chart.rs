@@ -2,10 +2,11 @@
 
 use super::formula::Formula;
 use crate::algebra::{Cause, Value};
+use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
 /// An activity before it is checked. States are numbered in document order, and number 0 is the activity itself.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Chart {
     /// The states, each before the states inside it.
     pub states: Vec<ChartState>,
@@ -20,7 +21,7 @@ pub struct Chart {
 }
 
 /// One state of a chart.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ChartState {
     /// The name, for people.
     pub name: String,
@@ -37,7 +38,7 @@ pub struct ChartState {
 }
 
 /// The kind of a state.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum StateKind {
     /// A state without inner states.
     Atomic,
@@ -62,7 +63,7 @@ pub enum StateKind {
 }
 
 /// How much a history remembers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum History {
     /// The active state directly inside the parent.
     Shallow,
@@ -71,7 +72,7 @@ pub enum History {
 }
 
 /// A transition of a state.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Transition {
     /// The state that it belongs to.
     pub source: usize,
@@ -88,7 +89,7 @@ pub struct Transition {
 }
 
 /// The event that a transition waits for.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Trigger {
     /// No event: it is taken as soon as its guard holds.
     Always,
@@ -118,7 +119,7 @@ pub enum Trigger {
 }
 
 /// A cause of an abort that a transition asks for.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Failure {
     /// The process has reported a failure.
     Reported,
@@ -158,7 +159,7 @@ impl Failure {
 }
 
 /// Where a transition leads.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Target {
     /// Nowhere: no state is left.
     Stay,
@@ -173,7 +174,7 @@ pub enum Target {
 }
 
 /// A value that a run starts with, or that is kept or sent.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ValueSource {
     /// This value.
     Constant(Value),
@@ -184,7 +185,7 @@ pub enum ValueSource {
 }
 
 /// Something that an activity does at a moment.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Action {
     /// Assigns a finite variable.
     Assign {
@@ -209,10 +210,21 @@ pub enum Action {
         /// The value.
         value: ValueSource,
     },
+    /// Writes a line for people.
+    Log(Vec<Fragment>),
+}
+
+/// A part of a line for people.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Fragment {
+    /// This text.
+    Text(String),
+    /// The value of a formula.
+    Number(Formula),
 }
 
 /// A finite variable. A `bool` is 0 or 1, and an enumeration counts from 0.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Variable {
     /// The name, for people.
     pub name: String,
@@ -243,6 +255,13 @@ impl ChartState {
     #[must_use]
     pub fn with_kind(self, kind: StateKind) -> Self {
         Self { kind, ..self }
+    }
+}
+
+impl Trigger {
+    /// Returns how long a timer runs; none for other triggers.
+    pub fn time(&self) -> Option<Duration> {
+        if let Self::After(time) | Self::Every(time) = self { Some(*time) } else { None }
     }
 }
 

@@ -3,10 +3,11 @@
 use super::select::Cue;
 use super::shape::Automaton;
 use crate::algebra::{Activation, Activity, Outcome, Reason, Value};
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
 /// Where one activity is: its active states, variables and memories. It belongs to one [`Automaton`].
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Configuration {
     pub(super) active: Vec<bool>,
     /// The states that were entered in this reaction, and whose runs and timers have not begun.
@@ -30,7 +31,7 @@ pub struct Configuration {
 }
 
 /// The run of a state.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Run {
     /// The latest activation; 0 before the first.
     pub(super) activation: Activation,
@@ -38,7 +39,7 @@ pub(super) struct Run {
 }
 
 /// The timer of a transition.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Timer {
     /// The latest arming; 0 before the first.
     pub(super) activation: Activation,
@@ -46,7 +47,7 @@ pub(super) struct Timer {
 }
 
 /// An event that waits for its reaction.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Queued {
     /// A greater one comes first. Ends and timers are above all messages.
     pub(super) priority: u16,
@@ -54,7 +55,7 @@ pub(super) struct Queued {
 }
 
 /// A step between configurations that waits for the end of runs.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Pending {
     /// The transitions that will be carried out; none if the activity ends.
     pub(super) chosen: Vec<usize>,
@@ -125,6 +126,20 @@ impl Configuration {
     /// Returns the number of the latest arming of a transition's timer, and whether the timer is armed.
     pub fn timer(&self, transition: usize) -> (Activation, bool) {
         self.timers.get(transition).map_or((Activation(0), false), |timer| (timer.activation, timer.is_armed))
+    }
+
+    /// Returns the same place with all numbers of activations set to 1, and with other values. Explorers call it, for
+    /// which neither matters.
+    pub(crate) fn without_numbers(&self, change: &dyn Fn(&Value) -> Value) -> Self {
+        let mut plain = self.clone();
+        plain.runs.iter_mut().for_each(|run| run.activation = Activation(1));
+        plain.timers.iter_mut().for_each(|timer| timer.activation = Activation(1));
+        plain.slots.iter_mut().for_each(|value| *value = change(value));
+        plain.queue.iter_mut().for_each(|queued| queued.cue.change_value(change));
+        if let Some(pending) = &mut plain.pending {
+            pending.value = change(&pending.value);
+        }
+        plain
     }
 
     /// Queues an event behind those of the same or a higher priority.

@@ -39,6 +39,8 @@ pub enum Event {
     },
     /// The surroundings have noticed something.
     Notice(usize),
+    /// Too many runs have ended at once, one after the other: the activity ends.
+    Overrun,
 }
 
 impl Event {
@@ -90,6 +92,8 @@ pub enum Command {
         /// The value.
         value: Value,
     },
+    /// Write a line for people.
+    Log(String),
     /// A message was lost, because too many wait at its port.
     Lost {
         /// The number of the port.

@@ -1,9 +1,11 @@
 //! Guards and assigned values: arithmetic over finite variables.
 
 use super::configuration::Configuration;
+use serde::{Deserialize, Serialize};
 
 /// An expression over finite variables. A condition is a formula whose value is not 0.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(remote = "Self")] // `plan::nested` limits how deep the bytes nest.
 pub enum Formula {
     /// A number; `true` is 1.
     Number(i64),
@@ -28,7 +30,7 @@ pub enum Formula {
 }
 
 /// A relation of two numbers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Relation {
     /// `==`
     Equal,

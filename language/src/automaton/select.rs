@@ -5,10 +5,11 @@ use super::configuration::Configuration;
 use super::enter::effective_targets;
 use super::shape::Automaton;
 use crate::algebra::{Reason, Value};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
 /// An event, as transitions see it.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) enum Cue {
     Always,
     Message {
@@ -38,6 +39,13 @@ impl Cue {
             Self::Always | Self::Message { .. } | Self::Signal(_) | Self::Notice(_) => None,
             Self::Done { state, .. } | Self::Aborted { state, .. } | Self::Complete(state) => Some(*state),
             Self::Timer(transition) => Some(automaton.transition(*transition).source),
+        }
+    }
+
+    /// Replaces the value that it carries.
+    pub(super) fn change_value(&mut self, change: &dyn Fn(&Value) -> Value) {
+        if let Self::Message { value, .. } | Self::Done { value, .. } = self {
+            *value = change(value);
         }
     }
 

@@ -1,16 +1,17 @@
 //! A chart that was checked.
 
-use super::chart::{Action, Chart, StateKind, Target, Transition, Trigger, ValueSource};
+use super::chart::{Action, Chart, Fragment, StateKind, Target, Transition, Trigger, ValueSource};
 use super::configuration::Configuration;
 use super::formula::Formula;
 use crate::plan::DEPTH_MAX;
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
 /// The most states of a chart.
 pub const STATES_MAX: usize = 10_000;
 
 /// A chart that was checked, with the tables of [`step`](super::step()).
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Automaton {
     chart: Chart,
     /// For each state, one past the last state inside it.
@@ -279,6 +280,10 @@ impl Automaton {
             }
             Action::Raise(_) => Ok(()),
             Action::Send { value, .. } => self.check_value(value),
+            Action::Log(fragments) => fragments.iter().try_for_each(|fragment| match fragment {
+                Fragment::Text(_) => Ok(()),
+                Fragment::Number(formula) => self.check_formula(formula, 1),
+            }),
         })
     }
 

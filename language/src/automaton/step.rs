@@ -40,12 +40,17 @@ pub fn step(
         return match event {
             Event::Start(value) => reaction.start(&value),
             Event::Stop => Some(Outcome::Stopped),
-            Event::Ended { .. } | Event::Elapsed { .. } | Event::Message { .. } | Event::Notice(_) => None,
+            Event::Ended { .. }
+            | Event::Elapsed { .. }
+            | Event::Message { .. }
+            | Event::Notice(_)
+            | Event::Overrun => None,
         };
     }
     match event {
         Event::Start(_) => None,
         Event::Stop => reaction.end(Outcome::Stopped),
+        Event::Overrun => reaction.overrun(),
         Event::Ended { state, activation, outcome } => reaction.ended(state, activation, outcome),
         Event::Elapsed { transition, activation } => {
             let timer = reaction.configuration.timers.get_mut(transition)?;
@@ -111,6 +116,15 @@ impl Reaction<'_> {
                 if self.configuration.awaits_runs() { None } else { self.resume() }
             }
         }
+    }
+
+    /// The runs of the activity end at once, again and again: the reason names where it is.
+    fn overrun(&mut self) -> Option<Outcome> {
+        let leaves: Vec<usize> = self.configuration.leaves(self.automaton).take(NAMES_MAX).collect();
+        let names: Vec<String> =
+            leaves.iter().map(|&state| format!("`{}`", self.automaton.chart().states[state].name)).collect();
+        let why = format!("the activity turns for ever, since what it runs ends at once: it is in {}", names.join(", "));
+        self.end(Outcome::Aborted(failed(&why)))
     }
 
     /// Rule 51.

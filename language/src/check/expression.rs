@@ -69,12 +69,12 @@ impl Group<'_> {
         self.size >= EXPRESSION_MAX
     }
 
-    fn diagnostics(&mut self) -> &mut Diagnostics {
+    pub(super) fn diagnostics(&mut self) -> &mut Diagnostics {
         self.names.diagnostics
     }
 
     /// Reads times and counts, which a parameter of the group has decided by now, or a named constant.
-    fn reader(&mut self) -> Reader<'_> {
+    pub(super) fn reader(&mut self) -> Reader<'_> {
         let scope = Scope { params: &[], consts: self.consts, indices: &[] };
         Reader { scope, diagnostics: self.names.diagnostics }
     }
@@ -128,7 +128,7 @@ pub(super) fn actions(node: &Node, group: &mut Group<'_>) -> Option<Expr> {
 }
 
 /// Reads one event action. What has no operator is damaged, which is reported already.
-fn expression(node: &Node, group: &mut Group<'_>) -> Expr {
+pub(super) fn expression(node: &Node, group: &mut Group<'_>) -> Expr {
     let span = node.span();
     let broken = Expr { span, kind: ExprKind::Broken };
     let Some(operator) = node.kind().operator().filter(|_| group.may_grow(span)) else { return broken };
@@ -414,7 +414,7 @@ fn report_unknown_label(name: &Name, label: &Name, owned: &OwnedSets<'_>, group:
 }
 
 /// One report for all labels of the group that activate nothing.
-fn useless_labels(group: &Group<'_>) -> Option<Diagnostic> {
+pub(super) fn useless_labels(group: &Group<'_>) -> Option<Diagnostic> {
     if group.damage.connections || group.damage.actions {
         return None;
     }

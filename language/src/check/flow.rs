@@ -39,16 +39,24 @@ fn instances_of(expr: &Expr, clashes: &mut BTreeMap<usize, (Span, Span)>) -> BTr
     if let ExprKind::Run(slot, _) = &expr.kind {
         return BTreeMap::from([(*slot, expr.span)]);
     }
-    let mut all: BTreeMap<usize, Span> = BTreeMap::new();
-    for part in expr.parts() {
+    let is_activity = matches!(expr.kind, ExprKind::Chart(_));
+    let may_clash = is_activity || expr.is_parallel();
+    let mut all: BTreeMap<usize, Vec<(usize, Span)>> = BTreeMap::new();
+    for (index, part) in expr.parts().into_iter().enumerate() {
         for (slot, span) in instances_of(part, clashes) {
-            let first = *all.entry(slot).or_insert(span);
-            if expr.is_parallel() && first != span {
-                clashes.entry(slot).or_insert((first, span));
+            let known = all.entry(slot).or_default();
+            let clashes_with = |(other, first): &&(usize, Span)| *first != span && expr.runs_together(*other, index);
+            let clash = known.iter().filter(|_| may_clash).find(clashes_with);
+            if let Some((_, first)) = clash {
+                clashes.entry(slot).or_insert((*first, span));
+            }
+            // Only of an activity some parts run together and others do not.
+            if known.is_empty() || is_activity {
+                known.push((index, span));
             }
         }
     }
-    all
+    all.into_iter().filter_map(|(slot, places)| Some((slot, places.first()?.1))).collect()
 }
 
 fn runs_twice(process: &Process, slot: usize, (first, second): (Span, Span)) -> Diagnostic {

@@ -214,6 +214,7 @@ fn guard(expr: &mut Expr, holds: &[Vec<Held>]) {
         | ExprKind::Shield(_, part)
         | ExprKind::Using(_, part)
         | ExprKind::Tagged(_, part) => guard(part, holds),
+        ExprKind::Chart(model) => model.runs.iter_mut().for_each(|(_, run)| guard(run, holds)),
         ExprKind::Match(arms) => arms.iter_mut().for_each(|arm| guard(&mut arm.body, holds)),
         ExprKind::Skip | ExprKind::Never | ExprKind::Fail(_) | ExprKind::Wait(_) | ExprKind::Broken => {}
     }

@@ -3,7 +3,10 @@
 mod kind;
 
 use super::range::Range;
-use crate::plan::{Backoff, Constant, Environment, LeafKind, OnBoot, Policy, Quality, Supervision, Transfer};
+use crate::automaton::StateKind;
+use crate::plan::{
+    Backoff, Constant, Environment, LeafKind, OnBoot, Policy, Quality, StateChart, Supervision, Transfer,
+};
 use crate::source::Span;
 use crate::syntax::ast::Name;
 use crate::unit::Dimension;
@@ -366,8 +369,35 @@ pub(crate) enum ExprKind {
     Finally(Box<Expr>, Box<Expr>),
     /// The tag that its outcome gets.
     Tagged(Name, Box<Expr>),
+    /// The states of an activity.
+    Chart(Box<ChartModel>),
     /// Could not be read or resolved; reported already.
     Broken,
+}
+
+/// The states of an activity, with their runs.
+#[derive(Debug)]
+pub(crate) struct ChartModel {
+    /// Everything but the runs.
+    pub(crate) chart: StateChart,
+    /// The runs, each with the number of its state.
+    pub(crate) runs: Vec<(usize, Expr)>,
+}
+
+impl ChartModel {
+    /// The way from the activity to the run of a state, through the states around it. The run of a state and its inner
+    /// states are beside each other, and its inner states are beside each other if it is parallel.
+    fn way_to(&self, state: usize) -> Path {
+        let states = &self.chart.chart.states;
+        let upward = std::iter::successors(Some(state), |&state| states.get(state)?.parent);
+        let mut way: Path = vec![(0, true)];
+        for state in upward {
+            let Some(outer) = states.get(state).and_then(|it| states.get(it.parent?)) else { break };
+            way.extend([(state, outer.kind == StateKind::Parallel), (1, true)]);
+        }
+        way.reverse();
+        way
+    }
 }
 
 /// The operands that lead from the root of an expression to a place in it: which, and whether it runs beside the others.
@@ -397,6 +427,7 @@ impl Expr {
             | ExprKind::Disable(_)
             | ExprKind::Asynchronous(..) => true,
             ExprKind::Run(..)
+            | ExprKind::Chart(_)
             | ExprKind::Skip
             | ExprKind::Never
             | ExprKind::Fail(_)
@@ -414,6 +445,19 @@ impl Expr {
             | ExprKind::Tagged(..)
             | ExprKind::Broken => false,
         }
+    }
+
+    /// The way to one of its direct parts.
+    pub(crate) fn way_to(&self, index: usize) -> Path {
+        if let ExprKind::Chart(model) = &self.kind {
+            return model.runs.get(index).map(|(state, _)| model.way_to(*state)).unwrap_or_default();
+        }
+        vec![(index, self.is_parallel())]
+    }
+
+    /// Whether two of its direct parts can run at the same time.
+    pub(crate) fn runs_together(&self, one: usize, other: usize) -> bool {
+        are_parallel(&self.way_to(one), &self.way_to(other)).unwrap_or(false)
     }
 
     /// The direct parts, left to right.
@@ -434,6 +478,7 @@ impl Expr {
             | ExprKind::Tagged(_, part) => vec![part],
             ExprKind::Match(arms) => arms.iter().map(|arm| &arm.body).collect(),
             ExprKind::Asynchronous(source, pool) => std::iter::once(&**source).chain(pool).collect(),
+            ExprKind::Chart(model) => model.runs.iter().map(|(_, run)| run).collect(),
             ExprKind::Run(..)
             | ExprKind::Skip
             | ExprKind::Never

@@ -2,9 +2,10 @@
 
 use super::expression::is_operator;
 use crate::syntax::SyntaxKind::{
-    self, Args, Binder, Chain, Colon, Comma, Dot, DotDot, DoubleColon, Greater, Labels, LeftBrace, LeftBracket,
-    LeftParen, Less, List, Match, Minus, Module, Owner, Params, Paren, Question, Record, RecordType, Recur, RightBrace,
-    RightBracket, RightParen, Semicolon, Sequence, Slash, Whitespace,
+    self, Ampersand, Args, Bang, Bar, Binder, Block, Chain, Colon, Comma, Constant, Dot, DotDot, DoubleColon, Equals,
+    Formula, Greater, Labels, LeftBrace, LeftBracket, LeftParen, Less, List, Match, Minus, Module, Owner, Params, Paren,
+    Plus, Question, Record, RecordType, Recur, RightBrace, RightBracket, RightParen, Semicolon, Sequence, Slash, Star,
+    State, Statement, Whitespace,
 };
 use crate::syntax::{Dca, SyntaxNode};
 use rowan::Language;
@@ -225,7 +226,10 @@ pub(super) fn is_apart(before: &Piece<'_>, next: &Piece<'_>) -> bool {
     if next.kind == Colon || next.kind == Recur {
         return next.parent == Chain;
     }
-    let is_roomy = |kind: SyntaxKind| [Module, Match, Record, RecordType].contains(&kind);
+    if let Some(is_apart) = is_apart_in_activity(before, next) {
+        return is_apart;
+    }
+    let is_roomy = |kind: SyntaxKind| [Module, Match, Record, RecordType, State, Block].contains(&kind);
     if next.kind == LeftBrace {
         return is_roomy(next.parent) && ![LeftParen, LeftBracket].contains(&before.kind);
     }
@@ -243,10 +247,10 @@ pub(super) fn is_apart(before: &Piece<'_>, next: &Piece<'_>) -> bool {
         return ![LeftParen, LeftBracket].contains(&before.kind);
     }
     // `in ..5 = 3`, `in 1.. = 3`: an end of a range may be left out.
-    if before.parent == SyntaxKind::Range && (before.kind == SyntaxKind::Ident || next.kind == SyntaxKind::Equals) {
+    if before.parent == SyntaxKind::Range && (before.kind == SyntaxKind::Ident || next.kind == Equals) {
         return true;
     }
-    if next.kind == SyntaxKind::Star {
+    if next.kind == Star {
         return false;
     }
     let tight_after = [LeftParen, LeftBracket, Dot, Minus, DotDot, Less, Slash];
@@ -255,6 +259,25 @@ pub(super) fn is_apart(before: &Piece<'_>, next: &Piece<'_>) -> bool {
         return false;
     }
     next.kind != LeftParen || next.parent == Paren
+}
+
+/// Whether a blank stands between two tokens of a formula or an assignment, where it is not as elsewhere.
+fn is_apart_in_activity(before: &Piece<'_>, next: &Piece<'_>) -> Option<bool> {
+    let signs = [Ampersand, Bang, Bar, Equals, Greater, Less, Minus, Plus, Star];
+    let is_sign = |piece: &Piece<'_>| piece.parent == Formula && signs.contains(&piece.kind);
+    if before.parent == Statement && [Plus, Minus].contains(&before.kind) && next.kind == Equals {
+        return Some(false);
+    }
+    if is_sign(before) {
+        let is_pair = is_sign(next) && (next.kind == Equals || next.kind == before.kind);
+        return Some(!is_pair && before.kind != Bang);
+    }
+    if is_sign(next) {
+        return Some(before.kind != LeftParen);
+    }
+    let is_empty_value = next.kind == LeftParen && next.parent == Constant;
+    let is_enclosed = next.kind == LeftParen && next.parent == Formula && before.text != "in";
+    (is_empty_value || is_enclosed).then_some(before.kind != LeftParen)
 }
 
 /// Whether the node is a list in brackets.

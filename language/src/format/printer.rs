@@ -3,8 +3,8 @@
 use super::COLUMNS;
 use super::piece::{Piece, Sums, is_apart, is_bracketed, pieces};
 use crate::syntax::SyntaxKind::{
-    Actions, Comma, Connections, Environment, External, Host, Instances, LeftBrace, LeftBracket, LeftParen, Less,
-    Module, OnBoot, Policies, Process, RightBrace, Supervision, Verify,
+    Actions, Block, Comma, Connections, Environment, External, Host, Instances, LeftBrace, LeftBracket, LeftParen, Less,
+    Module, OnBoot, Policies, Process, RightBrace, State, Supervision, Verify,
 };
 use crate::syntax::SyntaxNode;
 use rowan::NodeOrToken;
@@ -186,7 +186,7 @@ impl<'t> Printer<'t> {
         let kind = node.kind();
         if [Process, Instances, Policies, Supervision, External, Connections, Actions, Environment, Verify]
             .contains(&kind)
-            || kind == Module && !self.is_one_line(node)
+            || [Module, State, Block].contains(&kind) && !self.is_one_line(node)
             || [Host, OnBoot].contains(&kind) && self.sums.is_commented(&self.range(node))
         {
             self.block(node);
@@ -202,7 +202,9 @@ impl<'t> Printer<'t> {
     /// Writes tokens and nodes as they come.
     pub(super) fn walk(&mut self, node: &SyntaxNode, reserve: usize) {
         let range = self.range(node);
-        let has_block = node.last_child().is_some_and(|last| last.kind() == Policies);
+        let has_block = node.last_child().is_some_and(|last| {
+            last.kind() == Policies || last.kind() == Block && self.sums.is_broken(&self.range(&last))
+        });
         if !has_block && self.is_flat(&range, reserve) {
             return self.flat(&range);
         }

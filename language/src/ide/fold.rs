@@ -11,7 +11,8 @@ impl Analysis {
         let mut folds = Vec::new();
         let mut parts: Vec<Node> = self.trees()[0].children().collect();
         while let Some(part) = parts.pop() {
-            let is_item = [SyntaxKind::Process, SyntaxKind::Module, SyntaxKind::TypeItem].contains(&part.kind());
+            let is_item = [SyntaxKind::Process, SyntaxKind::Module, SyntaxKind::TypeItem, SyntaxKind::State]
+                .contains(&part.kind());
             let sections = [SyntaxKind::Instances, SyntaxKind::External, SyntaxKind::Connections, SyntaxKind::Actions];
             if is_item || sections.contains(&part.kind()) {
                 folds.push(part.span());

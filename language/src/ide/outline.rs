@@ -22,7 +22,7 @@ pub enum OutlineKind {
     Port,
     /// A connection set.
     Connections,
-    /// The event actions.
+    /// The event actions, or a state of an activity.
     Actions,
 }
 
@@ -62,6 +62,7 @@ fn symbol(node: &Node) -> Option<Symbol> {
         SyntaxKind::Export => (OutlineKind::Port, names.first()?.clone(), compact(SyntaxKind::Endpoint)),
         SyntaxKind::Port => (OutlineKind::Port, names.get(1)?.clone(), compact(SyntaxKind::Type)),
         SyntaxKind::Connections => (OutlineKind::Connections, names.first()?.clone(), compact(SyntaxKind::Owner)),
+        SyntaxKind::State => (OutlineKind::Actions, names.last()?.clone(), String::new()),
         SyntaxKind::Actions => (OutlineKind::Actions, names.first()?.clone(), String::new()),
         _ => return None,
     };

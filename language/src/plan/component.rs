@@ -223,7 +223,8 @@ fn without(expression: &Expression, member: u32) -> Result<Option<Expression>, (
         | Expression::AnyOf { .. }
         | Expression::Match(_)
         | Expression::Asynchronous { .. }
-        | Expression::Tagged { .. } => {
+        | Expression::Tagged { .. }
+        | Expression::Chart(_) => {
             let stays = expression.operands().into_iter().map(whole).collect::<Result<Vec<_>, ()>>()?;
             if stays.iter().all(Option::is_none) {
                 None

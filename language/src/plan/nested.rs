@@ -1,9 +1,10 @@
-//! Encodes and decodes expressions.
+//! Encodes and decodes expressions and formulas.
 //!
 //! Reading one goes down as far as it is nested, and a stack has an end: bytes that are nested more deeply than an expression
 //! may be are refused on the way, not afterwards. So a peer's bytes cannot bring a node down.
 
 use super::{DEPTH_MAX, Expression};
+use crate::automaton::Formula;
 use serde::de::{Deserialize, Deserializer, Error};
 use serde::ser::{Serialize, Serializer};
 use std::cell::Cell;
@@ -42,6 +43,20 @@ impl<'de> Deserialize<'de> for Expression {
 }
 
 impl Serialize for Expression {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        Self::serialize(self, serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for Formula {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let deep = || D::Error::custom(format_args!("a formula is nested deeper than {DEPTH_MAX} levels"));
+        let _level = Level::enter().ok_or_else(deep)?;
+        Self::deserialize(deserializer)
+    }
+}
+
+impl Serialize for Formula {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         Self::serialize(self, serializer)
     }
@@ -90,6 +105,7 @@ mod tests {
             Expression::Asynchronous { .. } => 16,
             Expression::Finally(..) => 17,
             Expression::Tagged { .. } => 18,
+            Expression::Chart(_) => 19,
         }
     }
 
@@ -116,6 +132,7 @@ mod tests {
             Expression::Asynchronous { source: skip(), pool: Vec::new() },
             Expression::Finally(skip(), skip()),
             Expression::Tagged { tag: String::new(), of: skip() },
+            Expression::Chart(Box::default()),
         ];
         for expression in all {
             assert_eq!(postcard::to_allocvec(&expression).unwrap()[0], number(&expression), "{expression:?}");

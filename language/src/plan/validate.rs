@@ -99,6 +99,14 @@ pub enum PlanError {
         /// Path of the group.
         group: String,
     },
+    /// States that are not an automaton.
+    #[error("the states of `{group}` are not an automaton: {why}")]
+    Chart {
+        /// Path of the group.
+        group: String,
+        /// The first thing that is wrong with the states.
+        why: String,
+    },
 }
 
 /// The longest name of a deployment, in bytes: that of a file.
@@ -308,6 +316,14 @@ fn check_expression(group: &Group, root: &Expression) -> Result<(), PlanError> {
                 has_operands(group, 1, pool)?;
                 push(source);
                 pool.iter().for_each(push);
+            }
+            Expression::Chart(chart) if depth == 1 => {
+                chart.check(&group.path)?;
+                chart.runs.iter().for_each(|run| push(&run.expression));
+            }
+            Expression::Chart(_) => {
+                let why = "an activity stands inside an expression".to_owned();
+                return Err(PlanError::Chart { group: group.path.clone(), why });
             }
         }
     }

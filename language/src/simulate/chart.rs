@@ -55,7 +55,7 @@ impl Timeline {
                     self.bars[bar].end = Some((at, transition.clone()));
                 }
             }
-            Transition::Started | Transition::Stopping | Transition::Waits(_) | Transition::Limited(_) => {}
+            Transition::Started | Transition::Stopping | Transition::Waits(_) | Transition::Limited(_) | Transition::Says(_) => {}
         }
     }
 
@@ -213,7 +213,7 @@ fn mark(out: &mut String, transition: &Transition, (x, y): (f64, f64)) {
                 y - 4.5
             ),
         ),
-        Transition::Started | Transition::Stopping | Transition::Waits(_) | Transition::Limited(_) => {}
+        Transition::Started | Transition::Stopping | Transition::Waits(_) | Transition::Limited(_) | Transition::Says(_) => {}
     }
 }
 
@@ -245,7 +245,8 @@ fn reason(bar: &Bar) -> Option<&str> {
             | Transition::Started
             | Transition::Stopping
             | Transition::Waits(_)
-            | Transition::Limited(_),
+            | Transition::Limited(_)
+            | Transition::Says(_),
         ))
         | None => None,
     }

@@ -20,8 +20,16 @@ pub enum SimulationError {
         /// The paths of the leaves.
         candidates: Vec<String>,
     },
+    /// No activity that runs has such a port.
+    #[error("no running activity has an input port `{name}`")]
+    Port {
+        /// The name as it was given.
+        name: String,
+    },
     /// The line is none of those that are understood.
-    #[error("expected `process`, `process done outcome`, `process abort why`, `5 s` or `stop`, found `{line}`")]
+    #[error(
+        "expected `process`, `process done outcome`, `process abort why`, `message port text`, `5 s` or `stop`, found `{line}`"
+    )]
     Unreadable {
         /// The line as it was given.
         line: String,
@@ -30,7 +38,8 @@ pub enum SimulationError {
 
 impl Simulation<'_> {
     /// Obeys one line: `arm` or `arm done` ends a process, `arm done found` with an outcome, `arm abort no grip` makes it
-    /// fail, `5 s` lets time pass, `stop` asks `main` to stop. An empty line and what follows `//` are ignored.
+    /// fail, `message speech stop` sends a message to an activity, `message speech 5 stop` one of priority 5, `5 s` lets time
+    /// pass, `stop` asks `main` to stop. Empty lines, and comments after `//`, are ignored.
     ///
     /// # Errors
     /// The line is no command, or it names no running process.
@@ -48,6 +57,7 @@ impl Simulation<'_> {
                 self.stop();
                 Ok(())
             }
+            ("message", port, text) if !port.is_empty() => self.send(port, text),
             (name, "" | "done", "") => self.end(name, Ending::Done),
             (name, "done", tag) if !tag.contains(char::is_whitespace) => {
                 self.end(name, Ending::Outcome(tag.to_owned()))
@@ -190,7 +200,7 @@ mod tests {
                     runs: main/home main/log
                 no running process is called `threshold`
                     runs: main/home main/log
-                expected `process`, `process done outcome`, `process abort why`, `5 s` or `stop`, found `what is this`
+                expected `process`, `process done outcome`, `process abort why`, `message port text`, `5 s` or `stop`, found `what is this`
                     runs: main/home main/log
                 20s main/home Aborted("no way")
                 20s main/log Stopped

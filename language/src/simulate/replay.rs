@@ -115,7 +115,8 @@ impl<'a> Simulation<'a> {
             | TraceEvent::Struck(..)
             | TraceEvent::Dies(_)
             | TraceEvent::Back(_)
-            | TraceEvent::TooMany(_) => false,
+            | TraceEvent::TooMany(_)
+            | TraceEvent::Told(..) => false,
         }
     }
 
@@ -174,6 +175,7 @@ impl<'a> Simulation<'a> {
                 let group = self.group(path).ok_or("it is no group")?;
                 self.escalates(group)
             }
+            TraceEvent::Told(path, number) => self.told(path, *number),
             TraceEvent::Lost(_) | TraceEvent::Cut(_) | TraceEvent::Noted(_) => Err("a simulation has no hosts"),
             TraceEvent::Arrived(path) => self.arrives(path),
             TraceEvent::Heard(path) => {

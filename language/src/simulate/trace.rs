@@ -38,6 +38,8 @@ pub enum TraceEvent {
     Cut(String),
     /// The node of a host notes that another is lost.
     Noted(String),
+    /// An activity gets a message: its number among those that the activity tells apart, from 1.
+    Told(String, u32),
 }
 
 /// A fault of a program.
@@ -95,7 +97,8 @@ impl TraceEvent {
             | Self::Struck(_, path)
             | Self::Dies(path)
             | Self::Back(path)
-            | Self::TooMany(path) => Some(path),
+            | Self::TooMany(path)
+            | Self::Told(path, _) => Some(path),
             Self::Stop | Self::Lost(_) | Self::Cut(_) | Self::Noted(_) => None,
         }
     }
@@ -121,6 +124,7 @@ impl fmt::Display for TraceEvent {
             Self::Lost(host) => write!(f, "lost {host}"),
             Self::Cut(host) => write!(f, "cut {host}"),
             Self::Noted(host) => write!(f, "noted {host}"),
+            Self::Told(path, number) => write!(f, "told {path} {number}"),
         }
     }
 }
@@ -136,6 +140,10 @@ impl FromStr for TraceEvent {
             ["elapsed", path, number] => {
                 let number = number.parse().ok().filter(|number| *number > 0);
                 number.map(|number| Self::Elapsed(path.to_owned(), number))
+            }
+            ["told", path, number] => {
+                let number = number.parse().ok().filter(|number| *number > 0);
+                number.map(|number| Self::Told(path.to_owned(), number))
             }
             [word, name] => of_one(word, name.to_owned()),
             _ => None,
@@ -191,6 +199,7 @@ mod tests {
             TraceEvent::Lost("c1".to_owned()),
             TraceEvent::Cut("c1".to_owned()),
             TraceEvent::Noted("c1".to_owned()),
+            TraceEvent::Told(path(), 3),
         ];
         events.extend(ProgramFault::ALL.map(|fault| TraceEvent::Struck(fault, path())));
         for event in events {

@@ -83,7 +83,7 @@ impl Node {
         let mut names = self.names();
         match (names.next(), names.next()) {
             (Some(_), Some(title)) => Some(title),
-            (Some(title), None) if !["process", "module"].contains(&title.text.as_str()) => Some(title),
+            (Some(title), None) if !["process", "module", "activity"].contains(&title.text.as_str()) => Some(title),
             (Some(_) | None, _) => None,
         }
     }

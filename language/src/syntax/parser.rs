@@ -4,6 +4,7 @@
 //! at the next `;`, `}` or section keyword. A missing bracket is reported and then taken as read, so that one damaged
 //! token costs one diagnostic in most places.
 
+mod activity;
 mod expression;
 mod habit;
 mod module;
@@ -79,10 +80,13 @@ struct Parser<'t> {
     /// Where the last error was found.
     reported_at: Option<usize>,
     depth: usize,
+    /// Whether a `;` ends the expression that is being read, since a state runs it.
+    ends_at_semicolon: bool,
 }
 
 impl<'t> Parser<'t> {
-    fn new(text: &'t str, tokens: Vec<Token>, origin: Origin) -> Self {
+    fn new(text: &'t str, mut tokens: Vec<Token>, origin: Origin) -> Self {
+        signs_of_activities(text, &mut tokens);
         let is_solid = |&index: &usize| !tokens[index].kind.is_trivia() && tokens[index].kind != SyntaxKind::Unknown;
         let solid = (0..tokens.len()).filter(is_solid).collect();
         Self {
@@ -98,6 +102,7 @@ impl<'t> Parser<'t> {
             damage: Vec::new(),
             reported_at: None,
             depth: 0,
+            ends_at_semicolon: false,
         }
     }
 
@@ -346,6 +351,42 @@ impl<'t> Parser<'t> {
             };
             self.add(report);
             self.damage.push(span);
+        }
+    }
+}
+
+/// `+` and `!` have a meaning inside of an activity alone.
+fn signs_of_activities(text: &str, tokens: &mut [Token]) {
+    let word = |token: &Token| &text[token.start as usize..token.end as usize];
+    let mut depth = None;
+    let mut solid: Vec<usize> = (0..tokens.len()).filter(|&index| !tokens[index].kind.is_trivia()).collect();
+    solid.extend([tokens.len(); 2]);
+    for place in 0..solid.len() - 2 {
+        let index = solid[place];
+        let token = tokens[index];
+        let kind = |ahead: usize| tokens.get(solid[place + ahead]).map_or(SyntaxKind::End, |token| token.kind);
+        let opens = [SyntaxKind::LeftParen, SyntaxKind::LeftBrace].contains(&kind(2));
+        if token.kind == SyntaxKind::Ident && kind(1) == SyntaxKind::Ident && opens {
+            match word(&token) {
+                "activity" => depth = Some(0),
+                "process" | "module" => depth = None,
+                _ => {}
+            }
+        }
+        let Some(level) = &mut depth else { continue };
+        if token.kind == SyntaxKind::LeftBrace {
+            *level += 1;
+        } else if token.kind == SyntaxKind::RightBrace {
+            *level -= 1;
+            if *level <= 0 {
+                depth = None;
+            }
+        } else if token.kind == SyntaxKind::Unknown {
+            match word(&token) {
+                "+" => tokens[index].kind = SyntaxKind::Plus,
+                "!" => tokens[index].kind = SyntaxKind::Bang,
+                _ => {}
+            }
         }
     }
 }

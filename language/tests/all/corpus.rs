@@ -7,7 +7,7 @@
 use crate::disk;
 
 use language::algebra::Program;
-use language::plan::{Arm, DEADLINE, Expression, Group, LeafPort, MemberKind, OnBoot, Plan, Policy, Retention};
+use language::plan::{Arm, DEADLINE, Expression, Group, LeafPort, MemberKind, OnBoot, Plan, Policy, Retention, StateChart};
 use language::{Code, Compiled, Options, Severity, Source, Style, apply_fixes, compile, gather, render};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -184,10 +184,33 @@ fn expression(root: &Expression, name: &dyn Fn(u32) -> String) -> String {
         Expression::Using { resources, of } => format!("using({}) {}", resources.join(", "), expression(of, name)),
         Expression::Finally(first, second) => two(first, "finally", second),
         Expression::Tagged { tag, of } => format!("{} as {tag}", expression(of, name)),
+        Expression::Chart(chart) => activity(chart, name),
         Expression::Asynchronous { source, pool } => {
             format!("({} ::[{}] {})", expression(source, name), pool.len(), many(" | ", pool))
         }
     }
+}
+
+/// An activity as lines: its states with their runs, its transitions, and the rest.
+fn activity(chart: &StateChart, name: &dyn Fn(u32) -> String) -> String {
+    let StateChart { chart: states, runs, inputs, outputs, filters, signals, .. } = chart;
+    let mut text = format!("activity; in {inputs:?} out {outputs:?} signals {signals:?}\n");
+    for (number, state) in (0_u32..).zip(&states.states) {
+        text += &format!("        {number} {} in {:?}: {:?}", state.name, state.parent, state.kind);
+        if let Some(run) = runs.iter().find(|run| run.state == number) {
+            text += &format!(", runs {} with {:?}", expression(&run.expression, name), state.run);
+        }
+        text += &format!(", entry {:?}, exit {:?}\n", state.entry, state.exit);
+    }
+    for variable in &states.variables {
+        text += &format!("        var {} {}..{} = {}\n", variable.name, variable.min, variable.max, variable.initial);
+    }
+    for transition in &states.transitions {
+        let (source, trigger, guard) = (transition.source, &transition.trigger, &transition.guard);
+        text += &format!("        {source} on {trigger:?} when {guard:?} -> {:?} {:?}\n", transition.target, transition.actions);
+    }
+    filters.iter().for_each(|filter| text += &format!("        filter {filter:?}\n"));
+    text
 }
 
 /// The paper's own listings run as they are printed; what they leave open is said in warnings.

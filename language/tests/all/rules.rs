@@ -107,7 +107,13 @@ impl Run {
         let shown_command = |command: &Command| match command {
             Command::Activate { member, value, .. } => Some(format!("{}({})", name(*member), shown(value))),
             Command::Stop { member, .. } => Some(format!("stop {}", name(*member))),
-            Command::Connect { .. } | Command::Disconnect { .. } | Command::Arm { .. } | Command::Cancel { .. } => None,
+            Command::Connect { .. }
+            | Command::Disconnect { .. }
+            | Command::Arm { .. }
+            | Command::Cancel { .. }
+            | Command::Send { .. }
+            | Command::Log { .. }
+            | Command::Lost { .. } => None,
         };
         let outcome = outcome.map(|outcome| match outcome {
             Outcome::Done(value) => format!("done({})", shown(&value)),

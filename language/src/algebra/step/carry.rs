@@ -214,6 +214,11 @@ impl Carrying<'_> {
             (Kind::Sequence, Kind::Sequence) => self.place_chain(o, n, (Chain::Sequence, is_calm)),
             (Kind::Conditional, Kind::Conditional) => self.place_chain(o, n, (Chain::Conditional, is_calm)),
             (Kind::Otherwise, Kind::Otherwise) => self.place_chain(o, n, (Chain::Otherwise, is_calm)),
+            (Kind::Chart, Kind::Chart) if old.chart == new.chart => {
+                self.draft.timers.extend((0..old.timers()).map(|timer| (timer, timer)));
+                self.place_operands(o, n, is_calm)
+            }
+            (Kind::Chart, Kind::Chart) => Err(self.misfit(o, "the states of the activity are not the same")),
             (Kind::Recurrent, Kind::Recurrent) | (Kind::Finally, Kind::Finally) => self.place_operands(o, n, is_calm),
             _ => Err(self.misfit(o, "something else stands in its place")),
         }
@@ -300,7 +305,11 @@ impl Carrying<'_> {
         for &node in &draft.counted {
             count(next, &mut draft.cells, node, &starting);
         }
-        let mut state = State { cells: draft.cells, seats: draft.seats, timers, queue, holders };
+        let chart = match old.is_idle() || self.program.chart != next.chart {
+            true => State::new(next).chart,
+            false => old.chart.clone(),
+        };
+        let mut state = State { cells: draft.cells, seats: draft.seats, timers, queue, holders, chart };
         let mut reaction = Reaction { program: next, state: &mut state, commands: &mut draft.begun, ended: None };
         let outcome = reaction.begin_anew(&draft.starts, &draft.counted);
         Carried { state, timers: draft.timers, ended: draft.ended, begun: draft.begun, outcome }

@@ -59,6 +59,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
             (Kind::Shield { bound }, _) => self.stop_shield(node, *bound),
             (Kind::Using { .. }, _) => self.stop_using(node),
             (Kind::Finally, _) => self.stop_finally(node),
+            (Kind::Chart, _) => self.stop_chart(node),
             (_, Phase::Second) => self.stop_operand(node, self.program.second(node)),
             (Kind::Match { .. }, Phase::Running) => self.stop_match(node),
             (

@@ -18,6 +18,9 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
     pub(super) fn armed(&self, timer: u32, activation: Activation) -> Option<usize> {
         let node = *self.program.timers.get(timer as usize)?;
         let current = self.state.timers[timer as usize] == activation;
+        if let Kind::Chart = self.program.nodes[node].kind {
+            return Some(node).filter(|_| current && self.is_timed(timer));
+        }
         Some(node).filter(|_| current && self.state.cells[node].phase == self.program.armed_phase(node))
     }
 
@@ -50,7 +53,10 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
     }
 
     /// [e-timer], and [e-bound] of a shield, which has an outcome only if nothing below it has to confirm.
-    pub(super) fn e_timer(&mut self, node: usize) -> Option<Outcome> {
+    pub(super) fn e_timer(&mut self, node: usize, timer: u32) -> Option<Outcome> {
+        if let Kind::Chart = self.program.nodes[node].kind {
+            return self.timed(node, timer);
+        }
         if matches!(self.program.nodes[node].kind, Kind::Shield { .. }) {
             return self.stop_operand(node, self.program.first(node));
         }

@@ -31,6 +31,7 @@ impl<C: Cells, S: Seats> Reaction<'_, C, S> {
             Kind::Asynchronous => self.s_arec(node, value),
             Kind::Finally => self.s_finally(node, value),
             Kind::Tagged(_) => self.s_tagged(node, value),
+            Kind::Chart => self.s_chart(node, value),
         }
     }
 

@@ -6,6 +6,7 @@ mod policy;
 mod quality;
 mod supervision;
 
+use crate::check::activity;
 use crate::check::count::Expected;
 use crate::check::diagnostics::Diagnostics;
 use crate::check::expression;
@@ -65,7 +66,10 @@ pub(super) fn process(node: &Node, places: &[Span], consts: &Consts, diagnostics
         size: 0,
         useless: Vec::new(),
     };
-    let actions = actions.and_then(|node| expression::actions(&node, &mut group));
+    let actions = match activity::is_activity(node) {
+        true => activity::read(node, &mut group),
+        false => actions.and_then(|node| expression::actions(&node, &mut group)),
+    };
     damage.names = group.damage.names;
     let (run, mut taken) = (group.run, group.taken);
     taken.extend(resource_args::given(&instances, &resource_args::places(&resources), &params));
@@ -136,6 +140,9 @@ fn damage(node: &Node, places: &[Span]) -> Damage {
         damage.external |= is_between || in_part(SyntaxKind::External);
         damage.connections |= is_between || in_part(SyntaxKind::Connections);
         damage.actions |= is_between || in_part(SyntaxKind::Actions);
+        let of_activity =
+            [SyntaxKind::State, SyntaxKind::StateRun, SyntaxKind::Transition, SyntaxKind::StateVariable, SyntaxKind::Port];
+        damage.actions |= part.is_some_and(|part| of_activity.contains(&part));
     }
     damage
 }

@@ -113,7 +113,14 @@ fn spread(all: &mut BTreeMap<String, Template>) {
 /// The names that stand where the shape of a group is decided.
 fn collect(node: &Node, used: &mut BTreeSet<String>) {
     let kind = node.kind();
-    if [SyntaxKind::Suffixed, SyntaxKind::Wait, SyntaxKind::Shield, SyntaxKind::Retry].contains(&kind) {
+    let durations = [
+        SyntaxKind::Suffixed,
+        SyntaxKind::Wait,
+        SyntaxKind::Shield,
+        SyntaxKind::Retry,
+        SyntaxKind::Trigger,
+    ];
+    if durations.contains(&kind) {
         used.extend(node.children_of(SyntaxKind::Constant).filter_map(|node| bare_name(&node)));
     } else if kind == SyntaxKind::AllOf {
         // `all i in 0..n`

@@ -77,6 +77,8 @@ impl Members {
             ExprKind::Run(slot, _) => self.ends[*slot],
             ExprKind::Broken => Ends::TASK,
             ExprKind::Skip => Ends::SKIP,
+            ExprKind::Chart(_) if service::is_service(expr, &self.services) => Ends::SERVICE,
+            ExprKind::Chart(_) => Ends::TASK,
             ExprKind::Never => Ends { done: None, aborted: false },
             ExprKind::Fail(_) => Ends { done: None, aborted: true },
             ExprKind::Wait(time) => Ends { done: Some(*time), aborted: false },

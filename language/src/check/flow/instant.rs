@@ -73,7 +73,7 @@ fn at_once(expr: &Expr, members: &[InstantEnds]) -> InstantEnds {
     match &expr.kind {
         ExprKind::Run(slot, _) => members[*slot],
         ExprKind::Wait(time) => InstantEnds { done: time.is_zero(), aborted: false },
-        ExprKind::Never | ExprKind::Broken => InstantEnds::default(),
+        ExprKind::Never | ExprKind::Chart(_) | ExprKind::Broken => InstantEnds::default(),
         ExprKind::Skip => InstantEnds { done: true, aborted: false },
         ExprKind::Fail(_) => InstantEnds { done: false, aborted: true },
         ExprKind::Concurrent(_) | ExprKind::FailFast(_) => {

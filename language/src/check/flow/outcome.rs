@@ -83,7 +83,7 @@ fn ends(spec: &Spec, process: &Process, expr: &Expr, known: &mut Vec<Option<Ends
         },
         ExprKind::Skip | ExprKind::Wait(_) => Ends::untagged(expr.span),
         ExprKind::Never | ExprKind::Fail(_) | ExprKind::Recurrent(..) | ExprKind::Asynchronous(..) => Ends::default(),
-        ExprKind::Broken => Ends::open(),
+        ExprKind::Chart(_) | ExprKind::Broken => Ends::open(),
         ExprKind::Sequence(parts) | ExprKind::Conditional(parts) => parts.last().map_or(Ends::open(), rest),
         ExprKind::Disable(parts) | ExprKind::Otherwise(parts) => Ends::any(parts.iter().map(rest)),
         ExprKind::AnyOf(1, parts) => Ends::any(parts.iter().map(rest)),
@@ -156,6 +156,7 @@ impl Walk<'_> {
                 self.visit(first, start);
                 self.visit(second, &nothing);
             }
+            ExprKind::Chart(model) => model.runs.iter().for_each(|(_, run)| self.visit(run, &Ends::open())),
             ExprKind::Retry(times, _, part) if *times > 0 => self.visit(part, &start.clone().or(nothing)),
             ExprKind::Run(..)
             | ExprKind::Skip

@@ -94,9 +94,10 @@ fn taken<'a>(expr: &'a Expr, members: &[bool], path: &mut Path, all: &mut Vec<Ac
         all.push(Acquisition { resources, is_service, span: expr.span, path: path.clone() });
     }
     for (index, part) in expr.parts().into_iter().enumerate() {
-        path.push((index, expr.is_parallel()));
+        let length = path.len();
+        path.extend(expr.way_to(index));
         taken(part, members, path, all);
-        path.pop();
+        path.truncate(length);
     }
 }
 
@@ -172,9 +173,10 @@ impl Walk<'_> {
             self.take(taken, expr.span, is_handed);
         }
         for (index, part) in expr.parts().into_iter().enumerate() {
-            self.path.push((index, expr.is_parallel()));
+            let length = self.path.len();
+            self.path.extend(expr.way_to(index));
             self.collect(part);
-            self.path.pop();
+            self.path.truncate(length);
         }
         self.held.truncate(before);
     }

@@ -55,6 +55,7 @@ pub(super) fn is_service(expr: &Expr, members: &[bool]) -> bool {
         | ExprKind::Using(_, part)
         | ExprKind::Tagged(_, part) => rest(part),
         ExprKind::Match(arms) => arms.iter().all(|arm| rest(&arm.body)),
+        ExprKind::Chart(model) => model.chart.is_service(),
     }
 }
 
@@ -128,6 +129,7 @@ impl<'a> Order<'a> {
             | ExprKind::Using(..)
             | ExprKind::Finally(..)
             | ExprKind::Tagged(..)
+            | ExprKind::Chart(_)
             | ExprKind::Broken => {}
         }
         expr.parts().into_iter().for_each(|part| self.walk(part));

@@ -91,6 +91,7 @@ fn valued(spec: &Spec, process: &Process, expr: &Expr) -> BTreeSet<String> {
         | ExprKind::Shield(..)
         | ExprKind::Using(..) => all(expr.parts()),
         ExprKind::Tagged(..)
+        | ExprKind::Chart(_)
         | ExprKind::AnyOf(..)
         | ExprKind::Skip
         | ExprKind::Never
@@ -124,6 +125,7 @@ fn dropped(step: &Expr, valued: &BTreeSet<String>) -> Option<Span> {
         | ExprKind::Using(_, part)
         | ExprKind::Tagged(_, part) => dropped(part, valued),
         ExprKind::Run(..)
+        | ExprKind::Chart(_)
         | ExprKind::Never
         | ExprKind::Fail(_)
         | ExprKind::Concurrent(_)
@@ -156,6 +158,7 @@ fn starts(expr: &Expr) -> bool {
         | ExprKind::Using(..)
         | ExprKind::Tagged(..) => expr.parts().into_iter().any(starts),
         ExprKind::Skip
+        | ExprKind::Chart(_)
         | ExprKind::Never
         | ExprKind::Fail(_)
         | ExprKind::Wait(_)

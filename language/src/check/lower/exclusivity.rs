@@ -123,9 +123,10 @@ fn collect(expr: &Expr, around: &mut Enclosing, places: &mut Vec<Place>) {
         around.taken.extend(more);
     }
     for (index, part) in expr.parts().into_iter().enumerate() {
-        around.path.push((index, expr.is_parallel()));
+        let length = around.path.len();
+        around.path.extend(expr.way_to(index));
         collect(part, around, places);
-        around.path.pop();
+        around.path.truncate(length);
     }
     around.taken.truncate(before);
 }

@@ -2,7 +2,7 @@
 
 use super::quote::Quotes;
 use crate::check::spec::{Arm, Expr, ExprKind};
-use crate::plan::{self, Expression};
+use crate::plan::{self, Expression, StateChart, StateRun};
 use crate::syntax::ast::Name;
 use std::time::Duration;
 
@@ -52,6 +52,11 @@ pub(super) fn lower(expr: &Expr, resources: &[Name], quotes: &Quotes<'_>) -> Exp
         }
         ExprKind::Finally(first, second) => Expression::Finally(Box::new(rest(first)), Box::new(rest(second))),
         ExprKind::Tagged(tag, part) => Expression::Tagged { tag: tag.text.clone(), of: Box::new(rest(part)) },
+        ExprKind::Chart(model) => {
+            let run = |(state, run): &(usize, Expr)| StateRun { state: index(*state), expression: rest(run) };
+            let runs = model.runs.iter().map(run).collect();
+            Expression::Chart(Box::new(StateChart { runs, ..model.chart.clone() }))
+        }
         ExprKind::Asynchronous(source, pool) => {
             Expression::Asynchronous { source: Box::new(rest(source)), pool: all(pool) }
         }

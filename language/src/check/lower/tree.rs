@@ -3,7 +3,7 @@
 use super::data::{Data, data, filled, flatten};
 use crate::check::diagnostics::{Diagnostics, key};
 use crate::check::interface::parameters_of;
-use crate::check::spec::{Arg, Instance, Module, Param, Process, Spec, Target, Value};
+use crate::check::spec::{Arg, ExprKind, Instance, Module, Param, Process, Spec, Target, Value};
 use crate::check::types::without_host;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::host::host_name_problem;
@@ -168,7 +168,8 @@ impl Builder<'_> {
         match &source.host {
             Some(host) => self.named(host, values, path).unwrap_or(outer),
             None => {
-                if !self.tree.groups.is_empty() && self.hostless.insert(process) {
+                let is_activity = source.actions.as_ref().is_some_and(|it| matches!(it.kind, ExprKind::Chart(_)));
+                if !self.tree.groups.is_empty() && !is_activity && self.hostless.insert(process) {
                     let message = format!("`{}` names no host: it takes that of the group around it", source.name.text);
                     self.diagnostics.push(Diagnostic::new(Code::W0105, source.name.span, message));
                 }

@@ -58,9 +58,10 @@ fn collect(expr: &Expr, holds: &[Vec<Held>], path: &mut Path, runs: &mut Vec<Run
         runs.push(Run { slot, span: expr.span, path: path.clone() });
     }
     for (index, part) in expr.parts().into_iter().enumerate() {
-        path.push((index, expr.is_parallel()));
+        let length = path.len();
+        path.extend(expr.way_to(index));
         collect(part, holds, path, runs);
-        path.pop();
+        path.truncate(length);
     }
 }
 
@@ -96,6 +97,7 @@ fn throughout(expr: &Expr, holds: &[Vec<Held>], resource: usize) -> bool {
         | ExprKind::Within(..)
         | ExprKind::Shield(..)
         | ExprKind::Tagged(..)
+        | ExprKind::Chart(_)
         | ExprKind::Match(_) => expr.parts().into_iter().all(|part| throughout(part, holds, resource)),
     }
 }

@@ -3,6 +3,8 @@
 //! What a node's names are is known by the kind of the node and their order; a kind that is not listed has no names of its
 //! own, only parts.
 
+mod activity;
+
 use super::{Index, Kind, Symbol, Tables};
 use crate::check::spec::{Param, Spec, Target};
 use crate::check::{Word, is_sentence_word, words_of};
@@ -35,6 +37,7 @@ pub(super) fn walk(index: &mut Index, tables: &Tables, spec: &Spec, trees: &[Nod
                 declared.map(|symbol| index.places.entry(title.span).or_insert(symbol));
             }
             let mut walk = Walk { index, tables, spec, types: &types, process, variables: Vec::new() };
+            walk.declare_activity(&item);
             walk.node(&item);
         }
     }
@@ -71,7 +74,7 @@ impl Walk<'_> {
             SyntaxKind::Run => return self.run(node, names.first()),
             SyntaxKind::AllOf => return self.all_of(node),
             SyntaxKind::Sentence => self.sentence(node),
-            _ => {}
+            _ => self.activity_names(node, &names),
         }
         for part in node.children() {
             self.node(&part);

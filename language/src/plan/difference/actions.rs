@@ -1,6 +1,7 @@
 //! Event actions of two plans: whether they mean the same, and the ones that are wanted in the numbers of the plan that runs.
 
 use super::{Arm, DEADLINE, Expression};
+use crate::plan::{StateChart, StateRun};
 
 /// The numbers of one group that runs, by those of the group that is wanted.
 pub(super) struct GroupNumbers {
@@ -47,6 +48,11 @@ impl GroupNumbers {
             }
             Expression::Finally(p, q) => Expression::Finally(boxed(p), boxed(q)),
             Expression::Tagged { tag, of } => Expression::Tagged { tag: tag.clone(), of: boxed(of) },
+            Expression::Chart(chart) => {
+                let run = |run: &StateRun| StateRun { state: run.state, expression: self.expression(&run.expression) };
+                let runs = chart.runs.iter().map(run).collect();
+                Expression::Chart(Box::new(StateChart { runs, ..(**chart).clone() }))
+            }
         }
     }
 }

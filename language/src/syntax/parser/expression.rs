@@ -55,9 +55,18 @@ impl Parser<'_> {
         self.at_any(&[RightParen, RightBrace, End]) || self.ends_block()
     }
 
+    /// The run of a state. The `;` behind it ends the statement, so `a ; b` stands in parentheses there.
+    pub(super) fn run_expression(&mut self) {
+        self.ends_at_semicolon = true;
+        self.concurrent();
+        self.ends_at_semicolon = false;
+    }
+
     fn expression(&mut self) {
         if self.descend() {
+            let ends_at_semicolon = std::mem::take(&mut self.ends_at_semicolon);
             self.concurrent();
+            self.ends_at_semicolon = ends_at_semicolon;
             self.ascend();
         } else {
             self.skip_as_error();
@@ -77,6 +86,9 @@ impl Parser<'_> {
     }
 
     fn sequence(&mut self) {
+        if self.ends_at_semicolon {
+            return self.finally();
+        }
         self.operators(SyntaxKind::Sequence, Semicolon, Self::finally);
     }
 

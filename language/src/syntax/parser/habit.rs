@@ -137,6 +137,10 @@ impl Parser<'_> {
         if self.ends_block() || self.at_any(&[RightParen, RightBrace]) {
             return;
         }
+        // The run of a state ends here.
+        if self.ends_at_semicolon && ["with", "on"].contains(&self.word(0)) {
+            return;
+        }
         let word = BETWEEN.iter().find(|(word, _)| self.at_word(word)).map(|(word, help)| (*word, *help));
         let sign = SIGNS.iter().find(|(sign, _)| self.at(*sign)).map(|(_, help)| (self.word(0), *help));
         if let Some((found, help)) = word.or(sign) {

@@ -31,7 +31,7 @@ impl Parser<'_> {
         }
         if self.at_word("module") {
             self.module();
-        } else if self.at_word("process") {
+        } else if self.at_word("process") || self.is_item(0) && self.at_word("activity") {
             self.process();
         } else if self.is_item(0) && self.at_word("verify") {
             self.properties();
@@ -114,9 +114,10 @@ impl Parser<'_> {
         }
     }
 
-    /// `process Name ( params ) { sections }`; the word may be missing or misspelt.
+    /// `process Name ( params ) { sections }`, `activity Name ( params ) { items }`; the word may be missing or misspelt.
     fn process(&mut self) {
         self.start(SyntaxKind::Process);
+        let is_activity = self.at_word("activity");
         if self.at(Ident) && (self.kind(1) == Ident || self.at_word("process")) {
             self.bump();
         }
@@ -133,8 +134,17 @@ impl Parser<'_> {
                 self.skip_as_error();
             }
             self.empty_statements();
-            if !self.at(RightBrace) && !self.is_item(0) {
+            let before = self.cursor;
+            if self.at(RightBrace) || self.is_item(0) || self.at(End) {
+                continue;
+            }
+            if is_activity && !self.is_section(0) {
+                self.activity_item();
+            } else {
                 self.section();
+            }
+            if self.cursor == before {
+                self.skip_as_error();
             }
         }
         self.expect(RightBrace);
@@ -282,7 +292,7 @@ impl Parser<'_> {
     }
 
     /// `name instof Type ( args ) ;`
-    fn instance(&mut self) {
+    pub(super) fn instance(&mut self) {
         self.start(SyntaxKind::Instance);
         let is_nameless = self.at_word("instof") && self.kind(1) == Ident && self.word(1) != "instof";
         if is_nameless {

@@ -17,7 +17,7 @@ pub(super) const SECTIONS: [&str; 8] = [
     "verify",
 ];
 /// The words that open an item of a file.
-pub(super) const ITEMS: [&str; 3] = ["process", "module", "verify"];
+pub(super) const ITEMS: [&str; 4] = ["process", "module", "verify", "activity"];
 
 /// As many tokens are skipped at most to find the rest of a list.
 const SKIP_MAX: usize = 32;

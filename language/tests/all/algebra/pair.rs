@@ -268,6 +268,9 @@ pub(crate) fn command(command: &algebra::Command) -> reference::Command {
             Command::Arm(timer, activation.0)
         }
         algebra::Command::Cancel { timer, activation } => Command::Cancel(timer, activation.0),
+        algebra::Command::Send { .. } | algebra::Command::Log { .. } | algebra::Command::Lost { .. } => {
+            unreachable!("only an activity gives it")
+        }
     }
 }
 

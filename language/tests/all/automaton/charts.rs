@@ -3,7 +3,7 @@
 use crate::random::Random;
 use language::algebra::Value;
 use language::automaton::{
-    Action, Chart, ChartState, Failure, Formula, History, Relation, StateKind, Target, Transition, Trigger,
+    Action, Chart, ChartState, Failure, Formula, Fragment, History, Relation, StateKind, Target, Transition, Trigger,
     ValueSource, Variable,
 };
 use std::time::Duration;
@@ -185,6 +185,7 @@ impl Maker<'_> {
             0..=1 => Action::Assign { variable: self.random.below(VARIABLES), formula: self.formula(2) },
             2 => Action::Keep { slot: self.random.below(SLOTS), value: self.value() },
             3 => Action::Raise(self.random.below(SIGNALS)),
+            4 => Action::Log(vec![Fragment::Text("n ".into()), Fragment::Number(self.formula(2))]),
             _ => Action::Send { output: self.random.below(9), value: self.value() },
         }
     }

@@ -8,7 +8,7 @@ mod place;
 
 use self::place::Place;
 use language::algebra::{Activation, Cause, Outcome, Reason, Value};
-use language::automaton::{Action, Chart, Command, Event, StateKind, Target, Trigger, ValueSource};
+use language::automaton::{Action, Chart, Command, Event, Fragment, StateKind, Target, Trigger, ValueSource};
 use std::collections::{BTreeMap, BTreeSet};
 
 type Set = BTreeSet<usize>;
@@ -106,6 +106,12 @@ impl<'a> Machine<'a> {
             }
             Event::Stop if is_idle => Some(Outcome::Stopped),
             _ if is_idle => None,
+            Event::Overrun => {
+                let names = self.place().leaves().into_iter().take(8).map(|state| format!("`{}`", self.chart.states[state].name));
+                let names: Vec<String> = names.collect();
+                let why = "the activity turns for ever, since what it runs ends at once: it is in";
+                self.end(Outcome::Aborted(failed(&format!("{why} {}", names.join(", ")))))
+            }
             Event::Start(_) => None,
             Event::Stop => self.end(Outcome::Stopped),
             Event::Ended { state, activation, outcome } => {
@@ -412,6 +418,16 @@ impl<'a> Machine<'a> {
                 Action::Send { output, value } => {
                     let value = self.value(value, event);
                     self.commands.push(Command::Send { output: *output, value });
+                }
+                Action::Log(fragments) => {
+                    let mut line = String::new();
+                    for fragment in fragments {
+                        line += &match fragment {
+                            Fragment::Text(text) => text.clone(),
+                            Fragment::Number(formula) => self.place().number(formula).to_string(),
+                        };
+                    }
+                    self.commands.push(Command::Log(line));
                 }
             }
         }

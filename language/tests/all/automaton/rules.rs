@@ -36,6 +36,7 @@ impl Run {
             Command::Arm { transition, .. } => format!("arm {transition}"),
             Command::Cancel { transition, .. } => format!("cancel {transition}"),
             Command::Send { output, .. } => format!("send {output}"),
+            Command::Log(line) => format!("log {line}"),
             Command::Lost { port } => format!("lost {port}"),
         });
         let ending = outcome.map(|outcome| match outcome {

@@ -99,7 +99,11 @@ impl Player<'_> {
                     let event = Event::Elapsed { transition, activation: Activation(number) };
                     self.coming.push((self.now + after, event));
                 }
-                Command::Run { .. } | Command::Stop { .. } | Command::Cancel { .. } | Command::Lost { .. } => {}
+                Command::Run { .. }
+                | Command::Stop { .. }
+                | Command::Cancel { .. }
+                | Command::Log(_)
+                | Command::Lost { .. } => {}
             }
         }
         if let Some(Outcome::Aborted(reason)) = outcome {

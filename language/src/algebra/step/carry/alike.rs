@@ -49,6 +49,7 @@ pub(super) fn is_alike((old, a): (&Program, usize), (new, b): (&Program, usize),
             bound.map(|bound| bound.after) == other.map(|bound| bound.after)
         }
         (Kind::Using { .. }, Kind::Using { .. }) => taken(old, a) == taken(new, b),
+        (Kind::Chart, Kind::Chart) => old.chart == new.chart,
         (one, other) => discriminant(one) == discriminant(other),
     }
 }

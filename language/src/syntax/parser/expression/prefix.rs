@@ -77,6 +77,12 @@ impl Parser<'_> {
 
     /// `match { found => a, missing => b, else => c }`; an arm with a `,` in it stands in parentheses.
     pub(super) fn matching(&mut self) {
+        let ends_at_semicolon = std::mem::take(&mut self.ends_at_semicolon);
+        self.arms();
+        self.ends_at_semicolon = ends_at_semicolon;
+    }
+
+    fn arms(&mut self) {
         self.start(SyntaxKind::Match);
         self.bump();
         self.bump();

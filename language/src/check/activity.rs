@@ -1,0 +1,205 @@
+//! Reads activities: states, transitions, variables and ports become a chart.
+
+mod action;
+mod domain;
+mod endless;
+mod filter;
+mod formula;
+mod remarks;
+mod state;
+mod transition;
+
+use super::expression::{Group, useless_labels};
+use super::names::{listed, twice};
+use super::spec::{ChartModel, Expr, ExprKind};
+use crate::automaton::{Automaton, Chart, Variable};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::plan::{Filter, StateChart};
+use crate::source::Span;
+use crate::syntax::SyntaxKind::{self, Number, Port};
+use crate::syntax::ast::{Name, Node};
+use domain::Domain;
+use std::collections::BTreeMap;
+
+/// As many messages wait at a port that does not say how many.
+const QUEUE: usize = 16;
+/// The most messages that may wait at a port.
+const QUEUE_MAX: usize = 10_000;
+
+/// Whether a process is an activity.
+pub(crate) fn is_activity(node: &Node) -> bool {
+    node.kind() == SyntaxKind::Process && node.names().next().is_some_and(|word| word.text == "activity")
+}
+
+/// Reads the states of an activity.
+pub(super) fn read(node: &Node, group: &mut Group<'_>) -> Option<Expr> {
+    let span = node.title().map_or(node.span(), |name| name.span);
+    let mut reader = ActivityReader::new(group);
+    reader.ports(node);
+    reader.variables(node);
+    reader.states(node);
+    let runs = reader.take_runs();
+    if reader.group.damage.actions {
+        // The names that it runs are known; what is wrong with its states follows from the damage.
+        let parts: Vec<Expr> = runs.into_iter().map(|(_, run)| run).collect();
+        return Some(Expr { span, kind: ExprKind::Sequence(parts) }).filter(|expr| !expr.parts().is_empty());
+    }
+    reader.transitions(node);
+    reader.remarks(node);
+    let (is_sound, chart) = (reader.is_sound, reader.chart());
+    if let Some(diagnostic) = useless_labels(group) {
+        group.diagnostics().push(diagnostic);
+    }
+    if is_sound && let Err(error) = Automaton::new(chart.chart.clone()) {
+        group.diagnostics().push(Diagnostic::new(Code::E0902, span, error.to_string()));
+    }
+    Some(Expr { span, kind: ExprKind::Chart(Box::new(ChartModel { chart, runs })) })
+}
+
+/// An activity while it is read.
+struct ActivityReader<'r, 'g> {
+    group: &'r mut Group<'g>,
+    chart: Chart,
+    /// The states, with their nodes; those of histories too.
+    nodes: Vec<Node>,
+    names: BTreeMap<String, (usize, Name)>,
+    variables: BTreeMap<String, (usize, Domain)>,
+    /// The values of variables with names, with their numbers.
+    values: BTreeMap<String, i64>,
+    slots: BTreeMap<String, usize>,
+    inputs: Vec<(Name, String)>,
+    outputs: Vec<Name>,
+    filters: Vec<Filter>,
+    /// The signals, with whether each is raised.
+    signals: Vec<(Name, bool)>,
+    runs: Vec<(usize, Expr)>,
+    /// The place of each transition.
+    places: Vec<Span>,
+    is_sound: bool,
+}
+
+impl<'r, 'g> ActivityReader<'r, 'g> {
+    fn new(group: &'r mut Group<'g>) -> Self {
+        Self {
+            group,
+            chart: Chart::default(),
+            nodes: Vec::new(),
+            names: BTreeMap::new(),
+            variables: BTreeMap::new(),
+            values: BTreeMap::from([("false".to_owned(), 0), ("true".to_owned(), 1)]),
+            slots: BTreeMap::new(),
+            inputs: Vec::new(),
+            outputs: Vec::new(),
+            filters: Vec::new(),
+            signals: Vec::new(),
+            runs: Vec::new(),
+            places: Vec::new(),
+            is_sound: true,
+        }
+    }
+
+    /// Reports something, after which the chart is not worth a check of its own.
+    fn report(&mut self, diagnostic: Diagnostic) {
+        self.is_sound = false;
+        if !self.group.damage.actions {
+            self.group.diagnostics().push(diagnostic);
+        }
+    }
+
+    fn take_runs(&mut self) -> Vec<(usize, Expr)> {
+        std::mem::take(&mut self.runs)
+    }
+
+    /// Everything but the runs.
+    fn chart(&mut self) -> StateChart {
+        let names = |names: &[Name]| names.iter().map(|name| name.text.clone()).collect();
+        StateChart {
+            chart: std::mem::take(&mut self.chart),
+            runs: Vec::new(),
+            inputs: self.inputs.iter().map(|(name, _)| name.text.clone()).collect(),
+            outputs: names(&self.outputs),
+            filters: std::mem::take(&mut self.filters),
+            notices: Vec::new(),
+            signals: self.signals.iter().map(|(name, _)| name.text.clone()).collect(),
+        }
+    }
+
+    /// `in speech: Text queue 8;`, `out say: Text;`
+    fn ports(&mut self, node: &Node) {
+        let mut known: BTreeMap<String, Span> = BTreeMap::new();
+        for port in node.children_of(Port).collect::<Vec<_>>() {
+            let mut names = port.names();
+            let (Some(word), Some(name)) = (names.next(), names.next()) else { continue };
+            if let Some(&first) = known.get(&name.text) {
+                self.report(twice("port", &name.text, name.span, first));
+                continue;
+            }
+            known.insert(name.text.clone(), name.span);
+            if word.text == "out" {
+                self.outputs.push(name);
+                continue;
+            }
+            let kind = port.child(SyntaxKind::Type).map(|kind| kind.compact_text()).unwrap_or_default();
+            self.inputs.push((name, kind));
+            let queue = self.queue(&port);
+            self.chart.ports.push(queue);
+        }
+    }
+
+    /// How many messages may wait at a port.
+    fn queue(&mut self, port: &Node) -> usize {
+        let Some(token) = port.token(Number) else { return QUEUE };
+        let count = token.text().replace('_', "").parse::<usize>().ok();
+        count.filter(|count| (1..=QUEUE_MAX).contains(count)).unwrap_or_else(|| {
+            let message = format!("`{}` is not how many messages may wait, from 1 to {QUEUE_MAX}", token.text());
+            self.report(Diagnostic::new(Code::E0009, token.span(), message));
+            QUEUE
+        })
+    }
+
+    /// `var tries: 0..3 = 0;`, `var place: opaque = ();`
+    fn variables(&mut self, node: &Node) {
+        let mut known: BTreeMap<String, Span> = BTreeMap::new();
+        for node in node.children_of(SyntaxKind::StateVariable).collect::<Vec<_>>() {
+            let Some(name) = node.names().nth(1) else { continue };
+            if let Some(&first) = known.get(&name.text) {
+                self.report(twice("variable", &name.text, name.span, first));
+                continue;
+            }
+            known.insert(name.text.clone(), name.span);
+            let Some(domain) = node.child(SyntaxKind::Domain).and_then(|node| self.domain(&node)) else { continue };
+            let initial = node.child(SyntaxKind::Formula);
+            if domain == Domain::Opaque {
+                self.slots.insert(name.text, self.chart.slots);
+                self.chart.slots += 1;
+                let is_empty = initial.as_ref().is_none_or(|initial| initial.compact_text() == "()");
+                if let (false, Some(initial)) = (is_empty, initial) {
+                    let message = "an opaque variable begins empty";
+                    self.report(Diagnostic::new(Code::E0904, initial.span(), message).help("write `= ()`"));
+                }
+                continue;
+            }
+            let (min, max) = domain.range();
+            let value = initial.and_then(|initial| self.start_value(&initial, &domain));
+            self.variables.insert(name.text.clone(), (self.chart.variables.len(), domain));
+            self.chart.variables.push(Variable { name: name.text, min, max, initial: value.unwrap_or(min) });
+        }
+    }
+
+    /// A state of the activity, or a report with a similar name.
+    fn state_named(&mut self, name: &Name) -> Option<usize> {
+        if let Some((state, _)) = self.names.get(&name.text) {
+            return Some(*state);
+        }
+        let names: Vec<String> = self.names.keys().cloned().collect();
+        let message = format!("`{}` is not a state of this activity", name.text);
+        let diagnostic = Diagnostic::new(Code::E0901, name.span, message);
+        let near = self.group.diagnostics().near(&name.text, names.iter().map(String::as_str));
+        let diagnostic = match &near {
+            Some(near) => diagnostic.rename(name.span, near),
+            None => diagnostic.help(format!("its states are {}", listed(names.iter().map(String::as_str)))),
+        };
+        self.report(diagnostic);
+        None
+    }
+}

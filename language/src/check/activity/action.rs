@@ -1,0 +1,86 @@
+//! The actions of transitions: assignments, values that are kept and sent, signals, and lines for people.
+
+use super::ActivityReader;
+use super::formula::{Infix, infixes};
+use crate::automaton::{Action, Formula, Fragment};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::syntax::SyntaxKind::{self, Constant, Dot, Equals, LeftParen, Minus, Plus, Text};
+use crate::syntax::ast::{Name, Node};
+
+impl ActivityReader<'_, '_> {
+    /// The actions of a transition. `event` is the name of the value of the event.
+    pub(super) fn actions(&mut self, node: &Node, event: Option<&str>) -> Vec<Action> {
+        let blocks: Vec<Node> = node.children_of(SyntaxKind::Block).collect();
+        let statements: Vec<Node> =
+            blocks.iter().flat_map(|block| block.children_of(SyntaxKind::Statement).collect::<Vec<_>>()).collect();
+        statements.iter().filter_map(|statement| self.statement(statement, event)).collect()
+    }
+
+    fn statement(&mut self, node: &Node, event: Option<&str>) -> Option<Action> {
+        let names: Vec<Name> = node.names().collect();
+        let first = names.first()?;
+        let formula = node.child(SyntaxKind::Formula);
+        if node.token(Dot).is_some() {
+            let Some(output) = self.outputs.iter().position(|port| port.text == first.text) else {
+                self.report_unknown_port(first, "output");
+                return None;
+            };
+            let value = self.value_of(&formula?, event)?;
+            return Some(Action::Send { output, value });
+        }
+        if node.token(LeftParen).is_some() {
+            return Some(Action::Log(self.fragments(&formula?)?));
+        }
+        if node.token(Equals).is_none() {
+            let name = names.get(1)?;
+            return self.raised(name);
+        }
+        if let Some(&slot) = self.slots.get(&first.text) {
+            return Some(Action::Keep { slot, value: self.value_of(&formula?, event)? });
+        }
+        let Some((variable, domain)) = self.variables.get(&first.text).cloned() else {
+            self.report_unknown(first, "a variable");
+            return None;
+        };
+        let formula = self.value_for(&formula?, &domain)?;
+        let own = || Box::new(Formula::Variable(variable));
+        let formula = if node.token(Plus).is_some() {
+            Formula::Add(own(), Box::new(formula))
+        } else if node.token(Minus).is_some() {
+            Formula::Subtract(own(), Box::new(formula))
+        } else {
+            formula
+        };
+        Some(Action::Assign { variable, formula })
+    }
+
+    /// `raise found;`
+    fn raised(&mut self, name: &Name) -> Option<Action> {
+        let Some(signal) = self.signals.iter().position(|(known, _)| known.text == name.text) else {
+            let message = format!("no transition waits for the signal `{}`", name.text);
+            let help = format!("write `on signal {} -> STATE;`", name.text);
+            self.report(Diagnostic::new(Code::E0903, name.span, message).help(help));
+            return None;
+        };
+        self.signals[signal].1 = true;
+        Some(Action::Raise(signal))
+    }
+
+    /// The parts of `"now " + tries`.
+    fn fragments(&mut self, node: &Node) -> Option<Vec<Fragment>> {
+        let operators = infixes(node);
+        let is_text = |node: &Node| node.child(Constant).is_some_and(|constant| constant.token(Text).is_some());
+        let parts: Vec<Node> = match operators.iter().all(|operator| *operator == Infix::Plus) && !operators.is_empty() {
+            true => node.children_of(SyntaxKind::Formula).collect(),
+            false => vec![node.clone()],
+        };
+        let fragment = |part: &Node| {
+            if is_text(part) {
+                let text = part.child(Constant)?.token(Text)?.content();
+                return Some(Fragment::Text(text));
+            }
+            Some(Fragment::Number(self.formula(part)?.0))
+        };
+        parts.iter().map(fragment).collect()
+    }
+}

@@ -1,0 +1,86 @@
+//! Remarks on an activity as a whole: transitions that are never taken, states that are never entered.
+
+use super::ActivityReader;
+use crate::automaton::{StateKind, Target, Trigger};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::syntax::ast::Node;
+use std::collections::BTreeSet;
+
+impl ActivityReader<'_, '_> {
+    /// Reports transitions that are never taken, and states that are never entered.
+    pub(super) fn remarks(&mut self, root: &Node) {
+        if !self.is_sound {
+            return;
+        }
+        let mut found = self.hidden();
+        for (name, is_raised) in &self.signals {
+            if !is_raised {
+                let message = format!("no action raises the signal `{}`", name.text);
+                found.push(Diagnostic::new(Code::W0905, name.span, message));
+            }
+        }
+        found.extend(self.unreachable(root));
+        found.extend(self.endless());
+        self.group.diagnostics().extend(found);
+    }
+
+    /// Transitions that stand behind one of the same state that is always taken instead.
+    fn hidden(&self) -> Vec<Diagnostic> {
+        let mut found = Vec::new();
+        for (number, transition) in self.chart.transitions.iter().enumerate() {
+            let covers = |other: &Trigger| match (other, &transition.trigger) {
+                (Trigger::Done(None), Trigger::Done(_)) | (Trigger::Aborted(None), Trigger::Aborted(_)) => true,
+                (Trigger::Message { port, filter: None }, Trigger::Message { port: own, .. }) => port == own,
+                (Trigger::Any, Trigger::Message { .. } | Trigger::Signal(_) | Trigger::Any) => true,
+                (Trigger::After(_) | Trigger::Every(_), _) => false,
+                (other, own) => other == own,
+            };
+            let earlier = self.chart.transitions[..number].iter().position(|other| {
+                other.source == transition.source && other.guard.is_none() && covers(&other.trigger)
+            });
+            if let Some(earlier) = earlier {
+                let message = "this transition is never taken: the one before it always is";
+                let diagnostic = Diagnostic::new(Code::W0905, self.places[number], message);
+                found.push(diagnostic.reason(self.places[earlier], "taken instead"));
+            }
+        }
+        found
+    }
+
+    /// States that nothing leads to.
+    fn unreachable(&self, root: &Node) -> Vec<Diagnostic> {
+        let states = &self.chart.states;
+        let mut entered = BTreeSet::new();
+        let mut waiting = vec![0];
+        while let Some(state) = waiting.pop() {
+            if !entered.insert(state) {
+                continue;
+            }
+            waiting.extend(states[state].parent);
+            match &states[state].kind {
+                StateKind::Compound { initial } => waiting.extend(initial),
+                StateKind::Parallel => {
+                    let regions = (0..states.len()).filter(|&inner| states[inner].parent == Some(state));
+                    waiting.extend(regions.filter(|&inner| !matches!(states[inner].kind, StateKind::History { .. })));
+                }
+                StateKind::History { default, .. } => waiting.extend(default),
+                StateKind::Atomic | StateKind::Final | StateKind::Suspended => {}
+            }
+            for transition in self.chart.transitions.iter().filter(|transition| transition.source == state) {
+                if let Target::States(targets) = &transition.target {
+                    waiting.extend(targets);
+                }
+            }
+        }
+        let missing = (0..states.len()).filter(|state| !entered.contains(state));
+        // The states inside one that is never entered are not worth a remark of their own.
+        let outermost =
+            missing.filter(|&state| states[state].parent.is_none_or(|parent| entered.contains(&parent)));
+        let remark = |state: usize| {
+            let name = &states[state].name;
+            let place = self.names.get(name).map_or(root.span(), |(_, name)| name.span);
+            Diagnostic::new(Code::W0906, place, format!("nothing leads to the state `{name}`"))
+        };
+        outermost.map(remark).collect()
+    }
+}

@@ -1,0 +1,238 @@
+//! Transitions: the trigger and the target of each.
+
+use super::ActivityReader;
+use crate::algebra::Value;
+use crate::automaton::{Failure, StateKind, Target, Transition, Trigger, ValueSource};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::source::Span;
+use crate::syntax::SyntaxKind::{self, Constant, Text};
+use crate::syntax::ast::{Name, Node};
+
+/// The causes of aborts that have a word of their own.
+const CAUSES: [(&str, Failure); 5] = [
+    ("reported", Failure::Reported),
+    ("busy", Failure::Busy),
+    ("stop_unconfirmed", Failure::StopUnconfirmed),
+    ("service_ended", Failure::ServiceEnded),
+    ("no_match", Failure::NoMatch),
+];
+
+/// A trigger that is neither `entry` nor `exit`.
+struct Awaited {
+    trigger: Trigger,
+    /// The name of the value of the event.
+    value: Option<Name>,
+}
+
+impl ActivityReader<'_, '_> {
+    /// All transitions in document order, and the actions on entry and exit.
+    pub(super) fn transitions(&mut self, root: &Node) {
+        self.signal_names(root);
+        self.transitions_of(root, 0);
+    }
+
+    /// The signals that transitions wait for.
+    fn signal_names(&mut self, node: &Node) {
+        for child in node.children().collect::<Vec<_>>() {
+            if child.kind() == SyntaxKind::Trigger && child.names().next().is_some_and(|word| word.text == "signal") {
+                let name = child.names().nth(1);
+                let is_new = |name: &Name| self.signals.iter().all(|(known, _)| known.text != name.text);
+                self.signals.extend(name.filter(is_new).map(|name| (name, false)));
+            }
+            if [SyntaxKind::State, SyntaxKind::Transition].contains(&child.kind()) {
+                self.signal_names(&child);
+            }
+        }
+    }
+
+    /// The transitions of a state, and those of the states inside it, as they stand in the text.
+    fn transitions_of(&mut self, node: &Node, state: usize) {
+        for child in node.children().collect::<Vec<_>>() {
+            if child.kind() == SyntaxKind::Transition {
+                self.transition(&child, state);
+            } else if child.kind() == SyntaxKind::State {
+                let span = child.span();
+                if let Some(inner) = self.nodes.iter().position(|other| other.span() == span) {
+                    self.transitions_of(&child, inner);
+                }
+            }
+        }
+    }
+
+    fn transition(&mut self, node: &Node, state: usize) {
+        let Some(trigger) = node.child(SyntaxKind::Trigger) else { return };
+        let word = trigger.names().next().map_or_else(String::new, |word| word.text);
+        if word == "entry" || word == "exit" {
+            return self.at_the_border(node, state, word == "entry");
+        }
+        if self.chart.states[state].kind == StateKind::Final {
+            let message = format!("`{}` is final and cannot have transitions", self.chart.states[state].name);
+            return self.report(Diagnostic::new(Code::E0902, node.span(), message));
+        }
+        let Some(awaited) = self.awaited(node, &trigger, &word, state) else { return };
+        let value = awaited.value.as_ref().map(|name| name.text.as_str());
+        let guard = node.child(SyntaxKind::Guard).and_then(|guard| guard.child(SyntaxKind::Formula));
+        let guard = match guard.map(|guard| self.condition(&guard)) {
+            Some(None) => return,
+            guard => guard.flatten(),
+        };
+        let target = match node.child(SyntaxKind::Target) {
+            Some(target) => self.target(&target, state, value),
+            None => Some(Target::Stay),
+        };
+        let actions = self.actions(node, value);
+        let Some(target) = target else { return };
+        self.places.push(node.span());
+        let transition = Transition { guard, actions, ..Transition::new(state, awaited.trigger, target) };
+        self.chart.transitions.push(transition);
+    }
+
+    /// `on entry { ... }`, `on exit { ... }`
+    fn at_the_border(&mut self, node: &Node, state: usize, is_entry: bool) {
+        if let Some(extra) = node.child(SyntaxKind::Target).or_else(|| node.child(SyntaxKind::Guard)) {
+            let message = "on entry and exit there are actions alone";
+            return self.report(Diagnostic::new(Code::E0902, extra.span(), message));
+        }
+        let actions = self.actions(node, None);
+        let state = &mut self.chart.states[state];
+        if is_entry { &mut state.entry } else { &mut state.exit }.extend(actions);
+    }
+
+    fn awaited(&mut self, node: &Node, trigger: &Node, word: &str, state: usize) -> Option<Awaited> {
+        let plain = |trigger: Trigger| Some(Awaited { trigger, value: None });
+        let (place, has_run) = (trigger.span(), self.chart.states[state].run.is_some());
+        match word {
+            "done" if !has_run => self.misfit(place, state, "runs nothing that could be done"),
+            "done" => Some(self.done(node, trigger)),
+            "aborted" => {
+                let failure = match trigger.child(SyntaxKind::Pattern) {
+                    Some(pattern) => Some(self.failure(&pattern)?),
+                    None => None,
+                };
+                plain(Trigger::Aborted(failure))
+            }
+            "message" => {
+                let name = trigger.names().nth(1)?;
+                let Some(port) = self.inputs.iter().position(|(port, _)| port.text == name.text) else {
+                    self.report_unknown_port(&name, "input");
+                    return None;
+                };
+                let kind = self.inputs[port].1.clone();
+                let filter = trigger.child(SyntaxKind::Guard).and_then(|guard| guard.child(SyntaxKind::Formula));
+                let filter = match filter {
+                    Some(filter) => Some(self.filter(&filter, &kind)?),
+                    None => None,
+                };
+                Some(Awaited { trigger: Trigger::Message { port, filter }, value: Some(name) })
+            }
+            "after" | "every" => {
+                let constant = trigger.child(Constant)?;
+                let time = self.group.reader().duration(&constant)?;
+                if time.is_zero() {
+                    let message = "a timer of no time";
+                    self.report(Diagnostic::new(Code::E0009, constant.span(), message).help("write `on always`"));
+                    return None;
+                }
+                plain(if word == "after" { Trigger::After(time) } else { Trigger::Every(time) })
+            }
+            "signal" => {
+                let name = trigger.names().nth(1)?;
+                let signal = self.signals.iter().position(|(known, _)| known.text == name.text)?;
+                plain(Trigger::Signal(signal))
+            }
+            "always" => plain(Trigger::Always),
+            "any" => plain(Trigger::Any),
+            "complete" if matches!(self.chart.states[state].kind, StateKind::Compound { .. } | StateKind::Parallel) => {
+                plain(Trigger::Complete)
+            }
+            "complete" => self.misfit(place, state, "has no states inside that could complete it"),
+            _ => {
+                self.is_sound = false;
+                None
+            }
+        }
+    }
+
+    fn misfit(&mut self, place: Span, state: usize, why: &str) -> Option<Awaited> {
+        let message = format!("`{}` {why}", self.chart.states[state].name);
+        self.report(Diagnostic::new(Code::E0902, place, message));
+        None
+    }
+
+    pub(super) fn report_unknown_port(&mut self, name: &Name, what: &str) {
+        let inputs = self.inputs.iter().map(|(port, _)| port.text.clone());
+        let outputs = self.outputs.iter().map(|port| port.text.clone());
+        let known: Vec<String> = if what == "input" { inputs.collect() } else { outputs.collect() };
+        let message = format!("this activity has no {what} port `{}`", name.text);
+        let diagnostic = Diagnostic::new(Code::E0903, name.span, message);
+        let near = self.group.diagnostics().near(&name.text, known.iter().map(String::as_str));
+        let diagnostic = match &near {
+            Some(near) => diagnostic.rename(name.span, near),
+            None if what == "input" => diagnostic.help(format!("declare it: `in {}: Text;`", name.text)),
+            None => diagnostic.help(format!("declare it: `out {}: Text;`", name.text)),
+        };
+        self.report(diagnostic);
+    }
+
+    /// `done`, `done(found)`, `done(found p)`, `done(p)`: a single name is the value if the transition uses it, else the tag.
+    fn done(&mut self, node: &Node, trigger: &Node) -> Awaited {
+        let pattern = trigger.child(SyntaxKind::Pattern);
+        let names: Vec<Name> = pattern.map(|pattern| pattern.names().collect()).unwrap_or_default();
+        let (tag, value) = match names.as_slice() {
+            [] => (None, None),
+            [one] if is_used(node, &one.text) => (None, Some(one.clone())),
+            [one] => (Some(one.text.clone()), None),
+            [tag, value, ..] => (Some(tag.text.clone()), Some(value.clone())),
+        };
+        Awaited { trigger: Trigger::Done(tag), value }
+    }
+
+    /// `aborted(busy)`, `aborted("no way")`
+    fn failure(&mut self, pattern: &Node) -> Option<Failure> {
+        if let Some(text) = pattern.token(Text) {
+            return Some(Failure::Failed(text.content()));
+        }
+        let name = pattern.names().next()?;
+        let found = CAUSES.into_iter().find(|(word, _)| *word == name.text);
+        if found.is_none() {
+            let message = format!("`{}` is not a cause of an abort", name.text);
+            let help = "write `reported`, `busy`, `stop_unconfirmed`, `service_ended`, `no_match`, or the text of a `fail`";
+            self.report(Diagnostic::new(Code::E0903, name.span, message).help(help));
+        }
+        found.map(|(_, failure)| failure)
+    }
+
+    fn target(&mut self, node: &Node, state: usize, value: Option<&str>) -> Option<Target> {
+        let names: Vec<Name> = node.names().collect();
+        let first = names.first()?;
+        match first.text.as_str() {
+            "resume" if self.names.contains_key("resume") => {}
+            "resume" if self.chart.states[state].kind != StateKind::Suspended => {
+                let message = "`resume` stands in a `suspended state`";
+                self.report(Diagnostic::new(Code::E0902, first.span, message));
+                return None;
+            }
+            "resume" => return Some(Target::Resume),
+            "done" if !self.names.contains_key("done") => {
+                let source = match node.child(SyntaxKind::Formula) {
+                    Some(formula) => self.value_of(&formula, value)?,
+                    None => ValueSource::Constant(Value::EMPTY),
+                };
+                return Some(Target::Done(source));
+            }
+            "abort" => return node.token(Text).map(|text| Target::Abort(text.content())),
+            _ => {}
+        }
+        let states: Vec<Option<usize>> = names.iter().map(|name| self.state_named(name)).collect();
+        Some(Target::States(states.into_iter().collect::<Option<Vec<_>>>()?))
+    }
+}
+
+/// Whether the target or an action of a transition has this name.
+fn is_used(node: &Node, name: &str) -> bool {
+    let parts = node.children().filter(|part| [SyntaxKind::Target, SyntaxKind::Block].contains(&part.kind()));
+    parts.into_iter().any(|part| {
+        let tokens = part.syntax().descendants_with_tokens().filter_map(rowan::NodeOrToken::into_token);
+        tokens.into_iter().any(|token| token.kind() == SyntaxKind::Ident && token.text() == name)
+    })
+}

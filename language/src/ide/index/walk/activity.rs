@@ -1,0 +1,51 @@
+//! The names inside of an activity: states, variables, ports and signals.
+
+use super::super::{Kind, Symbol};
+use super::Walk;
+use crate::check::is_activity;
+use crate::syntax::SyntaxKind;
+use crate::syntax::ast::{Name, Node};
+
+impl Walk<'_> {
+    /// Declares the states, variables, ports and signals of an activity; the names mean these from here on.
+    pub(super) fn declare_activity(&mut self, item: &Node) {
+        if is_activity(item) {
+            self.declare_in(item);
+        }
+    }
+
+    fn declare_in(&mut self, node: &Node) {
+        for part in node.children() {
+            let mut names: Vec<Name> = part.names().collect();
+            let declared = match part.kind() {
+                SyntaxKind::State => names.pop(),
+                SyntaxKind::StateVariable | SyntaxKind::Port => names.drain(..).nth(1),
+                SyntaxKind::Trigger if names.first().is_some_and(|word| word.text == "signal") => names.drain(..).nth(1),
+                _ => None,
+            };
+            let is_new = |name: &Name| self.variables.iter().all(|(known, _)| *known != name.text);
+            if let Some(name) = declared.filter(is_new) {
+                let symbol = self.index.symbols.len();
+                let declaration = name.span;
+                self.index.symbols.push(Symbol { kind: Kind::Variable, name: name.text.clone(), declaration });
+                self.add(&name, symbol);
+                self.variables.push((name.text, symbol));
+            }
+            if [SyntaxKind::State, SyntaxKind::Transition].contains(&part.kind()) {
+                self.declare_in(&part);
+            }
+        }
+    }
+
+    /// The names of one part of an activity.
+    pub(super) fn activity_names(&mut self, node: &Node, names: &[Name]) {
+        match node.kind() {
+            SyntaxKind::Target | SyntaxKind::Formula | SyntaxKind::Statement => {
+                names.iter().for_each(|name| self.variable(Some(name)));
+            }
+            SyntaxKind::Trigger => self.variable(names.get(1)),
+            SyntaxKind::Pattern => self.outcome(names.first()),
+            _ => {}
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! The visible parts of an activity in a simulation: its states, its lines, what it sends and loses.
+
+use super::{Simulation, SimulationError, Transition};
+use crate::algebra::{Command, Event};
+use crate::plan::{Expression, StateChart};
+
+impl Simulation<'_> {
+    /// Sends a message to the activities that run and have this port: `stop`, or `5 stop` with a priority of 5.
+    ///
+    /// # Errors
+    /// No activity that runs has the port.
+    pub fn send(&mut self, port: &str, text: &str) -> Result<(), SimulationError> {
+        let (first, rest) = text.split_once(' ').unwrap_or((text, ""));
+        let (priority, text) = match first.parse() {
+            Ok(priority) if !rest.is_empty() => (priority, rest.trim()),
+            Ok(_) | Err(_) => (0, text),
+        };
+        let messages = (0..self.plan.groups.len()).filter(|&group| !self.states[group].is_idle());
+        let messages = messages.filter_map(|group| Some((group, self.chart_of(group)?.message(port, text, priority)?)));
+        let messages: Vec<(usize, Event)> = messages.collect();
+        if messages.is_empty() {
+            return Err(SimulationError::Port { name: port.to_owned() });
+        }
+        self.queue.extend(messages);
+        self.react();
+        Ok(())
+    }
+
+    /// An activity gets a message of a story.
+    pub(super) fn told(&mut self, path: &str, number: u32) -> Result<(), &'static str> {
+        let group = self.plan.groups.iter().position(|group| group.path == path).ok_or("it is not a group")?;
+        let chart = self.chart_of(group).ok_or("it is not an activity")?;
+        let messages = chart.messages();
+        let message = (number as usize).checked_sub(1).and_then(|index| messages.get(index));
+        let (port, text, priority) = message.ok_or("it has no such message")?;
+        let event = chart.message_at(*port, text, *priority).ok_or("it has no such port")?;
+        self.queue.push_back((group, event));
+        self.react();
+        Ok(())
+    }
+
+    /// The chart of a group that is an activity.
+    pub(super) fn chart_of(&self, group: usize) -> Option<&StateChart> {
+        if let Expression::Chart(chart) = &self.plan.groups[group].expression { Some(chart) } else { None }
+    }
+
+    /// Notes the states of an activity, if they are not those that were noted last.
+    pub(super) fn note_states(&mut self, group: usize) {
+        let (Some(automaton), Some(place)) = (self.programs[group].automaton(), self.states[group].chart()) else {
+            return;
+        };
+        let name = |state: usize| automaton.chart().states[state].name.as_str();
+        let names: Vec<&str> = place.leaves(automaton).map(name).collect();
+        if place.is_waiting() || names.is_empty() {
+            return;
+        }
+        let names = names.join(", ");
+        if self.states_seen.get(&group) != Some(&names) {
+            self.note(self.plan.groups[group].path.clone(), Transition::Says(format!("is in `{names}`")));
+            self.states_seen.insert(group, names);
+        }
+    }
+
+    /// Notes what an activity does that is seen outside.
+    pub(super) fn say(&mut self, group: usize, command: &Command) {
+        let Some(chart) = self.chart_of(group) else { return };
+        let named = |names: &[String], number: u32| names.get(number as usize).cloned().unwrap_or_default();
+        let said = match command {
+            Command::Log { text } => format!("says: {text}"),
+            Command::Send { output, value } => {
+                let shown = value.text().map_or_else(|| format!("{} bytes", value.bytes().len()), str::to_owned);
+                format!("sends through `{}`: {shown}", named(&chart.outputs, *output))
+            }
+            Command::Lost { port } => format!("loses a message at `{}`", named(&chart.inputs, *port)),
+            Command::Connect { .. }
+            | Command::Disconnect { .. }
+            | Command::Activate { .. }
+            | Command::Stop { .. }
+            | Command::Arm { .. }
+            | Command::Cancel { .. } => return,
+        };
+        self.note(self.plan.groups[group].path.clone(), Transition::Says(said));
+    }
+}
