@@ -314,6 +314,7 @@ fn unit_of(label: Label) -> Option<usize> {
         | Label::Aborted(unit, _)
         | Label::Stopped(unit, _)
         | Label::Elapsed(unit, _)
+        | Label::Told(unit, _)
         | Label::Reached(unit)
         | Label::Heard(unit, _) => Some(usize::from(unit)),
         Label::Arrived(..)

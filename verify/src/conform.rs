@@ -116,7 +116,11 @@ impl<'s, 'a> Follower<'s, 'a> {
             Event::Aborted { member, .. } => {
                 has(&|label| matches!(label, Label::Aborted(_, other) if of(*member)(other)))
             }
-            Event::Stopped { .. } | Event::StopUnconfirmed { .. } => None,
+            Event::Message { port, filters, .. } => {
+                let number = self.system.message_number(0, *port, filters);
+                number.and_then(|number| has(&|label| label == Label::Told(0, number)))
+            }
+            Event::Stopped { .. } | Event::StopUnconfirmed { .. } | Event::Notice(_) => None,
         }
     }
 
@@ -124,7 +128,7 @@ impl<'s, 'a> Follower<'s, 'a> {
     fn is_stale(&self, frame: &Frame, event: &Event) -> bool {
         match event {
             Event::Start(_) => false,
-            Event::Stop => true,
+            Event::Stop | Event::Message { .. } | Event::Notice(_) => true,
             Event::Done { member, .. }
             | Event::Aborted { member, .. }
             | Event::Stopped { member, .. }

@@ -48,6 +48,7 @@ fn word(system: &System<'_>, label: Label) -> String {
             let time = timer_of(&part(unit).expression, usize::from(timer)).map(seconds).unwrap_or_default();
             format!("elapsed({}, {time}, {timer})", group(unit))
         }
+        Label::Told(unit, number) => format!("message({}, {number})", group(unit)),
         Label::Reached(unit) => format!("reached({})", group(unit)),
         Label::Arrived(unit, slot) => format!("arrived({})", member(unit, slot)),
         Label::Heard(unit, slot) => format!("heard({})", member(unit, slot)),

@@ -167,7 +167,7 @@ pub(crate) fn short(path: &str) -> String {
 }
 
 fn has_match(expression: &Expression) -> bool {
-    matches!(expression, Expression::Match(_)) || expression.operands().into_iter().any(has_match)
+    matches!(expression, Expression::Match(_) | Expression::Chart(_)) || expression.operands().into_iter().any(has_match)
 }
 
 /// Takes the expression of one group apart.
@@ -342,6 +342,7 @@ fn configurations(expression: &Expression) -> u64 {
         | Expression::Otherwise(..)
         | Expression::Match(_)
         | Expression::Using { .. }
+        | Expression::Chart(_)
         | Expression::Tagged { .. } => parts().fold(1, u64::saturating_add),
         Expression::Shield { .. } | Expression::Finally(..) => parts().fold(1, u64::saturating_add).saturating_mul(2),
         Expression::Concurrent(_)
@@ -379,7 +380,7 @@ pub(crate) fn run_nodes(expression: &Expression) -> Vec<(usize, u32)> {
 /// none of them is a piece.
 fn may_end_at_once(expression: &Expression) -> bool {
     match expression {
-        Expression::Skip | Expression::Fail(_) => true,
+        Expression::Skip | Expression::Fail(_) | Expression::Chart(_) => true,
         Expression::Run { .. } | Expression::Never | Expression::Wait(_) => false,
         Expression::Sequence(first, _)
         | Expression::Conditional(first, _)
@@ -440,6 +441,7 @@ fn with_operands(expression: &Expression, mut write: impl FnMut(&Expression) -> 
             **source = write(source);
             pool.iter_mut().for_each(|operand| *operand = write(operand));
         }
+        Expression::Chart(chart) => chart.runs.iter_mut().for_each(|run| run.expression = write(&run.expression)),
     }
     copy
 }

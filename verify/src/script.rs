@@ -97,9 +97,14 @@ impl Script {
             Some(Transition::Done) => Some(Became::Done),
             Some(Transition::Aborted(_)) => Some(Became::Failed),
             Some(Transition::Stopped) => Some(Became::Stopped),
-            Some(Transition::Started | Transition::Stopping | Transition::Waits(_) | Transition::Limited(_)) | None => {
-                None
-            }
+            Some(
+                Transition::Started
+                | Transition::Stopping
+                | Transition::Waits(_)
+                | Transition::Limited(_)
+                | Transition::Says(_),
+            )
+            | None => None,
         };
         if ended != self.ended {
             let word = |ended: Option<Became>| {
@@ -143,7 +148,7 @@ fn line(number: usize, event: &TraceEvent, simulation: &mut Simulation<'_>) -> S
             Transition::Done => ends.push(format!("{name} is done")),
             Transition::Aborted(_) => ends.push(format!("{name} fails")),
             Transition::Stopped => ends.push(format!("{name} has stopped")),
-            Transition::Waits(_) | Transition::Limited(_) => {}
+            Transition::Waits(_) | Transition::Limited(_) | Transition::Says(_) => {}
         }
     }
     if !stops.is_empty() {

@@ -247,6 +247,11 @@ fn cause(system: &System<'_>, label: Label) -> String {
             let host = host_name(system, (usize::from(unit), u32::from(member)));
             format!("the order to start {} reaches `{host}`", name(unit, member))
         }
+        Label::Told(unit, number) => {
+            let part = &system.model.parts[system.units[usize::from(unit)].part];
+            let group = system.model.group_name(part.group);
+            format!("`{group}` gets {}", system.message_name(usize::from(unit), number))
+        }
         Label::Heard(unit, member) => {
             let part = &system.model.parts[system.units[usize::from(unit)].part];
             let group = system.model.group_name(part.group);
@@ -305,6 +310,7 @@ pub(crate) fn effects(system: &System<'_>, label: Label, changes: &[Change]) -> 
         Label::Start
         | Label::Stop
         | Label::Elapsed(..)
+        | Label::Told(..)
         | Label::Reached(_)
         | Label::Arrived(..)
         | Label::TooMany(_)
@@ -357,6 +363,9 @@ fn root_name(system: &System<'_>) -> String {
 /// The time of a timer, by its number in textual order.
 pub(crate) fn timer_of(expression: &Expression, timer: usize) -> Option<Duration> {
     let mut times = Vec::new();
+    if let Expression::Chart(chart) = expression {
+        times.extend(chart.chart.transitions.iter().filter_map(|transition| transition.trigger.time()));
+    }
     crate::model::walk(expression, &mut |expression| {
         if let Expression::Wait(time) | Expression::Shield { bound: Some(time), .. } = expression {
             times.push(*time);

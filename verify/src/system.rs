@@ -8,6 +8,7 @@
 
 mod labels;
 mod loss;
+mod messages;
 mod mode;
 mod pending;
 mod reaction;
@@ -15,7 +16,7 @@ mod restart;
 mod transit;
 
 use crate::model::{Ends, Model, Seat};
-use language::algebra::{Packing, Program, Steps, Value, Words};
+use language::algebra::{Event, Packing, Program, Steps, Value, Words};
 use language::sites::ProcessRef;
 use loss::Rift;
 pub(crate) use loss::{Loss, LossKind, is_torn};
@@ -40,6 +41,8 @@ pub(crate) enum Label {
     Stopped(u16, u16),
     /// A timer of a unit has run out.
     Elapsed(u16, u16),
+    /// An activity gets a message: the number of one of those that it tells apart.
+    Told(u16, u16),
     /// The order to stop reaches a unit.
     Reached(u16),
     /// The order to start a member of a unit reaches its host.
@@ -95,6 +98,8 @@ pub(crate) struct Unit {
     packing: Packing,
     /// Where its state begins in a packed configuration.
     start: usize,
+    /// The messages that it tells apart, if it is an activity.
+    messages: Vec<Event>,
 }
 
 /// The occupant of a member slot of a unit.
@@ -195,7 +200,8 @@ impl<'a> System<'a> {
         let packing = Packing::new(&source.program, &self.values);
         let index = self.units.len();
         let start = self.units.last().map_or(0, |unit| unit.start + unit.packing.length());
-        self.units.push(Unit { part, parent, seats: Vec::new(), packing, start });
+        let messages = messages::of(&source.expression);
+        self.units.push(Unit { part, parent, seats: Vec::new(), packing, start, messages });
         // A part has a slot for each member of its group, including the members that its pieces run: those are never
         // active in it.
         let runs: BTreeSet<u32> = crate::model::runs(&source.expression).into_iter().collect();

@@ -166,6 +166,10 @@ impl Times<'_, '_> {
             Expression::Skip => NOW,
             Expression::Never => Span { done: None, end_least: None, end: None, ..NOW },
             Expression::Fail(_) => Span { done: None, ..NOW },
+            Expression::Chart(chart) => {
+                let done = (!chart.is_service()).then_some(Duration::ZERO);
+                Span { done, done_most: None, end_least: Some(Duration::ZERO), end: None, stop }
+            }
             Expression::Wait(time) => {
                 let time = Some(*time);
                 Span { done: time, done_most: time, end_least: time, end: time, ..NOW }

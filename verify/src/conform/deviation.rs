@@ -68,7 +68,14 @@ impl Teller<'_, '_> {
         let place = match command {
             Some(Command::Activate { member, .. } | Command::Stop { member, .. }) => self.place_of(*member),
             Some(Command::Connect { set } | Command::Disconnect { set }) => sites.sets.get(*set as usize).copied(),
-            Some(Command::Arm { .. } | Command::Cancel { .. }) | None => None,
+            Some(
+                Command::Arm { .. }
+                | Command::Cancel { .. }
+                | Command::Send { .. }
+                | Command::Log { .. }
+                | Command::Lost { .. },
+            )
+            | None => None,
         };
         place.or_else(|| sites.nodes.first().copied()).unwrap_or(sites.name)
     }
@@ -105,6 +112,8 @@ impl Teller<'_, '_> {
             Event::StopUnconfirmed { member, .. } => {
                 format!("nobody can confirm that {} has stopped", self.name(*member))
             }
+            Event::Message { .. } => format!("`{group}` gets a message"),
+            Event::Notice(_) => format!("`{group}` is told of something"),
             Event::Elapsed { timer, .. } => {
                 let time = timer_of(&self.source.expression, *timer as usize);
                 let time = time.map_or_else(|| "some seconds".to_owned(), seconds);
@@ -143,6 +152,9 @@ impl Teller<'_, '_> {
             Command::Cancel { timer, .. } if self.is_limit(*timer) => "drops the limit".to_owned(),
             Command::Arm { after, .. } => format!("waits for {}", seconds(*after)),
             Command::Cancel { .. } => "waits no longer".to_owned(),
+            Command::Send { .. } => "sends a value".to_owned(),
+            Command::Log { .. } => "writes a line".to_owned(),
+            Command::Lost { .. } => "loses a message".to_owned(),
         };
         let group = self.model.group_name(self.group);
         let outcome = step.outcome.as_ref().map(|outcome| match outcome {

@@ -77,6 +77,7 @@ pub(super) fn settle<'s>(
                 | Label::Done(..)
                 | Label::Aborted(..)
                 | Label::Elapsed(..)
+                | Label::Told(..)
                 | Label::Died(..)
                 | Label::TooMany(_)
                 | Label::Fault(..)

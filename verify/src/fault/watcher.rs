@@ -86,6 +86,7 @@ fn can_be_done(expression: &Expression, of: &[Sight]) -> bool {
     match expression {
         Expression::Never | Expression::Fail(_) | Expression::Recurrent(..) | Expression::Asynchronous { .. } => false,
         Expression::Sequence(..) | Expression::Conditional(..) | Expression::Finally(..) => all(),
+        Expression::Chart(chart) => !chart.is_service(),
         Expression::Run { .. }
         | Expression::Skip
         | Expression::Wait(_)

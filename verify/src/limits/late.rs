@@ -140,6 +140,9 @@ impl Walk<'_, '_, '_> {
         self.node += 1;
         match expression {
             Expression::Run { member, .. } => self.run(node, *member, left),
+            Expression::Chart(_) => {
+                expression.operands().into_iter().for_each(|operand| self.at(operand, Left::Free));
+            }
             Expression::Sequence(one, other)
             | Expression::Conditional(one, other)
             | Expression::Recurrent(one, other) => {
@@ -237,6 +240,7 @@ impl Walk<'_, '_, '_> {
             Expression::Disable(of) => sooner(of.iter().map(|operand| self.failed(operand)).collect()),
             Expression::Tagged { of, .. } => self.failed(of),
             Expression::Run { .. }
+            | Expression::Chart(_)
             | Expression::Fail(_)
             | Expression::Concurrent(_)
             | Expression::FailFast(_)

@@ -36,6 +36,9 @@ impl System<'_> {
                     Occupant::Unit(_) => {}
                 }
             }
+            if frame.states[unit].hears() {
+                labels.extend((0..self.messages(unit)).map(|number| Label::Told(small(unit), number)));
+            }
             for timer in 0..self.program(unit).timers() {
                 if frame.states[unit].is_armed(self.program(unit), timer) {
                     labels.push(Label::Elapsed(small(unit), small(timer as usize)));
@@ -107,6 +110,7 @@ impl System<'_> {
             Label::Start
             | Label::Stopped(..)
             | Label::Elapsed(..)
+            | Label::Told(..)
             | Label::Reached(_)
             | Label::Arrived(..)
             | Label::Heard(..)

@@ -165,6 +165,10 @@ impl Reaction<'_, '_> {
                 let event = Event::Elapsed { timer: u32::from(timer), activation: ACTIVATION };
                 Some((usize::from(unit), event))
             }
+            Label::Told(unit, number) => {
+                let message = self.system.told(usize::from(unit), number)?;
+                Some((usize::from(unit), message))
+            }
             Label::Reached(unit) => {
                 self.forget_order(usize::from(unit));
                 Some((usize::from(unit), Event::Stop))
@@ -343,8 +347,13 @@ impl Reaction<'_, '_> {
                     }
                 }
                 Command::Stop { member, .. } => self.stop(unit, *member),
-                Command::Connect { .. } | Command::Disconnect { .. } | Command::Arm { .. } | Command::Cancel { .. } => {
-                }
+                Command::Connect { .. }
+                | Command::Disconnect { .. }
+                | Command::Arm { .. }
+                | Command::Cancel { .. }
+                | Command::Send { .. }
+                | Command::Log { .. }
+                | Command::Lost { .. } => {}
             }
         }
         if let Some(outcome) = &effect.outcome {

@@ -1,5 +1,6 @@
 //! The tests of `verify`, in one program.
 
+mod activities;
 mod assumed;
 mod conform;
 mod corpus;

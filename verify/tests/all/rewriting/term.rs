@@ -185,6 +185,7 @@ fn build(source: &Expression, group: &Group, numbers: &mut Numbers) -> Rc<Expr> 
             let source = build(source, group, numbers);
             Kind::Pool(source, all(pool, group, numbers))
         }
+        Expression::Chart(_) => unreachable!("random expressions have no activities"),
         Expression::Tagged { tag, of } => Kind::As(tag.clone(), build(of, group, numbers)),
     };
     Rc::new(Expr { is_service: is_service(&kind, group), kind })

@@ -74,6 +74,7 @@ pub(crate) fn written(expression: &Expression, matched: &mut Vec<u32>) -> String
         Expression::Asynchronous { source, pool } => {
             format!("({}) ::[1] ({})", written(source, matched), written(&pool[0], matched))
         }
+        Expression::Chart(_) => unreachable!("random expressions have no activities"),
         Expression::Tagged { tag, of } => format!("({}) as {tag}", written(of, matched)),
     }
 }

@@ -1,0 +1,175 @@
+//! Activities: guards and finite variables are exact, messages may come at any time, and mistakes of activities are found.
+
+use language::sites::Sites;
+use language::{Options, Source, compile_with_sites};
+use verify::{Alone, Always, Limits, Report, Verdict, verify};
+
+const LIMITS: Limits<'static> = Limits { states: 100_000, memory: 64 << 20, threads: &Alone, goes_on: &Always };
+
+const MODULES: &str = "
+module Work(host) { done(found | missing); }
+module Go(host) { done; }
+module Arm(host) { done; claims arm; }
+";
+
+/// A spec whose activity has this body.
+fn spec(body: &str) -> String {
+    format!(
+        "{MODULES}
+activity A(h: Host){{
+    in orders: Text;
+    look instof Work(h);
+    walk instof Go(h);
+    one instof Arm(h);
+    two instof Arm(h);
+    var tries: 0..3 = 0;
+    {body}
+}}
+process main(){{
+    host{{\"c1\"}}
+    instantiated_processes{{ a instof A(\"c1\"); }}
+    internal_event_actions{{ a }}
+}}"
+    )
+}
+
+/// The codes of all that is said of a spec, by `dca check` and by `dca verify`.
+fn codes(text: &str) -> Vec<String> {
+    let source = Source::new("a.dca", text);
+    let (compiled, sites) = compile_with_sites(&source, &[], &Options::named("a"));
+    let mut codes: Vec<String> = compiled.diagnostics.iter().map(|found| found.code.to_string()).collect();
+    if let (Some(plan), Some(sites)) = (&compiled.plan, &sites) {
+        let report = explored(plan, sites);
+        assert!(!report.is_limited);
+        let found = report.findings.iter().filter(|finding| finding.verdict == Verdict::Fails);
+        codes.extend(found.filter_map(|finding| Some(finding.diagnostic.as_ref()?.code.to_string())));
+    }
+    codes.retain(|code| code != "W0120");
+    codes.sort();
+    codes.dedup();
+    codes
+}
+
+fn explored(plan: &language::plan::Plan, sites: &Sites) -> Report {
+    verify(plan, sites, &LIMITS)
+}
+
+/// The mistake, the code that says it, the activity with the mistake, and the activity without.
+const MISTAKES: [(&str, &str, &str, &str); 13] = [
+    (
+        "nothing leads out of the pause",
+        "E0811",
+        "initial state s { run look; on done -> done; on message orders -> paused; } suspended state paused { }",
+        "initial state s { run look; on done -> done; on message orders -> paused; }
+         suspended state paused { on message orders -> resume; }",
+    ),
+    (
+        "the counter never gets so high",
+        "E0812",
+        "initial state s { run look; on done when tries < 3 -> s { tries += 1; } on done when tries > 3 -> t; on done -> done; }
+         state t { run walk; on done -> done; }",
+        "initial state s { run look; on done when tries < 3 -> s { tries += 1; } on done when tries >= 3 -> t; }
+         state t { run walk; on done -> done; }",
+    ),
+    (
+        "the counter leaves its range",
+        "E0817",
+        "initial state s { run look; on done(missing) -> s { tries += 1; } on done -> t; } state t { run walk; on done -> done; }
+         verify { eventually done; }",
+        "initial state s { run look; on done(missing) when tries < 3 -> s { tries += 1; } on done -> t; } state t { run walk; on done -> done; }",
+    ),
+    (
+        "a region never reaches its end",
+        "E0811",
+        "initial state s { on always -> both; }
+         parallel state both {
+             state l { initial state a { run walk; on done -> b; } final state b; }
+             state r { initial state c { run look; on done -> d; } state d { } final state e; }
+             on complete -> done;
+         }",
+        "initial state s { on always -> both; }
+         parallel state both {
+             state l { initial state a { run walk; on done -> b; } final state b; }
+             state r { initial state c { run look; on done -> e; } final state e; }
+             on complete -> done;
+         }",
+    ),
+    (
+        "two states want the arm at once",
+        "E0501",
+        "initial parallel state both {
+             state l { initial state a { run one; on done -> b; } final state b; }
+             state r { initial state c { run two; on done -> d; } final state d; }
+             on complete -> done;
+         }",
+        "initial state l { run one; on done -> r; } state r { run two; on done -> done; }",
+    ),
+    (
+        "one process runs twice at once",
+        "E0401",
+        "initial parallel state both {
+             state l { initial state a { run walk; on done -> b; } final state b; }
+             state r { initial state c { run walk; on done -> d; } final state d; }
+             on complete -> done;
+         }",
+        "initial state l { run walk; on done -> r; } state r { run walk; on done -> done; }",
+    ),
+    (
+        "both run together, which a sentence forbids",
+        "E0817",
+        "initial state s { run look, walk; on done -> done; } verify { never look with walk; }",
+        "initial state s { run (look ; walk); on done -> done; } verify { never look with walk; }",
+    ),
+    (
+        "the way past the check is open to a message",
+        "E0817",
+        "initial state s { run look; on done -> t; on message orders -> t; } state t { run walk; on done -> done; }
+         verify { walk only after look.done; }",
+        "initial state s { run look; on done -> t; } state t { run walk; on done -> done; }
+         verify { walk only after look.done; }",
+    ),
+    (
+        "failures are tried again for ever",
+        "W0907",
+        "initial state s { run look; on done -> t; on aborted -> abort(\"no\"); } state t { run walk; on done -> done; on aborted -> s; }",
+        "initial state s { run look; on done -> t; on aborted -> abort(\"no\"); }
+         state t { run walk; on done -> done; on aborted when tries < 3 -> s { tries += 1; } }",
+    ),
+    (
+        "a transition hides another",
+        "W0905",
+        "initial state s { run look; on done -> done; on done(missing) -> t; } state t { run walk; on done -> done; }",
+        "initial state s { run look; on done(missing) -> t; on done -> done; } state t { run walk; on done -> done; }",
+    ),
+    (
+        "nothing leads to a state",
+        "W0906",
+        "initial state s { run look; on done -> done; } state t { run walk; on done -> done; }",
+        "initial state s { run look; on done -> t; } state t { run walk; on done -> done; }",
+    ),
+    (
+        "the pause is left to the wrong state",
+        "E0902",
+        "initial state s { run look; on done -> done; on message orders -> paused; } state paused { on message orders -> resume; }",
+        "initial state s { run look; on done -> done; on message orders -> paused; }
+         suspended state paused { on message orders -> resume; }",
+    ),
+    (
+        "it waits for a priority that no message has",
+        "E0904",
+        "initial state s { run look; on done -> done; on message orders where priority > 256 -> done; }",
+        "initial state s { run look; on done -> done; on message orders where priority > 250 -> done; }",
+    ),
+];
+
+#[test]
+fn mistakes_of_activities_are_found_and_nothing_is_said_of_their_repairs() {
+    let mut wrong = Vec::new();
+    for (mistake, code, bad, good) in MISTAKES {
+        let (of_bad, of_good) = (codes(&spec(bad)), codes(&spec(good)));
+        if !of_bad.iter().any(|found| found == code) || !of_good.is_empty() {
+            wrong.push(format!("{mistake}: {of_bad:?}, repaired {of_good:?}"));
+        }
+    }
+    assert_eq!(wrong, Vec::<String>::new());
+}
