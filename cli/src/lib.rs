@@ -13,6 +13,7 @@ mod complete;
 pub mod completions;
 pub mod component;
 pub mod conform;
+mod ctl;
 pub mod db;
 pub mod deploy;
 pub mod display;
@@ -96,6 +97,8 @@ enum Verb {
     Add(component::AddArguments),
     /// Take a process away from a deployment while it runs
     Remove(component::RemoveArguments),
+    /// Give a message to an activity that runs
+    Ctl(ctl::Arguments),
     /// Switch a process that runs to other connection sets of its own
     Switch(switch::Arguments),
     /// Check a spec and print its diagnostics
@@ -292,6 +295,7 @@ fn run_verb() -> ExitCode {
         Verb::Replace(arguments) => change::replace(&arguments),
         Verb::Add(arguments) => component::add(&arguments),
         Verb::Remove(arguments) => component::remove(&arguments),
+        Verb::Ctl(arguments) => ctl::run(&arguments),
         Verb::Switch(arguments) => switch::run(&arguments),
         Verb::Check(arguments) => check::run(&arguments),
         Verb::Verify(arguments) => verify::run(&arguments),

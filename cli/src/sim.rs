@@ -68,7 +68,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             | Transition::Started
             | Transition::Stopping
             | Transition::Waits(_)
-            | Transition::Limited(_),
+            | Transition::Limited(_)
+            | Transition::Says(_),
         ) => Ok(()),
         None => Err(anyhow!("`main` has not ended; {}", running(&simulation)).into()),
     }
@@ -191,6 +192,7 @@ fn line(happening: &SimulationEvent) -> String {
         Transition::Stopping => "is asked to stop".to_owned(),
         Transition::Waits(time) => format!("waits {}", seconds(*time)),
         Transition::Limited(time) => format!("begins what may take {}", seconds(*time)),
+        Transition::Says(what) => what.clone(),
     };
     format!("{:>10}  {} {transition}\n", seconds(happening.at), happening.path)
 }

@@ -11,7 +11,7 @@ use anyhow::{Context as _, anyhow};
 use comms::io::clock;
 use comms::logic::human::size;
 use comms::logic::time::Time;
-use language::plan::Plan;
+use language::plan::{Expression, Group, Plan};
 use language::sites::Sites;
 use language::{Code, Severity, Source, Texts, compile_with_sites, render};
 use node::console::{self, Failure};
@@ -283,6 +283,12 @@ fn effort(report: &Report, took: Duration) -> String {
 /// Prints the model, or the transition system; one that is not whole is not printed.
 fn export(loaded: &Loaded, limits: LimitArgs, format: Export) -> Result<(), Failure> {
     let Loaded { plan, sites, .. } = loaded;
+    let is_model = matches!(format, Export::Jani | Export::Mcrl2);
+    let is_activity = |group: &&Group| matches!(group.expression, Expression::Chart(_));
+    if let Some(group) = plan.groups.iter().find(is_activity).filter(|_| is_model) {
+        let why = "models for other tools have no activities; export the transition system with `--export aut`";
+        return Err(anyhow!("cannot export `{}`: {why}", group.path).into());
+    }
     let write = match format {
         Export::Jani => return say(&verify::jani(plan, sites)),
         Export::Mcrl2 => return say(&verify::mcrl2(plan, sites)),

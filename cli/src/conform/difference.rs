@@ -118,6 +118,9 @@ fn is_same((one, p): (&Group, &Expression), (other, q): (&Group, &Expression)) -
         }
         (Expression::Shield { bound, .. }, Expression::Shield { bound: theirs, .. }) => bound == theirs,
         (Expression::Using { resources, .. }, Expression::Using { resources: theirs, .. }) => resources == theirs,
+        (Expression::Chart(chart), Expression::Chart(theirs)) => {
+            chart.chart == theirs.chart && chart.runs.len() == theirs.runs.len()
+        }
         (Expression::Tagged { tag, .. }, Expression::Tagged { tag: theirs, .. }) => tag == theirs,
         (_, _) => std::mem::discriminant(p) == std::mem::discriminant(q),
     };

@@ -63,13 +63,17 @@ impl Numbers<'_> {
             | Event::Aborted { member, .. }
             | Event::Stopped { member, .. }
             | Event::StopUnconfirmed { member, .. } => *member = self.member(*member),
-            Event::Start(_) | Event::Stop | Event::Elapsed { .. } => {}
+            Event::Start(_) | Event::Stop | Event::Elapsed { .. } | Event::Message { .. } | Event::Notice(_) => {}
         }
         for command in &mut step.commands {
             match command {
                 Command::Connect { set } | Command::Disconnect { set } => *set = self.set(*set),
                 Command::Activate { member, .. } | Command::Stop { member, .. } => *member = self.member(*member),
-                Command::Arm { .. } | Command::Cancel { .. } => {}
+                Command::Arm { .. }
+                | Command::Cancel { .. }
+                | Command::Send { .. }
+                | Command::Log { .. }
+                | Command::Lost { .. } => {}
             }
         }
         if let Some(Outcome::Aborted(reason)) = &mut step.outcome {

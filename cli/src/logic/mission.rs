@@ -272,6 +272,7 @@ impl Mission {
             Change::Switched(how) => (how.text(), &[][..]),
             Change::Configured { parameter, value } => (configured_text(parameter, value.as_deref()), &[][..]),
             Change::Reverting { cause } => (reverting_text(cause), cause.output()),
+            Change::Says { text } => (text.clone(), &[][..]),
             Change::Replacing => ("is replaced".to_owned(), &[][..]),
             Change::Renewing { with } => (renewing_text(with), &[][..]),
             Change::Activated | Change::Stopping | Change::Ended(_) | Change::Started { .. } | Change::Resumed => {

@@ -60,6 +60,7 @@ pub(crate) fn change_text(change: &Change) -> String {
         Change::EndedLate => ENDED_LATE.to_owned(),
         Change::Switched(how) => how.text(),
         Change::Configured { parameter, value } => configured_text(parameter, value.as_deref()),
+        Change::Says { text } => text.clone(),
         Change::Replacing => "is replaced".to_owned(),
         Change::Reverting { cause } => reverting_text(cause),
         Change::Renewing { with } => renewing_text(with),

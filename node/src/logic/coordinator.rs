@@ -21,6 +21,7 @@ mod rejoin;
 mod start;
 mod stop;
 mod switching;
+mod telling;
 
 pub use mission::Requested;
 

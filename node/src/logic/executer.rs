@@ -6,6 +6,7 @@
 //! for as long as a lost host may still use what it takes (`fence`).
 
 mod actions;
+mod activity;
 mod fence;
 mod lost;
 mod places;
@@ -23,6 +24,7 @@ use comms::logic::time::Time;
 use fence::Fences;
 use language::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, StepRecord, Value, step};
 use language::plan::Plan;
+pub use activity::Message;
 pub use places::{group_host, leaf_host, member_path};
 use places::{member_host, member_target};
 use serde::{Deserialize, Serialize};
@@ -309,6 +311,7 @@ impl Executer {
             return None;
         }
         let mut commands = Vec::new();
+        let before = self.states_seen();
         let outcome = step(&self.program, &mut self.state, event.clone(), &mut commands);
         #[cfg(test)]
         let outcome = self.go_wrong(&event, &mut commands, outcome);
@@ -320,6 +323,7 @@ impl Executer {
         for command in commands {
             self.carry_out(command, context, out);
         }
+        self.tell_states(before, context, out);
         Some(self.conclude(outcome?, context, out))
     }
 
@@ -429,6 +433,7 @@ impl Executer {
             Command::Cancel { timer, activation: Activation(number) } => {
                 self.timers.retain(|(_, other, armed)| (*other, *armed) != (timer, number));
             }
+            Command::Send { .. } | Command::Log { .. } | Command::Lost { .. } => self.say(&command, context, out),
         }
     }
 

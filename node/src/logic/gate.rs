@@ -218,6 +218,7 @@ impl Gate {
         let about = if let Request::Change(change) = request { Some(&change.name) } else { about };
         let about =
             if let Request::Switch(switch) = request { Some(&switch.name).filter(|_| epoch > 0) } else { about };
+        let about = if let Request::Tell(tell) = request { Some(&tell.name).filter(|_| epoch > 0) } else { about };
         let epoch_min = about.map_or(0, |name| epoch_of(name));
         let plan = plan_of(request);
         let deployment = plan.filter(|plan| self.takes_part(plan)).and_then(|plan| plan.name.parse().ok());

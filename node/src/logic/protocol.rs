@@ -236,6 +236,23 @@ pub enum Request {
     Revocations(Vec<Vec<u8>>),
     /// A call of a procedure. A user signs it and sends it to the program, which asks its node. No node answers it directly.
     Call(Box<CallRequest>),
+    /// Gives a message to an activity, on the home of the deployment. Answered by [`Answer::Told`], at once.
+    Tell(Box<TellRequest>),
+}
+
+/// A request to give a message to an activity.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TellRequest {
+    /// The deployment.
+    pub name: String,
+    /// An absolute path of the activity, or the end of one.
+    pub process: String,
+    /// The input port.
+    pub port: String,
+    /// The content.
+    pub text: String,
+    /// The priority.
+    pub priority: u8,
 }
 
 /// A call of a procedure.
@@ -331,6 +348,8 @@ pub enum Answer {
     /// To `Events`, as its last one: the hosts of which the node may not have heard everything that had happened by the question,
     /// itself included.
     Behind(Vec<String>),
+    /// To `Tell`: the absolute path of the activity, or why it takes no such message.
+    Told(Result<String, String>),
 }
 
 impl Enveloped for Request {

@@ -3,6 +3,7 @@
 #![expect(clippy::wildcard_enum_match_arm, reason = "a test looks for one variant and shows any other")]
 
 mod absence;
+mod activities;
 mod adoption;
 mod aligned;
 mod boot;

@@ -60,6 +60,7 @@ impl Late {
             | Change::HeldBy { .. }
             | Change::EndedLate
             | Change::Switched(_)
+            | Change::Says { .. }
             | Change::Configured { .. }
             | Change::Replacing
             | Change::Renewing { .. }

@@ -107,6 +107,7 @@ impl Phase {
             | Change::HeldBy { .. }
             | Change::EndedLate
             | Change::Switched(_)
+            | Change::Says { .. }
             | Change::Configured { .. }
             | Change::Replacing
             | Change::Renewing { .. }
@@ -226,6 +227,7 @@ impl Phases {
             | Change::HeldBy { .. }
             | Change::EndedLate
             | Change::Switched(_)
+            | Change::Says { .. }
             | Change::Configured { .. }
             | Change::Replacing
             | Change::Renewing { .. }

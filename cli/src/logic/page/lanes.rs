@@ -139,7 +139,8 @@ fn after(state: State, change: &Change, leaf: bool) -> State {
         | Change::HeldBy { .. }
         | Change::EndedLate
         | Change::Switched(_)
-        | Change::Configured { .. } => state,
+        | Change::Configured { .. }
+        | Change::Says { .. } => state,
     }
 }
 
@@ -173,6 +174,7 @@ fn mark(lane: &Lane<'_>, at: Duration, change: &Change, top: f64, axis: &TimeAxi
         Change::Replacing => ("good", "↻"),
         Change::Held { .. } | Change::HeldBy { .. } => ("bad", "…"),
         Change::Configured { .. } => ("good", "◆"),
+        Change::Says { .. } => ("good", "·"),
         Change::Ended(Ending::Stopped)
         | Change::Activated
         | Change::Stopping

@@ -342,6 +342,7 @@ pub(crate) fn kind(report: &Report) -> &'static str {
             Change::EndedLate => "ended_late",
             Change::Switched(_) => "switched",
             Change::Configured { .. } => "configured",
+            Change::Says { .. } => "says",
             Change::Replacing => "replacing",
             Change::Reverting { .. } => "reverting",
             Change::Renewing { .. } => "renewing",

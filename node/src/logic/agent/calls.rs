@@ -61,6 +61,12 @@ impl Agent {
             Request::Revision { name } => out.answer(call, self.revision(&name)),
             Request::Change(request) => return self.change(call, *request, signed, out),
             Request::Switch(request) => return self.switch(call, &request, out),
+            Request::Tell(request) => {
+                let home = self.coordinators.iter().find(|(deployment, _)| deployment.name == request.name);
+                let unknown = || Err(format!("`{}` does not run here", request.name));
+                let told = home.map_or_else(unknown, |(_, home)| home.tell(&request, out));
+                out.answer(call, Answer::Told(told));
+            }
             Request::Estop(estop) => return self.estop(call, &estop, out),
             Request::ReleaseEstop => return self.release_estop(call, out),
             Request::StopAway(tombstone) => self.stop_away(call, *tombstone, out),

@@ -284,6 +284,7 @@ fn answer_of_absent(message: ToParticipant, cause: FailureCause) -> Option<ToPar
         | ToParticipant::Expecting { .. }
         | ToParticipant::Taken { .. }
         | ToParticipant::SwitchSets { .. }
+        | ToParticipant::Tell { .. }
         | ToParticipant::Succeeding { .. }
         | ToParticipant::Change(_) => None,
     }

@@ -19,6 +19,7 @@ pub fn action(request: &Request) -> Option<Action> {
         Request::ReleaseEstop => Some(Action::Start),
         Request::Database(question) | Request::Here { question, .. } => of_question(question),
         Request::Call(call) => of_access(call.access),
+        Request::Tell(_) => Some(Action::Operate),
         // To stop everything is everybody's; the set of the revoked, and what a user asks with to be renewed, are signed themselves.
         Request::Estop(_)
         | Request::Revoke { .. }
@@ -98,6 +99,7 @@ pub fn subject(request: &Request) -> String {
         Request::Estop(_) => "stop everything".to_owned(),
         Request::ReleaseEstop => "let programs begin again".to_owned(),
         Request::Database(question) | Request::Here { question, .. } => subject_of(question),
+        Request::Tell(tell) => format!("tell `{}` of `{}` at `{}`", tell.process, tell.name, tell.port),
         Request::Call(call) => format!("call `{}` of `{}` of `{}`", call.procedure, call.path, call.deployment),
         _ => "look".to_owned(),
     }

@@ -23,7 +23,9 @@ impl Participant {
         let group = |(number, executer): (u32, &Executer)| {
             let group = self.site.plan.groups.get(number as usize).filter(|_| live.contains(&number))?;
             let (path, kind) = (group.path.clone(), group.process.clone());
-            let words = std::iter::once(executer.state().to_owned()).chain(executer.waits(&self.site.plan));
+            let words = std::iter::once(executer.state().to_owned())
+                .chain(executer.states())
+                .chain(executer.waits(&self.site.plan));
             Some(ProcessStatus { path, kind, state: words.collect::<Vec<_>>().join("; "), pid: None })
         };
         let leaf = |(number, instance): (u32, &Instance)| {

@@ -291,4 +291,15 @@ pub enum ToParticipant {
         /// The moment, on the clock of who is told.
         start: Time,
     },
+    /// A message for an activity that you supervise. An activity that does not run drops the message.
+    Tell {
+        /// The group that is the activity.
+        group: u32,
+        /// The input port.
+        port: String,
+        /// The content.
+        text: String,
+        /// The priority.
+        priority: u8,
+    },
 }

@@ -188,6 +188,11 @@ pub enum Change {
     EndedLate,
     /// Connection sets of the group were switched, from one set of a consumer to another.
     Switched(SetsSwitched),
+    /// An activity is in other states, or it has said, sent or lost something.
+    Says {
+        /// The report, as a clause behind the name of the activity.
+        text: String,
+    },
 }
 
 /// How a switch of connection sets has gone.

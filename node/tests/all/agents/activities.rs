@@ -1,0 +1,129 @@
+//! Activities: their states, messages from people, and nodes that are killed while one runs.
+
+use super::world::World;
+use node::logic::protocol::{Answer, Change, Ending, Report, Request, TellRequest};
+use std::time::Duration;
+
+/// A robot that looks, waits for a word, and goes home. The activity runs on another host than the home of the deployment.
+const MISSION: &str = r#"
+activity Round(here: Host, there: Host) {
+    host { there }
+    in orders: Text;
+    out say: Text;
+    look instof Step(here);
+    move instof Long(there);
+    var rounds: 0..2 = 0;
+    initial state looking {
+        run look;
+        on done when rounds < 2 -> looking { rounds += 1; log("round " + rounds); }
+        on done -> waiting { say.send("ready"); }
+    }
+    state waiting { on message orders where text == "go" && priority >= 3 -> moving; on after 60 s -> abort("no order came"); }
+    state moving { run move; on done -> done; }
+    suspended state paused { on message orders where text == "on" -> resume; }
+    on message orders where text == "halt" -> paused;
+}
+process main() {
+    host { "c1" }
+    instantiated_processes { round instof Round("c1", "c2"); }
+    internal_event_actions { round }
+}
+"#;
+
+/// The reports of the activity to people, in order.
+fn said(world: &World, call: u64) -> Vec<String> {
+    let text = |answer: &Answer| match answer {
+        Answer::Report(Report::Process { path, change: Change::Says { text }, .. }) if path == "main/round" => {
+            Some(text.clone())
+        }
+        _ => None,
+    };
+    world.answers[&call].iter().filter_map(text).collect()
+}
+
+fn tell(world: &mut World, process: &str, port: &str, text: &str, priority: u8) -> Result<String, String> {
+    let (name, process, port, text) = ("test".into(), process.into(), port.into(), text.into());
+    let call = world.ask("c1", Request::Tell(Box::new(TellRequest { name, process, port, text, priority })));
+    world.run_for(Duration::from_millis(100));
+    match world.answers[&call].as_slice() {
+        [Answer::Told(told)] => told.clone(),
+        other => panic!("{other:?}"),
+    }
+}
+
+/// The states of the activity, as `dca status` shows them.
+fn status(world: &mut World) -> String {
+    let call = world.ask("c2", Request::Status);
+    world.run_for(Duration::from_millis(10));
+    let [Answer::Status(status)] = world.answers[&call].as_slice() else { panic!("{:?}", world.answers[&call]) };
+    let processes = status.deployments.iter().flat_map(|deployment| &deployment.processes);
+    let states = processes.filter(|process| process.path == "main/round").map(|process| process.state.clone());
+    states.collect()
+}
+
+fn wait_for(world: &mut World, call: u64, text: &str) {
+    for _ in 0..200 {
+        if said(world, call).iter().any(|said| said == text) {
+            return;
+        }
+        world.run_for(Duration::from_millis(50));
+    }
+    panic!("{text:?} is not among {:?}", said(world, call));
+}
+
+#[test]
+fn an_activity_runs_and_takes_messages() {
+    let mut world = World::new(&["c1", "c2"]);
+    let call = world.deploy("c1", MISSION);
+    wait_for(&mut world, call, "is in waiting");
+    let expected = [
+        "is in looking",
+        "says: round 1",
+        "says: round 2",
+        "sends through `say`: ready",
+        "is in waiting",
+    ];
+    assert_eq!(said(&world, call), expected);
+    assert_eq!(status(&mut world), "running; in waiting");
+    assert_eq!(tell(&mut world, "round", "orders", "go", 2), Ok("main/round".to_owned()));
+    assert_eq!(status(&mut world), "running; in waiting", "the priority is too low");
+    assert_eq!(tell(&mut world, "round", "orders", "halt", 0), Ok("main/round".to_owned()));
+    assert_eq!(status(&mut world), "running; in paused");
+    assert_eq!(tell(&mut world, "main/round", "orders", "on", 0), Ok("main/round".to_owned()));
+    assert_eq!(tell(&mut world, "round", "orders", "go", 3), Ok("main/round".to_owned()));
+    assert_eq!(status(&mut world), "running; in moving");
+    let no_port = tell(&mut world, "round", "order", "go", 3).unwrap_err();
+    assert_eq!(no_port, "`main/round` has no input port `order`; it has `orders`");
+    assert_eq!(tell(&mut world, "look", "orders", "go", 3).unwrap_err(), "`test` has no activity `look`");
+    world.run_for(Duration::from_secs(30));
+    assert_eq!(world.ending(call), &Ending::Done(Vec::new()));
+}
+
+#[test]
+fn a_stop_leaves_nothing_of_an_activity() {
+    let mut world = World::new(&["c1", "c2"]);
+    let call = world.deploy("c1", MISSION);
+    wait_for(&mut world, call, "is in looking");
+    world.stop("c1");
+    world.run_for(Duration::from_secs(5));
+    assert_eq!(world.ending(call), &Ending::Stopped);
+    assert!(world.running.is_empty() && world.alive.is_empty());
+}
+
+/// A node that is killed and started again goes on in the state in which the activity was, with the same counters.
+#[test]
+fn a_node_that_is_started_again_goes_on_in_the_same_state() {
+    let mut world = World::new(&["c1", "c2"]);
+    let call = world.deploy("c1", MISSION);
+    wait_for(&mut world, call, "says: round 1");
+    world.crash("c2");
+    world.run_for(Duration::from_secs(1));
+    world.adopt("c2");
+    wait_for(&mut world, call, "is in waiting");
+    let said = said(&world, call);
+    assert_eq!(said.iter().filter(|said| *said == "says: round 1").count(), 1, "{said:?}");
+    assert_eq!(said.iter().filter(|said| *said == "says: round 2").count(), 1, "{said:?}");
+    tell(&mut world, "round", "orders", "go", 9).unwrap();
+    world.run_for(Duration::from_secs(30));
+    assert_eq!(world.ending(call), &Ending::Done(Vec::new()));
+}
