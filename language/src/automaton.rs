@@ -39,7 +39,8 @@ mod shape;
 mod step;
 
 pub use chart::{
-    Action, Chart, ChartState, Failure, Fragment, History, StateKind, Target, Transition, Trigger, ValueSource, Variable,
+    Action, Chart, ChartState, Failure, Fragment, History, StateKind, Target, Transition, Trigger, ValueSource,
+    Variable,
 };
 pub use configuration::Configuration;
 pub use event::{Command, Event};

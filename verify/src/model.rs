@@ -167,7 +167,8 @@ pub(crate) fn short(path: &str) -> String {
 }
 
 fn has_match(expression: &Expression) -> bool {
-    matches!(expression, Expression::Match(_) | Expression::Chart(_)) || expression.operands().into_iter().any(has_match)
+    matches!(expression, Expression::Match(_) | Expression::Chart(_))
+        || expression.operands().into_iter().any(has_match)
 }
 
 /// Takes the expression of one group apart.

@@ -200,11 +200,9 @@ impl<'p> Steps<'p> {
             Event::Stopped { member, .. } => Some(of_member(2, *member)),
             Event::StopUnconfirmed { member, .. } => Some(of_member(3, *member)),
             Event::Elapsed { timer, .. } => Some(2 + 4 * self.program.endless.len() + *timer as usize),
-            Event::Start(_)
-            | Event::Done { .. }
-            | Event::Aborted { .. }
-            | Event::Message { .. }
-            | Event::Notice(_) => None,
+            Event::Start(_) | Event::Done { .. } | Event::Aborted { .. } | Event::Message { .. } | Event::Notice(_) => {
+                None
+            }
         };
         let valued = || self.valued.iter().find(|(known, _)| known == event).map(|(_, root)| *root);
         if let Some(root) = plain.or_else(valued) {

@@ -40,11 +40,9 @@ pub fn step(
         return match event {
             Event::Start(value) => reaction.start(&value),
             Event::Stop => Some(Outcome::Stopped),
-            Event::Ended { .. }
-            | Event::Elapsed { .. }
-            | Event::Message { .. }
-            | Event::Notice(_)
-            | Event::Overrun => None,
+            Event::Ended { .. } | Event::Elapsed { .. } | Event::Message { .. } | Event::Notice(_) | Event::Overrun => {
+                None
+            }
         };
     }
     match event {
@@ -123,7 +121,8 @@ impl Reaction<'_> {
         let leaves: Vec<usize> = self.configuration.leaves(self.automaton).take(NAMES_MAX).collect();
         let names: Vec<String> =
             leaves.iter().map(|&state| format!("`{}`", self.automaton.chart().states[state].name)).collect();
-        let why = format!("the activity turns for ever, since what it runs ends at once: it is in {}", names.join(", "));
+        let why =
+            format!("the activity turns for ever, since what it runs ends at once: it is in {}", names.join(", "));
         self.end(Outcome::Aborted(failed(&why)))
     }
 

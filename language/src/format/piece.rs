@@ -3,9 +3,9 @@
 use super::expression::is_operator;
 use crate::syntax::SyntaxKind::{
     self, Ampersand, Args, Bang, Bar, Binder, Block, Chain, Colon, Comma, Constant, Dot, DotDot, DoubleColon, Equals,
-    Formula, Greater, Labels, LeftBrace, LeftBracket, LeftParen, Less, List, Match, Minus, Module, Owner, Params, Paren,
-    Plus, Question, Record, RecordType, Recur, RightBrace, RightBracket, RightParen, Semicolon, Sequence, Slash, Star,
-    State, Statement, Whitespace,
+    Formula, Greater, Labels, LeftBrace, LeftBracket, LeftParen, Less, List, Match, Minus, Module, Owner, Params,
+    Paren, Plus, Question, Record, RecordType, Recur, RightBrace, RightBracket, RightParen, Semicolon, Sequence, Slash,
+    Star, State, Statement, Whitespace,
 };
 use crate::syntax::{Dca, SyntaxNode};
 use rowan::Language;

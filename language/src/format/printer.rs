@@ -3,8 +3,8 @@
 use super::COLUMNS;
 use super::piece::{Piece, Sums, is_apart, is_bracketed, pieces};
 use crate::syntax::SyntaxKind::{
-    Actions, Block, Comma, Connections, Environment, External, Host, Instances, LeftBrace, LeftBracket, LeftParen, Less,
-    Module, OnBoot, Policies, Process, RightBrace, State, Supervision, Verify,
+    Actions, Block, Comma, Connections, Environment, External, Host, Instances, LeftBrace, LeftBracket, LeftParen,
+    Less, Module, OnBoot, Policies, Process, RightBrace, State, Supervision, Verify,
 };
 use crate::syntax::SyntaxNode;
 use rowan::NodeOrToken;

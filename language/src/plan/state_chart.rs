@@ -138,7 +138,8 @@ impl StateChart {
             let own: Vec<usize> = self.filters_of(port);
             for text in &texts {
                 for &priority in &priorities {
-                    let passed = own.iter().copied().filter(|&filter| self.filters[filter].lets_through(text, priority));
+                    let passed =
+                        own.iter().copied().filter(|&filter| self.filters[filter].lets_through(text, priority));
                     if self.is_heard(port) && seen.insert((port, passed.collect::<Vec<_>>())) && all.len() < NAMES_MAX {
                         all.push((u32::try_from(port).unwrap_or(u32::MAX), text.clone(), priority));
                     }

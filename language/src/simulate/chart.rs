@@ -55,7 +55,11 @@ impl Timeline {
                     self.bars[bar].end = Some((at, transition.clone()));
                 }
             }
-            Transition::Started | Transition::Stopping | Transition::Waits(_) | Transition::Limited(_) | Transition::Says(_) => {}
+            Transition::Started
+            | Transition::Stopping
+            | Transition::Waits(_)
+            | Transition::Limited(_)
+            | Transition::Says(_) => {}
         }
     }
 
@@ -213,7 +217,11 @@ fn mark(out: &mut String, transition: &Transition, (x, y): (f64, f64)) {
                 y - 4.5
             ),
         ),
-        Transition::Started | Transition::Stopping | Transition::Waits(_) | Transition::Limited(_) | Transition::Says(_) => {}
+        Transition::Started
+        | Transition::Stopping
+        | Transition::Waits(_)
+        | Transition::Limited(_)
+        | Transition::Says(_) => {}
     }
 }
 

@@ -2,9 +2,9 @@
 
 #[expect(clippy::wildcard_enum_match_arm, reason = "each rule names the few kinds that it is about")]
 mod charts;
+mod in_algebra;
 #[expect(clippy::wildcard_enum_match_arm, reason = "each rule names the few kinds that it is about")]
 mod reference;
-mod in_algebra;
 mod rules;
 mod scion;
 mod scxml;

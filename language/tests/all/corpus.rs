@@ -7,7 +7,9 @@
 use crate::disk;
 
 use language::algebra::Program;
-use language::plan::{Arm, DEADLINE, Expression, Group, LeafPort, MemberKind, OnBoot, Plan, Policy, Retention, StateChart};
+use language::plan::{
+    Arm, DEADLINE, Expression, Group, LeafPort, MemberKind, OnBoot, Plan, Policy, Retention, StateChart,
+};
 use language::{Code, Compiled, Options, Severity, Source, Style, apply_fixes, compile, gather, render};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -207,7 +209,10 @@ fn activity(chart: &StateChart, name: &dyn Fn(u32) -> String) -> String {
     }
     for transition in &states.transitions {
         let (source, trigger, guard) = (transition.source, &transition.trigger, &transition.guard);
-        text += &format!("        {source} on {trigger:?} when {guard:?} -> {:?} {:?}\n", transition.target, transition.actions);
+        text += &format!(
+            "        {source} on {trigger:?} when {guard:?} -> {:?} {:?}\n",
+            transition.target, transition.actions
+        );
     }
     filters.iter().for_each(|filter| text += &format!("        filter {filter:?}\n"));
     text

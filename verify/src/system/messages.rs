@@ -24,9 +24,7 @@ impl System<'_> {
 
     /// The number of a message that came in a run.
     pub(crate) fn message_number(&self, unit: usize, port: u32, filters: &[u32]) -> Option<u16> {
-        let is_it = |event: &Event| {
-            matches!(event, Event::Message { port: other, filters: passed, .. } if *other == port && passed == filters)
-        };
+        let is_it = |event: &Event| matches!(event, Event::Message { port: other, filters: passed, .. } if *other == port && passed == filters);
         self.units[unit].messages.iter().position(is_it).map(small)
     }
 

@@ -70,7 +70,8 @@ impl ActivityReader<'_, '_> {
     fn fragments(&mut self, node: &Node) -> Option<Vec<Fragment>> {
         let operators = infixes(node);
         let is_text = |node: &Node| node.child(Constant).is_some_and(|constant| constant.token(Text).is_some());
-        let parts: Vec<Node> = match operators.iter().all(|operator| *operator == Infix::Plus) && !operators.is_empty() {
+        let parts: Vec<Node> = match operators.iter().all(|operator| *operator == Infix::Plus) && !operators.is_empty()
+        {
             true => node.children_of(SyntaxKind::Formula).collect(),
             false => vec![node.clone()],
         };

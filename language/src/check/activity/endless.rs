@@ -41,7 +41,8 @@ impl ActivityReader<'_, '_> {
 
     /// Whether a transition changes a variable that conditions look at, also by the states that it enters and leaves.
     fn counts(&self, transition: &Transition, looked_at: &BTreeSet<usize>) -> bool {
-        let changes = |action: &Action| matches!(action, Action::Assign { variable, .. } if looked_at.contains(variable));
+        let changes =
+            |action: &Action| matches!(action, Action::Assign { variable, .. } if looked_at.contains(variable));
         let entered = self.entered(&transition.target);
         let border = entered.iter().flat_map(|&state| &self.chart.states[state].entry);
         let exit = &self.chart.states[transition.source].exit;
@@ -101,7 +102,9 @@ impl ActivityReader<'_, '_> {
             match &states[state].kind {
                 StateKind::Compound { initial } => waiting.extend(initial),
                 StateKind::History { default, .. } => waiting.extend(default),
-                StateKind::Parallel => waiting.extend((0..states.len()).filter(|&inner| states[inner].parent == Some(state))),
+                StateKind::Parallel => {
+                    waiting.extend((0..states.len()).filter(|&inner| states[inner].parent == Some(state)))
+                }
                 StateKind::Atomic | StateKind::Final | StateKind::Suspended => {}
             }
         }

@@ -26,8 +26,7 @@ impl ActivityReader<'_, '_> {
         let operators = infixes(node);
         match (operators.as_slice(), operands.as_slice()) {
             ([], [inner]) => {
-                let is_not =
-                    node.token(Bang).is_some() || node.names().next().is_some_and(|word| word.text == "not");
+                let is_not = node.token(Bang).is_some() || node.names().next().is_some_and(|word| word.text == "not");
                 self.part(inner, is_negated != is_not, kind)
             }
             ([Infix::And | Infix::Or, ..], [_, _, ..]) => {

@@ -4,7 +4,9 @@ use super::ActivityReader;
 use super::domain::Domain;
 use crate::automaton::{Formula, Relation};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::syntax::SyntaxKind::{self, Ampersand, Bang, Bar, Constant, Equals, Greater, Ident, Less, Minus, Number, Plus, Star};
+use crate::syntax::SyntaxKind::{
+    self, Ampersand, Bang, Bar, Constant, Equals, Greater, Ident, Less, Minus, Number, Plus, Star,
+};
 use crate::syntax::ast::{Name, Node, Token};
 
 /// The sort of a formula.
@@ -86,8 +88,13 @@ fn operator(token: &Token, next: Option<SyntaxKind>) -> Option<(Infix, usize)> {
     if is_double || is_pair && [Bang, Less, Greater].contains(&kind) {
         return pairs.into_iter().find(|(first, _)| *first == kind).map(|(_, infix)| (infix, 2));
     }
-    let singles =
-        [(Less, Infix::Less), (Greater, Infix::Greater), (Plus, Infix::Plus), (Minus, Infix::Minus), (Star, Infix::Times)];
+    let singles = [
+        (Less, Infix::Less),
+        (Greater, Infix::Greater),
+        (Plus, Infix::Plus),
+        (Minus, Infix::Minus),
+        (Star, Infix::Times),
+    ];
     singles.into_iter().find(|(sign, _)| *sign == kind).map(|(_, infix)| (infix, 1))
 }
 
@@ -106,7 +113,8 @@ impl ActivityReader<'_, '_> {
     fn of_sort(&mut self, node: &Node, wanted: Sort) -> Option<Formula> {
         let (formula, sort) = self.formula(node)?;
         if sort != wanted {
-            let message = format!("`{}` is {}, and this place needs {}", text(node), sort.describe(), wanted.describe());
+            let message =
+                format!("`{}` is {}, and this place needs {}", text(node), sort.describe(), wanted.describe());
             self.report(Diagnostic::new(Code::E0904, node.span(), message));
             return None;
         }
@@ -133,18 +141,17 @@ impl ActivityReader<'_, '_> {
         Some((left.formula, left.sort))
     }
 
-    fn joined(
-        &mut self,
-        operator: Infix,
-        left: Operand,
-        right: Operand,
-    ) -> Option<(Formula, Sort)> {
+    fn joined(&mut self, operator: Infix, left: Operand, right: Operand) -> Option<(Formula, Sort)> {
         let wanted = match operator {
             Infix::Or | Infix::And => Sort::Truth,
             Infix::Equal | Infix::Differs => left.sort,
-            Infix::Less | Infix::AtMost | Infix::Greater | Infix::AtLeast | Infix::Plus | Infix::Minus | Infix::Times => {
-                Sort::Number
-            }
+            Infix::Less
+            | Infix::AtMost
+            | Infix::Greater
+            | Infix::AtLeast
+            | Infix::Plus
+            | Infix::Minus
+            | Infix::Times => Sort::Number,
         };
         if let Some(Operand { sort, node, .. }) = [&left, &right].into_iter().find(|operand| operand.sort != wanted) {
             let (is, wanted) = (sort.describe(), wanted.describe());

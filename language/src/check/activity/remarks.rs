@@ -35,9 +35,9 @@ impl ActivityReader<'_, '_> {
                 (Trigger::After(_) | Trigger::Every(_), _) => false,
                 (other, own) => other == own,
             };
-            let earlier = self.chart.transitions[..number].iter().position(|other| {
-                other.source == transition.source && other.guard.is_none() && covers(&other.trigger)
-            });
+            let earlier = self.chart.transitions[..number]
+                .iter()
+                .position(|other| other.source == transition.source && other.guard.is_none() && covers(&other.trigger));
             if let Some(earlier) = earlier {
                 let message = "this transition is never taken: the one before it always is";
                 let diagnostic = Diagnostic::new(Code::W0905, self.places[number], message);
@@ -74,8 +74,7 @@ impl ActivityReader<'_, '_> {
         }
         let missing = (0..states.len()).filter(|state| !entered.contains(state));
         // The states inside one that is never entered are not worth a remark of their own.
-        let outermost =
-            missing.filter(|&state| states[state].parent.is_none_or(|parent| entered.contains(&parent)));
+        let outermost = missing.filter(|&state| states[state].parent.is_none_or(|parent| entered.contains(&parent)));
         let remark = |state: usize| {
             let name = &states[state].name;
             let place = self.names.get(name).map_or(root.span(), |(_, name)| name.span);

@@ -1,14 +1,14 @@
 //! States: the kind and the run of each.
 
 use super::ActivityReader;
+use crate::algebra::Value;
 use crate::automaton::{ChartState, History, STATES_MAX, StateKind, ValueSource};
 use crate::check::expression;
 use crate::check::names::twice;
-use crate::diagnostic::{Code, Diagnostic};
-use crate::plan::text_value;
-use crate::algebra::Value;
 use crate::check::spec::ValueKind;
+use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Constant;
+use crate::plan::text_value;
 use crate::syntax::SyntaxKind::{self, Text};
 use crate::syntax::ast::{Name, Node};
 
@@ -197,7 +197,9 @@ impl ActivityReader<'_, '_> {
             parent.kind() == SyntaxKind::State && Head::of(&parent).is_some_and(|head| head.has("parallel"))
         });
         let mut problem = None;
-        for (word, has_run, has_inner) in [("final", false, false), ("suspended", true, false), ("history", false, false)] {
+        for (word, has_run, has_inner) in
+            [("final", false, false), ("suspended", true, false), ("history", false, false)]
+        {
             if !head.has(word) {
                 continue;
             }

@@ -196,7 +196,8 @@ impl ActivityReader<'_, '_> {
         let found = CAUSES.into_iter().find(|(word, _)| *word == name.text);
         if found.is_none() {
             let message = format!("`{}` is not a cause of an abort", name.text);
-            let help = "write `reported`, `busy`, `stop_unconfirmed`, `service_ended`, `no_match`, or the text of a `fail`";
+            let help =
+                "write `reported`, `busy`, `stop_unconfirmed`, `service_ended`, `no_match`, or the text of a `fail`";
             self.report(Diagnostic::new(Code::E0903, name.span, message).help(help));
         }
         found.map(|(_, failure)| failure)

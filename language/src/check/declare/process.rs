@@ -140,8 +140,13 @@ fn damage(node: &Node, places: &[Span]) -> Damage {
         damage.external |= is_between || in_part(SyntaxKind::External);
         damage.connections |= is_between || in_part(SyntaxKind::Connections);
         damage.actions |= is_between || in_part(SyntaxKind::Actions);
-        let of_activity =
-            [SyntaxKind::State, SyntaxKind::StateRun, SyntaxKind::Transition, SyntaxKind::StateVariable, SyntaxKind::Port];
+        let of_activity = [
+            SyntaxKind::State,
+            SyntaxKind::StateRun,
+            SyntaxKind::Transition,
+            SyntaxKind::StateVariable,
+            SyntaxKind::Port,
+        ];
         damage.actions |= part.is_some_and(|part| of_activity.contains(&part));
     }
     damage

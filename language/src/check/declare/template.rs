@@ -113,13 +113,8 @@ fn spread(all: &mut BTreeMap<String, Template>) {
 /// The names that stand where the shape of a group is decided.
 fn collect(node: &Node, used: &mut BTreeSet<String>) {
     let kind = node.kind();
-    let durations = [
-        SyntaxKind::Suffixed,
-        SyntaxKind::Wait,
-        SyntaxKind::Shield,
-        SyntaxKind::Retry,
-        SyntaxKind::Trigger,
-    ];
+    let durations =
+        [SyntaxKind::Suffixed, SyntaxKind::Wait, SyntaxKind::Shield, SyntaxKind::Retry, SyntaxKind::Trigger];
     if durations.contains(&kind) {
         used.extend(node.children_of(SyntaxKind::Constant).filter_map(|node| bare_name(&node)));
     } else if kind == SyntaxKind::AllOf {

@@ -3,8 +3,8 @@
 use super::Parser;
 use crate::diagnostic::{Code, Fix};
 use crate::syntax::SyntaxKind::{
-    self, Ampersand, Arrow, Bang, Bar, Colon, Comma, Constant, Dot, DotDot, Equals, Greater, Ident, LeftBrace, LeftParen,
-    Less, Minus, Number, Plus, RightBrace, RightParen, Semicolon, Star, Text,
+    self, Ampersand, Arrow, Bang, Bar, Colon, Comma, Constant, Dot, DotDot, Equals, Greater, Ident, LeftBrace,
+    LeftParen, Less, Minus, Number, Plus, RightBrace, RightParen, Semicolon, Star, Text,
 };
 
 /// The words that a state begins with.

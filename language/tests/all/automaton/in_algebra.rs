@@ -16,11 +16,8 @@ fn group(chart: &Chart) -> Group {
         .zip(states)
         .map(|(member, state)| StateRun { state, expression: Expression::Run { member, sets: vec![] } })
         .collect();
-    let member = |run: &StateRun| Member {
-        name: format!("m{}", run.state),
-        kind: MemberKind::Leaf(run.state),
-        service: false,
-    };
+    let member =
+        |run: &StateRun| Member { name: format!("m{}", run.state), kind: MemberKind::Leaf(run.state), service: false };
     let names = |count: usize| (0..count).map(|number| format!("n{number}")).collect();
     Group {
         path: "main".into(),
@@ -109,8 +106,9 @@ impl<'a> Both<'a> {
             return (automaton::Event::Start(Value::EMPTY), algebra::Event::Start(Value::EMPTY));
         }
         let small = |number: usize| u32::try_from(number).unwrap();
-        let running: Vec<usize> =
-            (0..self.states.len()).filter(|&member| self.configuration.run(self.states[member]).1 != Activity::Idle).collect();
+        let running: Vec<usize> = (0..self.states.len())
+            .filter(|&member| self.configuration.run(self.states[member]).1 != Activity::Idle)
+            .collect();
         let armed: Vec<usize> =
             (0..self.timed.len()).filter(|&timer| self.configuration.timer(self.timed[timer]).1).collect();
         match random.below(12) {

@@ -107,7 +107,12 @@ impl<'a> Machine<'a> {
             Event::Stop if is_idle => Some(Outcome::Stopped),
             _ if is_idle => None,
             Event::Overrun => {
-                let names = self.place().leaves().into_iter().take(8).map(|state| format!("`{}`", self.chart.states[state].name));
+                let names = self
+                    .place()
+                    .leaves()
+                    .into_iter()
+                    .take(8)
+                    .map(|state| format!("`{}`", self.chart.states[state].name));
                 let names: Vec<String> = names.collect();
                 let why = "the activity turns for ever, since what it runs ends at once: it is in";
                 self.end(Outcome::Aborted(failed(&format!("{why} {}", names.join(", ")))))

@@ -76,13 +76,7 @@ fn an_activity_runs_and_takes_messages() {
     let mut world = World::new(&["c1", "c2"]);
     let call = world.deploy("c1", MISSION);
     wait_for(&mut world, call, "is in waiting");
-    let expected = [
-        "is in looking",
-        "says: round 1",
-        "says: round 2",
-        "sends through `say`: ready",
-        "is in waiting",
-    ];
+    let expected = ["is in looking", "says: round 1", "says: round 2", "sends through `say`: ready", "is in waiting"];
     assert_eq!(said(&world, call), expected);
     assert_eq!(status(&mut world), "running; in waiting");
     assert_eq!(tell(&mut world, "round", "orders", "go", 2), Ok("main/round".to_owned()));

@@ -20,7 +20,9 @@ impl Walk<'_> {
             let declared = match part.kind() {
                 SyntaxKind::State => names.pop(),
                 SyntaxKind::StateVariable | SyntaxKind::Port => names.drain(..).nth(1),
-                SyntaxKind::Trigger if names.first().is_some_and(|word| word.text == "signal") => names.drain(..).nth(1),
+                SyntaxKind::Trigger if names.first().is_some_and(|word| word.text == "signal") => {
+                    names.drain(..).nth(1)
+                }
                 _ => None,
             };
             let is_new = |name: &Name| self.variables.iter().all(|(known, _)| *known != name.text);
