@@ -103,7 +103,7 @@ impl ActivityReader<'_, '_> {
                 StateKind::Compound { initial } => waiting.extend(initial),
                 StateKind::History { default, .. } => waiting.extend(default),
                 StateKind::Parallel => {
-                    waiting.extend((0..states.len()).filter(|&inner| states[inner].parent == Some(state)))
+                    waiting.extend((0..states.len()).filter(|&inner| states[inner].parent == Some(state)));
                 }
                 StateKind::Atomic | StateKind::Final | StateKind::Suspended => {}
             }
