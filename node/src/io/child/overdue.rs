@@ -38,15 +38,20 @@ impl Overdue {
             reason = "its successor is unsafe; an `OwnedFd` keeps its descriptor open, which is all that is asked"
         )]
         let watched = descriptor.and_then(|descriptor| AsyncFd::with_interest(descriptor, Interest::READABLE).ok());
-        watched.map_or(Self::No, Self::Running)
+        // A program that cannot be watched may have ended, so its shim is looked at.
+        watched.map_or_else(Self::ended, Self::Running)
     }
 
-    /// Watches the program of a shim that an earlier node has started.
+    /// Watches the program of a shim that an earlier node has started. Its shim may have reaped it before it was suspended.
     pub(super) fn recorded(dir: &Path) -> Self {
-        let program = program_of(dir);
-        let watched = program.map_or(Self::No, |program| Self::of(program.pid.cast_unsigned()));
+        let Some(program) = program_of(dir) else { return Self::No };
+        let watched = Self::of(program.pid.cast_unsigned());
         // A number that belongs to another process by now says nothing.
-        if program.is_some_and(processes::is_there) { watched } else { Self::No }
+        if processes::is_there(program) { watched } else { Self::ended() }
+    }
+
+    fn ended() -> Self {
+        Self::Ended { look_at: clock::now() + TOLD_WITHIN, looks: 0 }
     }
 
     /// Waits until there is something to do.
@@ -65,7 +70,7 @@ impl Overdue {
     /// Does it: a shim that is suspended is told to go on, and then killed.
     pub(super) async fn act(&mut self, dir: &Path) {
         let Self::Ended { looks, .. } = *self else {
-            *self = Self::Ended { look_at: clock::now() + TOLD_WITHIN, looks: 0 };
+            *self = Self::ended();
             return;
         };
         let dir: PathBuf = dir.to_owned();
@@ -75,5 +80,29 @@ impl Overdue {
         }
         let pause = LOOK_EVERY.min(TOLD_WITHIN.saturating_mul(1 << looks.min(8)));
         *self = Self::Ended { look_at: clock::now() + pause, looks: looks + 1 };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shim::process_record::{ProcessRecord, RECORD_FILE};
+    use std::process::Command;
+
+    /// The shim is suspended between the end of its program and its word about that.
+    #[test]
+    fn a_program_that_was_reaped_before_its_node_looks_has_ended() {
+        let dir = std::env::temp_dir().join(format!("dca-overdue-{}", std::process::id()));
+        std::fs::create_dir_all(&dir).unwrap();
+        let mut child = Command::new("true").spawn().unwrap();
+        let program = processes::stat(child.id().cast_signed()).unwrap().process;
+        child.wait().unwrap();
+        let record = ProcessRecord::default().head() + &ProcessRecord::program_line(program);
+        std::fs::write(dir.join(RECORD_FILE), record).unwrap();
+        let runtime = tokio::runtime::Runtime::new().unwrap();
+        let _entered = runtime.enter();
+        let overdue = Overdue::recorded(&dir);
+        std::fs::remove_dir_all(&dir).unwrap();
+        assert!(matches!(overdue, Overdue::Ended { looks: 0, .. }), "{overdue:?}");
     }
 }
