@@ -11,7 +11,6 @@ pub mod human;
 pub mod key;
 pub mod layout;
 pub mod messaging;
-pub mod nearby;
 pub mod object;
 pub mod pace;
 pub mod port;

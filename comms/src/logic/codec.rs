@@ -38,8 +38,6 @@ pub enum Kind {
     Signals = 3,
     /// [`Peaks`].
     Peaks = 4,
-    /// [`Announcement`](crate::logic::nearby::Announcement): a datagram by which nodes find each other.
-    Announcement = 5,
     /// A request of the caller of a stream for its next piece.
     Pull = 6,
     /// A part of a stream of answers.

@@ -1,13 +1,16 @@
-//! Finds the other nodes of this network by multicast, and announces this one.
+//! Finds the other nodes of this network by the scouting of Zenoh, and announces this one.
 //!
-//! Each node says now and then on every interface where it can be dialled, by multicast; whoever hears it dials the address
-//! that the datagram came from. Interfaces are looked at again all the time: what comes up later is used, what goes is left.
+//! Each node sends a `Hello` on every interface now and then, by multicast, and answers a `Scout` with one. A session that receives
+//! a `Hello` dials the address that the datagram came from. Interfaces are looked at again all the time: what comes up later is used,
+//! what goes is left. Zenoh's own scouting reads the interfaces once, and knows IPv4 alone.
+//!
 //! Nothing here is believed: a datagram only proposes a place to dial.
 
+mod scouting;
+
 use super::interfaces::{self, Address};
-use crate::logic::codec;
 use crate::logic::human::cause;
-use crate::logic::nearby::Announcement;
+use scouting::Message;
 use socket2::{Domain, Protocol, Socket, Type};
 use std::collections::BTreeSet;
 use std::io;
@@ -39,7 +42,7 @@ pub(crate) struct NearbyNode {
 }
 
 /// The facts that a node announces of itself. A command line announces nothing.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Announced {
     pub(crate) session: String,
     pub(crate) name: String,
@@ -63,8 +66,6 @@ pub(crate) async fn look(own: Option<Announced>, addresses: watch::Sender<Vec<St
             family.inspect_err(|error| tracing::debug!(%error, "a family of addresses is not used")).ok()
         })
         .collect();
-    let announcement = own.as_ref().map_or(Announcement::Ask, Announced::announcement);
-    let Ok(datagram) = codec::encode(&announcement) else { return };
     let (mut known, mut turn, mut new) = (BTreeSet::new(), 0, NEW_FOR);
     let mut look = tokio::time::interval(LOOK_EVERY);
     loop {
@@ -81,7 +82,7 @@ pub(crate) async fn look(own: Option<Announced>, addresses: watch::Sender<Vec<St
                 (turn, new) = ((turn + 1) % QUIET_EVERY, new.saturating_sub(1));
                 if new > 0 || turn == 0 {
                     for family in &families {
-                        family.announce(&known, &datagram).await;
+                        family.announce(&known, own.as_ref()).await;
                     }
                 }
                 continue;
@@ -90,25 +91,23 @@ pub(crate) async fn look(own: Option<Announced>, addresses: watch::Sender<Vec<St
             received = receive(v6) => received,
         };
         match received {
-            Some((Announcement::Here { session, name, port }, from)) => {
+            Some((Message::Hello(Announced { session, name, port }), from)) => {
                 let mut at = from;
                 at.set_port(port);
                 heard(NearbyNode { session, name, at });
             }
-            Some((Announcement::Ask, from)) if own.is_some() => {
+            Some((Message::Scout, from)) => {
                 let family = families.iter().find(|family| family.group.is_ipv4() == from.is_ipv4());
-                if let Some(Err(error)) = family.map(|family| family.sender.try_send_to(&datagram, from)) {
+                let answered = family.zip(own.as_ref()).and_then(|(family, own)| {
+                    let hello = scouting::hello(own, family.places(&known, None))?;
+                    Some(family.sender.try_send_to(&hello, from))
+                });
+                if let Some(Err(error)) = answered {
                     tracing::debug!(%error, "a question for nodes nearby is not answered");
                 }
             }
-            Some((Announcement::Ask, _)) | None => {}
+            None => {}
         }
-    }
-}
-
-impl Announced {
-    fn announcement(&self) -> Announcement {
-        Announcement::Here { session: self.session.clone(), name: self.name.clone(), port: self.port }
     }
 }
 
@@ -131,8 +130,8 @@ pub async fn discovery() -> (Vec<String>, Result<(), String>) {
     (names.into_iter().collect(), opened.map_err(|error| cause(&error)))
 }
 
-/// Waits for an announcement; none ever comes where there is no such family of addresses.
-async fn receive(family: Option<&Family>) -> Option<(Announcement, SocketAddr)> {
+/// Waits for a message; none ever comes where there is no such family of addresses.
+async fn receive(family: Option<&Family>) -> Option<(Message, SocketAddr)> {
     let Some(family) = family else { return std::future::pending().await };
     let (mut to_group, mut to_self) = ([0; SIZE_MAX], [0; SIZE_MAX]);
     let (received, bytes) = tokio::select! {
@@ -140,7 +139,7 @@ async fn receive(family: Option<&Family>) -> Option<(Announcement, SocketAddr)> 
         received = family.sender.recv_from(&mut to_self) => (received, &to_self[..]),
     };
     match received {
-        Ok((size, from)) => Some((codec::decode(bytes.get(..size)?).ok()?, from)),
+        Ok((size, from)) => Some((scouting::read(bytes.get(..size)?)?, from)),
         Err(error) => {
             // Of a socket whose interface has gone; it goes on when there is one again.
             tracing::debug!(%error, "a multicast socket cannot be read");
@@ -209,10 +208,19 @@ impl Family {
         }
     }
 
-    /// Sends a datagram to the group on every interface, from each of its addresses.
-    async fn announce(&self, addresses: &BTreeSet<Address>, datagram: &[u8]) {
+    /// Returns where a node can be dialled, at the addresses of one interface first.
+    fn places(&self, addresses: &BTreeSet<Address>, first: Option<u32>) -> impl Iterator<Item = IpAddr> {
+        let mut own: Vec<&Address> = addresses.iter().filter(|address| self.is_of(address)).collect();
+        own.sort_by_key(|address| first != Some(address.index));
+        own.into_iter().map(|address| address.ip)
+    }
+
+    /// Sends a `Hello` to the group on every interface, from each of its addresses; a `Scout` if this is not a node.
+    async fn announce(&self, addresses: &BTreeSet<Address>, own: Option<&Announced>) {
         let mut sent_on = BTreeSet::new();
         for address in addresses.iter().filter(|address| self.is_of(address)) {
+            let hello = |own| scouting::hello(own, self.places(addresses, Some(address.index)));
+            let Some(datagram) = own.map_or_else(scouting::scout, hello) else { continue };
             let sender = socket2::SockRef::from(&self.sender);
             let (chosen, to) = match address.ip {
                 IpAddr::V4(ip) => (sender.set_multicast_if_v4(&ip), self.group),
@@ -224,7 +232,7 @@ impl Family {
                 }
             };
             let sent = match chosen {
-                Ok(()) => self.sender.send_to(datagram, to).await.map(drop),
+                Ok(()) => self.sender.send_to(&datagram, to).await.map(drop),
                 Err(error) => Err(error),
             };
             if let Err(error) = sent {
