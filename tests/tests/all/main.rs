@@ -50,6 +50,7 @@ mod quiet;
 mod record;
 mod refused_programs;
 mod rooms;
+mod scouting;
 mod seals;
 mod service;
 mod slow_links;
