@@ -133,7 +133,7 @@ fn change(line: &str, requires: &mut Vec<Require>, writes: &mut Vec<Write>) -> a
     Ok(())
 }
 
-/// Splits a key from what follows it. A key with blanks stands in quotes, as a text in TOML.
+/// Splits a key from the rest of the line. A key with blanks stands in quotes, as a text in TOML.
 fn key_and_rest(text: &str) -> anyhow::Result<(String, &str)> {
     let Some(quoted) = text.strip_prefix('"') else {
         let (key, rest) = text.split_once(' ').unwrap_or((text, ""));

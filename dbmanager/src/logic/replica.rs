@@ -244,13 +244,13 @@ impl Replica {
         }
     }
 
-    /// Returns the question, by its number and about how many bytes, for what is neither here nor `pending`.
+    /// Returns the pull, with its number and size, of transactions that are neither here nor `pending`.
     fn pull(&self, peer: ReplicaId, (number, size): (u32, usize), pending: VersionVector) -> Effect {
         let (vector, size_max) = (self.log().vector().clone(), u32::try_from(size).unwrap_or(u32::MAX));
         Effect::Send(peer, Message::Pull(Pull { number, vector, pending, size_max, join: self.ledger.join() }))
     }
 
-    /// A peer has said what its answer has, which is on its way: it is asked for what comes after that.
+    /// Asks a peer for the transactions after an answer that is on its way and that the peer has announced.
     fn ask_ahead(
         &mut self,
         now: Time,

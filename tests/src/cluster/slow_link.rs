@@ -98,7 +98,7 @@ impl SlowLink {
         &self.network
     }
 
-    /// Makes the link another one for what is sent from now on.
+    /// Changes the link for all packets that are sent later.
     pub fn set(&self, line: Line) {
         *self.line.lock().unwrap_or_else(PoisonError::into_inner) = line;
     }
@@ -145,7 +145,7 @@ impl Direction {
             }
             self.sent.fetch_add(size as u64, Ordering::Relaxed);
             free = free.max(now()) + Duration::from_secs_f64(size as f64 / line.rate);
-            // What finds the queue full is dropped, as a radio does.
+            // A packet that finds the queue full is dropped, as by a radio.
             packets.try_send((free + line.delay, packet[..size].to_vec())).unwrap_or_default();
         }
     }

@@ -1,4 +1,4 @@
-//! What nodes and commands do over a slow link, or a long one.
+//! Nodes and commands over a slow link, or a long one.
 
 use comms::io::clock::now;
 use dca_tests::cluster::{Cluster, Host, Line, SOON, SlowLink, Stream, pass, wait_until};

@@ -42,11 +42,11 @@ struct Peer {
     ask_at: Time,
     /// An answer is waited for until then.
     pulling: Option<Time>,
-    /// What it has not answered yet, in time or not.
+    /// The pull that the peer has not answered yet, in time or not.
     asked: Option<Asked>,
-    /// When it announced the answer to that.
+    /// When the peer announced the answer to that pull.
     announced: Option<Time>,
-    /// What it was asked while that answer is on its way.
+    /// The pull that was sent while that answer is on its way.
     next: Option<Asked>,
     /// How much it is asked for.
     pace: Pace,
@@ -216,8 +216,8 @@ impl PeerTable {
         Answered { in_time, follows: asked.is_some_and(|asked| asked.follows) }
     }
 
-    /// A peer has said that its answer to a pull is on its way. Returns number and size of the next one, if it is to be asked now: of
-    /// two that are asked, each answers with what the other may send too.
+    /// A peer has said that its answer to a pull is on its way. Returns number and size of the next one, if it is to be sent now. If
+    /// another peer is asked as well, both may send the same transactions, so no further pull is sent.
     pub(super) fn announced(&mut self, now: Time, origin: ReplicaId, number: u32) -> Option<(u32, usize)> {
         let is_alone = self.pulling() == 1;
         let peer = self.peers.get_mut(&origin).filter(|peer| peer.pulling.is_some() && peer.announced.is_none())?;

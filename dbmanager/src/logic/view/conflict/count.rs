@@ -14,7 +14,7 @@ use crate::logic::view::past::Past;
 #[derive(Debug, Default)]
 pub struct RaceCount(Option<Counted>);
 
-/// What was counted last.
+/// The last count.
 #[derive(Debug)]
 struct Counted {
     /// From where to where the log reached.
@@ -68,7 +68,7 @@ mod tests {
     use crate::logic::txn::{Condition, Draft};
     use crate::logic::view::tests::{Robot, heal, key};
 
-    /// What is counted is what is listed, whatever was counted before.
+    /// The count equals the length of the list, also after other counts.
     #[test]
     fn the_number_is_that_of_the_list() {
         let mut team = Robot::team(2);
