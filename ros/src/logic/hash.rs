@@ -39,7 +39,7 @@ pub fn rihs01(schema: &Schema) -> String {
 fn description(schema: &Schema, of: &Struct) -> String {
     let mut fields: Vec<String> = of.fields.iter().map(|one| field(schema, one)).collect();
     if fields.is_empty() {
-        fields.push(field_text(PLACEHOLDER, number(Primitive::U8), (0, 0), ""));
+        fields.push(field_text(PLACEHOLDER, number(Primitive::U8), Limits { elements: 0, text: 0 }, ""));
     }
     format!("{{\"type_name\": \"{}\", \"fields\": [{}]}}", of.name, fields.join(", "))
 }
@@ -57,11 +57,17 @@ fn field(schema: &Schema, of: &Field<usize>) -> String {
         Element::Text { max: Some(max) } => (TEXT_MAX, *max, String::new()),
         Element::Message(index) => (MESSAGE, 0, schema.at(*index).name.to_string()),
     };
-    field_text(&of.name, raised + kind, (capacity, text_max), &nested)
+    field_text(&of.name, raised + kind, Limits { elements: capacity, text: text_max }, &nested)
 }
 
-fn field_text(name: &str, kind: u32, limits: (usize, usize), nested: &str) -> String {
-    let (capacity, text_max) = limits;
+/// The size of an array or the limit of a list, and the limit of a text; zero for none.
+struct Limits {
+    elements: usize,
+    text: usize,
+}
+
+fn field_text(name: &str, kind: u32, limits: Limits, nested: &str) -> String {
+    let Limits { elements: capacity, text: text_max } = limits;
     format!(
         "{{\"name\": \"{name}\", \"type\": {{\"type_id\": {kind}, \"capacity\": {capacity}, \"string_capacity\": {text_max}, \
          \"nested_type_name\": \"{nested}\"}}}}"

@@ -11,6 +11,7 @@ use node::logic::protocol::{Change, Ending, Report};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// The topic of reports.
@@ -58,6 +59,28 @@ impl Form {
     }
 }
 
+/// The output and the input of a wire, each with the path of its program.
+#[derive(Clone, Copy, Debug)]
+struct Ends<'a> {
+    from: &'a str,
+    to: &'a str,
+}
+
+/// The schema of the messages of a topic.
+#[derive(Debug)]
+struct Described {
+    form: Form,
+    /// The name of the schema.
+    name: String,
+    text: Vec<u8>,
+}
+
+impl Described {
+    fn json(name: &str, schema: &Value) -> Self {
+        Self { form: Form::Json, name: name.to_owned(), text: json(schema) }
+    }
+}
+
 /// A message of the record.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Row {
@@ -100,7 +123,7 @@ pub struct Rows {
     /// The topics of a program: more than one when it changes what it publishes.
     of: BTreeMap<String, Vec<usize>>,
     /// The schemas of the types of ROS 2 so far. A type outside the standard library has none.
-    ros: BTreeMap<String, Option<Schema>>,
+    ros: BTreeMap<String, Option<Arc<Schema>>>,
     /// When GO was, since 1970, once it was.
     go: Option<Duration>,
     now: Duration,
@@ -124,15 +147,14 @@ impl Rows {
             }
             Entry::Port { from, to, at, bytes, message } => {
                 let at = self.since_1970(*at, arrived);
-                if let Some(row) = message.as_deref().and_then(|message| self.ros_row((from, to), at, (message, bytes)))
-                {
+                let (ends, message) = (Ends { from, to }, message.as_deref());
+                if let Some(row) = message.and_then(|message| self.ros_row(ends, at, message, bytes)) {
                     return row;
                 }
-                let read = message.as_deref().and_then(|known| Some((known, message::decode(known, bytes)?)));
+                let read = message.and_then(|known| Some((known, message::decode(known, bytes)?)));
                 let topic = match &read {
-                    None => self
-                        .port((from, to), "bytes", |_| (Form::Json, "dca.Encoded".to_owned(), json(&schema::port()))),
-                    Some((known, _)) => self.port((from, to), &known.name, |topics| schema_of(topics, known)),
+                    None => self.port(ends, "bytes", |_| Described::json("dca.Encoded", &schema::port())),
+                    Some((known, _)) => self.port(ends, &known.name, |topics| schema_of(topics, known)),
                 };
                 let raw = || json!({ "size": bytes.len(), "bytes": base64(bytes) });
                 Row { topic, at, data: json(&read.map_or_else(raw, |(_, value)| value)) }
@@ -149,13 +171,17 @@ impl Rows {
         }
     }
 
-    /// Returns the message for a value that is one of ROS 2; none if it is not, or is damaged.
-    fn ros_row(&mut self, (from, to): (&str, &str), at: Duration, (message, bytes): (&Message, &[u8])) -> Option<Row> {
+    /// Returns the row for a message of ROS 2; none for another message, and for damaged bytes.
+    fn ros_row(&mut self, ends: Ends<'_>, at: Duration, message: &Message, bytes: &[u8]) -> Option<Row> {
         let (of, data) = message::cdr(message, bytes)?;
-        let schema = self.ros.entry(of.to_owned()).or_insert_with(|| ros::schema(of)).as_ref()?;
-        cdr::read(schema, data).ok()?;
-        let (name, text) = (schema.name().to_string(), schema.text().into_bytes());
-        let topic = self.port((from, to), of, |_| (Form::Ros, name, text));
+        if !self.ros.contains_key(of) {
+            self.ros.insert(of.to_owned(), ros::schema(of).map(Arc::new));
+        }
+        let schema = self.ros.get(of)?.clone()?;
+        cdr::read(&schema, data).ok()?;
+        let described =
+            || Described { form: Form::Ros, name: schema.name().to_string(), text: schema.text().into_bytes() };
+        let topic = self.port(ends, of, |_| described());
         Some(Row { topic, at, data: data.to_vec() })
     }
 
@@ -246,13 +272,9 @@ impl Rows {
         index
     }
 
-    /// Returns the topic of a wire for messages of a type; a new one has the form and the schema that `schema` returns, with its name.
-    fn port(
-        &mut self,
-        (from, to): (&str, &str),
-        of: &str,
-        schema: impl FnOnce(&[Topic]) -> (Form, String, Vec<u8>),
-    ) -> usize {
+    /// Returns the topic of a wire for messages of a type. `schema` describes the messages of a new topic.
+    fn port(&mut self, ends: Ends<'_>, of: &str, schema: impl FnOnce(&[Topic]) -> Described) -> usize {
+        let Ends { from, to } = ends;
         let wire = format!("{from} -> {to}: {of}");
         if let Some([known]) = self.of.get(&wire).map(Vec::as_slice) {
             return *known;
@@ -260,7 +282,7 @@ impl Rows {
         let is_taken = |name: &str| self.topics.iter().any(|topic| topic.name == name);
         let name = schema::free_name(format!("{PORTS}{}", schema::plain_path(from)), is_taken);
         let metadata = BTreeMap::from([(PATH.to_owned(), from.to_owned()), ("dca.to".to_owned(), to.to_owned())]);
-        let (form, schema_name, schema) = schema(&self.topics);
+        let Described { form, name: schema_name, text: schema } = schema(&self.topics);
         self.of.insert(wire, vec![self.topics.len()]);
         self.topics.push(Topic { name, form, schema_name, schema, metadata });
         self.topics.len() - 1
@@ -278,14 +300,14 @@ impl Rows {
 }
 
 /// Returns the schema of a message: what is called the same and is not has another name.
-fn schema_of(topics: &[Topic], message: &Message) -> (Form, String, Vec<u8>) {
+fn schema_of(topics: &[Topic], message: &Message) -> Described {
     let name = format!("dca.types.{}", schema::plain_name(&message.name));
     let schema_as = |name: &str| json(&message::schema(name, message));
     let is_another =
         |name: &str| topics.iter().any(|topic| topic.schema_name == name && topic.schema != schema_as(name));
     let name = schema::free_name(name, is_another);
-    let schema = schema_as(&name);
-    (Form::Json, name, schema)
+    let text = schema_as(&name);
+    Described { form: Form::Json, name, text }
 }
 
 /// Returns the field of each signal of a topic, by the signal's name.
