@@ -262,7 +262,10 @@ mod tests {
                     Command::Activate { .. }
                     | Command::Cancel { .. }
                     | Command::Connect { .. }
-                    | Command::Disconnect { .. } => next,
+                    | Command::Disconnect { .. }
+                    | Command::Send { .. }
+                    | Command::Log { .. }
+                    | Command::Lost { .. } => next,
                 };
             }
             steps.push(StepRecord::new(event, commands, outcome));

@@ -315,6 +315,8 @@ impl Simulation {
             }
             // A timer that elapses late is dropped by its activation number.
             Command::Cancel { .. } => {}
+            // No program gets what an activity sends.
+            Command::Send { .. } | Command::Log { .. } | Command::Lost { .. } => {}
         }
     }
 

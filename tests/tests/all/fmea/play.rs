@@ -168,6 +168,7 @@ impl Game<'_> {
                 | TraceEvent::Dies(_)
                 | TraceEvent::Back(_)
                 | TraceEvent::TooMany(_)
+                | TraceEvent::Told(..)
                 | TraceEvent::Lost(_)
                 | TraceEvent::Cut(_)
                 | TraceEvent::Noted(_) => panic!("{}: the driver cannot let `{event}` happen", self.row.name),
