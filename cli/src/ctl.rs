@@ -3,7 +3,7 @@
 use crate::ConnectArgs;
 use crate::client::{Clients, unasked};
 use crate::complete;
-use crate::logic::process_name::DeploymentName;
+use crate::logic::process_name::{DeploymentName, ProcessName};
 use crate::stop::{Located, locate};
 use anyhow::anyhow;
 use clap_complete::ArgValueCompleter;
@@ -21,44 +21,53 @@ pub(crate) struct Arguments {
     #[arg(value_parser = DeploymentName::parse, add = ArgValueCompleter::new(complete::deployments))]
     name: DeploymentName,
     /// The activity, as a path or the end of one
-    #[arg(add = ArgValueCompleter::new(complete::processes))]
-    activity: String,
+    #[arg(value_parser = ProcessName::parse_one, add = ArgValueCompleter::new(complete::processes))]
+    activity: ProcessName,
     #[command(subcommand)]
     order: Order,
-    #[command(flatten)]
-    connect: ConnectArgs,
 }
 
 /// An order for an activity.
 #[derive(Debug, clap::Subcommand)]
 enum Order {
     /// Give it a message
-    Message {
-        /// The input port
-        port: String,
-        /// The content
-        text: String,
-        /// The priority; of messages that wait, a greater one comes first
-        #[arg(long, value_name = "NUMBER", default_value_t = 0)]
-        priority: u8,
-    },
+    Message(Message),
+}
+
+/// A message for an activity.
+#[derive(Debug, clap::Args)]
+struct Message {
+    /// The input port
+    port: String,
+    /// The content
+    text: String,
+    /// The priority; of messages that wait, a greater one comes first
+    #[arg(long, value_name = "NUMBER", default_value_t = 0)]
+    priority: u8,
+    #[command(flatten)]
+    connect: ConnectArgs,
 }
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     block_on(async {
-        let clients = Clients::open(&arguments.connect).await?;
-        let told = tell(&clients, arguments).await;
+        let Order::Message(message) = &arguments.order;
+        let clients = Clients::open(&message.connect).await?;
+        let told = tell(&clients, arguments, message).await;
         clients.close().await;
         told
     })
 }
 
-async fn tell(clients: &Clients, arguments: &Arguments) -> Result<(), Failure> {
+async fn tell(clients: &Clients, arguments: &Arguments, message: &Message) -> Result<(), Failure> {
     let Located { client, deployment, home } = locate(clients.statuses().await?, &arguments.name).await?;
-    let Order::Message { port, text, priority } = &arguments.order;
-    let (process, port, text) = (arguments.activity.clone(), port.clone(), text.clone());
-    let request = TellRequest { name: deployment.name.clone(), process, port, text, priority: *priority };
+    let activity = &arguments.activity;
+    if activity.deployment().is_some_and(|named| !named.is(&deployment)) {
+        return Err(Failure::Usage(anyhow!("`{activity}` is not a process of `{deployment}`")));
+    }
+    let (name, process) = (deployment.name.clone(), activity.process().unwrap_or_default().to_owned());
+    let (port, text) = (message.port.clone(), message.text.clone());
+    let request = TellRequest { name, process, port, text, priority: message.priority };
     let request = client.signed(&home, Request::Tell(Box::new(request)), deployment.epoch).await?;
     let answer = client.ask(&home, &request, ANSWER_WITHIN).await?;
     let Answer::Told(told) = answer else { return Err(unasked(&home, &answer)) };

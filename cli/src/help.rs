@@ -13,7 +13,7 @@ const GROUPS: [(&str, &[&str]); 7] = [
             "clock", "report",
         ],
     ),
-    ("Change what runs", &["plan", "replace", "add", "remove", "switch", "param", "call"]),
+    ("Change what runs", &["plan", "replace", "add", "remove", "switch", "ctl", "param", "call"]),
     (
         "Check",
         &["check", "fix", "fmt", "graph", "types", "sim", "verify", "test", "fmea", "conform", "explain", "doctor"],
@@ -24,7 +24,7 @@ const GROUPS: [(&str, &[&str]); 7] = [
 ];
 
 /// Two examples of each verb: what it is used for most, and a variant.
-const EXAMPLES: [(&str, [&str; 2]); 43] = [
+const EXAMPLES: [(&str, [&str; 2]); 44] = [
     ("new", ["dca new robot", "dca new --sdk robot"]),
     ("run", ["dca run robot.dca", "dca run robot.dca --set speed='0.3 m/s' --record all"]),
     ("deploy", ["dca deploy robot.dca", "dca deploy robot.dca --require-verified --aligned"]),
@@ -56,6 +56,7 @@ const EXAMPLES: [(&str, [&str; 2]); 43] = [
     ),
     ("remove", ["dca remove robot logger", "dca remove robot robot:main/view"]),
     ("switch", ["dca switch robot 'hit/force[lbl2]'", "dca switch robot 'hit/force[]'"]),
+    ("ctl", ["dca ctl robot fetch message speech continue", "dca ctl robot fetch message speech stop --priority 5"]),
     ("param", ["dca param list", "dca param set hit/force threshold '12 N'"]),
     ("call", ["dca call hand.Open", "dca call robot:hand.Grip force='20 N'"]),
     ("check", ["dca check robot.dca", "dca check robot.dca --format sarif"]),
