@@ -4,7 +4,7 @@
 //! cargo run --release -p verify --example explorer
 //! ```
 //!
-//! Times are those of this thread on a processor, since others may use the machine.
+//! Times are processor times of this thread, since others may use the machine.
 #![expect(clippy::print_stdout, reason = "its output is its result")]
 
 use language::{Options, Source, compile_with_sites};
@@ -44,7 +44,7 @@ fn busy() -> Duration {
     Duration::from_nanos(nanoseconds.expect("Linux counts how long a thread runs"))
 }
 
-/// The paper's tidy-up with so many objects, each found and placed.
+/// The paper's tidy-up with `objects` objects, each found and placed.
 fn tidy_up_spec(objects: usize) -> String {
     let each = |write: fn(usize) -> String| (0..objects).map(write).collect::<Vec<_>>();
     let instances = each(|i| format!("f{i} instof Step(c1); p{i} instof Step(c1);")).join("\n");
@@ -59,7 +59,7 @@ fn tidy_up(objects: usize) {
     whole(&format!("tidy-up, {objects} objects, by composition"), &tidy_up_spec(objects));
 }
 
-/// So many groups of so many processes each, side by side.
+/// `groups` groups of `size` processes each, side by side.
 fn groups(groups: usize, size: usize) {
     whole(&format!("{} processes in {groups} groups, by composition", groups * size), &groups_spec(groups, size));
 }

@@ -117,8 +117,8 @@ fn explore_part(
     (own.ends, own.is_whole, own.may_hang) = (ends, is_whole, may_hang);
 }
 
-/// Whether a group can fail whatever its expression says: its programs die more often than it bears, or its supervisor is lost to
-/// the one around it, on another host.
+/// Whether a group can fail in spite of its expression: its programs die too often, or the supervisor around it runs on
+/// another host and loses contact with it.
 fn is_taken_down(model: &Model<'_>, part: usize) -> bool {
     let source = &model.parts[part];
     let groups = &model.plan.groups;
@@ -200,7 +200,7 @@ fn unreached(system: &System<'_>, graph: &Graph, part: usize, (catalogue, asked)
     }
 }
 
-/// The processes that a limit leaves no time for; what no order of events starts is told already.
+/// The processes that a limit leaves no time for; those that never start in any order of events are already reported.
 fn too_late(model: &Model<'_>, (catalogue, asked): (&mut Catalogue, &mut Asked)) {
     let told: BTreeSet<Span> =
         catalogue.findings.iter().filter_map(|found| Some(found.diagnostic.as_ref()?.primary.span)).collect();

@@ -22,7 +22,7 @@ use language::sites::Sites;
 /// The result of comparing a run.
 #[derive(Debug)]
 pub struct Conformance {
-    /// For each group whose supervisor did something else than the spec says, the first time that it did.
+    /// For each group whose supervisor deviated from the spec, the first deviation.
     pub deviations: Vec<Finding>,
     /// The sentences of the `verify` blocks: proved if they held in this run, open if a run cannot show them.
     pub sentences: Vec<Finding>,

@@ -10,11 +10,11 @@ use std::sync::Mutex;
 
 /// As many transitions are taken between two questions about the budget.
 const TURN: usize = 1024;
-/// A state of more bytes takes so long that the budget is asked about at each of its transitions.
+/// States with more bytes are so slow that the budget is checked at each of their transitions.
 const LONG: usize = 4096;
-/// The states to which the transitions of one block lead have about so many bytes.
+/// The approximate size of the states to which the transitions of one block lead, in bytes.
 const BLOCK_BYTES: usize = 16 << 20;
-/// A block has so many states at the most.
+/// The most states of a block.
 const BLOCK_MAX: usize = 1 << 14;
 /// As many states does a thread take at once.
 const JOB: u32 = 256;
@@ -34,7 +34,7 @@ pub struct Limits<'l> {
 
 /// Whether there is still time. The caller has the clock.
 pub trait GoesOn: std::fmt::Debug + Sync {
-    /// Returns whether to go on.
+    /// Returns whether to continue.
     fn goes_on(&self) -> bool;
 
     /// Hears how far the work has come, for a person who waits.
@@ -174,7 +174,7 @@ struct Block {
     batch: Batch,
     /// How many transitions each state has.
     degrees: Vec<u32>,
-    /// Whether the last one violates what an observer looks for.
+    /// Whether the last one violates the observer's property.
     is_violated: bool,
     /// The limit that was reached; then the block is of no use.
     reached: Option<Reached>,
@@ -307,7 +307,8 @@ impl Graph {
         way
     }
 
-    /// A way on from a state, without failures, to the nearest one in which nothing happens any more; nothing if there is none.
+    /// A way from a state, without failures, to the nearest one in which nothing happens any more; none if there is
+    /// none.
     pub(crate) fn dead_end(&self, system: &System<'_>, state: u32) -> Vec<Label> {
         let mut known: std::collections::BTreeMap<u32, (u32, Label)> = std::collections::BTreeMap::new();
         let mut open = std::collections::VecDeque::from([state]);

@@ -12,7 +12,7 @@ use language::sites::Sites;
 pub struct Transitions {
     /// The number of states.
     pub states: u32,
-    /// From where, what happens, to where.
+    /// The source, the event and the target.
     pub all: Vec<(u32, String, u32)>,
     /// The limit that was reached, so that something is missing.
     pub reached: Option<Reached>,

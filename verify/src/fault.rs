@@ -29,15 +29,15 @@ use std::time::Duration;
 /// How bad a fault is, the worst last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
-    /// Something that the spec foresees goes on in its place, or ends it.
+    /// A process that the spec provides continues in its place, or ends it.
     Handled,
     /// Everything is stopped.
     Safe,
-    /// The rest goes on without it, and can be done.
+    /// The rest continues without it, and can be done.
     Degraded,
-    /// The rest goes on without it, although it can only fail.
+    /// The rest continues without it, although it can only fail.
     FailsLater,
-    /// The rest goes on, and something in it gets no data any more.
+    /// The rest goes on, and some program in it gets no data any more.
     Blind,
     /// It is unknown whether the program has stopped.
     Unconfirmed,
@@ -62,7 +62,7 @@ pub enum Mission {
     EndsByLimit,
     /// It never ends.
     NeverEnds,
-    /// It is a service, and goes on.
+    /// It is a service, and continues.
     GoesOn,
     /// Its own host is lost.
     IsLost,
@@ -71,7 +71,7 @@ pub enum Mission {
 /// One row: a fault of one program or host in one phase of the run, or two faults.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
-    /// The path of the program; the host, or the two whose link is lost; two of these with `and`.
+    /// The path of the program; the host, or the two hosts of a lost link; two of these with `and`.
     pub program: String,
     /// The fault, or both.
     pub fault: String,
@@ -87,7 +87,7 @@ pub struct Row {
     pub mission: Mission,
     /// How bad it is.
     pub severity: Severity,
-    /// How it comes to that.
+    /// The way to that result.
     pub story: Story,
 }
 
@@ -109,7 +109,7 @@ pub const COLUMNS: [&str; 8] =
     ["program", "fault", "while", "at once", "still runs", "safe within", "mission", "verdict"];
 
 impl Row {
-    /// Returns what stands in the columns.
+    /// Returns the cells of the columns.
     pub fn cells(&self) -> [String; 8] {
         let running = if self.running.is_empty() { "nothing".to_owned() } else { self.running.join(", ") };
         let safe = self.safe_within.map_or_else(String::new, seconds);
@@ -158,7 +158,7 @@ pub(crate) fn table(times: &Times<'_, '_>, limits: &Limits<'_>) -> Table {
     let found = each(if is_many { limits.threads } else { &Alone }, jobs, |_, strikes| {
         let (times, mut table) = (Times::new(model, assumed.clone()), Table::default());
         for strike in strikes {
-            // One limit that is reached is enough to say so of a program.
+            // One reached limit is enough to report a program as unfinished.
             if table.unfinished.is_empty() {
                 of_strikes(&times, &[strike], &own, &mut table);
             }
@@ -246,7 +246,7 @@ fn system_of<'a>(model: &'a Model<'a>, strikes: &[&Strike]) -> Option<System<'a>
     Some(system)
 }
 
-/// The whole, with every group open that a loss may tear, that may hang, or that holds one of these members.
+/// The whole, with every group open that a loss may split, that may hang, or that holds one of these members.
 pub(crate) fn torn<'a>(model: &'a Model<'a>, named: &[(u32, u32)]) -> System<'a> {
     let is_open = |group: u32| is_torn(model, group) || model.parts[group as usize].may_hang;
     let mut open: Vec<bool> = (0_u32..).zip(&model.plan.groups).map(|(group, _)| is_open(group)).collect();
@@ -254,7 +254,7 @@ pub(crate) fn torn<'a>(model: &'a Model<'a>, named: &[(u32, u32)]) -> System<'a>
         open[group as usize] = true;
     }
     for group in (0..open.len()).rev() {
-        // Groups stand behind the one that they are in.
+        // A group has a greater number than the group around it.
         if let Some((around, _)) = model.around[group].filter(|_| open[group]) {
             open[around as usize] = true;
         }
@@ -272,7 +272,7 @@ fn rank(severity: Severity, safe_within: Option<Duration>) -> (Severity, Duratio
 #[derive(Debug, Default)]
 struct PhaseRows {
     worst: Option<case::Judged>,
-    /// The first state in which something goes on in its place.
+    /// The first state in which something continues in its place.
     handled: Option<case::Judged>,
 }
 
@@ -294,7 +294,7 @@ impl PhaseRows {
     }
 }
 
-/// Explores what some faults together do, and adds a row for each phase.
+/// Explores the effects of some faults together, and adds a row for each phase.
 fn of_strikes(times: &Times<'_, '_>, strikes: &[&Strike], limits: &Limits<'_>, table: &mut Table) {
     let name = || strikes.iter().map(|strike| strike.name.as_str()).collect::<Vec<_>>().join(" and ");
     if !limits.goes_on.goes_on() {

@@ -24,11 +24,11 @@ pub struct Finding {
     pub sentence: String,
     /// Why it does not hold, with places in the text.
     pub diagnostic: Option<Diagnostic>,
-    /// How it comes to that.
+    /// The way to the violation.
     pub story: Option<Story>,
     /// The assumption that this proof makes, beside the assumptions of every proof.
     pub assumes: Option<Assumption>,
-    /// Where the sentence stands that it answers; none if it is a question of the catalogue.
+    /// The place of the sentence that it answers; none if it is a question of the catalogue.
     pub place: Option<Span>,
 }
 

@@ -20,7 +20,7 @@ const ACTIVE: &str = "#7fb2e5";
 const STOPPING: &str = "#f0b25c";
 const WRONG: &str = "#c81e1e";
 
-/// A stretch of a lane: from the step with which it begins to that with which it ends.
+/// A stretch of a lane: from its first step to its last.
 struct Bar {
     became: Became,
     from: usize,
@@ -30,8 +30,8 @@ struct Bar {
 }
 
 impl Story {
-    /// Returns the story as a picture in SVG, the same bytes for the same story. The line at the end is the moment at which
-    /// what `title` says is so.
+    /// Returns the story as a picture in SVG, the same bytes for the same story. The line at the end is the moment that
+    /// `title` describes.
     pub fn svg(&self, title: &str) -> String {
         let steps = self.steps.len().min(STEPS_MAX);
         let lanes = self.lanes(steps);

@@ -1,11 +1,11 @@
-//! Proves what holds of a spec in every order of events, before it runs.
+//! Proves the properties of a spec for every order of events, before it runs.
 //!
 //! [`verify`] takes a plan with its places and answers the questions of a catalogue, and those that the spec states in its
 //! `verify` blocks. The transitions come from `language::algebra::step`, the function that runs the robot.
 //!
-//! Way of a plan: `model` takes it apart, `system` puts some parts together with everything that may happen to them,
-//! `explore` looks at all of it, `catalogue` asks, `story` tells how something fails. Pure: no clock, no file; who
-//! calls brings the limits.
+//! Way of a plan: `model` divides it into parts, `system` combines some parts with all possible events, `explore`
+//! explores it, `catalogue` asks the questions, `story` tells how a property fails. Pure: no clock, no file; the caller
+//! sets the limits.
 
 mod catalogue;
 mod conform;

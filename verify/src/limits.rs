@@ -1,4 +1,4 @@
-//! Limits that always pass: `P within 5 s` where P takes longer than that at the least.
+//! Limits that always pass: `P within 5 s` where P takes at least longer than that.
 
 pub(crate) mod late;
 
@@ -13,7 +13,7 @@ use language::plan::{DEADLINE, Expression, Group, MemberKind};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-/// Finds every limit that is too short; says how many there are if none is.
+/// Finds every limit that is too short; reports how many there are if none is.
 pub(crate) fn check(times: &Times<'_, '_>, limits: &Limits<'_>) -> Vec<Finding> {
     let (mut findings, mut count, mut seen) = (Vec::new(), 0, BTreeSet::new());
     for (group, source) in (0_u32..).zip(&times.model.plan.groups) {
@@ -62,7 +62,7 @@ fn takes_time(group: &Group, expression: &Expression) -> bool {
     }
 }
 
-/// How it comes to the end of a limit: the `within` with this number in the expression of a group.
+/// The story of a limit that passes: the `within` with this number in the expression of a group.
 fn passes(model: &Model<'_>, (group, within): (u32, usize), limits: &Limits<'_>) -> Option<Story> {
     let is_piece = |part: usize| model.parts[part].is_piece && model.parts[part].group == group;
     let system = System::new(model, group as usize, &is_piece);
@@ -113,7 +113,7 @@ pub(crate) fn within(expression: &Expression) -> Option<(&Expression, Duration)>
     }
 }
 
-/// For each timer of an expression, whether it is a limit: what follows when it has passed is a failure.
+/// For each timer of an expression, whether it is a limit: its passing leads to a failure.
 pub(crate) fn is_limit(expression: &Expression) -> Vec<bool> {
     let (mut timers, mut limits) = (0, BTreeSet::new());
     walk(expression, &mut |expression| {

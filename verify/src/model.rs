@@ -9,11 +9,11 @@ use language::algebra::{Program, Value};
 use language::plan::{Expression, Group, Member, MemberKind, Plan};
 use language::sites::{Property, Sites};
 
-/// A group with at most so many configurations, as its operators suggest, is not taken apart.
+/// A group with at most this many configurations, estimated from its operators, is not divided.
 const WHOLE_MAX: u64 = 20_000;
 /// A group with more members is not taken apart either: each piece has a place for each of them.
 const MEMBERS_MAX: usize = 2000;
-/// As many operands of one `,` stay beside each other.
+/// The most operands of one `,` that stay together.
 const BESIDE_MAX: usize = 3;
 
 /// A spec, ready to be verified.
@@ -21,7 +21,7 @@ const BESIDE_MAX: usize = 3;
 pub struct Model<'a> {
     /// The plan.
     pub plan: &'a Plan,
-    /// Where everything stands.
+    /// The places in the text.
     pub sites: &'a Sites,
     /// The parts; each group of the plan first, under its own number.
     pub(crate) parts: Vec<Part>,
@@ -107,7 +107,7 @@ impl<'a> Model<'a> {
         self.held(part).iter().any(|(_, held)| *held == slot)
     }
 
-    /// The members of its group that a part runs, itself or in pieces, each with the part and the node where it stands.
+    /// The members of its group that a part runs, itself or in pieces, each with its part and node.
     pub(crate) fn held(&self, part: usize) -> Vec<((usize, usize), u32)> {
         let runs = run_nodes(&self.parts[part].expression);
         runs.into_iter().flat_map(|(node, member)| self.held_at((part, node), member)).collect()
@@ -214,7 +214,7 @@ impl Outline<'_> {
         }
     }
 
-    /// Copies an expression; `number` is that of its first node in the group's own.
+    /// Copies an expression; `number` is that of its first node in the group's own expression.
     fn write(&mut self, expression: &Expression, number: &mut u32, draft: &mut Draft) -> Expression {
         let own = *number;
         draft.nodes.push(own);
@@ -354,7 +354,7 @@ fn configurations(expression: &Expression) -> u64 {
     }
 }
 
-/// The members that an expression runs, each as often as it stands there.
+/// The members that an expression runs, each as often as it occurs.
 pub(crate) fn runs(expression: &Expression) -> Vec<u32> {
     let mut all = Vec::new();
     walk(expression, &mut |expression| {

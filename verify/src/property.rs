@@ -155,7 +155,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         }
         let done = graph.which(&system, |frame| frame.phase == Phase::Done);
         if !done.contains(&true) {
-            // A run that comes to a stand, or one as long as any.
+            // A run that stops without an end, or an endless one.
             let mut way = graph.dead_end(&system, 0);
             if way.is_empty() {
                 way = graph.way(graph.store.count() - 1);
@@ -278,7 +278,8 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         Some(system)
     }
 
-    /// While a program hangs, something else ends a process: what that does by itself does not count, and it may never do it.
+    /// While a program hangs, something else ends a process: a process that ends by itself does not count, since it may
+    /// never do so.
     fn ends_beside_a_hang(&self, hung: ProcessRef, who: ProcessRef, limit: Option<Duration>) -> Option<Finding> {
         let times = self.times.without_end(&self.leaves_of(hung), &self.leaves_of(who));
         let span = match who.member {
@@ -341,7 +342,7 @@ fn no_time_for_messages() -> Assumption {
     Assumption { text: text.to_owned(), story: None }
 }
 
-/// Whether a sentence says how long something takes.
+/// Whether a sentence limits a time.
 fn has_limit(sentence: &Sentence) -> bool {
     matches!(
         sentence,

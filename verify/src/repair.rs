@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 
 /// So many mistakes of a spec are looked at.
 const FINDINGS_MAX: usize = 20;
-/// So many repairs of one mistake are tried, and so many are offered.
+/// The most repairs of one mistake that are tried, and that are offered.
 const TRIED_MAX: usize = 16;
 const OFFERED_MAX: usize = 1;
 
@@ -41,7 +41,7 @@ pub struct Verified<'v> {
     pub spec: &'v Source,
     /// The plan of this text.
     pub plan: &'v Plan,
-    /// Where everything stands.
+    /// The places in the text.
     pub sites: &'v Sites,
     /// The report of `verify` on this plan.
     pub report: &'v Report,
@@ -54,7 +54,7 @@ pub fn repairs(before: &Verified<'_>, interfaces: &[Source], options: &Options, 
     let mut repairs = Vec::new();
     for finding in fails.take(FINDINGS_MAX) {
         let Some(diagnostic) = &finding.diagnostic else { continue };
-        // A step that a limit leaves no time for has no story. Another order of the steps is not what its author wants.
+        // A step that a limit leaves no time for has no story. Its author does not want another order of the steps.
         if diagnostic.code == Code::E0812 && finding.story.is_none() {
             continue;
         }

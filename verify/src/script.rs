@@ -11,7 +11,7 @@ use std::str::FromStr;
 pub struct Script {
     /// The events, in order; the first starts the whole.
     pub events: Vec<TraceEvent>,
-    /// The processes whose orders and reports take their time between hosts: paths.
+    /// The processes whose orders and reports take time between hosts, as paths.
     pub travels: Vec<String>,
     /// The processes that run at the end, as paths below `main`: programs, and groups whose inside the story does not
     /// tell.
@@ -36,9 +36,9 @@ pub struct Played {
 /// How a script was played.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum PlayResult {
-    /// It has come to the same.
+    /// It has the same result.
     Same,
-    /// All of it has happened, and it has come to something else.
+    /// All events have happened, and the result differs.
     Other(String),
     /// Something could not happen.
     Ends(ReplayError),

@@ -17,7 +17,7 @@ const PENDING: u32 = 1 << 31;
 pub(crate) const STATES_MAX: u32 = PENDING - 2;
 /// So few transitions are faster on one thread.
 const SMALL: usize = 4096;
-/// For so many transitions ahead the memory is asked.
+/// How many transitions ahead the memory is read.
 const AHEAD: usize = 16;
 /// Of a transition: its target is new and has no number yet.
 const NEW: u32 = u32::MAX;
@@ -207,7 +207,7 @@ impl Store {
         std::hint::black_box(sum);
     }
 
-    /// Has two thirds of the slots taken at the most, after `more` states.
+    /// Keeps at most two thirds of the slots taken, after `more` states.
     fn make_room(&self, shard: &mut Shard, more: usize) {
         let mut length = shard.slots.len();
         while (shard.count + more) * 3 > length * 2 {

@@ -1,4 +1,4 @@
-//! Tells what happens on a way through a system, in words of the spec.
+//! Tells the events on a way through a system, in words of the spec.
 
 mod event;
 
@@ -24,7 +24,7 @@ pub struct Step {
     pub moves: Vec<Move>,
 }
 
-/// A process comes to something.
+/// A process changes its state.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Move {
     /// The name of the process.
@@ -74,7 +74,7 @@ pub(crate) fn story(system: &System<'_>, graph: &Graph, state: u32) -> Story {
     tell(system, &graph.way(state))
 }
 
-/// Tells the shortest way to a state, and on to where nothing happens any more.
+/// Tells the shortest way to a state, and on to a state in which nothing happens any more.
 pub(crate) fn story_to_the_end(system: &System<'_>, graph: &Graph, state: u32) -> Story {
     let way: Vec<Label> = graph.way(state).into_iter().chain(graph.dead_end(system, state)).collect();
     tell(system, &way)
@@ -191,7 +191,7 @@ fn there(system: &System<'_>, frame: &Frame) -> Vec<(usize, u32)> {
     if is_on { system.there(frame) } else { Vec::new() }
 }
 
-/// The processes in the pieces of groups that go on and are not looked into.
+/// The processes in the closed pieces of groups that continue.
 fn untold(system: &System<'_>, frame: &Frame) -> Vec<String> {
     let pieces =
         there(system, frame).into_iter().filter(|(unit, member)| member_name(system, *unit, *member).is_none());

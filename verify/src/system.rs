@@ -1,4 +1,4 @@
-//! Some parts together, with everything that may happen to them: what an explorer walks through.
+//! Some parts together, with all their possible events, for an explorer.
 //!
 //! Each part in a system is run by `language::algebra::step`, the function that runs it on the robot. The surroundings
 //! are one automaton for each member: a program that runs may be done, with each of its tags, or abort; a program that
@@ -110,7 +110,7 @@ pub(crate) enum Occupant {
     Box([Ends; 2]),
 }
 
-/// Something that a reader or an observer is told of.
+/// A change that a reader or an observer sees.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Change {
     pub(crate) unit: usize,
@@ -301,7 +301,7 @@ impl<'a> System<'a> {
         self.pack_rest(frame, &mut bytes[self.states_length()..]);
     }
 
-    /// Makes a packed configuration that of a frame which differs from it in these items of these units.
+    /// Updates a packed configuration to a frame that differs from it in these items of these units.
     pub(crate) fn patch(&self, frame: &Frame, items: impl Iterator<Item = (usize, u32)>, bytes: &mut [u8]) {
         for (unit, item) in items {
             let Unit { packing, start, .. } = &self.units[unit];

@@ -1,4 +1,4 @@
-//! How long things take, as far as limits, pauses and declared durations say it.
+//! The durations of processes, as far as limits, pauses and declared durations bound them.
 
 mod culprit;
 mod turn;
@@ -17,7 +17,7 @@ pub(crate) struct Span {
     pub(crate) done: Option<Duration>,
     /// The most time until it is done, if it ever is; none if nothing bounds it.
     done_most: Option<Duration>,
-    /// The least time until it has ended in whatever way; none if it never ends by itself.
+    /// The least time until it has ended in any way; none if it never ends by itself.
     pub(crate) end_least: Option<Duration>,
     /// The most time until it has ended; none if nothing bounds it.
     pub(crate) end: Option<Duration>,
@@ -37,7 +37,7 @@ pub(crate) struct Times<'m, 'a> {
     pub(crate) endless: BTreeSet<u32>,
     /// The endless programs that hang, so that they are never done.
     pub(crate) hung: BTreeSet<u32>,
-    /// The `using` whose turn is being worked out, so that none asks for itself.
+    /// The `using` whose turn is being computed, so that none asks for itself.
     pub(crate) turns: RefCell<Vec<usize>>,
     /// Whether a time that was asked for has a message between hosts in it, which counts as no time.
     has_messages: Cell<bool>,
@@ -127,7 +127,7 @@ impl Times<'_, '_> {
         }
     }
 
-    /// How long a member is active at the most, by the narrowest thing around each of its places that has a bound.
+    /// How long a member is active at most, by the narrowest bound around each of its places.
     pub(crate) fn until_ended(&self, group: u32, slot: u32) -> Option<Duration> {
         let source = &self.model.plan.groups[group as usize];
         let outer = match self.model.around[group as usize] {

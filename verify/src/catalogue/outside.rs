@@ -10,7 +10,7 @@ use crate::model::{Model, Seat, runs};
 use crate::story::{Story, story_to_the_end};
 use crate::system::{Mode, System};
 
-/// A node of a part that cannot go on when the part is alone.
+/// A node of a part that cannot continue when the part is alone.
 #[derive(Debug)]
 pub(super) struct Suspect {
     pub(super) part: usize,
@@ -19,7 +19,7 @@ pub(super) struct Suspect {
     pub(super) waits: bool,
     /// Whether the part has anything that waits for a resource.
     pub(super) has_usings: bool,
-    /// How many findings stand before it.
+    /// How many findings precede it.
     pub(super) place: usize,
     pub(super) finding: Finding,
 }
@@ -28,7 +28,7 @@ pub(super) struct Suspect {
 enum Outside {
     /// Something ends it.
     Ends,
-    /// Nothing does; the story of it, if it is another than that of the part alone.
+    /// Nothing ends it; with its story, if it differs from that of the part alone.
     Stuck(Option<Story>),
     Open(Reached),
 }
@@ -58,7 +58,7 @@ pub(super) fn judge(
         };
         last = Some(suspect.part);
         asked.stuck |= !suspect.waits;
-        // Of a part that is stuck it is not asked any more what waits for a resource.
+        // For a part that is stuck, waiting for a resource is not asked any more.
         asked.waits |= suspect.waits || suspect.has_usings;
         found.push((suspect.place, finding));
     }

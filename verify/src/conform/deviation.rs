@@ -1,4 +1,4 @@
-//! The first step of a supervisor that is not what its program says.
+//! The first step of a supervisor that differs from its program.
 
 use crate::finding::{Finding, diagnostic, help};
 use crate::model::{Model, walk};
@@ -7,10 +7,10 @@ use language::algebra::{Command, Event, Outcome, Program, State, StepRecord, ste
 use language::plan::{Expression, Group, TimerKind};
 use language::{Code, Span};
 
-/// So many steps before the deviation are told.
+/// How many steps before the deviation the story tells.
 const TOLD_MAX: usize = 12;
 
-/// Returns the first deviation of a supervisor, told as a story.
+/// Returns the first deviation of a supervisor, as a story.
 pub(super) fn deviation(model: &Model<'_>, group: u32, steps: &[StepRecord]) -> Option<Finding> {
     let source = model.plan.groups.get(group as usize)?;
     let teller = Teller { model, group, source };

@@ -232,7 +232,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         }
     }
 
-    /// The programs that were there before a fault, and are not any more.
+    /// The programs that ran before a fault, and no longer do.
     fn gone(&self, before: &Frame, after: &Frame) -> Vec<u32> {
         let left = self.system.there(after);
         let gone = self.system.there(before).into_iter().filter(|seat| !left.contains(seat));
@@ -278,7 +278,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         seats.filter_map(|(unit, member)| member_name(self.system, unit, member)).collect()
     }
 
-    /// The pause that a fault sets off, after which something goes on: a timer that was not armed before.
+    /// The pause after a fault before the run continues: a timer that was not armed before.
     fn new_pause(&self, before: &Frame, after: &Frame) -> Option<Duration> {
         (0..self.system.units.len()).find_map(|unit| {
             let program = self.system.program(unit);
@@ -371,7 +371,7 @@ impl<'c, 'm, 'a> Case<'c, 'm, 'a> {
         }
     }
 
-    /// The shortest limit that ends what hangs.
+    /// The shortest limit that ends the hanging program.
     fn limit_that_ends(&self, frame: &Frame, (unit, member): (usize, u32)) -> Option<Duration> {
         if !is_step(self.system, (unit, member)) {
             return None;

@@ -52,7 +52,7 @@ pub(super) fn rows(times: &Times<'_, '_>, limits: &Limits<'_>, table: &mut Table
             let name = |host: u32| model.plan.hosts[host as usize].as_str();
             let program = format!("{} - {}", name(one), name(other));
             let key = (program.clone(), words.join(", "));
-            // A phase with a step in it says more than one in which orders are under way.
+            // A phase with a step in it is more informative than one with orders in transit.
             let phase = phase(&system, &frame);
             if rows.get(&key).is_some_and(|known| known.phase != BETWEEN || phase == BETWEEN) {
                 continue;

@@ -19,7 +19,7 @@ pub(crate) fn stops_by_itself_after(policy: LinkLoss) -> Duration {
     }
 }
 
-/// After so many answers without a pause between them, something is tried again and again.
+/// After this many answers without a pause between them, something is retried for ever.
 const ANSWERS_MAX: usize = 2000;
 
 /// The state after a fault has settled.

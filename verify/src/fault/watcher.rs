@@ -1,13 +1,13 @@
-//! Whether a step watches others, so that they go on unwatched while it hangs.
+//! Whether a step watches others, so that they continue unwatched while it hangs.
 
 use super::case::is_step;
 use crate::system::{Frame, System};
 use language::algebra::Activity;
 use language::plan::Expression;
 
-/// Whether others run beside a step that go on without it: in another operand of a `#` or an `any`, or beside an operand that is never
-/// done, as `button ; fail("...")` is. A limit further in is for the step itself. A limit further out
-/// also ends the watched step.
+/// Whether others run in parallel with a step and continue without it: in another operand of a `#` or an `any`, or
+/// beside an operand that is never done, as `button ; fail("...")` is. A limit further in is for the step itself. A
+/// limit further out also ends the watched step.
 pub(super) fn is_watcher(system: &System<'_>, frame: &Frame, seat: (usize, u32)) -> bool {
     let seats = std::iter::successors(Some(seat), |(unit, _)| system.units[*unit].parent);
     let mut looks = seats.filter_map(|(unit, member)| {

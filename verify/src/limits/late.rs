@@ -16,7 +16,7 @@ use std::time::Duration;
 enum Left {
     /// Nothing is known that stops it.
     Free,
-    /// It is stopped once `limit` has passed, of which `used` have passed at the least.
+    /// It is stopped once `limit` has passed, of which at least `used` have passed.
     Within { limit: Duration, used: Duration },
     /// It never starts: it would once `used` have passed. `cause` is the node before which that shows.
     Over { limit: Duration, used: Duration, cause: usize },
@@ -59,7 +59,7 @@ impl Left {
 /// The places of the steps of each group, by their text.
 type Tries = BTreeMap<(u32, Span), Vec<Try>>;
 
-/// One place where a step stands: for a `retry` its text stands for several tries.
+/// One place of a step: for a `retry`, its text describes several tries.
 #[derive(Clone, Copy, Debug)]
 struct Try {
     group: u32,

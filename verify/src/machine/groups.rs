@@ -33,7 +33,7 @@ impl Writer<'_> {
             self.rule(root, SETTLE, &[ends], over);
             return root;
         }
-        // An order to stop finds nothing any more.
+        // An order to stop has no target any more.
         over.push((self.groups[group].is_ordered, Term::Number(0)));
         match self.groups[group].travels {
             None => {

@@ -76,7 +76,7 @@ impl Writer<'_> {
         self.counts(&join, &count);
     }
 
-    /// `any k of`: until k are done, or so many have aborted that k cannot be any more.
+    /// `any k of`: until k are done, or too many have aborted for k to be done.
     pub(super) fn any(&mut self, node: Node, count: u32, of: &[Expression]) {
         let join = self.join(node, of);
         let (open, is_bad, mut at_first) = self.counting(&join, count as usize);
@@ -138,7 +138,7 @@ impl Writer<'_> {
         self.is_stopped(join);
     }
 
-    /// `P # Q`: the first outcome counts, and the others are stopped; those behind it do not start any more.
+    /// `P # Q`: the first outcome counts, and the others are stopped; operands behind it do not start any more.
     pub(super) fn disable(&mut self, node: Node, of: &[Expression]) {
         let join = self.join(node, of);
         let (begins, ends) = (Test::Is(node.phase, 1), Test::Not(self.result, RUNS));

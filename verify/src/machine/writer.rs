@@ -30,7 +30,7 @@ pub(super) const DONE: u32 = 1;
 pub(super) const ABORTED: u32 = 2;
 pub(super) const STOPPED: u32 = 3;
 
-/// The phase of a node that is not active. Others are said where they are used.
+/// The phase of a node that is not active. The other phases are documented where they are used.
 pub(super) const IDLE: u32 = 0;
 
 /// The whole: not started, running, stopping, over.
@@ -276,7 +276,7 @@ impl Writer<'_> {
         self.report(node, Term::Number(result), Term::Number(0))
     }
 
-    /// A node says of itself what its operand has said.
+    /// A node reports the result of its operand as its own.
     pub(super) fn passes(&self, node: Node) -> Sets {
         self.report(node, Term::Of(self.result), Term::Of(self.value))
     }
@@ -297,7 +297,7 @@ impl Writer<'_> {
         Node { number, phase, around: around.map(|(node, operand)| (node.number, operand)) }
     }
 
-    /// A variable of a node beside its phase.
+    /// A variable of a node in addition to its phase.
     pub(super) fn own(&mut self, node: Node, what: &str, most: usize) -> Var {
         self.machine.variable(format!("n{}_{what}", node.number), most)
     }

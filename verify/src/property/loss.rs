@@ -38,7 +38,7 @@ impl<'m> Question<'_, 'm, '_> {
         Finding { assumes: assumed, ..found }
     }
 
-    /// How two of these come to run at the same time after a loss, as a finding.
+    /// How two of these may run at the same time after a loss, as a finding.
     fn beside_each_other(&self, loss: Loss, all: &[ProcessRef]) -> Option<Finding> {
         let named: Vec<(u32, u32)> = all.iter().filter_map(|who| Some((who.group, who.member?))).collect();
         let mut system = torn(self.times.model, &named);
@@ -67,7 +67,7 @@ impl<'m> Question<'_, 'm, '_> {
         self.is_slow(stop, rest).or_else(|| lost.iter().find_map(|member| self.stops_after((*member, who), rest)))
     }
 
-    /// Whether the loss of a host stands between a program and the home, or a supervisor above it.
+    /// Whether the loss of a host separates a program from the home, or a supervisor above it.
     fn is_cut_off(&self, lost: u32, leaf: u32) -> bool {
         let model = self.times.model;
         let own = model.plan.leaves[leaf as usize].host;

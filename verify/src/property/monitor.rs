@@ -16,7 +16,7 @@ use language::Code;
 use language::algebra::Event;
 use language::sites::{Consequence, ProcessRef, Property, Sentence};
 
-/// So many steps of a story are told: the last.
+/// How many steps of a story are told: the last ones.
 const TOLD_MAX: usize = 12;
 
 /// Says of each sentence whether it held; `records` has the steps of each group.

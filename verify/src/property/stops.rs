@@ -1,7 +1,7 @@
 //! The time that a stop takes: from its cause until the process of the sentence has stopped.
 //!
-//! Something ends, and the innermost operator around both stops the other side. First what else runs on the side of the cause
-//! has to stop, then the order finds its way down to the process: past every `shield` and every `finally` around it.
+//! A process ends, and the innermost operator around both stops the other side. First the rest of the cause's side has
+//! to stop, then the order finds its way down to the process: past every `shield` and every `finally` around it.
 
 use crate::model::runs;
 use crate::times::Times;

@@ -11,7 +11,7 @@ use language::sites::{EventKind, Occurrence, ProcessRef};
 pub(super) enum Goal {
     /// Forbidden: two of them at the same time.
     Together(Vec<ProcessRef>),
-    /// Forbidden: two of them really run at the same time, whatever their supervisors know.
+    /// Forbidden: two of them really run at the same time, even if their supervisors do not know it.
     BesideEachOther(Vec<ProcessRef>),
     /// Forbidden: the first runs, and the second does not.
     Without(ProcessRef, ProcessRef),
@@ -158,7 +158,7 @@ impl Seats {
         self.0.iter().find(|(other, _)| *other == who).and_then(|(_, seat)| *seat)
     }
 
-    /// Whether a process is active, also while it stops, and its program is there.
+    /// Whether a process is active, even while it stops, and its program exists.
     pub(super) fn is_active(&self, system: &System<'_>, frame: &Frame, who: ProcessRef) -> bool {
         match self.seat(who) {
             Some(Seat { at: (unit, member), away }) => {
@@ -170,7 +170,7 @@ impl Seats {
         }
     }
 
-    /// Whether no order to start a process is on its way any more, as far as messages to it are followed.
+    /// Whether no order to start a process is in transit any more, as far as messages to it are tracked.
     pub(super) fn has_begun(&self, system: &System<'_>, frame: &Frame, who: ProcessRef) -> bool {
         self.seat(who).is_none_or(|seat| !system.is_under_way(frame, seat.at))
     }

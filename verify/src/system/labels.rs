@@ -9,7 +9,7 @@ impl System<'_> {
         labels.clear();
         match frame.phase {
             Phase::Idle => return labels.push(Label::Start),
-            // Beyond a loss something may go on.
+            // Beyond a loss, members may continue.
             Phase::Done | Phase::Aborted | Phase::Stopped if !self.is_split(frame) => return,
             Phase::Done | Phase::Aborted | Phase::Stopped | Phase::Stopping => {}
             Phase::Running if self.mode.stops => labels.push(Label::Stop),

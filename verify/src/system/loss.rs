@@ -26,11 +26,11 @@ pub(crate) struct Loss {
 /// The state of a lost host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum LossKind {
-    /// Its programs have died. Its node, and the supervisors there, go on.
+    /// Its programs have died. Its node, and the supervisors there, continue.
     Programs,
     /// It has died.
     Death,
-    /// It goes on, and reaches no other host.
+    /// It continues, and can reach no other host.
     Cut,
 }
 
@@ -61,7 +61,7 @@ pub(super) struct Rift {
     /// For each unit, where the flags of its members begin in `Frame::rift`.
     starts: Vec<usize>,
     length: usize,
-    /// For each unit, whether some program below it may go on without other hosts.
+    /// For each unit, whether some program below it may continue without other hosts.
     endures: Vec<bool>,
     /// For each group, the resources taken for each of its members.
     taken: Vec<BTreeMap<u32, BTreeSet<String>>>,
@@ -155,7 +155,7 @@ impl System<'_> {
         self.mode.lost.is_some_and(|loss| loss.kind != LossKind::Programs) && frame.is_faulty
     }
 
-    /// Whether the supervisor of a unit does nothing any more: its host has died or has left the mission.
+    /// Whether the supervisor of a unit has become silent: its host has died or has left the mission.
     pub(crate) fn is_silent(&self, frame: &Frame, unit: usize) -> bool {
         let Some(rift) = self.rift.as_ref().filter(|_| frame.is_faulty) else { return false };
         self.is_out(frame, rift.units[unit])
@@ -171,13 +171,13 @@ impl System<'_> {
         self.mode.lost.is_some_and(|loss| (one == loss.host) != (other == loss.host))
     }
 
-    /// Whether the loss stands between a member and its supervisor.
+    /// Whether the loss separates a member from its supervisor.
     pub(crate) fn is_severed(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
         let Some(rift) = self.rift.as_ref().filter(|_| frame.is_faulty) else { return false };
         self.is_cut(rift.units[unit], rift.seats[unit][member as usize])
     }
 
-    /// Whether the loss stands between a member and the home, or a supervisor above it.
+    /// Whether the loss separates a member from the home, or a supervisor above it.
     pub(crate) fn is_cut_off(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
         let Some(rift) = self.rift.as_ref().filter(|_| frame.is_faulty) else { return false };
         self.is_cut_from_above(rift, unit, rift.seats[unit][member as usize])
@@ -218,7 +218,7 @@ impl System<'_> {
         self.mode.hears_late && has_begun && self.is_unheard(frame, seat)
     }
 
-    /// Whether a member that is active has not begun, because a lost host may still use what it needs.
+    /// Whether an active member has not begun because a lost host may still use its resources.
     pub(crate) fn waits_for_ever(&self, frame: &Frame, seat: (usize, u32)) -> bool {
         self.flags(frame, seat) & WAITS != 0
     }
@@ -228,7 +228,7 @@ impl System<'_> {
         rift.map_or(0, |rift| frame.rift[rift.starts[unit] + member as usize])
     }
 
-    /// Whether a program, or a group that is not looked into, is really running or stopping, whatever its supervisor knows.
+    /// Whether a program, or a closed group, is really running or stopping, even if its supervisor does not know it.
     pub(crate) fn is_there(&self, frame: &Frame, (unit, member): (usize, u32)) -> bool {
         let is_active =
             frame.states[unit].activity(member) != Activity::Idle && !self.is_under_way(frame, (unit, member));
@@ -325,7 +325,7 @@ fn is_all_on(model: &Model<'_>, group: u32, host: u32) -> bool {
         })
 }
 
-/// Whether some program below a group may go on when hosts are lost.
+/// Whether some program below a group may continue when hosts are lost.
 fn endures(model: &Model<'_>, group: u32) -> bool {
     let leaves = model.leaves_of_group(group);
     leaves.into_iter().any(|leaf| model.plan.leaves[leaf as usize].policy.link_loss != LinkLoss::Leave)

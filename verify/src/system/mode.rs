@@ -34,13 +34,13 @@ pub(crate) struct Injection {
 pub enum FaultKind {
     /// The program dies; by its policy it is started again.
     Crash,
-    /// The program goes on for ever, but still answers a stop, at the latest by being killed.
+    /// The program runs for ever without progress, but still answers a stop, at the latest by being killed.
     Hang,
     /// The stop of the program is not confirmed.
     Unanswered,
     /// A host is lost, with every program and supervisor there.
     HostLost,
-    /// A host reaches no other, and goes on by itself.
+    /// A host can reach no other, and continues by itself.
     CutOff,
     /// Two hosts do not reach each other.
     LinkLost,

@@ -4,7 +4,7 @@ use super::{Frame, Occupant, System};
 use language::algebra::Activity;
 
 impl System<'_> {
-    /// Whether an answer to a stop, an order, a report between hosts, or that of a loss is still under way.
+    /// Whether an answer to a stop, an order, a report between hosts, or the note of a loss is still in transit.
     pub(crate) fn has_stops(&self, frame: &Frame) -> bool {
         let is_stopping = |unit: usize| {
             let state = &frame.states[unit];

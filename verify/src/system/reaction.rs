@@ -1,4 +1,4 @@
-//! Lets something happen in a system: the parts react one after the other, until nothing follows any more.
+//! Applies an event to a system: the parts react one after the other, until there are no further consequences.
 
 use super::transit::Arrival;
 use super::{Change, Changed, FaultKind, Frame, Injection, Label, Occupant, Phase, System};
@@ -234,7 +234,7 @@ impl Reaction<'_, '_> {
         }
     }
 
-    /// No order to stop is on its way to a unit any more.
+    /// No order to stop is in transit to a unit any more.
     fn forget_order(&mut self, unit: usize) {
         self.frame.ordered[unit] = false;
         if let Some(seat) = self.system.units[unit].parent {
@@ -379,7 +379,7 @@ impl Reaction<'_, '_> {
         }
     }
 
-    /// A unit has an outcome: it is that of the member around it, or of the whole.
+    /// A unit has an outcome, which is that of the member around it, or of the whole.
     fn over(&mut self, unit: usize, outcome: Outcome) {
         self.forget_order(unit);
         let is_escalated = self.system.take_escalation(self.frame, unit);

@@ -163,7 +163,7 @@ impl System<'_> {
         frame.restarts[place] & AWAY != 0
     }
 
-    /// Whether a member cannot be started any more.
+    /// Whether a member can no longer be started.
     pub(super) fn is_given_up(&self, frame: &Frame, seat: (usize, u32)) -> bool {
         self.flags_of(frame, seat) & (GIVEN_UP | UNCONFIRMED) != 0
     }

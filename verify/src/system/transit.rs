@@ -216,7 +216,7 @@ impl System<'_> {
         }
     }
 
-    /// An order to stop has arrived, or finds nothing any more.
+    /// An order to stop has arrived, or has no target any more.
     pub(super) fn receive_stop(&self, frame: &mut Frame, seat: (usize, u32)) {
         if let Some(place) = self.transit_of(seat) {
             self.take(frame, (place, STOP));

@@ -61,7 +61,7 @@ fn a_spec_of_several_hosts_says_that_none_is_lost() {
     assert!(!says(["c1", "c1"]));
 }
 
-/// A claim about time counts no time for messages, and says so where any are on the way.
+/// A claim about time counts no time for messages, and says so if any are in transit.
 #[test]
 fn times_across_hosts_rest_on_messages_that_take_none() {
     let spec = |[one, other]: [&str; 2], sentence: &str| {

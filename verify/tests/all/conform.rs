@@ -31,7 +31,7 @@ fn stopped(member: u32) -> Event {
     Event::Stopped { member, activation: Activation(1) }
 }
 
-/// The steps of a supervisor that loses the commands that `loses` says.
+/// The steps of a supervisor that loses the commands for which `loses` returns true.
 fn steps(plan: &Plan, events: &[Event], loses: impl Fn(&Command) -> bool) -> Vec<StepRecord> {
     let program = Program::compile(&plan.groups[0]);
     let mut state = State::new(&program);

@@ -1,4 +1,4 @@
-//! Every bad spec is caught with the reason that is written beside it; no good spec is refused.
+//! Every bad spec is caught with the reason in its expected file; no good spec is refused.
 
 use language::{Code, Options, Source, Style, compile_with_sites, render};
 use std::fs;
@@ -20,7 +20,7 @@ fn specs(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// Verifies a spec; returns what is said of it.
+/// Verifies a spec; returns the result.
 fn verified(spec: &Source, interfaces: &[Source]) -> Option<(Report, String)> {
     let (compiled, sites) = compile_with_sites(spec, interfaces, &Options::named("spec"));
     let (plan, sites) = compiled.plan.zip(sites)?;
@@ -220,7 +220,7 @@ fn stories_are_drawn() {
     }
 }
 
-/// The newcomer's page shows what is printed, to the letter: each `$ dca verify FILE` is of the spec before it.
+/// The newcomer's page shows the exact output: each `$ dca verify FILE` is about the spec before it.
 #[test]
 fn the_manual_shows_what_is_printed() {
     let page = root().join("docs/src/verify.md");

@@ -1,4 +1,4 @@
-//! The exported models beside the explorer: read by a reader of their language, explored by its semantics, and compared.
+//! The exported models, compared with the explorer: read by a reader of their language, and explored by its semantics.
 //!
 //! They are written from the rules of the manual, the explorer calls `algebra::step`. `exports/storm.py` does the same with Storm.
 

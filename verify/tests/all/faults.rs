@@ -1,4 +1,4 @@
-//! Specs with a hole that a fault finds, and near misses: what their first lines say of `dca fmea` holds.
+//! Specs with a hole that a fault finds, and near misses: the expectations in their first lines match `dca fmea`.
 //!
 //! `// row: program | fault | verdict` is a row in some phase, with a story; a fourth part stands in another cell of
 //! it. `// pair:` is one of two faults. `// all: safe, handled` are all verdicts that there are.
@@ -98,7 +98,7 @@ fn pairs_are_told_where_they_are_worse() {
     assert!(count > 0);
 }
 
-/// A limit leaves out what it leaves out, and says so.
+/// A limit leaves some rows out, and this is reported.
 #[test]
 fn a_limit_is_told() {
     for (name, text) in specs() {

@@ -72,7 +72,7 @@ impl Entry {
         let Some(found) = fails.iter().find(of_code) else {
             return Some(format!("{}: no {code} among {:?}", self.name, sentences(&fails)));
         };
-        // Limits of time are sums: there is nothing to tell.
+        // Limits of time are sums, without a story.
         let is_told = |sentence: &String| !sentence.contains("within");
         let wants_story = kind.map_or(self.sentences.iter().all(is_told), |(.., story)| *story);
         (wants_story && found.story.is_none()).then(|| format!("{}: {code} without a story", self.name))

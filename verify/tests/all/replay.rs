@@ -6,7 +6,7 @@ use verify::{Alone, Always, Faults, Finding, Limits, PlayResult, Script, Story};
 
 const LIMITS: Limits<'static> = Limits { states: 200_000, memory: 256 << 20, threads: &Alone, goes_on: &Always };
 
-/// The specs of a folder with the sentences that stand in their first lines.
+/// The specs of a folder with the sentences in their first lines.
 fn specs(folder: &str) -> Vec<Source> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests").join(folder);
     let files = std::fs::read_dir(&folder).expect("the folder is there").map(|file| file.expect("a file").path());
@@ -22,7 +22,7 @@ fn specs(folder: &str) -> Vec<Source> {
     files.into_iter().map(read).collect()
 }
 
-/// Plays a story; says what is wrong, and whether it could be played.
+/// Plays a story; returns the mistake, and whether it could be played.
 fn played(name: &str, story: &Story, plan: &language::plan::Plan) -> Result<bool, String> {
     let Some(script) = Script::of(story) else { return Ok(false) };
     assert_eq!(script.to_string().parse().as_ref(), Ok(&script), "{name}");

@@ -64,7 +64,7 @@ fn compare_verdicts(seeds: Range<u64>) {
     assert!(same * 2 >= asked, "only {same} specs were compared");
 }
 
-/// At least so many of three have to be left.
+/// The least number of three seeds that have to give a comparison.
 const FORMULAS_LEAST: u64 = 2;
 
 #[test]
@@ -95,7 +95,7 @@ fn compare_formulas(seeds: Range<u64>) {
     assert!(holds > asked / 10 && fails > asked / 10, "{holds} hold, {fails} do not");
 }
 
-/// At least so many of ten have to be left.
+/// The least number of ten seeds that have to give a comparison.
 const HOSTS_LEAST: usize = 3;
 
 #[test]
@@ -151,7 +151,7 @@ fn compare_times(seeds: Range<u64>) {
     assert!(proved > asked / 4, "only {proved} limits hold");
 }
 
-/// At least so many of ten have to be left.
+/// The least number of ten seeds that have to give a comparison.
 const FLAT_LEAST: usize = 3;
 
 #[test]

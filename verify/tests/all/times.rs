@@ -1,4 +1,4 @@
-//! How long a mission takes at the most: `finishes within` holds for that time, and for no shorter one.
+//! How long a mission takes at most: `finishes within` holds for that time, and for no shorter one.
 
 use language::{Options, Source, compile_with_sites};
 use verify::{Alone, Always, Limits, Verdict};
@@ -75,7 +75,7 @@ fn nothing_bounds_what_has_no_limit() {
     }
 }
 
-/// Whether it is proved that `p` on the lost host, whose supervisor is on another, stops within so many seconds.
+/// Whether it is proved that `p` on the lost host, whose supervisor is on another, stops within this many seconds.
 fn stops_after_loss(policy: &str, limit: u32) -> bool {
     let text = format!(
         "module Watch {{ service; stop within 3 s; }}

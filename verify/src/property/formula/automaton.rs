@@ -244,7 +244,7 @@ impl Build<'_> {
         Some(states)
     }
 
-    /// The state at whose position this holds. Of what holds only atoms and promises tell states apart.
+    /// The state at whose position these formulas hold. Only atoms and promises among them distinguish states.
     fn state(&mut self, holds: &Set, next: Set) -> Option<u16> {
         let mut state = State { is_true: 0, is_false: 0, fulfils: 0, is_free: next.is_empty(), next: Vec::new() };
         let mut kept = Set::new();

@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 /// As many transitions are taken between two questions about the budget.
 const TURN: usize = 4096;
-/// A longer way around, on which all that may happen does, is not told; a shorter one is.
+/// A longer cycle, on which all possible events happen, is not told; a shorter one is.
 const ROUND_MAX: usize = 16;
 
 /// The observable part of a system.
@@ -44,7 +44,7 @@ struct Edge {
     target: u32,
 }
 
-/// A system beside an automaton.
+/// A system combined with an automaton.
 #[derive(Default)]
 struct Product {
     /// The place in the system, and the state of the automaton. A place is a state, or one in which nothing has just happened:

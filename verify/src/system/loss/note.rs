@@ -54,7 +54,7 @@ impl System<'_> {
             return !self.is_refused(frame, (unit, member));
         };
         if self.is_out(frame, rift.seats[unit][member as usize]) {
-            // The node has left: it says that there is nothing to start.
+            // The node has left: it answers that there is nothing to start.
             self.send_end(frame, (unit, member), &super::super::reaction::failed());
             return false;
         }
@@ -126,7 +126,7 @@ impl System<'_> {
         blows
     }
 
-    /// The supervisors of a host give up what ran beyond the loss.
+    /// The supervisors of a host give up the members beyond the loss.
     fn give_up(&self, frame: &mut Frame, host: u32, blows: &mut VecDeque<Blow>) {
         let Some(rift) = &self.rift else { return };
         for unit in (0..rift.units.len()).filter(|unit| rift.units[*unit] == host) {
@@ -146,7 +146,7 @@ impl System<'_> {
         }
     }
 
-    /// Whether something on a host goes on without the home.
+    /// Whether something on a host continues without the home.
     fn goes_on(&self, frame: &Frame, host: u32) -> bool {
         let Some(rift) = &self.rift else { return false };
         let keeps = |unit: usize, member: u32| {

@@ -1,10 +1,11 @@
-//! A reader of the Aldebaran format (`.aut`) that knows no spec: how many states there are, and whether one of them is a dead end.
+//! A reader of the Aldebaran format (`.aut`) that knows no spec: it returns the number of states, and whether one of
+//! them is a dead end.
 
 /// A transition: from which state, by which event, to which state.
 type Transition = (usize, String, usize);
 
-/// Checks that an export has so many states, and a dead end where `has_dead_end` says so: a state that does not end although nothing
-/// fails and no stop is asked for.
+/// Checks that an export has `states` states, and a dead end if `has_dead_end`: a state that does not end although
+/// nothing fails and no stop is requested.
 pub(crate) fn check(text: &str, states: usize, has_dead_end: bool) -> Result<(), String> {
     let (count, all) = read(text)?;
     if count != states {

@@ -36,7 +36,7 @@ pub(crate) struct Machine {
     changes: Vec<Change>,
     /// The index of the variable `todo`.
     todo: usize,
-    /// The changes that may be possible, by the value of the variable `todo`: what their guards ask of it.
+    /// The possible changes, by the value of the variable `todo` in their guards.
     by_todo: BTreeMap<i64, Vec<usize>>,
 }
 
@@ -64,7 +64,7 @@ impl Expr {
         }
     }
 
-    /// The number that a variable must have for this to hold, if it says so.
+    /// The number that a variable must have for this to hold, if it is tested.
     fn asks(&self, variable: usize) -> Option<i64> {
         match self {
             Self::Of("&&", of) => of.iter().find_map(|part| part.asks(variable)),
@@ -130,9 +130,9 @@ impl Machine {
         told.map(|(variable, value)| format!("{} {value}", variable.name)).collect::<Vec<_>>().join(", ")
     }
 
-    /// Walks through both, state by state. Both are deterministic but for inert silent changes, so it is branching bisimilarity
-    /// that holds when the same words are possible in all pairs of states that are met, and no silent chain is endless.
-    /// Returns how many pairs there were.
+    /// Walks through both, state by state. Both are deterministic but for inert silent changes, so branching
+    /// bisimilarity holds if the same words are possible in all reached pairs of states, and no silent chain is
+    /// endless. Returns how many pairs there were.
     pub(crate) fn compare(&self, all: &Transitions, named: impl Fn(&str) -> String) -> Result<usize, String> {
         let mut edges: BTreeMap<u32, BTreeMap<String, u32>> = BTreeMap::new();
         for (from, word, to) in &all.all {

@@ -13,7 +13,7 @@ use verify::{Alone, Always, Detail, Limits, Report, Transitions, Verdict, flat, 
 /// The result for a seed.
 #[derive(Debug)]
 pub(crate) enum Compared {
-    /// So many sentences hold, and so many do not.
+    /// The number of sentences that hold, and of those that do not.
     Same(usize, usize),
     /// The spec was refused by the check, or has too many states.
     LeftOut,
@@ -125,7 +125,8 @@ fn spec(dice: &mut Dice) -> Made {
     made
 }
 
-/// The body of a process of about this size, with groups so many levels below; what it needs comes before it.
+/// The body of a process of about this size, with this many levels of groups below; the processes it needs come before
+/// it.
 fn process(dice: &mut Dice, made: &mut Made, (size, levels): (u32, u32), (name, path): (&str, &str)) -> String {
     let (group, expression, matched) = with_programs(dice, size, !path.is_empty());
     let mut instances = String::new();
@@ -241,7 +242,8 @@ impl<'t> Whole<'t> {
         }
     }
 
-    /// Whether a transition starts a program: it is there afterwards and was not, or has ended with it.
+    /// Whether a transition starts a program: it runs afterwards and did not before, or has ended in the same
+    /// transition.
     fn starts(&self, program: &str, (from, word, to): (usize, &str, usize)) -> bool {
         let ends = || ["done", "aborted", "stopped"].iter().any(|kind| is_word(word, kind, program));
         self.there[to].contains(program) && (!self.there[from].contains(program) || ends())

@@ -1,4 +1,4 @@
-//! Brute force beside `holds ltl`: the same verdicts on random small specs with random formulas.
+//! Brute force, compared with `holds ltl`: the same verdicts on random small specs with random formulas.
 //!
 //! The reference searches all truth values that the temporal parts of a formula could have at each position, beside its
 //! own states. It shares nothing with the verifier, which builds an automaton step by step.
@@ -16,12 +16,12 @@ use verify::{Alone, Always, Limits, Verdict};
 
 /// Specs with more transitions are left out.
 const EDGES_MAX: usize = 250;
-/// A formula has at most so many temporal operators.
+/// The most temporal operators of a formula.
 const TEMPORAL_MAX: usize = 4;
 
 /// The result for a seed.
 pub(crate) enum Compared {
-    /// Both say the same: whether it holds.
+    /// Both agree: whether it holds.
     Same(bool),
     /// The spec was refused by the check, or has too many states for brute force.
     LeftOut,

@@ -1,4 +1,4 @@
-//! Brute force beside `verify`: the same verdicts on random small specs of groups on two hosts.
+//! Brute force, compared with `verify`: the same verdicts on random small specs of groups on two hosts.
 
 use super::against_loss::{loss_difference, never_after_loss};
 use super::explore::explore as explore_group;
@@ -21,7 +21,7 @@ use verify::{Alone, Always, Finding, Limits, Story, Verdict};
 /// The result for a seed.
 #[derive(Debug)]
 pub(crate) enum Compared {
-    /// So many sentences hold, and so many do not, as both say.
+    /// The number of sentences that hold, and of those that do not, as both agree.
     Same(usize, usize),
     /// The spec was refused by the check, or has too many states for brute force, or has one group alone.
     LeftOut,
@@ -45,7 +45,7 @@ enum Form {
     AfterEndEventually,
     Eventually,
     EventuallyDone,
-    /// Formulas that say the same as `never a with b`, `a only after b.started` and `after a.done: never b`.
+    /// Formulas that mean the same as `never a with b`, `a only after b.started` and `after a.done: never b`.
     NeverAsFormula,
     OnlyAfterAsFormula,
     AfterAsFormula,

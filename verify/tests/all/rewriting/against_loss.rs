@@ -1,4 +1,4 @@
-//! Brute force beside what `verify` says of the loss of a host.
+//! Brute force, compared with the answers of `verify` about the loss of a host.
 
 use super::graph::{Kind, Seat};
 use super::hosts::{Fate, Loss, Tags, explore_loss};

@@ -1,4 +1,4 @@
-//! The reference beside `step`: the same commands and outcomes along the same random words of events.
+//! The reference, compared with `step`: the same commands and outcomes along the same random words of events.
 
 use super::random::{Dice, TAGS, Taste, group};
 use super::rules::{Event, Order, Reference};
@@ -21,7 +21,7 @@ struct Pair {
     word: Vec<String>,
 }
 
-/// Runs one random group on one random word; says where they differ.
+/// Runs one random group on one random word; returns their difference.
 pub(crate) fn compare(seed: u64) -> Result<(), String> {
     let mut dice = Dice::new(seed);
     let source = Rc::new(group(&mut dice, Taste::Anything));

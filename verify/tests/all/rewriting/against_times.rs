@@ -16,10 +16,10 @@ const RUNS: u32 = 60;
 /// A run with more events is left out: nothing bounds it, as far as it shows.
 const EVENTS_MAX: u32 = 60;
 
-/// How long programs take at the most, and their stops, in milliseconds; by their slots.
+/// How long programs take at most, and their stops, in milliseconds; by their slots.
 struct Takes(Vec<(u64, u64)>);
 
-/// One run: what is to happen next, and when.
+/// One run: the next events, and their times.
 struct Run<'r> {
     dice: &'r mut Dice,
     takes: &'r Takes,
@@ -32,7 +32,7 @@ struct Run<'r> {
 }
 
 impl Run<'_> {
-    /// Returns how long it took, from its start, or from the stop that it is asked for after so many events.
+    /// Returns how long it took, from its start, or from the stop that is requested after `stop_after` events.
     fn takes(&mut self, stop_after: Option<u32>) -> Option<u64> {
         let mut ended = self.reference.begin(Value::EMPTY).is_some();
         let mut since = 0;
@@ -94,7 +94,7 @@ impl Run<'_> {
         let fails = self.dice.one_in(if is_service { 2 } else { 4 });
         let event = match self.tags.get(&slot) {
             _ if fails => Event::Aborted(slot),
-            // It goes on until it is stopped.
+            // It runs until it is stopped.
             _ if is_service => return,
             None => Event::Done(slot, Vec::new()),
             Some(tags) => {
@@ -116,7 +116,7 @@ impl Run<'_> {
     }
 }
 
-/// Returns what is proved and does not hold; the number of sentences that hold otherwise.
+/// Returns a proved sentence that does not hold, or the number of sentences that hold otherwise.
 pub(crate) fn compare(seed: u64) -> Result<u32, String> {
     let mut dice = Dice::new(seed ^ 0x71E5);
     let made = group(&mut dice, Taste::Text);

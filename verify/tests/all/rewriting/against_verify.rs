@@ -1,4 +1,4 @@
-//! Brute force beside `verify`: the same verdicts on random small specs with random sentences.
+//! Brute force, compared with `verify`: the same verdicts on random small specs with random sentences.
 
 use super::explore::{Graph, explore};
 use super::random::{Dice, Taste, group};
@@ -154,7 +154,7 @@ fn holds(sentence: Sentence, rough: &Graph, calm: &Graph) -> bool {
                 _ => Err(()),
             }
         }),
-        // It can be done, and it can end from wherever it gets.
+        // It can be done, and it can end from every reachable state.
         Sentence::CanFinish => {
             let is_done = |outcome: &Option<Outcome>| matches!(outcome, Some(Outcome::Done(_)));
             calm.seen.iter().any(|seen| is_done(&seen.ended))

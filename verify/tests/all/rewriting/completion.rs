@@ -114,7 +114,7 @@ impl Reference {
         drained(outcome, stopped)
     }
 
-    /// USING: an outcome frees what was taken.
+    /// USING: an outcome frees the resources.
     pub(crate) fn using(&mut self, number: usize, next: Next) -> Next {
         match next {
             Ok(conf) => Ok(Conf::Using(number, conf.into())),
@@ -125,7 +125,7 @@ impl Reference {
         }
     }
 
-    /// FIN, first part: P has ended, in whatever way.
+    /// FIN, first part: P has ended, in any way.
     pub(crate) fn fin1(&mut self, outcome: Outcome, q: &Rc<Expr>) -> Next {
         match self.start(q, Left::NOTHING) {
             Ok(conf) => Ok(Conf::Fin2(outcome, conf.into())),
@@ -181,7 +181,7 @@ impl Reference {
         }
     }
 
-    /// `P or Q aborted(r)`: P is stopped, and the Qs that run come to their own end.
+    /// `P or Q aborted(r)`: P is stopped, and the running Qs come to their own end.
     fn pool_failed(&mut self, mut pool: Pool, why: Why) -> Next {
         pool.failed = Some(why);
         pool.owed = None;
@@ -222,7 +222,7 @@ impl Reference {
         self.inside(conf, &mut |this, inner| this.react(inner, event), &|conf| concerns(conf, event))
     }
 
-    /// A `using` that has waited gets what it wants.
+    /// A waiting `using` gets its resources.
     pub(crate) fn grant(&mut self, conf: Conf, number: usize) -> Next {
         if !waits(&conf, number) {
             return Ok(conf);
@@ -403,7 +403,7 @@ pub(crate) fn held_up(timer: Option<u32>, next: Next) -> Next {
     }
 }
 
-/// FIN, second part: the outcome of P, but that of Q if P was done and Q aborted; no unconfirmed stop is lost.
+/// FIN, second part: the outcome of P, or that of Q if P was done and Q aborted; no unconfirmed stop is lost.
 pub(crate) fn fin2(of_p: Outcome, of_q: Outcome) -> Outcome {
     match (&of_p, &of_q) {
         (Outcome::Done(_), Outcome::Aborted(_)) => of_q,

@@ -19,7 +19,7 @@ pub(crate) enum Move {
     Leaf(Event),
 }
 
-/// A transition: what happened, which members that has started, in this order, and where it leads.
+/// A transition: the event, the members it started, in this order, and the target.
 #[derive(Clone, Debug)]
 pub(crate) struct Edge {
     pub(crate) what: Move,

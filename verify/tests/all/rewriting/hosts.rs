@@ -84,7 +84,7 @@ type Way = (u32, u32, Option<Seat>);
 struct World<'p> {
     plan: &'p Plan,
     supervisors: Vec<Reference>,
-    /// The programs that run, and whether each has been told to stop.
+    /// The running programs, and whether each has an order to stop.
     programs: BTreeMap<Seat, bool>,
     queues: BTreeMap<Way, VecDeque<Message>>,
     links: Links,
@@ -356,7 +356,7 @@ impl<'p> World<'p> {
         None
     }
 
-    /// A supervisor hears of an end: whom it has asked to stop has stopped.
+    /// A supervisor hears of an end: a member that it has asked to stop has stopped.
     fn is_heard(&mut self, seat: Seat, end: End) -> Work {
         let is_asked = kind(&end) == Kind::Done && self.is_being_stopped(seat) == Some(true);
         self.happened.push((seat, if is_asked { Kind::Stopped } else { kind(&end) }));

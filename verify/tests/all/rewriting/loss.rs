@@ -19,9 +19,9 @@ pub(crate) struct Loss {
 /// The state of a lost host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Fate {
-    /// It does nothing any more.
+    /// Its node has died.
     Dead,
-    /// It goes on, and nothing passes between it and the others.
+    /// It continues, and no message passes between it and the others.
     Cut,
 }
 
@@ -36,7 +36,7 @@ pub(super) struct Rift {
 }
 
 impl World<'_> {
-    /// Whether the loss stands between two hosts.
+    /// Whether the loss separates two hosts.
     pub(super) fn is_cut(&self, one: u32, other: u32) -> bool {
         self.loss.is_some_and(|loss| self.rift.is_lost && (one == loss.host) != (other == loss.host))
     }
@@ -78,7 +78,7 @@ impl World<'_> {
         }
     }
 
-    /// Nothing runs on a host any more, and nothing reaches it.
+    /// Nothing runs on a host any more, and no message reaches it.
     fn leaves(&mut self, host: u32) {
         self.rift.left.insert(host);
         self.queues.retain(|(_, to, _), _| *to != host);

@@ -40,7 +40,7 @@ impl Dice {
 /// The operators that a random group may contain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Taste {
-    /// Everything that a plan can hold, also what `dca check` refuses: a member twice at once, unreachable arms.
+    /// Everything that a plan can hold, even if `dca check` refuses it: a member twice at once, unreachable arms.
     Anything,
     /// Mostly, expressions that a text can have and `dca check` accepts.
     Text,
@@ -61,7 +61,7 @@ pub(crate) fn group(dice: &mut Dice, taste: Taste) -> Group {
     of_size(dice, taste, size)
 }
 
-/// A group whose expression has about so many operands.
+/// A group whose expression has about `size` operands.
 pub(crate) fn of_size(dice: &mut Dice, taste: Taste, size: u32) -> Group {
     let mut maker = Maker { dice, taste, used: 0, again: Vec::new(), is_in_loop: false };
     let expression = maker.expression(size);

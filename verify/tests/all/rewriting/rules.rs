@@ -172,7 +172,7 @@ impl Reference {
         }
     }
 
-    /// `[s-par]`: all of them, left to right, and only then what their outcomes mean.
+    /// `[s-par]`: all of them start, left to right, and only then their outcomes count.
     fn start_all(&mut self, of: &[Rc<Expr>], value: &Left, join: Join) -> Next {
         let started: Vec<Next> = of.iter().map(|operand| self.start(operand, value.clone())).collect();
         let mut slots = Slots {
@@ -239,7 +239,7 @@ impl Reference {
         self.source_went(pool, next)
     }
 
-    /// The part of a leaf: what its event makes of it.
+    /// The part of a leaf: the reaction to its event.
     pub(crate) fn leaf(&mut self, is_stopping: bool, (member, sets): (u32, Vec<u32>), event: &Event) -> Next {
         let outcome = match event {
             Event::Unconfirmed(_) => Outcome::Aborted(Why::Unconfirmed(member)),

@@ -28,14 +28,14 @@ impl Left {
     }
 }
 
-/// Why something aborted, as far as the rules say it.
+/// The reason of an abort, as far as the rules define it.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Why {
     Reported(Option<u32>, Value),
     Busy(u32),
     Unconfirmed(u32),
     ServiceEnded(u32),
-    /// An active member said that it had stopped: it has failed, for a reason that the rules leave open.
+    /// An active member reported that it had stopped: it has failed, for a reason that the rules leave open.
     Left(u32),
     Failed(String),
     NoMatch,
@@ -88,7 +88,7 @@ pub(crate) enum Kind {
     As(String, Rc<Expr>),
 }
 
-/// A configuration: what runs now.
+/// A configuration: the running part of a term.
 #[derive(Clone, Debug)]
 pub(crate) enum Conf {
     Active(u32, Vec<u32>),
@@ -229,7 +229,7 @@ fn is_service(kind: &Kind, group: &Group) -> bool {
     }
 }
 
-/// Whether the normal end of a member breaks its contract (L7): a module that says `service`.
+/// Whether the normal end of a member breaks its contract (L7): a module with `service`.
 pub(crate) fn is_endless(group: &Group, member: u32) -> bool {
     let member = &group.members[member as usize];
     member.service && matches!(member.kind, MemberKind::Leaf(_))
