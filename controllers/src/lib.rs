@@ -11,10 +11,10 @@
 //! assert!(registry.create("DoorWorld", &[]).is_ok());
 //! ```
 
-// What the derive macros write says `::controllers`, here as elsewhere.
+// The code of the derive macros refers to `::controllers`, here as elsewhere.
 extern crate self as controllers;
 
-/// The controller of the README builds as it is printed.
+/// The controller of the README builds in its printed form.
 #[cfg(doctest)]
 #[doc = include_str!("../../README.md")]
 struct Readme;

@@ -85,10 +85,10 @@ impl Watch {
     }
 }
 
-/// A sensor hangs when so many more samples are equal to the first one: noise makes each sample another one.
+/// A sensor hangs when this many further samples are equal to the first one: noise makes each sample different.
 const EQUAL_MAX: u32 = 5;
 
-/// Notices that a noisy sensor says the same again and again, with whatever stamp.
+/// Notices that a noisy sensor repeats the same value, with any stamp.
 #[derive(Clone, Debug)]
 struct Stuck<T> {
     last: Option<T>,
@@ -102,7 +102,7 @@ impl<T> Default for Stuck<T> {
 }
 
 impl<T: PartialEq + Clone> Stuck<T> {
-    /// Takes a new sample; returns whether so many were equal that the sensor hangs.
+    /// Takes a new sample; returns whether enough samples were equal that the sensor hangs.
     fn is_stuck(&mut self, sample: &T) -> bool {
         if self.last.as_ref() == Some(sample) {
             self.equal = self.equal.saturating_add(1);
@@ -113,7 +113,7 @@ impl<T: PartialEq + Clone> Stuck<T> {
     }
 }
 
-/// Notices that the wrist sensor says the same again and again.
+/// Notices that the wrist sensor repeats the same value.
 #[derive(Clone, Debug, Default)]
 struct StuckForce(Stuck<[f64; 6]>);
 
@@ -126,7 +126,7 @@ impl StuckForce {
     }
 }
 
-/// Notices that the laser says the same again and again. Sweeps without an echo are all equal.
+/// Notices that the laser repeats the same sweep. Sweeps without an echo are all equal.
 #[derive(Clone, Debug, Default)]
 struct StuckLaser(Stuck<Vec<f64>>);
 
@@ -147,7 +147,7 @@ fn ramp_dt(tick: Tick) -> f64 {
     tick.dt().min(0.03)
 }
 
-/// Returns a stamp in seconds, as messages between ports have it: a record knows what that is.
+/// Returns a stamp in seconds, the form of times in messages, which records know.
 fn seconds(stamp: Time) -> f64 {
     stamp.since(Time::ZERO).as_secs_f64()
 }

@@ -10,7 +10,7 @@ use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// Messages; where a field says what a spec calls its type, `dca check` compares more than the name.
+/// Messages. If a field names its type in a spec, `dca check` compares more than the name.
 macro_rules! messages {
     ($($(#[$meta:meta])* $name:ident { $($(#[$field_meta:meta])* $field:ident: $type:ty $(= $kind:literal)?,)+ })+) => {
         $($(#[$meta])*
@@ -28,7 +28,7 @@ macro_rules! messages {
             Some(self.stamp)
         }
     };
-    // So was one that passes on what a device has measured.
+    // A message that passes on a measurement has the time of that measurement in `measured`.
     (@stamp measured $($field:ident)*) => {
         fn stamp(&self) -> Option<Time> {
             Duration::try_from_secs_f64(self.measured).ok().map(|since| Time::ZERO + since)
@@ -42,12 +42,13 @@ messages! {
     Velocity {
         /// Linear (m/s), then angular (rad/s), of the grasp point along tool axes.
         twist: [f64; 6] = "Number[6]",
-        /// A wish for what the hand does not notice: base x, y (m/s), yaw (rad/s), six joints (rad/s).
+        /// A desired motion in the null space, which the hand does not notice: base x, y (m/s), yaw (rad/s), six joints
+        /// (rad/s).
         null: [f64; 9] = "Number[9]",
         /// The base does not turn; the arm turns in its place.
         steady: bool = "Truth",
     }
-    /// A force and a torque on the hand, by what it touches.
+    /// The force and torque of contacts on the hand.
     Wrench {
         /// The time of measurement by the device's stamp (s since the origin of its host's clock).
         measured: f64 = "Time",
@@ -105,7 +106,7 @@ messages! {
         stopped: f64 = "Time",
         /// How many commands were refused: without the lock, or under a grant that is over.
         refused: f64 = "Number",
-        /// Who holds the lock; empty if nobody does.
+        /// The holder of the lock; empty if there is none.
         holder: String = "Text",
     }
     /// The arm as its server shows it. Times are since the host was started.
@@ -197,7 +198,7 @@ messages! {
         /// The number of times it has been set to zero.
         zeroed: u32,
     }
-    /// Device `ft`: sets what it measures now to zero.
+    /// Device `ft`: sets its present measurement to zero.
     FtCommand {
         /// Only if [`FtState::zeroed`] is this; so a repeated command does no harm.
         after: u32,
@@ -211,7 +212,7 @@ messages! {
         /// With which they press (N).
         force: f64,
     }
-    /// Device `gripper`: a width to go to; it holds what it was told last.
+    /// Device `gripper`: a width to go to; it holds the last command.
     GripperCommand {
         /// As for the arm.
         owner: String,

@@ -1,10 +1,10 @@
 //! The simulated robot, its door and its devices: quasi-static, 1 kHz, to the bit the same for the same seed.
 //!
-//! World frame: the wall is the plane x = 0, the robot stands at negative x and looks along x, z is up. A closed door fills
-//! the wall from its hinge towards negative y and opens towards the robot, its angle positive then. Nothing of this is
-//! for controllers: they know devices only.
+//! World frame: the wall is the plane x = 0, the robot is at negative x and looks along x, z is up. A closed door fills
+//! the wall from its hinge towards negative y and opens towards the robot, with a positive angle. Controllers see none
+//! of this: they know only devices.
 //!
-//! Source: a purpose-made model; all constants are choices of ours, named where they stand.
+//! Source: a purpose-made model; all constants are our choices, named at their definitions.
 
 pub mod body;
 pub mod camera;

@@ -58,7 +58,7 @@
 //! assert!(text.contains("module Doubler(host: Host)") && text.contains("/// The length to double."));
 //! ```
 //!
-//! What is wrong with a port is an error at the port:
+//! A mistake in a port is an error at the port:
 //!
 //! ```compile_fail
 //! #[derive(controllers::sdk::Inputs)]

@@ -5,7 +5,7 @@ use proc_macro2::TokenStream;
 use quote::{format_ident, quote, quote_spanned};
 use syn::DeriveInput;
 
-/// Writes the impl of a set of ports; without them, since they could not be read, one that is never run.
+/// Writes the impl of a set of ports. If the ports could not be read, the impl is never run.
 pub(crate) fn ports(input: &DeriveInput, direction: Direction, read: Option<&[Port<'_>]>) -> TokenStream {
     let ports = read.unwrap_or_default();
     let sdk = quote!(::controllers::sdk);
@@ -20,7 +20,7 @@ pub(crate) fn ports(input: &DeriveInput, direction: Direction, read: Option<&[Po
     let declared = data.iter().map(|port| {
         let (ty, name, doc) = (port.ty, &port.name, &port.doc);
         let kind = format_ident!("{}", kind(port.binding));
-        // A type that is no port is an error at the field's type.
+        // A type that is not a port is an error at the field's type.
         let message = quote_spanned!(port.type_span()=> <#ty as #sdk::#one>::Message);
         quote! {
             #sdk::PortInterface::#kind(#name, #sdk::Direction::#way, <#message as #sdk::Message>::TYPE)
@@ -100,7 +100,7 @@ fn kind(binding: Binding) -> &'static str {
         Binding::Optional => "optional",
         Binding::Client => "device",
         Binding::Owner => "owner",
-        // Those have a function of their own.
+        // These kinds have separate functions.
         Binding::Calls | Binding::OptionalCalls | Binding::Database => "wire",
     }
 }

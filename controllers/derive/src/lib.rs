@@ -33,7 +33,7 @@ pub fn outputs(input: TokenStream) -> TokenStream {
 fn derive(input: &DeriveInput, direction: ports::Direction) -> proc_macro2::TokenStream {
     match ports::read(input, direction) {
         Ok(ports) => expand::ports(input, direction, Some(&ports)),
-        // The impl is there all the same, so that a mistake in one field is the only error.
+        // The impl is still written, so that a mistake in one field is the only error.
         Err(error) => {
             let (errors, rest) = (error.to_compile_error(), expand::ports(input, direction, None));
             quote::quote! { #errors #rest }

@@ -137,7 +137,7 @@ fn port(field: &Field, direction: Direction) -> syn::Result<Port<'_>> {
     Ok(Port { field: name, ty: &field.ty, name: port, binding, doc: doc(&field.attrs) })
 }
 
-/// The one field for the database; its name is what a controller can be triggered by.
+/// The one field for the database; its name is the trigger's name.
 fn database<'a>(
     (field, name): (&'a Field, &'a Ident),
     attribute: &Attribute,

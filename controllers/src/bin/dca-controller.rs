@@ -1,4 +1,4 @@
-//! Every controller of the library, each started as a program of its own.
+//! Every controller of the library, each started as a separate program.
 
 fn main() -> std::process::ExitCode {
     controllers::sdk::process::run(&controllers::registry())

@@ -1,4 +1,4 @@
-//! Towards something that is about so far away: quickly over the free part of the way, then slowly until it is met.
+//! Towards an object at a roughly known distance: quickly over the free part of the way, then slowly until contact.
 //!
 //! The impact of the hand grows with its speed, its stiffness and the time until it stops: 7 mm/s and 50 ms are 22 N at
 //! 64 kN/m.

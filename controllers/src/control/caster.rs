@@ -132,7 +132,7 @@ fn least_squares(matrix: &SMatrix<f64, 8, 3>, change: &Casters) -> Vector3<f64> 
     normal.cholesky().map_or_else(Vector3::zeros, |factor| factor.solve(&(matrix.transpose() * change)))
 }
 
-/// Returns by how much the angles change (rad) while the base moves by so much (x, y (m), yaw (rad)), all at a constant ratio.
+/// Returns the changes of the angles (rad) while the base moves by `by` (x, y (m), yaw (rad)), all at a constant ratio.
 fn rolled(steering: &[f64; 4], by: &Vector3<f64>, wheel_radius: f64) -> Casters {
     let reach = (by.xy().norm() + by.z.abs() * (ARM + OFFSET)) / OFFSET;
     let steps = (reach / BENT_STEP).ceil().clamp(1.0, STEPS_MAX);

@@ -25,7 +25,7 @@ const BESIDE: usize = 3;
 const TOGETHER: usize = 2;
 const NEIGHBOUR: f64 = 0.10;
 
-/// Returns whether the rays beside a point have met the same thing.
+/// Returns whether the neighbouring rays of a point have met the same thing.
 fn is_met(points: &[Vector2<f64>], index: usize) -> bool {
     let around = points.iter().enumerate().skip(index.saturating_sub(BESIDE)).take(2 * BESIDE + 1);
     let near = around.filter(|(other, point)| *other != index && (*point - points[index]).norm() < NEIGHBOUR);
@@ -50,16 +50,16 @@ pub fn clearance(points: &[Vector2<f64>], q: &Joints) -> Option<f64> {
 /// Points this near the shut door (m) are its leaf and its wall, which every later sweep shows.
 const DOOR: f64 = 0.10;
 
-/// Points this near a line are a wall (m), and so many walls are looked for.
+/// Points this near a line are a wall (m), and the number of walls to search for.
 const TOLERANCE: f64 = 0.02;
 const WALLS: u32 = 4;
 /// From the middle of the base to its laser, straight ahead (m). A point lies to the side if its distance sideways is
 /// at least this multiple of its distance ahead.
 const LASER: f64 = 0.30;
 const BESIDE_LASER: f64 = 4.0;
-/// A wall goes back along the robot if so much of its direction does.
+/// The share of a wall's direction along the robot from which it counts as going back.
 const GOES_BACK: f64 = 0.5;
-/// A wall that goes on out of sight does so in so many steps of that length (m).
+/// A wall that goes on out of sight is extended in so many steps of that length (m).
 const GOES_ON: u32 = 60;
 const STEP: f64 = 0.03;
 
@@ -94,7 +94,7 @@ impl Memory {
     }
 }
 
-/// Returns points (m) of the walls that leave the field of view beside the laser: they are taken to go on.
+/// Returns points (m) of the walls that leave the field of view beside the laser: they are assumed to continue.
 pub fn going_on(points: &[Vector2<f64>]) -> Vec<Vector2<f64>> {
     let (mut left, mut random, mut added) = (points.to_vec(), Random::new(1), Vec::new());
     for _ in 0..WALLS {
@@ -138,7 +138,7 @@ mod tests {
         wall.extend([Vector2::zeros(), Vector2::new(0.1, 0.0)]);
         assert!((clearance(&wall, &q).unwrap() - room).abs() < 6e-3);
         assert_eq!(clearance(&wall[..2], &q), None);
-        // One ray of ten says anything.
+        // One ray in ten has an echo.
         let (mut random, mut wall) = (Random::new(3), wall);
         for point in &mut wall {
             *point *= if random.unit() < 0.1 { random.unit() } else { 1.0 };
@@ -158,7 +158,7 @@ mod tests {
         let around = memory.around(&Pose::new(1.6, 2.4, -1.0));
         let room = clearance(&around, &q).unwrap();
         assert!(around.len() == 160 && (room - (0.4 - BASE_RADIUS)).abs() < 1e-3, "{room}");
-        // It goes on beside and behind where it was seen.
+        // It continues beside and behind the visible part.
         let room = clearance(&memory.around(&Pose::new(0.5, 2.4, 0.0)), &q).unwrap();
         assert!((room - (0.4 - BASE_RADIUS)).abs() < 2e-3, "{room}");
     }

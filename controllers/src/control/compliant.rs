@@ -81,7 +81,7 @@ pub fn loop_delay(age: f64) -> f64 {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Compliance {
     slow: LowPass<3>,
-    /// The recent size of forces, whatever their direction.
+    /// The recent size of forces, in any direction.
     size: LowPass<1>,
     guard: OscillationGuard,
 }
@@ -92,7 +92,7 @@ impl Default for Compliance {
     }
 }
 
-/// Returns the largest gain (m/s/N) for a loop with so much `delay` (s).
+/// Returns the largest gain (m/s/N) for a loop with this `delay` (s).
 pub fn gain_max(delay: f64) -> f64 {
     BUDGET / (STIFFNESS * delay.max(1e-3))
 }

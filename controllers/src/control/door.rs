@@ -36,27 +36,28 @@ const PUSH_EASY: f64 = 58.0;
 const PULL_FADE: f64 = 25.0;
 /// The frequency below which a part of the pull counts as slow (Hz).
 const PULL_SLOW: f64 = 0.3;
-/// However suddenly it comes, a pull is given way to from so far below the largest, and is gone so far above it (N).
+/// The range of the pull, relative to the largest (N), in which the hand gives way to a sudden pull, however quickly it
+/// comes: from the first value below to the second value above.
 const SUDDEN: (f64, f64) = (5.0, 15.0);
 const SUDDEN_FIRST: (f64, f64) = (5.0, 8.0);
 /// A grasp gives by no more than the first value and is never taken for stiffer than the second (m/N). A measured
 /// compliance is multiplied by `SOFTER`.
 const SOFT: (f64, f64) = (1.0 / 3000.0, 1.0 / 20_000.0);
 const SOFTER: f64 = 1.3;
-/// A force that tells how soft it is (N).
+/// The force from which the softness is measured (N).
 const SOFT_FROM: f64 = 20.0;
 /// (Hz).
 const PULL_QUICK: f64 = 6.0;
-/// The wheels are believed so much more than the hand was told to move (m/s).
+/// The wheels are believed up to this much beyond the commanded motion of the hand (m/s).
 const BELIEVED: f64 = 0.02;
-/// A try that has moved the door by so much more than the other way (m) is the better one.
+/// An attempt is the better one if it has moved the door by this much more than the other direction (m).
 const BETTER: f64 = 0.005;
 /// A door that may be shut for good is not torn at: so fast (m/s) until the handle has gone so far (m). Then it speeds
 /// up (m/s²).
 const FIRST: (f64, f64) = (0.02, 0.025);
 const ACCELERATION: f64 = 0.12;
 const RAMP: f64 = 1.0;
-/// A pull so far below the largest does not move the door (N).
+/// A pull this far below the largest does not move the door (N).
 const STALL_PULL: f64 = 12.0;
 const STALL_SPEED: f64 = 0.02;
 /// The share of its allowed speed below which a hand that may not go fast yet counts as standing still.
@@ -64,12 +65,12 @@ const CREEP: f64 = 0.25;
 const STALL_TIME: f64 = 0.5;
 /// The lever stays pressed until the handle has gone this far (m): the latch is free by then.
 const LEVER_FREE: f64 = 0.085;
-/// A leaf that stands so far from the wall does so for sure (rad).
+/// A leaf at this angle from the wall is certainly open (rad).
 const SEEN: f64 = 0.12;
 /// A handle that has not moved this far was never free (m). A door that was pushed is not pulled shut again.
 const MOVED: f64 = 0.03;
 const MOVED_PUSHED: f64 = 0.015;
-/// The first try begins without strain the other way.
+/// The first attempt begins without strain in the other direction.
 const MOVED_FIRST: f64 = 0.015;
 /// A handle that is pushed has left its latch when it has gone this far, and is pushed so fast until the lever is up
 /// (m, m/s).
@@ -146,14 +147,14 @@ pub struct Pull {
     pub angle: f64,
     /// The slow part of the pull, where it is gone (N), and how much everything is slowed down, at most 1.
     pub effort: [f64; 3],
-    /// The reason why it cannot go on.
+    /// The reason why it cannot continue.
     pub failure: Option<Failure>,
 }
 
-/// A reason why an opening cannot go on.
+/// A reason why an opening cannot continue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Failure {
-    /// The hand has pulled and pushed, as far as it was told to, and the door never moved.
+    /// The hand has pulled and pushed as far as allowed, and the door never moved.
     Locked,
     /// The door has moved, and does not move any further.
     Blocked,

@@ -11,7 +11,7 @@ use super::puma560::Joints;
 const MEMORY: f64 = 1.0;
 const LAG: f64 = 0.12;
 const SURE: f64 = 0.15;
-/// A joint that was told to go so far (rad) and has not gone this share of it does not follow.
+/// A joint does not follow if it was commanded to move this far (rad) and has moved less than this share.
 const TOLD: f64 = 0.04;
 const SHARE: f64 = 0.1;
 
@@ -48,8 +48,8 @@ mod tests {
 
     const DT: f64 = 0.01;
 
-    /// Joints with a lag and a delay of so many steps that are told to go at `rate` (rad/s) at times, and stick from a time on (s): when
-    /// that is noticed (s).
+    /// Joints with a lag and a delay in steps that are commanded to move at `rate` (rad/s) at times, and stick from a
+    /// time on (s): the time at which that is noticed (s).
     fn noticed(rate: impl Fn(f64) -> f64, lag: f64, sticks: f64) -> Option<(f64, usize)> {
         let (mut follow, mut speed, mut joints) = (Follow::default(), 0.0, Joints::zeros());
         let mut said = vec![joints; 10];

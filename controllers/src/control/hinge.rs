@@ -36,7 +36,7 @@ const CURVATURE: (f64, f64) = (0.5, 3.0);
 /// The estimate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hinge {
-    /// The way the handle goes, counter-clockwise beside the hand's axis (rad).
+    /// The direction of the handle's path, counter-clockwise from the hand's axis (rad).
     beside: f64,
     /// (1/m), not negative.
     curvature: f64,
@@ -78,7 +78,7 @@ impl Hinge {
         self.beside = (self.beside + DIRECTION_RATE * speed * force_left * dt).clamp(-most, most);
     }
 
-    /// Returns how far the way goes counter-clockwise beside the hand's axis (rad).
+    /// Returns the angle of the path, counter-clockwise from the hand's axis (rad).
     pub fn beside(&self) -> f64 {
         self.beside
     }
@@ -103,7 +103,7 @@ mod tests {
     /// the largest force across in the last second.
     fn open(radius: f64, askew: f64, speed: f64, seconds: f64) -> (Hinge, f64) {
         let (stiffness, turning, gain, turn_gain, dt) = (6000.0, 8.0, 1.0 / ACROSS, 0.12, 2e-3);
-        // Across the way, and the hand's yaw beside the handle's.
+        // Across the path, and the hand's yaw relative to the handle's.
         let (mut off, mut yaw, mut late) = (0.0f64, askew, 0.0f64);
         let mut hinge = Hinge::new(0.7);
         let mut time = 0.0;
@@ -111,7 +111,7 @@ mod tests {
             time += dt;
             let (force, torque) = (-stiffness * off, -turning * (yaw - askew));
             hinge.update(speed, force, torque, dt);
-            // Where the command leads beside the tangent, plus the compliance.
+            // The deviation of the command from the tangent, plus the compliance.
             off += dt * (speed * (yaw + hinge.beside()) + force * gain);
             yaw += dt * (speed * (hinge.curvature() - 1.0 / radius) + torque * turn_gain);
             if time > seconds - 1.0 {
@@ -138,7 +138,8 @@ mod tests {
         let (stiffness, speed, dt) = (6000.0, 0.12, 2e-3);
         for sense in [1.0, -1.0] {
             for radius in [0.6, 0.82, 1.1] {
-                // The hand's heading, that of the handle's way, and how far the hand is off across (rad, rad, m).
+                // The hand's heading, the heading of the handle's path, and the distance of the hand across it (rad,
+                // rad, m).
                 let (mut hand, mut way, mut off) = (0.0f64, 0.1f64, 0.0f64);
                 let (mut hinge, mut late) = (Hinge::new(0.7), 0.0f64);
                 // Until the door is open by 1.2 rad.

@@ -31,29 +31,29 @@ const LASER: f64 = 0.30;
 const WHEELS: (f64, f64) = (0.01, 0.08);
 /// Points this close to a line lie on it [m]: four deviations of the laser.
 const TOLERANCE: f64 = 0.02;
-/// The leaf is so far behind the grasp point, from and to (m).
+/// The distance of the leaf behind the grasp point, from and to (m).
 const BEHIND: (f64, f64) = (-0.01, 0.22);
 /// The same to its sides (m).
 const BESIDE: f64 = 0.6;
-/// The leaf may stand so far askew to the hand (rad): the lever turns in the fingers.
+/// The greatest angle of the leaf to the hand (rad): the lever turns in the fingers.
 const ASKEW: f64 = 0.40;
 /// Beyond the leaf's edge it is wall: from the hand, to each side (m).
 const WALL_BESIDE: (f64, f64) = (0.4, 1.5);
-/// So many points to each side, over so much (m), are not there by chance.
+/// The number of points to each side, over this length (m), that is not a coincidence.
 const WALL_POINTS: usize = 5;
 const WALL_LENGTH: f64 = 0.2;
 /// No leaf is wider than this (m).
 const LEAF_MAX: f64 = 1.6;
-/// A wall begins so near the end of its leaf (m), and turns from it by so much at least (rad).
+/// The greatest distance from a wall's beginning to the end of its leaf (m), and the least angle between them (rad).
 const HINGE_GATE: f64 = 0.15;
 const AJAR_MIN: f64 = 0.08;
 /// From the hinge to the handle (m), from and to; and how well the opening and the leaf are measured (m).
 const RADIUS: (f64, f64) = (0.3, 1.5);
 const EDGE: f64 = 0.15;
-/// So many points in an opening are stray, and so many are a wall.
+/// The number of points in an opening that are stray, and the number that make a wall.
 const STRAYS: usize = 3;
 const BEYOND_POINTS: usize = 10;
-/// A line that a leaf is measured against is at least so long (m).
+/// The least length of a line that a leaf is measured against (m).
 const REFERENCE_MIN: f64 = 0.4;
 /// Walls further away than this from the hand (m) are not the door's.
 const WALL_FAR: f64 = 2.5;
@@ -62,7 +62,7 @@ const GAP: f64 = 0.15;
 /// The leaf is seen over at least this length (m).
 const LENGTH_MIN: f64 = 0.20;
 
-/// Leaf and wall that are so far apart (rad) tell where they meet, by a mean over at least and about so many sweeps.
+/// Leaf and wall at this angle (rad) show where they meet, by a mean over at least and about so many sweeps.
 const MEETS: f64 = 0.2;
 const MEAN_FROM: u32 = 10;
 const MEAN_OF: u32 = 40;
@@ -82,14 +82,14 @@ pub struct Leaf {
     pub normal: Vector2<f64>,
 }
 
-/// A line that does not move, and the shut leaf as that line tells.
+/// A line that does not move, and the shut leaf derived from it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Reference {
     line: Line,
-    /// From its normal to that of the shut leaf (rad), and how well that is known (rad).
+    /// From its normal to that of the shut leaf (rad), and the uncertainty of this angle (rad).
     shut: f64,
     deviation: f64,
-    /// The shut leaf (base axes), where the wheels say, if the line is not the door's wall for sure.
+    /// The shut leaf (base axes), from the wheels, if the line is not certainly the door's wall.
     door: Option<Line>,
 }
 
@@ -99,7 +99,7 @@ pub struct Wall {
     reference: Option<Reference>,
     /// The turns of the base since the wall was seen last (rad); none while it is in sight.
     turned: Option<f64>,
-    /// From the handle to where leaf and shut leaf meet (m), a mean over so many sweeps.
+    /// From the handle to the point where leaf and shut leaf meet (m), and the number of sweeps in the mean.
     radius: (f64, u32),
     random: Random,
 }
@@ -135,7 +135,7 @@ impl Wall {
                 self.turned = None;
                 (line, spread.direction)
             }
-            // Out of sight for a sweep, it is where the wheels say, as far as they can be believed.
+            // Out of sight for a sweep, its place comes from the wheels, as far as they can be believed.
             None => {
                 let turned = self.turned.insert(self.turned.unwrap_or(0.0) + moved.z.abs());
                 (before.line, WHEELS.0 + WHEELS.1 * *turned)
@@ -181,13 +181,13 @@ impl Wall {
         (self.radius.1 >= MEAN_FROM).then_some(self.radius.0)
     }
 
-    /// Returns the turns of the base to either side since the wall was seen last (rad), as the wheels say; none while
-    /// it is in sight.
+    /// Returns the turns of the base to either side since the wall was last seen (rad), from the wheels; none while it
+    /// is in sight.
     pub fn turned(&self) -> Option<f64> {
         self.turned
     }
 
-    /// Returns whether it knows what to measure the leaf against.
+    /// Returns whether it has a reference for the leaf.
     pub fn is_found(&self) -> bool {
         self.reference.is_some()
     }
@@ -244,7 +244,7 @@ impl Wall {
         let hand = base_from_tool.translation.vector.xy();
         let is_before_hand = |point: &&Vector2<f64>| {
             let (behind, beside) = (normal.dot(&(**point - hand)), normal.perp(&(**point - hand)));
-            // A leaf that stands askew is nearer on one side.
+            // An askew leaf is nearer on one side.
             let askew = beside.abs() * ASKEW;
             behind > BEHIND.0 - askew && behind < BEHIND.1 + askew && beside.abs() < BESIDE
         };
@@ -263,7 +263,7 @@ impl Wall {
 struct Side {
     foot: Vector2<f64>,
     along: Vector2<f64>,
-    /// How far it goes on without gaps (m).
+    /// How far it continues without gaps (m).
     end: f64,
     /// Whether there is something beyond any leaf's edge.
     is_wall: bool,
@@ -362,7 +362,7 @@ mod tests {
             if i == 0 {
                 assert!(leaf.is_some_and(|leaf| leaf.angle.abs() < 0.01), "{leaf:?}");
             }
-            // Below 10 degrees leaf and wall are too close to be told apart everywhere.
+            // Below 10 degrees leaf and wall are too close to be distinguished everywhere.
             if i > 20 {
                 let leaf = leaf.unwrap_or_else(|| panic!("not seen at {angle}"));
                 assert!((leaf.hand + angle).abs() < 0.01, "{leaf:?} at {angle}");
@@ -394,7 +394,7 @@ mod tests {
                 .is_some()
         );
         for i in 0..100 {
-            // The leaf is shut, and the hand goes on as if it held it.
+            // The leaf is shut, and the hand moves on as if it held it.
             let points = sweep(0.0, true, &mut random).0;
             let hand = sweep(0.013 * f64::from(i), false, &mut random).1;
             let leaf = wall.update(&points, &Vector3::zeros(), &hand);

@@ -6,7 +6,7 @@
 use super::ramp::towards;
 use nalgebra::Vector6;
 
-/// The time for which it stands and looks first (s).
+/// The time for which it stands still and looks first (s).
 const STAND: f64 = 0.4;
 /// (m/s), (m).
 const BACK_SPEED: f64 = 0.06;

@@ -35,9 +35,10 @@ use super::leaf::Leaf;
 pub const TURN_MAX: f64 = 0.30;
 /// The angle that an open door may be short of its goal (rad).
 pub const MARGIN: f64 = 0.035;
-/// An estimate so far beyond the goal (rad) is in doubt: in good runs it is ahead by some 6 degrees.
+/// An estimate this far beyond the goal (rad) is in doubt: in good runs it is ahead by about 6 degrees.
 pub const AHEAD_MAX: f64 = 0.35;
-/// A hinge that is felt so much nearer or further away than it was seen, as a share: in good runs by 0.11 at most.
+/// The relative difference between the estimated and the observed distance of the hinge that means slip: in good runs
+/// it is 0.11 at most.
 const SLIPS: f64 = 0.25;
 /// The share that counts for a hinge that has never been seen.
 const UNSEEN: f64 = 0.35;
@@ -135,9 +136,9 @@ pub struct Watch {
     seen: Option<f64>,
     /// The angle at which the leaf was seen first (rad).
     first: Option<f64>,
-    /// From the hand to the leaf at first (m), a mean over so many sweeps.
+    /// From the hand to the leaf at first (m), and the number of sweeps in the mean.
     away: (f64, u32),
-    /// The turns of the base since the wall was seen (rad), as the wheels say, and without them.
+    /// The turns of the base since the wall was seen (rad), from the wheels, and without them.
     turned: f64,
     slid: f64,
     moved: f64,
@@ -228,7 +229,7 @@ impl Watch {
         share.is_none_or(|share| share.abs() <= SLIPS)
     }
 
-    /// Returns whether handle and hand have gone as far as a leaf has to that stands at `angle` (rad).
+    /// Returns whether handle and hand have moved as far as a leaf at `angle` (rad) requires.
     fn is_witnessed(&self, evidence: &Evidence, angle: f64) -> bool {
         let turned = angle - self.first.unwrap_or(0.0);
         let radius = evidence.seen_radius.unwrap_or(evidence.radius);
@@ -328,7 +329,7 @@ mod tests {
             verdicts.push(watch.update(&Evidence { leaf, turned, radius: 0.82 / 1.235, seen_radius, ..GOOD }));
         }
         assert!((watch.slip() - 0.235 * 0.99).abs() < 1e-9, "{}", watch.slip());
-        // 0.765 of the arc counts: 0.5 + 0.765 a ≥ 1.185 + 2 · 0.002 from step 91 on; by the third sweep it is said.
+        // 0.765 of the arc counts: 0.5 + 0.765 a ≥ 1.185 + 2 · 0.002 from step 91 on; the third sweep confirms it.
         let said = verdicts.iter().position(|verdict| *verdict == Verdict::Open);
         assert!(said.is_some_and(|step| (91..95).contains(&step)), "{said:?}");
         let radius = |radius| verdict(&Evidence { radius, turned: Some(0.0), seen_radius: Some(0.82), ..GOOD });

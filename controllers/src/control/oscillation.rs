@@ -13,7 +13,7 @@
 use super::filter::LowPass;
 use nalgebra::Vector3;
 
-/// A swing goes at least so far (N), or so many deviations of the noise.
+/// The least size of a swing (N), and in deviations of the noise.
 const SWING: (f64, f64) = (8.0, 4.0);
 /// The next one comes within this (s): 2 Hz and more.
 const SOON: f64 = 0.25;
@@ -25,7 +25,7 @@ const SHARE_MIN: f64 = 0.12;
 /// The share of the gain that comes back (1/s).
 const BACK: f64 = 0.04;
 const CUTOFF: f64 = 15.0;
-/// The noise is that of about so many samples.
+/// The number of samples over which the noise is estimated.
 const NOISE_SAMPLES: f64 = 60.0;
 
 /// Swings of one axis.
@@ -62,7 +62,7 @@ impl Swings {
     }
 }
 
-/// Watches the force of a loop, and says how much of its gain the loop may keep.
+/// Watches the force of a loop, and returns the share of its gain that the loop may keep.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OscillationGuard {
     axes: [Swings; 3],

@@ -19,13 +19,15 @@ use nalgebra::{Isometry2, Point2, Rotation2, Vector2};
 const GAP: f64 = 0.15;
 /// Points this close to a line lie on it (m).
 const TOLERANCE: f64 = 0.02;
-/// From the leaf's edge to the base's centre on the way around it, beside the base's radius (m).
+/// The distance from the leaf's edge to the base's centre on the way around it, in addition to the base's radius (m).
 const AROUND: f64 = 0.30;
-/// From the leaf's edge back to where the robot stands to look through the door, likewise (m).
+/// The distance from the leaf's edge back to the place from which the robot looks through the door, likewise (m).
 const BEFORE: f64 = 0.45;
-/// The distance of the base beyond the wall in the end, beside its radius (m): wheels may be wrong by 5 % of the way.
+/// The final distance of the base beyond the wall, in addition to its radius (m): wheels may be wrong by 5 % of the
+/// way.
 const BEYOND: f64 = 0.30;
-/// A corridor may turn from where it is expected by so much (rad), in such steps, and lie so far beside (m).
+/// The range in which a corridor is searched, around its expected place: by angle (rad), in such steps, and sideways
+/// (m).
 const TURN: f64 = 0.20;
 const TURN_STEP: f64 = 0.01;
 const BESIDE: f64 = 0.25;
@@ -155,7 +157,7 @@ impl Doorway {
         self.edge + (self.edge - self.hinge) / self.width() * (BASE_RADIUS + AROUND)
     }
 
-    /// Returns how far the base has to go along `way` to stand beyond the wall (m).
+    /// Returns how far the base has to go along `way` to be beyond the wall (m).
     pub fn length(&self, way: &Way) -> f64 {
         let slope = -self.out.dot(&way.along());
         (self.out.dot(&(way.at - self.hinge)) + BASE_RADIUS + BEYOND) / slope.max(0.3)
@@ -288,7 +290,7 @@ pub(super) mod tests {
                 let end = way.at + way.along() * door.length(&way);
                 let beside = [&door.edge, &door.hinge, &door.latch].map(|side| way.coordinates(side).y.abs());
                 let nearest = beside.into_iter().fold(f64::MAX, f64::min);
-                // Beside the leaf as the formula says; a leaf beyond the right angle is out of the way.
+                // Beside the leaf the formula applies; a leaf beyond the right angle is out of the way.
                 assert!((nearest - door.room()).abs() < 1e-9, "{nearest} {} {angle}", door.room());
                 assert!(end.x > BASE_RADIUS && end.x < BASE_RADIUS + 0.5, "{end}");
                 assert!(way.at.x < door.edge.x - BASE_RADIUS, "{way:?}");
@@ -311,7 +313,7 @@ pub(super) mod tests {
         for mirror in [1.0, -1.0] {
             let door = door(1.2, mirror);
             let way = door.way();
-            // Expected 8 cm beside, and turned by 6 degrees.
+            // Expected 8 cm to the side, and turned by 6 degrees.
             let wrong = Isometry2::new(Vector2::new(0.0, 0.08), 0.1);
             let guess = Way { at: way.at + wrong.translation.vector, heading: way.heading + wrong.rotation.angle() };
             let found = corridor(&seen(&door), &guess, door.length(&way)).unwrap();

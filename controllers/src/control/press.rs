@@ -19,7 +19,7 @@ pub const SPEED: f64 = 0.020;
 pub const LEVER: f64 = 0.10;
 /// No lever goes down further (m).
 pub const DEPTH_MAX: f64 = 0.16;
-/// A twist of the hand (Nm) that tells to which side the lever points, and one that tells that it was the other.
+/// A twist of the hand (Nm) that shows to which side the lever points, and one that shows that it was the other side.
 const TWIST: (f64, f64) = (0.2, 0.8);
 /// First the hand gives way to the force left from closing the fingers, until it is below this (N), or for this time
 /// (s).
@@ -37,11 +37,12 @@ const SPRING_SLOPE: f64 = 600.0;
 const SLOPE_WAY: (f64, f64) = (0.003, 0.008);
 /// So many deviations of the slope are sure.
 const SURE: f64 = 4.0;
-/// The noise is that of about so many samples.
+/// The number of samples over which the noise is estimated.
 const NOISE_SAMPLES: f64 = 60.0;
 /// A force that has been this large (N) and drops below two fifths of it has given way.
 const DROP_FROM: f64 = 12.0;
-/// A lever at its stop is let up to this much above what its spring has (N), so fast (m/s), for so long at most (s).
+/// A lever at its stop is eased until its force is at most this much above that of its spring (N), at this speed (m/s),
+/// for at most this time (s).
 const EASE: f64 = 5.0;
 const EASE_SPEED: f64 = 0.010;
 const EASE_TIME: f64 = 0.6;
@@ -64,7 +65,7 @@ pub struct Press {
     /// Depths (m) and forces (N) of the last few millimetres, as they were measured.
     way: VecDeque<(f64, f64)>,
     largest: f64,
-    /// At the stop: what the spring has (N), and for how long the hand has eased since (s).
+    /// At the stop: the force of the spring (N), and for how long the hand has eased since (s).
     eases: Option<(f64, f64)>,
     /// Of the force upwards: the last sample (N), and how much samples differ by noise (N²).
     last: Option<f64>,
@@ -130,7 +131,7 @@ impl Press {
             self.variance += (0.5 * (felt - last).powi(2) - self.variance) / NOISE_SAMPLES;
         }
         let [upward, twist, steady] = self.filter.update(&[force.z, torque.z, felt], dt);
-        // A lever that is pressed pushes back along its arc; only what is across strains it.
+        // A pressed lever pushes back along its arc; only the force across the arc strains it.
         let along = self.height.map_or_else(Vector3::zeros, |height| self.along(height - base_from_tool.translation.z));
         let across = rotation.inverse() * (force - along * force.dot(&along));
         let mut strain = *wrench_in_tool;

@@ -23,7 +23,7 @@ pub type Rates = SVector<f64, 9>;
 
 /// Largest base speeds: x, y (m/s), yaw (rad/s).
 pub const BASE_RATES_MAX: [f64; 3] = [0.5, 0.5, 0.6];
-/// Largest changes of rate: base x, y (m/s²), yaw (rad/s²). All who move the base use these.
+/// Largest changes of rate: base x, y (m/s²), yaw (rad/s²). All laws that move the base use these.
 pub const BASE_ACCELERATION_MAX: [f64; 3] = [1.0, 1.0, 1.5];
 /// Time constant of the base's drives (s).
 pub const BASE_LAG: f64 = 0.08;

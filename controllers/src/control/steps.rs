@@ -7,8 +7,9 @@
 /// A burst of motion is no longer than this (m).
 const BURST: f64 = 0.02;
 
-/// The motion that was measured and the motion that was commanded, so far as the other has not borne it out (m). Samples and
-/// calculations of a busy machine come in bursts: a step that is longer than its calculation is the rest of a step before.
+/// The measured motion and the commanded motion, each without the part that the other has confirmed (m). Samples and
+/// calculations of a busy machine come in bursts: a step that is longer than its calculation is the rest of an earlier
+/// step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Steps {
     measured: f64,
@@ -40,7 +41,7 @@ mod tests {
             went += steps.take(step, 1e-3);
         }
         assert!((went - 1.0).abs() < BURST + 1e-9, "{went}");
-        // Wheels that spin are not believed: the hand was told to go half as far.
+        // Spinning wheels are not believed: the hand was commanded to go half as far.
         let mut steps = Steps::default();
         let went: f64 = (0..1000).map(|_| steps.take(2e-3, 1e-3)).sum();
         assert!((went - 1.0).abs() < 1e-9, "{went}");

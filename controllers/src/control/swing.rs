@@ -2,7 +2,7 @@
 
 /// The pull at which the hand stops: at first, and for a door that has not moved for some time (N).
 pub const PULL_MAX: (f64, f64) = (50.0, 70.0);
-/// The most that pull and lever may come to together (N).
+/// The greatest allowed sum of pull and lever force (N).
 pub const TOTAL_MAX: f64 = 72.0;
 /// Tried in this order while the opening direction is unknown (N).
 const GENTLE: [Attempt; 4] = [
@@ -19,7 +19,7 @@ pub const HARD: Attempt = Attempt { pull: PULL_MAX.1, total: TOTAL_MAX };
 pub struct Attempt {
     /// The pull at which the hand finally stops.
     pub pull: f64,
-    /// The most that pull and lever may come to together (N).
+    /// The greatest allowed sum of pull and lever force (N).
     pub total: f64,
 }
 

@@ -14,7 +14,7 @@ use nalgebra::Vector2;
 
 /// The room that has to be free on each side of the base (m).
 const MARGIN: f64 = 0.06;
-/// From the handle to the latch's jamb, and from the hinge to its own (m); the first is that of a narrow frame.
+/// From the handle to the latch's jamb, and from the hinge to its jamb (m); the first is for a narrow frame.
 const LATCH: f64 = 0.09;
 const JAMB: f64 = 0.01;
 /// Hand and leaf are turned against each other by no more than this if the opening leaves a choice (rad), and never by
@@ -25,7 +25,7 @@ const FROM: (f64, f64) = (0.03, 0.28);
 /// The gain with which the hand approaches its angle (1/s), and its largest rate (rad/s).
 const GAIN: f64 = 2.0;
 const RATE_MAX: f64 = 0.30;
-/// The door waits for a hand that is so far behind (rad): it begins to, and is as slow as it gets.
+/// The lag of the hand (rad) at which the door begins to wait, and the lag at which it is slowest.
 const BEHIND: (f64, f64) = (0.05, 0.30);
 const PACE_MIN: f64 = 0.2;
 /// The motion of the base besides: the gain with which it approaches its place (1/s), and its largest speed (m/s).
@@ -71,7 +71,7 @@ impl Swivel {
         Self { handle: start.hand, ahead: start.ahead, side }
     }
 
-    /// Returns a vector as so much into the wall and so much towards the hinge.
+    /// Returns a vector as its parts into the wall and towards the hinge.
     fn seen(&self, vector: &Vector2<f64>) -> Vector2<f64> {
         Vector2::new(self.ahead.dot(vector), self.side * self.ahead.perp(vector))
     }
@@ -93,7 +93,7 @@ impl Swivel {
         let wanted = place(angle - ASKEW.0).clamp(low.min(middle), high.max(middle));
         let share = ((angle - FROM.0) / (FROM.1 - FROM.0)).clamp(0.0, 1.0);
         let reach = ((wanted - hand) / arm.norm().max(0.1)).clamp(-0.9, 0.9);
-        // Of the two angles with the base at its place the one with the base behind the hand.
+        // Of the two angles with the base at its place, this is the one with the base behind the hand.
         let goal = std::f64::consts::PI - reach.asin() - arm.y.atan2(arm.x);
         let goal = share * wrapped(goal);
         let missing = goal.max(angle - ASKEW.1) - turned;

@@ -38,7 +38,7 @@ const PASSED: f64 = 0.12;
 const AHEAD: f64 = 0.35;
 /// So many sweeps are looked at before the opening.
 const LOOKS: u32 = 10;
-/// A corridor is believed by so much of each sweep.
+/// The weight of each sweep in the estimate of a corridor.
 const SHARE: f64 = 0.2;
 /// The largest growth of the opening from one sweep to the next (m).
 const TOLERANCE: f64 = 0.02;
@@ -67,7 +67,7 @@ pub struct Sweep {
 pub enum Failure {
     /// The leaf does not stay where it was let go.
     Closes,
-    /// The base would pass with less than the margin: so much is missing (m). The leaf has to be open by that angle
+    /// The base would pass with less than the margin: this much is missing (m). The leaf has to be open by that angle
     /// (rad), if any helps.
     Narrow(f64, Option<f64>),
     /// From the opening its two sides are not seen.
@@ -83,7 +83,7 @@ pub enum Step {
     Move(Rates),
     /// The base stands on the other side.
     Through,
-    /// The base cannot go on.
+    /// The base cannot continue.
     Failed(Failure),
 }
 

@@ -14,19 +14,19 @@ use std::collections::VecDeque;
 
 /// Lengths of the windows, in samples.
 const WINDOWS: [usize; 4] = [3, 6, 12, 24];
-/// Without so many of its largest samples a window has to be above this share of the threshold.
+/// The numbers of largest samples without which a window has to be above this share of the threshold.
 const SPIKES: [usize; 4] = [2, 3, 4, 6];
 const STAYS: f64 = 0.25;
 /// As many deviations as a mean of three axes exceeds once in some 10⁶ windows.
 const SURE: f64 = 5.5;
-/// A step counts as noise up to so many times the variance.
+/// The limit up to which a step counts as noise, as a multiple of the variance.
 const SPIKE: f64 = 16.0;
-/// The noise is that of about so many samples, and nothing is said before so many have come.
+/// The number of samples over which the noise is estimated, and before which nothing is reported.
 const MEMORY: f64 = 125.0;
 const FIRST: u32 = 12;
-/// The mean of the steps is so many times their median: of three axes it is 1.27, and so few samples may say less.
+/// The ratio of the mean of the steps to their median: for three axes it is 1.27, and a few samples may give less.
 const MEDIAN_OF_STEPS: f64 = 1.8;
-/// A sensor whose first samples are equal counts as noisy as this (N²).
+/// The least variance of a sensor whose first samples are equal (N²).
 const VARIANCE_MIN: f64 = 1e-4;
 
 /// Watches the samples of a force.
@@ -148,7 +148,7 @@ mod tests {
 
     const DT: f64 = 0.008;
 
-    /// A free hand for 12 s, then a touch that grows by so much (N/s): when it is noticed after that (s), if it is.
+    /// A free hand for 12 s, then a touch that grows by `slope` (N/s): the time until it is noticed (s), if it is.
     fn noticed(noise: f64, slope: f64, seed: u64) -> Result<f64, &'static str> {
         let (mut touch, mut random) = (Touch::new(Some(1.5)), Random::new(seed));
         // A hand that does not know its payload.

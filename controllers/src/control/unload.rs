@@ -21,13 +21,13 @@ const TURN_MAX: f64 = 0.2;
 const LOADED: f64 = 7.0;
 const AT_EASE: f64 = 3.5;
 const IN_A_ROW: u32 = 5;
-/// Over so much way (m) a force that is wound up falls by so much at least (N): 170 N/m, below the spring of a lever.
+/// Over this distance (m) a tensioned force falls by at least this much (N): 170 N/m, below the spring of a lever.
 const STRETCH: f64 = 0.012;
 const FALL: f64 = 2.0;
 /// The longest way (m) and time (s).
 const WAY_MAX: f64 = 0.06;
 const TIME_MAX: f64 = 2.6;
-/// A force that is smaller than before by so much has fallen (N): more than noise.
+/// A force that is smaller than before by this much has fallen (N): more than noise.
 const FALLEN: f64 = 1.0;
 /// The gain and the largest speed with which the hand goes back (1/s, m/s), and how near is there (m). It goes back
 /// more slowly the more its force is greater than it was at first, and not at all with so much more (N): friction and
@@ -53,7 +53,7 @@ pub struct Unloading {
     is_over: bool,
 }
 
-/// The place (m, tool axes) at which a force had last fallen, how large it is there, and how large it was at first (N).
+/// The place (m, tool axes) at which a force had last fallen, its size there, and its size at first (N).
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Least {
     place: Vector3<f64>,
@@ -85,7 +85,7 @@ impl Unloading {
         self.is_over |= self.time <= 0.0 && size < LOADED;
         self.time += dt;
         if self.way - way >= STRETCH {
-            // A force that grows comes from no closer, and is not pushed back.
+            // A growing force comes from something other than a door closer, and is not pushed back.
             self.is_over |= size - before > FALL;
             self.goes_back |= before - size < FALL;
             self.looked = Some((self.way, size));
@@ -107,7 +107,8 @@ impl Unloading {
         twist
     }
 
-    /// Returns the velocity (m/s, rad/s, tool axes) back to where the force was `least`; none once the hand is there.
+    /// Returns the velocity (m/s, rad/s, tool axes) back to the place where the force was `least`; none once the hand
+    /// is there.
     fn back(&self, least: &Least, size: f64, share: f64) -> Option<Vector6<f64>> {
         let missing = least.place - self.place;
         let slower = (1.0 - (size - least.first) / BACK_HARDER).clamp(0.0, 1.0) * share;

@@ -14,7 +14,7 @@ use nalgebra::{Vector3, Vector6};
 use std::time::Duration;
 
 const ACCELERATION_MAX: f64 = 8.0;
-/// Five time constants of the drives: then the arm stands.
+/// Five time constants of the drives, after which the arm is at rest.
 const SETTLING: Duration = Duration::from_millis(100);
 /// A joint this close to its limit moves away from it only (rad).
 const LIMIT_MARGIN: f64 = 0.03;
@@ -92,7 +92,7 @@ impl Servo {
         self.overload.update(size > FORCE_MAX).then(|| format!("the force on the hand exceeds {FORCE_MAX:.0} N"))
     }
 
-    /// Sends what brings the joints to `wanted` (rad/s), if it may.
+    /// Sends the command that brings the joints to `wanted` (rad/s), if it may.
     fn work(
         &mut self,
         tick: Tick,
@@ -184,7 +184,7 @@ fn within(q: &Joints, wanted: &Joints) -> Joints {
     })
 }
 
-/// Moves the arm's joints as told, within their limits, and tells where they are.
+/// Moves the arm's joints as commanded, within their limits, and publishes their angles.
 #[derive(Debug)]
 pub(super) struct Puma560Ctrl {
     servo: Servo,
@@ -316,7 +316,7 @@ pub(super) struct ArmOutputs {
     lock: LockCalls,
 }
 
-/// Moves the hand as told with the arm alone; the base stays.
+/// Moves the hand as commanded with the arm alone; the base stays.
 #[derive(Debug)]
 pub(super) struct Puma560 {
     servo: Servo,

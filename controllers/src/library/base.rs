@@ -18,7 +18,7 @@ use std::time::Duration;
 const RETREAT: f64 = 0.06;
 const RETREAT_MAX: Duration = Duration::from_millis(1000);
 const SPEED_MIN: f64 = 0.01;
-/// Five time constants of the drives: then the base stands.
+/// Five time constants of the drives, after which the base is at rest.
 const SETTLING: Duration = Duration::from_millis(400);
 /// The largest part of an encoder's step that no motion of the base explains (rad): good wheels leave less than half of
 /// it, also after a gap of 60 ms.
@@ -46,7 +46,7 @@ pub(super) struct CtrlOutputs {
     lock: LockCalls,
 }
 
-/// Moves the base as told.
+/// Moves the base as commanded.
 #[derive(Debug)]
 pub(super) struct Xr4000Ctrl {
     command: [f64; 3],

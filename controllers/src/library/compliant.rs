@@ -46,7 +46,7 @@ impl CompliantCtrl {
         loop_delay(self.age.unwrap_or(0.0))
     }
 
-    /// Measures the delay; says whether the loop is too slow for too long.
+    /// Measures the delay; returns whether the loop is too slow for too long.
     fn is_too_slow(&mut self, tick: Tick, wrench: &In<Wrench>) -> bool {
         if let Some(age) = wrench.fresh().and_then(|_| wrench.age(tick.now)) {
             let mean = self.age.get_or_insert(age.as_secs_f64());

@@ -41,7 +41,7 @@ pub(super) struct ForceTorque {
     zero: bool,
     /// The first forces since it was set to zero (N).
     first: Vec<Vector3<f64>>,
-    /// Smaller forces are told as none (N).
+    /// Smaller forces are published as zero (N).
     threshold: f64,
     /// The sensor's count of zeroings when this began.
     zeroed_before: Option<u32>,
@@ -139,7 +139,7 @@ pub(super) struct SensorOutputs {
     command: Out<FtCommand>,
 }
 
-/// Sets the sensor to zero, then tells the wrench on the hand.
+/// Sets the sensor to zero, then publishes the wrench on the hand.
 #[derive(Debug, Default)]
 pub(super) struct ForceSensor {
     zeroed_before: Option<u32>,

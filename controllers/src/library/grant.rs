@@ -27,7 +27,7 @@ pub(super) enum Right {
     Command(Option<u64>),
     /// Nothing yet.
     Wait,
-    /// Nothing any more: the reason, for a person.
+    /// None: the lock is lost; the reason, for a person.
     Lost(String),
 }
 

@@ -25,7 +25,7 @@ const GENTLE_FOR: Duration = Duration::from_millis(1500);
 const MET: f64 = 5.0;
 const TIMEOUT: Duration = Duration::from_secs(4);
 const IN_A_ROW: u32 = 3;
-/// A hand that feels little so many times in a row is at ease.
+/// The number of small forces in a row after which the hand is at ease.
 const AT_EASE_IN_A_ROW: u32 = 10;
 
 /// The inputs of the gripper's controllers.
@@ -148,7 +148,7 @@ impl Controller for GripperControl {
         let fence = match self.grant.ask(tick.now, &mut outputs.lock) {
             Right::Command(fence) => fence,
             Right::Wait => {
-                // The time of its task is that of its fingers.
+                // The task's time is that of its fingers.
                 self.started = tick.now;
                 return Progress::Continue;
             }

@@ -30,7 +30,7 @@ const PUSH_PACE_MIN: f64 = 0.6;
 /// stop. And the longest search for the wall.
 const ROOM_SLOW: f64 = 0.04;
 const LOOK: Duration = Duration::from_secs(2);
-/// A remembered wall is taken to be so much nearer (m): wheels are wrong by a few per cent.
+/// A remembered wall is taken to be this much nearer (m): wheels are wrong by a few per cent.
 const REMEMBERED: f64 = 0.03;
 /// From this angle (rad) on, the fingers hold the part of the leaf behind them, of this depth and width to each side
 /// (m).
@@ -382,7 +382,8 @@ impl Controller for ModelBasedCtrl {
         }
         let base = known.odometry_from_base.rotation.inverse() * pull.base.push(0.0);
         let null = std::array::from_fn(|i| if i < 2 { base[i] } else { 0.0 });
-        // The angle of a leaf whose wall is out of sight rests on how the wheels turn the base: so they do not.
+        // The angle of a leaf whose wall is out of sight depends on how the wheels turn the base: so they do not turn
+        // it.
         let steady = self.opening.as_ref().is_some_and(Opening::pushes) || self.wall.turned().is_some();
         outputs.velocity.send(Velocity { twist: pull.twist_in_tool.into(), null, steady });
         outputs.guide.send(Constraint {

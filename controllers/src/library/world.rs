@@ -83,7 +83,7 @@ pub(super) struct DoorWorld {
     state: Option<Box<State>>,
 }
 
-/// The plant and when it has to say what.
+/// The plant, and the times of its samples.
 #[derive(Debug)]
 struct State {
     plant: Plant,

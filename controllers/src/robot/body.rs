@@ -103,7 +103,7 @@ impl Body {
         walls.iter().map(room).fold(f64::INFINITY, f64::min)
     }
 
-    /// Returns what its parts run into.
+    /// Returns the collisions of its parts.
     pub fn hits(&self, walls: &[Wall]) -> Vec<Hit> {
         let middle = self.base.xy().push(MOUNT_HEIGHT);
         let [shoulder, elbow, wrist, fingers] = self.points;
@@ -129,7 +129,7 @@ impl Body {
         hits
     }
 
-    /// Returns what loads do to the drives.
+    /// Returns the effect of loads on the drives.
     pub fn yielding(&self, machine: &Machine, loads: &[Load]) -> Yielding {
         let torques: Rates = loads.iter().map(|load| self.torques(load)).sum();
         let limit = |i: usize| match i {
@@ -161,7 +161,7 @@ impl Body {
     }
 }
 
-/// The force (N) of a part behind so many joints that is pressed by so much (m).
+/// The force (N) of a part behind `joints` joints that is pressed by `depth` (m).
 fn pressed(depth: f64, joints: usize) -> f64 {
     if joints == 0 { BUMPER * depth + STIFFNESS * (depth - TRAVEL).max(0.0) } else { STIFFNESS * depth }
 }

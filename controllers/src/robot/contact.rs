@@ -77,7 +77,7 @@ pub struct Push {
 pub struct Grasp {
     description: Description,
     held: Option<Held>,
-    /// The fingertips are beside the lever, further in than its face. From there they do not meet the face.
+    /// The fingertips are to the side of the lever, further in than its face. From there they do not meet the face.
     is_beside: bool,
 }
 
@@ -241,7 +241,7 @@ mod tests {
             grasp.push(&hand(&handle, inwards * depth + along * aside, Vector3::zeros()), &handle).force.norm()
         };
         assert!(at(-0.01, 0.0) <= 0.0 && at(0.003, 0.0) > 20.0 && at(0.003, 0.049) > 20.0);
-        // The lever slides off the fingers, goes on, and comes back from beside them.
+        // The lever slides off the fingers, moves on, and returns from the side.
         assert!(at(0.003, 0.051) <= 0.0 && at(0.06, 0.051) <= 0.0 && at(0.06, 0.04) <= 0.0);
         assert!(at(-0.001, 0.04) <= 0.0 && at(0.003, 0.04) > 20.0, "from before it they meet it again");
     }

@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector2, Vector3};
 
 const LEVER_INERTIA: f64 = 0.01;
-/// Of a torque of the fingers about the lever's axis, what reaches the lever; the rest slips.
+/// The share of the fingers' torque about the lever's axis that reaches the lever; the rest slips.
 const FINGERS_TURN: f64 = 0.3;
 
 /// The description of a door.
@@ -23,7 +23,7 @@ pub struct Description {
     pub inertia: f64,
     /// Torque of the closer at rest (Nm).
     pub closer: f64,
-    /// The growth of that with the angle (Nm/rad).
+    /// The growth of that torque with the angle (Nm/rad).
     pub closer_rate: f64,
     /// Dry friction of the hinge (Nm).
     pub friction: f64,
@@ -49,7 +49,7 @@ pub struct Description {
     pub lever_stop: f64,
     /// Torque of the lever's spring when it leaves its rest (Nm).
     pub lever_torque: f64,
-    /// The growth of that with the lever's angle (Nm/rad).
+    /// The growth of that torque with the lever's angle (Nm/rad).
     pub lever_rate: f64,
 }
 
@@ -212,7 +212,7 @@ impl Door {
         self.rate += dt * self.sense() * (at - self.hinge()).perp(force) / self.description.inertia;
     }
 
-    /// Lets a torque (Nm) shut the leaf for `dt` (s), as a visitor does who leans on it.
+    /// Lets a torque (Nm) shut the leaf for `dt` (s), like a visitor who leans on it.
     pub fn push_shut(&mut self, torque: f64, dt: f64) {
         self.rate -= dt * torque / self.description.inertia;
     }

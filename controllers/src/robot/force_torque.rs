@@ -18,7 +18,7 @@ pub struct Errors {
     pub offset: f64,
     /// A force along the approach that is not there (N) and that setting to zero does not take out: drift.
     pub bias: f64,
-    /// A force across the approach that single readings say (N), and the share of the readings that do.
+    /// A false force across the approach in single readings (N), and the share of such readings.
     pub spike: f64,
     /// See above.
     pub spikes: f64,

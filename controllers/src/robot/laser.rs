@@ -17,7 +17,7 @@ pub fn bearing(ray: u32) -> f64 {
     (0.5 * f64::from(ray) - 90.0).to_radians()
 }
 
-/// A ray sees the room in so many mirrors, one after the other.
+/// The most mirrors in a row through which a ray sees the room.
 const MIRRORS: u32 = 2;
 
 /// The errors of its ranges.
@@ -27,7 +27,7 @@ pub struct Errors {
     pub noise: f64,
     /// Of all (m).
     pub bias: f64,
-    /// The share of the rays that say anything.
+    /// The share of the rays that return an echo.
     pub strays: f64,
     /// The rays without echo, from one direction about straight ahead to another (rad).
     pub blind: (f64, f64),

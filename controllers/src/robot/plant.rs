@@ -28,7 +28,7 @@ const GRAVITY: f64 = 9.81;
 const GRIP_FORCE_RISE: f64 = 400.0;
 /// The force on its bumper that the base notices (N).
 const BUMPED: f64 = 8.0;
-/// The time in which a visitor's torque on the leaf rises (s): that of a person's push.
+/// The time in which a visitor's torque on the leaf rises (s), as in a person's push.
 const SHUT_RISE: f64 = 0.2;
 /// The limits of our base's drives, without their lag.
 const BASE: Limits<3> = Limits { lag: 0.0, acceleration: [1.0, 1.0, 1.5], speed: [0.6, 0.6, 0.7] };
@@ -90,7 +90,7 @@ impl Plant {
         let base = Pose::new(-start.distance + off(0.08), start.aside + off(0.06), start.yaw + off(0.05));
         let force_torque = ForceTorque::new(setup.sensors.force(), &mut random);
         let casters = Casters::from_fn(|i, _| if i < 4 { random.between(-3.0, 3.0) } else { 0.0 });
-        // Calibrations are drawn apart, so that a world without errors has the noise of one with errors.
+        // Calibrations are drawn separately, so that a world without errors has the noise of one with errors.
         let mut calibration = Random::new(!setup.seed);
         let mut joints = puma560::door_posture();
         joints[5] = start.wrist;
@@ -172,7 +172,7 @@ impl Plant {
         casters
     }
 
-    /// Returns the width between the fingers that the gripper says (m), and the force with which they press (N).
+    /// Returns the width between the fingers that the gripper reports (m), and the force with which they press (N).
     pub fn grip_said(&self) -> (f64, f64) {
         let says = self.setup.sensors.grip_says;
         (if says < 0.0 { self.grip } else { says }, self.grip_force)
@@ -461,7 +461,7 @@ mod tests {
         assert!((plant.collision() - 350.0).abs() < 25.0, "{}", plant.collision());
     }
 
-    /// A hand that stands at a lever which slips out of its fingers at 10 N.
+    /// A hand at a lever that slips out of its fingers at 10 N.
     fn at_the_lever() -> Plant {
         let hand = puma560::forward(&puma560::door_posture()).base_from_tool.translation.vector;
         let mut setup = Setup { seed: 1, ..Setup::default() };

@@ -1,4 +1,4 @@
-//! The room around the door, seen from above: its walls, what stands in it, and which of its surfaces a laser sees.
+//! The room around the door, seen from above: its walls, its objects, and the surfaces that a laser sees.
 //!
 //! Corners, corridors and niches are side walls near the jambs. A surface has an echo, or none (glass, black paint), or
 //! it is a mirror, in which a laser sees the room once more.
@@ -7,14 +7,14 @@ use super::body::Wall;
 use super::door::{Door, Side};
 use nalgebra::Vector2;
 
-/// The distance of a side wall from the handle where nothing else is said (m), and how far a wall goes on sideways.
+/// The default distance of a side wall from the handle (m), and how far a wall extends sideways.
 const FAR: f64 = 2.5;
 /// The thickness of a wall at a jamb (m).
 const JAMB: f64 = 0.05;
-/// The rate at which what walks about goes to and fro (rad/s).
+/// The rate at which a moving object goes to and fro (rad/s).
 const WALK: f64 = 0.5;
 
-/// The description of a room. A length that is negative stands for nothing there.
+/// The description of a room. A negative length means that the object is absent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Description {
     /// From the latch's jamb to the side wall beside it (m).
@@ -31,7 +31,7 @@ pub struct Description {
     pub glass: Place,
     /// The surfaces that are mirrors.
     pub mirror: Place,
-    /// Something that stands in the room.
+    /// An object in the room.
     pub body: Standing,
 }
 
@@ -50,7 +50,7 @@ pub enum Place {
     Leaf,
 }
 
-/// Something round that stands or walks in the room: a person, a pillar, a trolley.
+/// A round object that stands or walks in the room: a person, a pillar, a trolley.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Standing {
     /// Before the door's wall (m).
@@ -59,7 +59,7 @@ pub struct Standing {
     pub aside: f64,
     /// Its diameter (m).
     pub size: f64,
-    /// It walks to the left and to the right by so much (m).
+    /// It walks to the left and to the right by this distance (m).
     pub walks: f64,
 }
 

@@ -38,13 +38,13 @@ pub struct Machine {
     pub wheel_error: f64,
     /// The mass beyond the wrist sensor that the robot does not know (kg).
     pub payload: f64,
-    /// A force makes the drives so many times as much slower or faster as ours.
+    /// A factor on how much a force slows down or speeds up the drives.
     pub droop: f64,
-    /// The motors of the arm are so many times as strong as published.
+    /// A factor on the published strength of the arm's motors.
     pub torque_limit: f64,
     /// The force at which the base's wheels begin to slip (N).
     pub traction: f64,
-    /// The base is so many times as fast as ours at most, and speeds up so many times as quickly.
+    /// A factor on the top speed and the acceleration of the base.
     pub base_speed: f64,
     /// See above.
     pub base_acceleration: f64,
@@ -99,7 +99,7 @@ pub struct Sensors {
     pub camera_turn: f64,
     /// Each encoder of the arm is off by up to this (rad).
     pub joint_offset: f64,
-    /// The width between the fingers that the gripper always says (m); the true one if that is negative.
+    /// The constant width between the fingers that the gripper reports (m); the true one if that is negative.
     pub grip_says: f64,
 }
 
@@ -172,7 +172,7 @@ pub struct Start {
     pub aside: f64,
     /// Of the base, counter-clockwise from straight ahead (rad).
     pub yaw: f64,
-    /// The seed moves it by up to so many times 0.08 m, 0.06 m and 0.05 rad.
+    /// The seed moves it by up to this multiple of 0.08 m, 0.06 m and 0.05 rad.
     pub spread: f64,
     /// Joint 6 (rad): a quarter turn points the fingers' x axis to the left, three quarters to the right.
     pub wrist: f64,
@@ -193,11 +193,11 @@ pub struct Faults {
     pub base_slip: Slip,
     /// The duration of that (s).
     pub base_slip_for: f64,
-    /// A visitor begins to shut the door when it is so far open for the first time (rad).
+    /// A visitor begins to shut the door when it is first open by this angle (rad).
     pub shut_at: f64,
     /// With this torque (Nm).
     pub shut_torque: f64,
-    /// For so long (s).
+    /// The duration (s).
     pub shut_for: f64,
     /// Something outside turns the base.
     pub turned: Turned,
@@ -212,7 +212,7 @@ pub struct Turned {
     pub at: f64,
     /// (rad/s), counter-clockwise.
     pub rate: f64,
-    /// For so long (s).
+    /// The duration (s).
     pub span: f64,
 }
 
@@ -221,7 +221,7 @@ pub struct Turned {
 pub struct Jump {
     /// The angle of the door at which it jumps (rad).
     pub at: f64,
-    /// By so much (rad).
+    /// The angle (rad).
     pub by: f64,
 }
 

@@ -247,7 +247,7 @@ impl Arguments {
     /// value alone is for the next parameter: `open`, `"open"`, `0.5`, `true`.
     ///
     /// # Errors
-    /// Names the first argument that is wrong, and what would be right.
+    /// Names the first wrong argument, and the accepted values.
     pub fn parse<S: AsRef<str>>(parameters: &[Parameter], given: &[S]) -> Result<Self, ArgumentError> {
         let names = || parameters.iter().map(|parameter| parameter.name).collect();
         let mut values = BTreeMap::new();
@@ -284,13 +284,13 @@ impl Arguments {
         Self { instance: instance.to_owned(), deployment: deployment.to_owned(), ..self }
     }
 
-    /// Returns the name of the deployment; empty where nobody has said which it is, as in a test.
+    /// Returns the name of the deployment; empty if it is unknown, as in a test.
     pub fn deployment(&self) -> &str {
         &self.deployment
     }
 
-    /// Returns the name of the process among those of all deployments, `door:main/arm/hand`; its path alone where nobody has said which
-    /// deployment it is in.
+    /// Returns the name of the process among those of all deployments, `door:main/arm/hand`; its path alone if its
+    /// deployment is unknown.
     pub fn full_name(&self) -> String {
         let (deployment, instance) = (&self.deployment, &self.instance);
         if deployment.is_empty() { instance.clone() } else { format!("{deployment}:{instance}") }
@@ -358,7 +358,7 @@ impl Arguments {
     }
 }
 
-/// Splits `name=value`; a quoted text or one whose head is no identifier is a plain value.
+/// Splits `name=value`; a quoted text, or one whose head is not an identifier, is a plain value.
 fn split(text: &str) -> Option<(&str, &str)> {
     let (name, value) = text.split_once('=')?;
     let name = name.trim();

@@ -1,4 +1,4 @@
-//! A call of what another process exports, as a controller makes it: sent after a calculation, answered in a later one.
+//! A controller's calls of another process's exports: sent after a calculation, answered in a later one.
 
 use super::export::{encode, fit, refused};
 use super::port::Message;
@@ -30,10 +30,10 @@ pub struct RawCalls {
     answers: VecDeque<Answered<Vec<u8>>>,
 }
 
-/// The number of a call, and what has come of it.
+/// The number of a call, and its result.
 pub type Answered<R> = (u64, Result<R, ObjectError>);
 
-/// What is to be done about a call.
+/// An order about a call.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum CallOrder {
     /// Make it.
@@ -119,7 +119,7 @@ impl RawCalls {
 }
 
 impl<A: Message, R: Message> Calls<A, R> {
-    /// Calls after this calculation; returns the number of the call. Whatever happens, there is one answer to it, unless it
+    /// Calls after this calculation; returns the number of the call. In any case there is one answer to it, unless it
     /// is cancelled or the activation ends before.
     pub fn call(&mut self, argument: A, within: Duration) -> u64 {
         self.make(None, argument, within)
@@ -136,8 +136,8 @@ impl<A: Message, R: Message> Calls<A, R> {
         self.raw.call(to, argument, within)
     }
 
-    /// Returns whether the spec connects this call with something, in whatever connection set. What is not connected is answered with
-    /// [`ObjectError::NotConnected`]; so is what is connected in a set that is not open.
+    /// Returns whether the spec connects this call, in any connection set. A call that is not connected is answered
+    /// with [`ObjectError::NotConnected`], and so is a call whose set is not open.
     pub const fn is_connected(&self) -> bool {
         self.raw.is_connected()
     }
@@ -170,7 +170,7 @@ pub trait AnyCalls {
     fn connect(&mut self);
     /// Takes what is to be done, in order.
     fn take(&mut self) -> Vec<CallOrder>;
-    /// Takes the answer to a call; one that nobody waits for is dropped.
+    /// Takes the answer to a call; an answer that is no longer expected is dropped.
     fn deliver(&mut self, number: u64, result: Result<Vec<u8>, ObjectError>);
 }
 
@@ -223,7 +223,7 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever order answers come in, and however often: each call that was not cancelled has one.
+        /// With answers in any order, and repeated: each call that was not cancelled has one.
         #[test]
         fn each_call_has_one_answer_or_is_cancelled(steps in prop::collection::vec((0_u8..4, 1_u64..80), 0..400)) {
             let (mut calls, mut open, mut told) = (Calls::<(), ()>::default(), BTreeSet::new(), 0_u64);

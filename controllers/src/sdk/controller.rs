@@ -31,7 +31,7 @@ pub trait Controller: Sized + Send + 'static {
     /// Says in one line what is wrong with the arguments.
     fn new(arguments: &Arguments) -> Result<Self, String>;
 
-    /// Prepares an activation; forgets the one before. `value` is what the process before it left, often nothing.
+    /// Prepares an activation; forgets the previous one. `value` is the value of the previous process, often empty.
     ///
     /// # Errors
     /// Says in one line why it cannot run; the activation is then aborted.
@@ -45,8 +45,8 @@ pub trait Controller: Sized + Send + 'static {
         let _ = now;
     }
 
-    /// Takes other values for its parameters while it runs, between two calculations. Who cannot do that leaves this as it
-    /// is: then [`Controller::new`] gets them before the next activation.
+    /// Takes other values for its parameters during the run, between two calculations. A controller that cannot do that
+    /// keeps the default implementation: then [`Controller::new`] gets them before the next activation.
     ///
     /// # Errors
     /// Says in one line what is wrong with them; the old ones stay.

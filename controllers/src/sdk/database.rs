@@ -1,9 +1,9 @@
 //! The database of the robot, as a controller uses it: asked after a calculation, answered in a later one.
 //!
-//! A controller has one field for it, in its struct of outputs. Nothing waits: a request goes to the node after this calculation,
-//! over the control channel, so it works on a robot that is cut off from all others, too. Each request has one answer. Of
-//! a write only [`Ok`] counts as success: then it is on the disk of this robot, and goes to all others. Where nobody can know
-//! whether it was committed, the answer says so ([`DatabaseError::Unknown`]).
+//! A controller has one field for it, in its struct of outputs. Nothing waits: a request goes to the node after this
+//! calculation, over the control channel, so it also works on a robot that is cut off from all others. Each request has
+//! one answer. For a write only [`Ok`] counts as success: then it is on the disk of this robot, and goes to all others.
+//! If it is unknown whether it was committed, the answer says so ([`DatabaseError::Unknown`]).
 //!
 //! ```
 //! use controllers::sdk::{Database, Expected, Outputs, Transaction, Value};
@@ -38,7 +38,7 @@ use thiserror::Error;
 
 pub use comms::logic::database::{Change, DatabaseRefusal, Entry, Expected, TxnId, Value, ValueError};
 
-/// What [`About::triggered_by`](super::About::triggered_by) names where an answer of the database starts a calculation.
+/// The name for [`About::triggered_by`](super::About::triggered_by) if an answer of the database starts a calculation.
 pub(crate) const DATABASE: &str = "database";
 
 /// The database, for one activation of a controller. A field of a struct of outputs, with `#[database]`.
@@ -62,7 +62,7 @@ struct Pending {
     until: Time,
 }
 
-/// Changes that happen together or not at all, and what has to hold for them.
+/// Changes that happen together or not at all, and their conditions.
 #[derive(Clone, Debug)]
 pub struct Transaction {
     transaction: comms::logic::database::Transaction,
@@ -100,11 +100,11 @@ pub enum Unknown {
     },
 }
 
-/// What a watch brings: first the present values, then each change; and again from [`WatchEvent::Begin`] on whenever some of it
-/// may have been missed.
+/// An event of a watch: first the present values, then each change; and again from [`WatchEvent::Begin`] on whenever
+/// changes may have been missed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum WatchEvent {
-    /// The present values come next. What was known of the keys before is void.
+    /// The present values come next. Everything known of the keys before is void.
     Begin,
     /// Some of the present values.
     Present(Vec<Entry>),
@@ -116,7 +116,7 @@ pub enum WatchEvent {
     Refused(DatabaseRefusal),
 }
 
-/// What is to be done about a request.
+/// An order about a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum DatabaseOrder {
     /// Ask the node.
@@ -225,8 +225,8 @@ impl Database {
         self.ask(true, within, transaction.check().map(DatabaseRequest::Transact))
     }
 
-    /// Watches a key, or the keys below a prefix that ends in `/`; returns the number of the watch. [`Database::event`] has what it
-    /// brings. The watch ends with the activation.
+    /// Watches a key, or the keys below a prefix that ends in `/`; returns the number of the watch. [`Database::event`]
+    /// has its events. The watch ends with the activation.
     pub fn watch(&mut self, prefix: impl Into<String>) -> u64 {
         self.made += 1;
         if self.watches.len() >= WATCHES_MAX {
@@ -240,7 +240,7 @@ impl Database {
         self.made
     }
 
-    /// Ends a watch. What it has brought and was not looked at is dropped.
+    /// Ends a watch. Events that were not looked at are dropped.
     pub fn unwatch(&mut self, number: u64) {
         if self.watches.remove(&number) {
             self.news.retain(|(of, _)| *of != number);
@@ -312,7 +312,7 @@ impl Database {
         std::mem::take(&mut self.orders)
     }
 
-    /// Takes an answer; one that nobody waits for is dropped.
+    /// Takes an answer; an answer that is no longer expected is dropped.
     pub fn deliver(&mut self, number: u64, answer: Result<DatabaseAnswer, Unknown>) {
         if self.watches.contains(&number) {
             return self.deliver_news(number, answer);

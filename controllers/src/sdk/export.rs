@@ -1,4 +1,5 @@
-//! What a controller exports: procedures that others call, and state that they read, between two calculations of its loop.
+//! The exports of a controller: procedures that others call, and state that they read, between two calculations of its
+//! loop.
 
 use super::port::{Message, is_fit};
 use comms::logic::object::{Access, ExportKind, Exported, ObjectCall, ObjectError, Signature, TypeForm};
@@ -24,7 +25,7 @@ enum Run<C> {
 type RunProcedure<C> = dyn Fn(&mut C, &[u8], RawReply) + Send;
 type ReadState<C> = dyn Fn(&C) -> Result<Vec<u8>, ObjectError> + Send;
 
-/// What can be known of an export without running it.
+/// The static description of an export.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ExportInterface {
     /// `Grip`, `opening`
@@ -41,7 +42,7 @@ pub struct ExportInterface {
     pub access: Access,
 }
 
-/// What can be known of a call that a controller makes.
+/// The static description of a call that a controller makes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CallInterface {
     /// Its name: `Grip`.
@@ -68,14 +69,14 @@ pub enum Activity {
 /// Takes the one result of a call, encoded.
 type Take = Box<dyn FnOnce(Result<Vec<u8>, ObjectError>) + Send>;
 
-/// The way of the answer to one call, whatever its type. Dropped without an answer, its caller hears that nobody gives one.
+/// The way of the answer to one call, of any type. If it is dropped without an answer, the caller receives `Gone`.
 pub struct RawReply {
     take: Take,
     is_wanted: Box<dyn Fn() -> bool + Send>,
 }
 
-/// The way of the answer to one call. It may be kept, and answered in a later calculation. Dropped without an answer, its caller
-/// hears that nobody gives one.
+/// The way of the answer to one call. It may be kept, and answered in a later calculation. If it is dropped without an
+/// answer, the caller receives `Gone`.
 #[derive(Debug)]
 pub struct Reply<R> {
     raw: RawReply,
@@ -133,7 +134,7 @@ impl<C: 'static> Exports<C> {
         self
     }
 
-    /// Has the procedure that was exported last answered while the process is idle, too.
+    /// Lets the last exported procedure be answered while the process is idle as well.
     pub fn idle(&mut self) -> &mut Self {
         self.all.iter_mut().last().into_iter().for_each(|export| export.about.is_answered_idle = true);
         self
@@ -281,7 +282,7 @@ fn called(name: &str, signature: &Signature) -> String {
 }
 
 impl RawReply {
-    /// Returns the way of an answer; `is_wanted` says whether somebody still waits for it.
+    /// Returns the way of an answer; `is_wanted` returns whether the caller still waits for it.
     pub fn new(
         take: impl FnOnce(Result<Vec<u8>, ObjectError>) + Send + 'static,
         is_wanted: impl Fn() -> bool + Send + 'static,
@@ -317,7 +318,7 @@ impl<R: Message> Reply<R> {
         self.raw.answer(Err(refused(reason.into())));
     }
 
-    /// Returns whether somebody still waits: the caller has not given up, its time is not over, and its program lives.
+    /// Returns whether the caller still waits: it has not cancelled, its time is not over, and its program lives.
     pub fn is_wanted(&self) -> bool {
         self.raw.is_wanted()
     }
@@ -339,7 +340,7 @@ mod tests {
         const FIELDS: &'static str = "length: Length";
     }
 
-    /// Fingers, and who waits for them.
+    /// Fingers, and the caller that waits for them.
     #[derive(Default)]
     struct Hand {
         width: f64,

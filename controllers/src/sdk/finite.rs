@@ -45,7 +45,7 @@ impl Error for Stop {
     }
 }
 
-/// What holds no float.
+/// Types without floats.
 macro_rules! ignored {
     ($($name:ident($($type:ty),*);)+) => {
         $(
@@ -57,7 +57,7 @@ macro_rules! ignored {
     };
 }
 
-/// What holds values.
+/// Types that contain values.
 macro_rules! entered {
     ($($name:ident($($type:ty),*) -> $kind:ident;)+) => {
         $(
@@ -396,7 +396,7 @@ mod tests {
         assert_eq!(module.calculate(Time::ZERO), Progress::Continue);
         let sent = sent(&mut *module);
         assert_eq!(sent, [("Out", 6.0), ("Any", f64::NEG_INFINITY)]);
-        // Who aborts for want of values says what has become of them.
+        // A controller that aborts for lack of values reports that some were not finite.
         assert!(NOT_FINITE.iter().all(|number| deliver(&mut *module, "All", *number).is_err()));
         let Progress::Aborted(why) = module.calculate(Time::ZERO) else { panic!("it goes on") };
         let told = "`All` has refused its last 6 values: a number in them was not finite";
@@ -451,7 +451,7 @@ mod tests {
         assert_eq!(queue.receive(message), Receipt::Accepted);
     }
 
-    /// What looking costs: `cargo test -p controllers --lib finite -- --ignored --nocapture`.
+    /// The cost of the check: `cargo test -p controllers --lib finite -- --ignored --nocapture`.
     #[test]
     #[ignore = "long: a measurement"]
     fn the_cost_of_looking() {

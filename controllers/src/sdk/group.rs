@@ -1,9 +1,10 @@
 //! Several controllers in one process and one loop, with memory between them: an *in-process group*.
 //!
-//! To a node, a spec and a recorder it is one controller type, with the ports that it exposes. In each turn of its loop every member
-//! calculates at most once, in the order in which the members were added: when its period is over, or when something has come that
-//! triggers it. What a member sends is there for the members behind it in the same turn, and for those before it in the next one. So
-//! nothing between them waits for a thread or is copied to another process, and a turn ends whatever the wires.
+//! To a node, a spec and a recorder it is one controller type, with the ports that it exposes. In each turn of its loop
+//! every member calculates at most once, in the order in which the members were added: when its period is over, or when
+//! a value has come that triggers it. A value that a member sends is there for the later members in the same turn, and
+//! for the earlier ones in the next turn. So nothing between them waits for a thread or is copied to another process,
+//! and a turn ends with any wires.
 //!
 //! The members share their fate: one that ends, ends the group, and one that crashes takes the process of all of them along.
 
@@ -111,7 +112,7 @@ pub enum GroupError {
         /// Of members, ports, exports or calls.
         name: String,
     },
-    /// A wire or an exposed port is of nobody.
+    /// A wire or an exposed port belongs to no member.
     #[error("`{group}` has no {direction} `{member}.{port}` to connect")]
     NoPort {
         /// The group.
@@ -218,7 +219,7 @@ impl InProcessGroup {
         self
     }
 
-    /// Returns its interface, and what makes it.
+    /// Returns its interface, and its constructor.
     ///
     /// # Errors
     /// Its members or wires do not fit.

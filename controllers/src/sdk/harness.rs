@@ -78,7 +78,7 @@ pub enum ConnectError {
     },
 }
 
-/// Modules, wires and a queue of what happens next.
+/// Modules, wires and a queue of the next events.
 pub struct Harness {
     now: Time,
     slots: Vec<Slot>,

@@ -15,9 +15,9 @@ pub struct Interface {
     pub about: About,
     /// Inputs, then outputs, each in order of declaration.
     pub ports: Vec<PortInterface>,
-    /// What others may call and read, in order of declaration.
+    /// Its exports to others, in order of declaration.
     pub exports: Vec<ExportInterface>,
-    /// What it calls of others, in order of declaration.
+    /// Its calls of others, in order of declaration.
     pub calls: Vec<CallInterface>,
     /// Of an in-process group: the outputs of members that lead to other members, by member in the order of their turns.
     pub inner: Vec<InnerOutput>,
@@ -73,7 +73,7 @@ impl Interface {
         wires.chain(forms).filter(|(_, fields)| !fields.is_empty())
     }
 
-    /// Returns the interface as a `module` block of the `.dca` language; device ports are no part of it.
+    /// Returns the interface as a `module` block of the `.dca` language; device ports are not part of it.
     pub fn text(&self) -> String {
         let mut text = String::new();
         let parameters = Parameter::texts(self.about.parameters);

@@ -1,8 +1,9 @@
 //! Ports that the spec connects with keys of the database: `db("team/flat/claim/**") -> robot, Claims;`
 //!
-//! An input of [`KeyNews`] is told the present values and then each change, as [`Database::watch`] tells them. What an output of
-//! [`KeyPut`] sends is put, and an input of [`KeyAnswer`] is told what became of it. All of it is handed over directly before a
-//! calculation, and no more is asked for before that has seen it: so an [`Every`](super::Every) loses none.
+//! An input of [`KeyNews`] gets the present values and then each change, like [`Database::watch`]. The values of an
+//! output of [`KeyPut`] are put, and an input of [`KeyAnswer`] gets the results. All of it is handed over directly
+//! before a calculation, and no more is requested before that calculation has seen it: so an [`Every`](super::Every)
+//! loses none.
 
 use super::database::{Database, DatabaseError, DatabaseOrder, Transaction, Unknown, WatchEvent};
 use super::port::Message;
@@ -17,12 +18,12 @@ use std::time::Duration;
 /// Marks the numbers of requests that ports make: those of the controller's own field have it not.
 const OF_PORTS: u64 = 1 << 63;
 
-/// What an input is told of the keys that it is connected with.
+/// The news for an input about the keys that it is connected with.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct KeyNews {
     /// The keys, as the plan has them: a key, or a prefix that ends in `/`.
     pub keys: String,
-    /// What is known of them.
+    /// The event.
     pub event: WatchEvent,
 }
 
@@ -39,7 +40,7 @@ pub struct KeyPut {
     pub key: String,
     /// The value; nothing to delete the key.
     pub value: Option<comms::logic::database::Stored>,
-    /// What the key has to be, if that counts.
+    /// The expected state of the key, if it matters.
     pub expected: Option<Expected>,
     /// How long the answer may take.
     pub within: Duration,
@@ -52,7 +53,7 @@ impl KeyPut {
         Self { number, key: key.into(), value, expected: None, within }
     }
 
-    /// Returns it with what the key has to be.
+    /// Returns it with an expected state of the key.
     #[must_use]
     pub fn expecting(self, expected: Expected) -> Self {
         Self { expected: Some(expected), ..self }
@@ -63,7 +64,7 @@ impl Message for KeyPut {
     const TYPE: &'static str = "KeyPut";
 }
 
-/// What has become of a [`KeyPut`].
+/// The result of a [`KeyPut`].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct KeyAnswer {
     /// The number of the put.
@@ -257,7 +258,7 @@ mod tests {
         let news = KeyNews { keys: "team/claim/".into(), event: WatchEvent::Begin };
         assert_eq!((port.as_str(), postcard::from_bytes(&bytes)), ("Claims", Ok(news)));
         assert_eq!(ports.orders(), [DatabaseOrder::Taken { number: *watch }]);
-        // What the controller itself has asked is not for ports.
+        // Requests of the controller itself are not for ports.
         assert_eq!(ports.deliver(1, Ok(DatabaseAnswer::Begin)), Err(Ok(DatabaseAnswer::Begin)));
     }
 

@@ -1,7 +1,8 @@
 //! Queues, requests, routers and locks of a controller: the second paper's messaging level and synchronisation layer, over exports and calls.
 //!
-//! A queue is exported as a procedure that takes a `QueueMessage` and answers a `Receipt`, a lock as one that takes a `LockRequest`
-//! and answers a `LockAnswer`, a router as one that takes a `Subscription` and answers a `Delivery`. So a spec connects, checks and switches them as it does any call.
+//! A queue is exported as a procedure that takes a `QueueMessage` and answers a `Receipt`, a lock as one that takes a
+//! `LockRequest` and answers a `LockAnswer`, a router as one that takes a `Subscription` and answers a `Delivery`. So a
+//! spec connects, checks and switches them like any call.
 
 mod lock;
 mod queue;

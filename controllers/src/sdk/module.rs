@@ -61,10 +61,10 @@ pub trait Module: Send {
         self.init(value, now)
     }
 
-    /// Goes on with other parameters: a controller that runs is asked, one that does not is made anew.
+    /// Continues with other parameters: a running controller is asked, an idle one is made again.
     ///
     /// # Errors
-    /// What is wrong with them; the old ones stay.
+    /// The mistake in them; the old ones stay.
     fn configure(&mut self, arguments: Arguments, running: bool) -> Result<Configured, String>;
 
     /// Calls `MainCalc()`.
@@ -127,8 +127,9 @@ pub trait Outlets {
     /// Sends an encoded value.
     fn send(&mut self, port: &'static str, bytes: Vec<u8>);
 
-    /// Shows people what outputs inside a group have sent, and takes it out of `values`. `heard` has a place for each of
-    /// [`Interface::inner`](super::interface::Interface::inner), in that order: whether somebody looks at it from now on.
+    /// Shows the values of outputs inside a group to people, and takes them out of `values`. `heard` has a place for
+    /// each of [`Interface::inner`](super::interface::Interface::inner), in that order: whether the output is watched
+    /// from now on.
     fn show_inner(&mut self, values: &mut Vec<InnerValue>, heard: &mut [bool]) {
         values.clear();
         heard.fill(false);
@@ -242,7 +243,7 @@ impl<C: Controller> Instance<C> {
         }
     }
 
-    /// Hands over what has come of keys that ports are connected with.
+    /// Delivers the values of keys that ports are connected with.
     fn tell_news(&mut self, now: Time) {
         for (port, bytes) in self.key_ports.news(now) {
             // The spec was compared with the interface, and a port of another type hears nothing.

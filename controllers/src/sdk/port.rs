@@ -31,14 +31,14 @@ pub trait Message: Serialize + DeserializeOwned + Debug + Send + 'static {
     /// output that sends one aborts its controller.
     const ALLOW_NAN: bool = false;
 
-    /// Returns when it was measured, on the clock of the host that the device is at: its age counts from then, however long
-    /// it was on its way. None if nobody measured it; then it is as old as its arrival.
+    /// Returns when it was measured, on the clock of the device's host: its age counts from then, however long it was
+    /// in transit. None if it was not measured; then its age counts from its arrival.
     fn stamp(&self) -> Option<Time> {
         None
     }
 }
 
-/// Nothing: what a procedure is called with that takes no argument, or what one answers that has no result.
+/// Nothing: the argument of a procedure without one, or the result of a procedure without one.
 impl Message for () {
     const TYPE: &'static str = "";
 }
@@ -98,7 +98,8 @@ impl<T: Message> In<T> {
         self.value.as_ref().filter(|_| self.arrivals.is_fresh_within(now, age_max))
     }
 
-    /// Returns whether there is no value that is at most `age_max` old at `now`: nothing came, or what came is out of date.
+    /// Returns whether there is no value that is at most `age_max` old at `now`: none has come, or the last one is out
+    /// of date.
     pub fn stale(&self, now: Time, age_max: Duration) -> bool {
         self.fresh_within(now, age_max).is_none()
     }
@@ -119,8 +120,9 @@ impl<T: Message> In<T> {
         self.arrivals.received()
     }
 
-    /// Returns how many values were sent to this input in this activation and have not come: the link has dropped them, or they
-    /// found no room in the queue of the wire. What a switch of connections has held back and dropped is told with the switch.
+    /// Returns how many values were sent to this input in this activation and have not arrived: the link has dropped
+    /// them, or they found no room in the queue of the wire. Values that a switch of connections has held back and
+    /// dropped are reported with the switch.
     pub fn lost(&self) -> u64 {
         self.arrivals.lost()
     }
@@ -145,8 +147,8 @@ impl<T: Message> In<T> {
 /// How many values an [`Every`] keeps at most; the oldest gives way.
 pub const EVERY_MAX: usize = 8192;
 
-/// An input that keeps every value that has arrived since the last calculation, in order: for what counts, and not only as it is
-/// now. How many wait before that is said in the spec, `queue 1000`.
+/// An input that keeps every value that has arrived since the last calculation, in order: for values that count, and
+/// not only as the present state. The spec sets how many wait before that, `queue 1000`.
 #[derive(Debug)]
 pub struct Every<T> {
     values: VecDeque<T>,
@@ -166,8 +168,8 @@ impl<T: Message> Every<T> {
         self.values.iter()
     }
 
-    /// Returns how many values were sent to this input in this activation and are not among those that it had: see [`In::lost`].
-    /// Those that found no room here count, too.
+    /// Returns how many values were sent to this input in this activation and are not among those that it had: see
+    /// [`In::lost`]. Values that found no room here also count.
     pub fn lost(&self) -> u64 {
         self.lost
     }

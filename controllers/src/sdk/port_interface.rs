@@ -1,4 +1,4 @@
-//! The interface of one port: its direction, its message type, and what it is bound to.
+//! The interface of one port: its direction, its message type, and its binding.
 
 /// One port.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -3,14 +3,15 @@
 //!
 //! Three parties share the process. The *listener* (the main thread) reads the node's orders, makes the links and opens
 //! and closes wires. The *cycle* (a thread with absolute deadlines) owns the controller and nothing else ever calls it.
-//! Zenoh's threads hand arriving samples over and wake the cycle. Invariant: each activation ends with exactly one notice,
-//! after `stop` has finished. A node that is gone changes nothing of this: the listener looks for the next one, and the cycle
-//! goes on. It ends only if the process that has started this one is gone, too.
+//! Zenoh's threads hand arriving samples over and wake the cycle. Invariant: each activation ends with exactly one
+//! notice, after `stop` has finished. The loss of the node does not change this: the listener looks for the next node,
+//! and the cycle continues. It ends only if the parent of this process is also gone.
 //!
-//! What a program is told by its environment: `DCA_CONTROL`, the node's socket; `DCA_INSTANCE`, its path in the plan, and a
-//! number behind `#` where there may be two of it; `DCA_DEPLOYMENT`, the name of its deployment, for people; `DCA_DATA_SOCKET`,
-//! where its data session listens; `DCA_REMOTE`, present when other hosts must reach it; `NOTIFY_SOCKET` and `WATCHDOG_USEC`, who
-//! watches its loop, and how closely; `DCA_DIRECT`, with `off` wires on one host go over zenoh, too.
+//! The environment of a program: `DCA_CONTROL`, the node's socket; `DCA_INSTANCE`, its path in the plan, and a number
+//! behind `#` if there may be two of it; `DCA_DEPLOYMENT`, the name of its deployment, for people; `DCA_DATA_SOCKET`,
+//! the socket of its data session; `DCA_REMOTE`, present when other hosts must reach it; `NOTIFY_SOCKET` and
+//! `WATCHDOG_USEC`, the watcher of its loop and the bound; `DCA_DIRECT`: with `off`, wires on one host also go over
+//! zenoh.
 
 mod agreement;
 mod cycle;
@@ -129,7 +130,7 @@ fn version(called: Option<std::ffi::OsString>) -> String {
 }
 
 fn tell(text: &str, code: ExitCode) -> ExitCode {
-    // Where should one say that standard error is gone?
+    // There is no place to report that standard error is gone.
     drop(std::io::stderr().write_all(format!("{text}\n").as_bytes()));
     code
 }
@@ -142,7 +143,7 @@ fn take_part(
 ) -> Result<ExitCode, ProcessError> {
     let parent = parent_id();
     let word = std::env::var_os("DCA_INSTANCE").unwrap_or_default().to_string_lossy().into_owned();
-    // A number behind the path tells it from another program of the same process.
+    // A number after the path distinguishes it from another program of the same process.
     let instance = word.split('#').next().unwrap_or_default().to_owned();
     let deployment = std::env::var_os("DCA_DEPLOYMENT").unwrap_or_default().to_string_lossy().into_owned();
     let module = registry.create_at((&deployment, &instance), name, arguments)?;
@@ -224,7 +225,7 @@ fn hello(interface: &Interface, instance: &str, location: Option<Location>) -> N
 struct Program {
     interface: Interface,
     instance: String,
-    /// As the spec gives them, with the secrets as they are now.
+    /// The spec's values, with the present secrets.
     arguments: Arguments,
     /// The values from the database that go over them.
     overlay: Vec<(String, String)>,
@@ -235,7 +236,8 @@ struct Program {
 }
 
 impl Program {
-    /// Obeys the node until it says `Exit`, or nobody will ever: then stops what runs, and leaves.
+    /// Obeys the node until it sends `Exit`, or no node and parent are left: then stops the running activation, and
+    /// leaves.
     fn serve(
         mut self,
         module: Box<dyn Module>,
@@ -354,7 +356,7 @@ impl Program {
                 self.overlay = parameters;
                 let mut arguments = self.arguments.clone();
                 for why in arguments.overlay(self.interface.about.parameters, &self.overlay) {
-                    // Only a word to people: a robot goes on with what it had rather than with a guess.
+                    // Only a message to people: a robot continues with its present values rather than with a guess.
                     tell(&format!("a parameter of the database is ignored: {why}"), ExitCode::SUCCESS);
                 }
                 hand_over(inbox, Command::Configure(arguments))?;
@@ -395,7 +397,7 @@ fn hand_over(inbox: &Inbox, command: Command) -> Result<(), ProcessError> {
     if inbox.command(command) { Ok(()) } else { Err(ProcessError::Stuck) }
 }
 
-/// On SIGTERM the controller stops as it does on `Exit`; then the process leaves at once.
+/// On SIGTERM the controller stops as on `Exit`; then the process leaves at once.
 fn obey_sigterm(inbox: &Arc<Inbox>, notices: &NoticeLog) -> Result<(), ProcessError> {
     let (mut signals, inbox, notices) = (Signals::new([SIGTERM])?, Arc::clone(inbox), notices.clone());
     let obey = move || {
@@ -406,7 +408,7 @@ fn obey_sigterm(inbox: &Arc<Inbox>, notices: &NoticeLog) -> Result<(), ProcessEr
             std::process::exit(128 + SIGTERM);
         }
     };
-    // Lives as long as the process: there is nobody who could join a thread that waits for a signal.
+    // Lives as long as the process: a thread that waits for a signal cannot be joined.
     std::thread::Builder::new().name("signals".to_owned()).spawn(obey)?;
     Ok(())
 }

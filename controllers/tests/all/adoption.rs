@@ -57,7 +57,7 @@ impl Ear {
         channel.activate(1);
         channel.order(&Order::Open { wires: vec![0], generation: 1 });
         channel.expect(&Notice::Switched { generation: 1 });
-        // It hears as long as its session is there.
+        // It hears as long as its session exists.
         std::mem::forget(hearing);
         Self { session, beats, dir }
     }
@@ -122,7 +122,7 @@ fn a_controller_goes_on_without_its_node() {
     assert_eq!(program.leave(), (Some(0), String::new()));
 }
 
-/// Its node was killed before it could say hello.
+/// Its node was killed before the program could send its hello.
 #[test]
 fn a_program_that_begins_without_its_node_waits_for_it() {
     let mut program = Program::begin(folder(), &[]);
@@ -284,7 +284,7 @@ fn nothing_is_lost_and_nothing_done_twice() {
     }
 }
 
-/// A node takes the connection and says nothing: the controller goes on, and hears the node that comes after it.
+/// A node accepts the connection and sends nothing: the controller continues, and hears the node that comes after it.
 #[test]
 fn a_suspended_node_stops_nobody() {
     let (program, listener, mut channel, hello) = Program::start(&[]);
@@ -323,7 +323,7 @@ fn a_signal_ends_a_program_without_a_node() {
     ear.close();
 }
 
-/// While its node is there a program needs no parent; without both it leaves, be it that a node is there and suspended.
+/// While its node is there a program needs no parent; without both it leaves, even if a suspended node is there.
 #[test]
 fn a_program_without_node_and_parent_leaves() {
     // The shell waits for the program, and is killed.

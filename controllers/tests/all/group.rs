@@ -52,7 +52,7 @@ struct Says {
     said: Out<Step>,
 }
 
-/// Counts on the grid of its period; is done after so many, or aborts.
+/// Counts on the grid of its period; is done after a number of values, or aborts.
 struct Head {
     number: u64,
     done_at: u64,
@@ -194,7 +194,7 @@ fn nothing(_: &Arguments) -> Vec<String> {
     Vec::new()
 }
 
-/// A head, stages one behind the other, and a sink at each; added in this order, or the other way round.
+/// A head, stages one behind the other, and a sink at each; added in this order, or in reverse.
 fn caterpillar(stages: usize, is_reversed: bool) -> InProcessGroup {
     const DONE: &[Parameter] = &[Parameter::new("done_at", Kind::Number(0.0, 1e9)).or("1000000")];
     let name = |stage: usize| if stage == 0 { "head".to_owned() } else { format!("stage{stage}") };

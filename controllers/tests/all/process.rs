@@ -328,7 +328,7 @@ fn a_program_that_was_started_again_is_found() {
     source.child.kill().unwrap();
     source.leave();
     let mut source = Program::start(&["RateSource"]);
-    // The consumer is told while the source waits for it; another one is not there any more.
+    // The consumer is told while the source waits for it; another consumer is gone.
     source.order(&Order::Rejoin);
     source.order(&connect(vec![], outgoing(&[0, 1])));
     monitor.order(&Order::Relink { lost, found: source.dial() });

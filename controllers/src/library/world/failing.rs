@@ -10,7 +10,7 @@ const DEVICES: [&str; 6] = ["arm", "base", "force", "gripper", "laser", "camera"
 /// The behaviour of a device that fails.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum How {
-    /// It says nothing.
+    /// It sends nothing.
     Silent,
     /// It sends its last sample again and again, stamp and all.
     Repeats,

@@ -1,4 +1,4 @@
-//! What a group is once its members and wires are known to fit.
+//! The checked form of a group, once its members and wires are known to fit.
 
 use super::{End, GroupError, InProcessGroup, MEMBERS_MAX, Make, Member};
 use crate::sdk::arguments::Arguments;

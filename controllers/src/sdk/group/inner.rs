@@ -1,4 +1,5 @@
-//! What people see of the values inside a group: nothing is copied, and no clock is read, while nobody looks.
+//! The values inside a group for people who watch them: nothing is copied, and no clock is read, while no client
+//! watches.
 
 use crate::sdk::module::{InnerValue, Outlets};
 
@@ -7,9 +8,9 @@ use crate::sdk::module::{InnerValue, Outlets};
 pub(super) struct InnerTaps {
     /// How many values have left each since the program's start.
     numbers: Vec<u64>,
-    /// Whether somebody looks at it, as of the end of the last turn.
+    /// Whether it is watched, as of the end of the last turn.
     heard: Vec<bool>,
-    /// What is to be shown at the end of this turn: of each output one value at the most for each of its calculations.
+    /// The values to be shown at the end of this turn: of each output at most one for each of its calculations.
     values: Vec<InnerValue>,
 }
 
@@ -18,7 +19,7 @@ impl InnerTaps {
         Self { numbers: vec![0; count], heard: vec![false; count], values: Vec::new() }
     }
 
-    /// Counts a value, and keeps it to be shown if somebody looks.
+    /// Counts a value, and keeps it to be shown if the output is watched.
     pub(super) fn pass(&mut self, at: usize, bytes: &[u8]) {
         let (Some(number), Some(is_heard)) = (self.numbers.get_mut(at), self.heard.get(at)) else { return };
         *number += 1;

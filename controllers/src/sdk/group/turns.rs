@@ -24,11 +24,11 @@ const MEMBER_MASK: u64 = 0xff << MEMBER_SHIFT;
 pub(super) struct GroupModule {
     layout: Arc<Layout>,
     members: Vec<Running>,
-    /// What leaves the group next.
+    /// The values that leave the group next.
     sent: Vec<(&'static str, Vec<u8>)>,
-    /// What the member that calculates has sent.
+    /// The values of the member that calculates.
     passing: Vec<(&'static str, Vec<u8>)>,
-    /// What people look at between the members.
+    /// The watched values between the members.
     taps: InnerTaps,
     /// Arguments that wait for the next activation.
     next: Option<Arguments>,

@@ -28,7 +28,7 @@ pub struct Lock {
 }
 
 impl Lock {
-    /// Returns a lock that nobody holds.
+    /// Returns a lock without a holder.
     pub const fn new(settings: LockSettings) -> Self {
         Self { settings, lock: None, asked: Vec::new(), now: Time::ZERO }
     }
@@ -65,7 +65,7 @@ impl Lock {
         self.lock_now().admit(now, fence)
     }
 
-    /// Returns the fencing number of who holds it; none if nobody does. A resource that nobody holds is to be still.
+    /// Returns the fencing number of the holder; none if there is none. A resource without a holder has to be at rest.
     pub fn held(&mut self, now: Time) -> Option<u64> {
         self.lock_now().held(now)
     }
@@ -95,7 +95,8 @@ impl Lock {
         self.lock.get_or_insert_with(|| ResourceLock::new(settings, now.nanos(), now))
     }
 
-    /// Numbers that come from the clock need no disk. Who does not ask at this moment hears of its grant when it asks again.
+    /// Numbers that come from the clock need no disk. A client that is not asking at this moment hears of its grant
+    /// when it asks again.
     fn write(&mut self, mut effects: Vec<LockEffect>) -> Vec<(u64, LockAnswer)> {
         let (now, mut answers, mut at) = (self.now, Vec::new(), 0);
         while let Some(effect) = effects.get(at).cloned() {
@@ -119,7 +120,7 @@ pub struct LockUser {
     open: BTreeMap<u64, u64>,
     inputs: Vec<ClientInput>,
     lost: Option<Denied>,
-    /// Who held it when this user was last told to wait; empty if nobody did.
+    /// The holder when this user was last told to wait; empty if there was none.
     holder: String,
 }
 
@@ -129,7 +130,7 @@ impl LockUser {
     /// # Errors
     /// If the system gives no random number for it.
     pub fn new(name: &str) -> io::Result<Self> {
-        // 0 is nobody.
+        // 0 means no client.
         let client = LockClient::new(entropy::number()?.max(1), name.to_owned());
         Ok(Self { client, open: BTreeMap::new(), inputs: Vec::new(), lost: None, holder: String::new() })
     }
@@ -175,12 +176,13 @@ impl LockUser {
         self.client.held(now)
     }
 
-    /// Returns whether somebody with a greater priority waits for this user to let go.
+    /// Returns whether a client with a greater priority waits for this user's lock.
     pub const fn is_wanted(&self) -> bool {
         self.client.is_wanted()
     }
 
-    /// Returns the name of who held it when this user was last told to wait; empty if nobody did, or it was never told.
+    /// Returns the name of the holder when this user was last told to wait; empty if there was none, or the user was
+    /// never told.
     pub fn holder(&self) -> &str {
         &self.holder
     }

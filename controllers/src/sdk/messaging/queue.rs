@@ -86,7 +86,7 @@ impl<T: Message> Queue<T> {
         None
     }
 
-    /// Takes a message for a resource. What was sent under a grant that has ended since is dropped, and counted.
+    /// Takes a message for a resource. A message sent under a grant that has ended since is dropped, and counted.
     pub fn take_under(&mut self, lock: &mut Lock, now: Time) -> Option<Taken<T>> {
         lock.work(now);
         self.queue.retain(|message| lock.admit(message.fence).is_ok());
@@ -137,7 +137,7 @@ pub enum SendEnd {
     Accepted,
     /// The queue has turned it away.
     Rejected(Rejected),
-    /// There is no queue to be had: nothing is connected, the program has none of this name, or its process does not run.
+    /// No queue is available: nothing is connected, the program has none of this name, or its process does not run.
     Unknown(ObjectError),
     /// Nobody has answered in time: whether it is in the queue is not known.
     Deadline,

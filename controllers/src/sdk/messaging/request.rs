@@ -18,7 +18,7 @@ pub enum RequestFailure {
     /// The queue has turned it away: it was not carried out.
     #[error("the queue has turned it away: {0}")]
     Rejected(Rejected),
-    /// There is no queue to be had: it was not carried out.
+    /// No queue is available: it was not carried out.
     #[error("there is no queue: {0}")]
     Unknown(ObjectError),
     /// Its program was gone, whenever it was to be handed in: whether it was received is not known.
@@ -81,7 +81,7 @@ impl<Q: Message, R: Message> Requester<Q, R> {
                 Ok(marker)
             }
             Err(why) => {
-                // It has not begun: nobody hears of its end.
+                // It has not begun: its end is not reported.
                 self.open.received(marker, None);
                 Err(not_sent(why))
             }
@@ -170,8 +170,8 @@ impl<R: Message> Replier<R> {
         self.client.work(now, calls);
     }
 
-    /// Returns how the sending of an answer ended, with its number; called until there is none. [`SendEnd::Unknown`] with
-    /// [`ObjectError::NotConnected`] is an answer to somebody that the spec does not connect.
+    /// Returns how the sending of an answer ended, with its number; called until there is none. [`SendEnd::Unknown`]
+    /// with [`ObjectError::NotConnected`] is an answer to a caller that the spec does not connect.
     pub fn end_of(&mut self) -> Option<(u64, SendEnd)> {
         self.client.end_of()
     }

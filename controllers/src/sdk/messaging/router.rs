@@ -1,7 +1,8 @@
 //! A router of a controller, and the user that subscribes to one.
 //!
-//! The subscriber always has one call open at the router, and the router answers it with the next message that the filters of the
-//! subscriber take. So a spec connects a subscription as any call, filters are evaluated at the sender, and who is gone is noticed.
+//! The subscriber always has one call open at the router, and the router answers it with the next message that the
+//! filters of the subscriber take. So a spec connects a subscription like any call, filters are evaluated at the
+//! sender, and a subscriber that is gone is noticed.
 
 use super::queue::{EncodedMessage, encoded};
 use super::{Queue, QueueMessage, Receipt, Rejected};
@@ -34,7 +35,7 @@ const PAUSE: Duration = Duration::from_millis(500);
 /// A subscriber that is ready for its next message; also what became of the last one.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Subscription {
-    /// Who that is, for people.
+    /// The name of the subscriber, for people.
     pub name: String,
     /// One life of one subscriber: a random number.
     pub life: u64,
@@ -42,7 +43,7 @@ pub struct Subscription {
     pub type_name: String,
     /// It wants what one of these takes; everything if there is none.
     pub filters: Vec<Filter>,
-    /// The number of the last delivery that it has, and what became of it.
+    /// The number of the last delivery that it has, and its result.
     pub last: Option<(u64, Receipt)>,
 }
 
@@ -77,8 +78,8 @@ impl Message for RouterStatus {
 /// Sends each message to all who have subscribed and whose filters take its header. A field of a controller, which exports a
 /// procedure for it: `exports.procedure_later("News", "...", |desk: &mut Desk, subscription, reply| desk.news.ask(subscription, reply))`.
 ///
-/// A subscriber that is slow fills an outbox of its own, whose oldest message gives way, and delays nobody. One of which nothing is
-/// heard for 5 s is dropped from the register; both are counted.
+/// A slow subscriber fills its own outbox, whose oldest message is dropped, and delays no other. A subscriber that is
+/// silent for 5 s is dropped from the register; both are counted.
 #[derive(Debug)]
 pub struct Router<T> {
     machine: Machine,
@@ -262,12 +263,12 @@ pub enum Subscribed {
     Yes,
     /// It does not, and says why.
     Refused(RouterRefusal),
-    /// There is no router to be had, or it did not answer.
+    /// No router is available, or it did not answer.
     Unknown(ObjectError),
 }
 
-/// Subscribes to the router that the spec connects: beside a field `#[calls("News")] news: Calls<Subscription, Delivery>`. What comes
-/// goes into a queue of the controller.
+/// Subscribes to the router that the spec connects, beside a field
+/// `#[calls("News")] news: Calls<Subscription, Delivery>`. Messages go into a queue of the controller.
 #[derive(Debug)]
 pub struct RouterUser {
     name: String,

@@ -181,7 +181,7 @@ fn a_greater_priority_takes_the_wheels_and_a_command_without_the_lock_is_refused
     assert_eq!((base.wheels.held(at(1530)), base.wheels.status().preempted), (None, 1));
 }
 
-/// Cut off, nobody gets the lock; what was sent meanwhile is sent again, and taken once.
+/// Cut off, no client gets the lock; messages sent in that time are repeated, and taken once.
 #[test]
 fn a_message_is_sent_again_until_it_is_received_and_taken_once() {
     let (mut base, mut driver) = (Base::new(), Driver::new("driver"));

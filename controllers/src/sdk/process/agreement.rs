@@ -1,8 +1,8 @@
 //! Both ends of a wire say of which type its values are, before any goes over it: two programs that were built from different
 //! definitions are refused, instead of misreading each other.
 //!
-//! The consumer answers what it takes, and then subscribes. So once its producer sees that somebody listens, it can ask. Who does not
-//! answer, as a program of an older DCA, is believed.
+//! The consumer first answers queries for its type, and then subscribes. So once its producer sees a subscriber, it can
+//! ask. A consumer that does not answer, such as a program of an older DCA, is believed.
 
 use super::keyring::{Keyring, Use};
 use super::wire::answer_with;
@@ -49,7 +49,7 @@ pub(super) fn check(
     theirs.map_or(Ok(()), |theirs| compare(&theirs, output))
 }
 
-/// Compares what the consumer of a wire takes with what its output sends.
+/// Compares the type that the consumer of a wire takes with that of its output.
 ///
 /// # Errors
 /// If they differ; both definitions are shown.
@@ -64,7 +64,7 @@ pub(super) fn compare(theirs: &TypeForm, output: &PortInterface) -> Result<(), S
     ))
 }
 
-/// Returns the type of a port, as far as it is declared.
+/// Returns the type of a port, if it is declared.
 pub(super) fn form(port: &PortInterface) -> TypeForm {
     TypeForm::new(port.type_name, port.fields)
 }

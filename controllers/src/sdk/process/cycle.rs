@@ -100,7 +100,7 @@ impl Cycle {
         }
     }
 
-    /// Returns where the loop says what it does.
+    /// Returns the heartbeat on which the loop records its activity.
     pub(super) fn heartbeat(&self) -> Arc<Heartbeat> {
         Arc::clone(&self.heartbeat)
     }
@@ -260,7 +260,7 @@ impl Cycle {
                 Item::Sample(_) | Item::Lost(..) => {}
                 Item::Taken(switch) => {
                     if triggered && matches!(self.phase, Phase::Running) {
-                        // What came before the switch has its calculation before anything that comes after it.
+                        // Values from before the switch have their calculation before any later ones.
                         let time = now();
                         self.arm(time);
                         self.work(time);
@@ -271,7 +271,7 @@ impl Cycle {
             }
         }
         for ((activation, call, number), result) in self.inbox.take_answers() {
-            // One to an earlier activation is nobody's.
+            // An answer to an earlier activation is dropped.
             if !matches!(self.phase, Phase::Idle) && activation == self.activation {
                 let delivery = self.call(|module| module.answered(call, number, result));
                 triggered |= delivery == Some(Delivery::Triggers);
@@ -286,9 +286,11 @@ impl Cycle {
         triggered && matches!(self.phase, Phase::Running)
     }
 
-    /// Does what a switch of inputs asks for: at once, or after the next calculation if outputs follow from what came before.
+    /// Carries out a switch of inputs: at once, or after the next calculation if outputs follow from the values before
+    /// it.
     fn take_switch(&mut self, switch: TakenSwitch) {
-        // What is only opened is for what comes after the switch. Consumers hold back what follows only for so long.
+        // A wire that is only opened is for values after the switch. Consumers hold back later values only for a
+        // limited time.
         let closes = switch.then.as_ref().is_some_and(|flip| !flip.close.is_empty());
         let is_soon = self.schedule.trigger.is_none() && self.due.since(now()) < HOLD_WITHIN / 2;
         let waits = closes && is_soon && matches!(self.phase, Phase::Running);

@@ -1,6 +1,7 @@
-//! What the controller asks of the database of its node, and what is not answered yet: between its loop and the control channel.
+//! The controller's requests to the database of its node, and those without an answer yet: between its loop and the
+//! control channel.
 //!
-//! Nothing is sent twice. When the node was lost, the answer to what was on its way is that nobody knows, and watches begin anew.
+//! Nothing is sent twice. When the node was lost, open requests are answered with "unknown", and watches start again.
 
 use super::inbox::Inbox;
 use super::node_line::NoticeLog;
@@ -18,7 +19,7 @@ pub(super) struct DatabaseLine {
     open: Mutex<Open>,
 }
 
-/// What is asked and not over.
+/// An open request.
 #[derive(Debug, Default)]
 struct Open {
     made: u64,
@@ -31,7 +32,7 @@ struct Asked {
     activation: u32,
     /// Its number in the activation.
     number: u64,
-    /// What is watched, if it is a watch: it is asked again.
+    /// The watched keys, if it is a watch: it is requested again.
     watch: Option<DatabaseRequest>,
     /// The channel that it went over; none if there was no node.
     channel: Option<u64>,
@@ -93,7 +94,7 @@ impl DatabaseLine {
         inbox.database(Answered { activation, number, answer: Ok(answer) });
     }
 
-    /// There is another channel: what went over those before has no answer, and watches begin anew.
+    /// There is a new channel: requests over earlier ones have no answer, and watches start again.
     pub(super) fn renew(&self, inbox: &Inbox) {
         let (mut open, channel) = (self.open(), self.notices.channel());
         let Open { made, requests } = &mut *open;
@@ -120,7 +121,7 @@ impl DatabaseLine {
         }
     }
 
-    /// Says something about a watch. Where there is no node, there is no watch.
+    /// Sends a request about a watch. Without a node there is no watch.
     fn say(&self, number: u64, request: DatabaseRequest) {
         if let Err(error) = self.notices.send_now(&Notice::Database { number, request }) {
             tracing::debug!(%error, "the node was not told");

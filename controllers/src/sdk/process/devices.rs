@@ -53,14 +53,14 @@ impl Devices {
         }
     }
 
-    /// Publishes signals, or what they do not show.
+    /// Publishes signals, or the peaks between them.
     pub(super) fn show(&self, signals: &impl Enveloped) {
         if let (Some(publisher), Ok(bytes)) = (&self.signals, codec::encode(signals)) {
             put(publisher, bytes.into());
         }
     }
 
-    /// Returns whether a device or a person has what this output sends.
+    /// Returns whether a device or a person receives this output.
     pub(super) fn hears(&self, port: &str) -> bool {
         self.outputs.iter().any(|device| device.port == port) || self.taps.is_heard(port)
     }

@@ -1,8 +1,9 @@
-//! The program's signs of life, for whoever watches it: of its control loop, not of the process.
+//! The program's signs of life for its watcher: of its control loop, not of the process.
 //!
-//! The loop says what it does in one atomic number, which costs it two stores a round. A thread of its own looks at that number four
-//! times in the watcher's bound and sends a sign only if the loop has moved, or waits for an order or its next deadline. So nothing
-//! is sent for a loop that hangs in a calculation, nor for a process that is suspended. Source: sd_notify(3).
+//! The loop records its activity in one atomic number, which costs it two stores a round. A separate thread looks at
+//! that number four times in the watcher's bound and sends a sign only if the loop has moved, or waits for an order or
+//! its next deadline. So nothing is sent for a loop that hangs in a calculation, nor for a process that is suspended.
+//! Source: sd_notify(3).
 
 use comms::io::clock::{Wakeup, now};
 use std::os::unix::net::UnixDatagram;
@@ -60,7 +61,7 @@ pub(super) struct Watcher {
 }
 
 impl Watcher {
-    /// Returns who watches this program, as its environment says; nobody may. Source: sd_watchdog_enabled(3).
+    /// Returns the watcher of this program from its environment; there may be none. Source: sd_watchdog_enabled(3).
     pub(super) fn of_environment() -> Option<Self> {
         let bound = std::env::var("WATCHDOG_USEC").ok()?.parse().ok()?;
         let socket = PathBuf::from(std::env::var_os("NOTIFY_SOCKET")?);

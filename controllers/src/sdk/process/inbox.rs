@@ -80,7 +80,7 @@ impl Hold {
     }
 }
 
-/// What waits for the loop, in order.
+/// An item that waits for the loop, in order.
 #[derive(Debug)]
 pub(super) enum Item {
     Sample(Arrived),
@@ -93,7 +93,7 @@ pub(super) enum Item {
 /// A switch of inputs that has come, for the node and for outputs.
 #[derive(Debug)]
 pub(super) struct TakenSwitch {
-    /// What the node hears of it.
+    /// The notice for the node.
     pub(super) notice: Notice,
     /// Outputs to flip with it.
     pub(super) then: Option<Flip>,
@@ -122,7 +122,7 @@ struct Waiting {
     expected: BTreeMap<u64, (u64, Option<Flip>)>,
     /// Calls that others make.
     calls: CallTable<(IncomingCall, Weak<DataSession>)>,
-    /// Those that the loop has taken, and may still answer: whether somebody waits.
+    /// The calls that the loop has taken, and may still answer: whether the caller waits.
     wanted: BTreeMap<CallId, Weak<AtomicBool>>,
     /// Answers to calls that this program makes.
     answers: Vec<OwnAnswer>,
@@ -167,7 +167,7 @@ pub(super) struct Inbox {
     waiting: Mutex<Waiting>,
     has_left: Condvar,
     wakeup: Wakeup,
-    /// What comes over direct paths, which the loop reads by itself.
+    /// The arrivals over direct paths, which the loop reads by itself.
     inlets: OnceLock<Arc<Inlets>>,
     /// Whether that was done by the last wait, and nothing was taken since.
     has_read: AtomicBool,
@@ -187,7 +187,8 @@ impl Inbox {
         }
     }
 
-    /// Waits until something is here, or until `until`; without a deadline for ever. What has come over direct paths is read.
+    /// Waits until something is here, or until `until`; without a deadline for ever. Arrivals over direct paths are
+    /// read.
     pub(super) fn wait(&self, until: Option<Time>) {
         match self.inlets.get() {
             Some(inlets) => self.has_read.store(inlets.wait(until), Ordering::Relaxed),
@@ -282,7 +283,7 @@ impl Inbox {
         }
     }
 
-    /// Notes that nobody waits for a call any more.
+    /// Notes that a call was cancelled.
     pub(super) fn cancelled(&self, id: &CallId) {
         let mut waiting = self.lock();
         drop(waiting.calls.cancel(id));
@@ -291,7 +292,7 @@ impl Inbox {
         }
     }
 
-    /// Returns the next call that somebody waits for.
+    /// Returns the next call whose caller still waits.
     pub(super) fn next_call(&self) -> Option<ToServe> {
         loop {
             let (incoming, session) = match self.lock().calls.next(now())? {

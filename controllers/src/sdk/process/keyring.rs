@@ -1,8 +1,9 @@
-//! The keys of a program in a team, and what it seals with them: values of wires, words between them, answers to who fetches, and calls.
+//! The keys of a program in a team, and the messages it seals with them: values of wires, boundaries between them,
+//! answers to fetches, and calls.
 //!
-//! The keys are made at the start of the process and never leave it; the data session is known by them, too, and lets those link who are at
-//! the other ends of wires. The node tells the public keys of the programs at the other
-//! ends of wires, and tells them anew when one of them was started again; what is made already takes the new key then.
+//! The keys are made at the start of the process and never leave it. They also identify the data session, which accepts
+//! links from the programs at the other ends of wires. The node sends the public keys of these programs, and sends them
+//! again when one of them was restarted; existing seals then take the new key.
 
 use super::inbox::Inbox;
 use super::warrants::Warrants;
@@ -17,18 +18,18 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use team::program::{ProgramIdentity, Sealing};
 
-/// What is sealed with a key: the values that the producer of a wire sends, or what its consumer says of itself.
+/// The use of a sealing key: for the values of a wire's producer, or for the messages of its consumer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Use {
     /// Sent or answered by the producer.
     Values,
     /// Answered by the consumer.
     Type,
-    /// Sent by who calls.
+    /// Sent by the caller.
     Call,
-    /// Sent by who waits no more.
+    /// Sent by a caller that cancels.
     Cancel,
-    /// Answered by who is called.
+    /// Answered by the server.
     Result,
 }
 
@@ -44,7 +45,7 @@ impl Use {
     }
 }
 
-/// The keys, and what is sealed with them.
+/// The keys, and the objects that seal with them.
 #[derive(Debug)]
 pub(super) struct Keyring {
     /// Has the keys, and judges who only visits.
@@ -55,26 +56,27 @@ pub(super) struct Keyring {
     state: Mutex<State>,
 }
 
-/// Who may call this program, and on which keys.
+/// The programs that may call this one, and the keys of their calls.
 #[derive(Debug)]
 struct Serving {
     keys: (String, String),
     gate: Arc<CallGate>,
 }
 
-/// By the number of the wire; kept for the life of the program, so that nothing is taken twice because a wire was made anew.
+/// By the number of the wire; kept for the life of the program, so that no message is accepted twice because a wire was
+/// made again.
 #[derive(Debug, Default)]
 struct State {
     partners: BTreeMap<u32, Arc<Partner>>,
     sealers: BTreeMap<(u32, Use), (String, Arc<Sealer>)>,
     openers: BTreeMap<(u32, Use), (String, Arc<Opener>)>,
     serving: Option<Serving>,
-    /// Those who share a device, by its name.
+    /// The programs that share a device, by its name.
     sharing: BTreeMap<String, Vec<Arc<Partner>>>,
     /// By device and key.
     vouchers: BTreeMap<(String, String), Arc<Voucher>>,
     gates: BTreeMap<(String, String), Arc<DeviceGate>>,
-    /// What opens samples of a device from one of those who share it, by the keys of both: nothing is taken twice.
+    /// Opens samples of a device from one of the programs that share it, by the keys of both: none is accepted twice.
     senders: BTreeMap<(String, Vec<u8>), Arc<Opener>>,
 }
 
@@ -134,7 +136,7 @@ impl Keyring {
         state.senders.retain(|(_, keys), _| partners.contains(keys));
     }
 
-    /// Returns what lets in, on direct paths, who is at the other ends of wires on this host.
+    /// Returns the guard of direct paths, which lets in the other ends of wires on this host.
     pub(super) fn guard(self: &Arc<Self>) -> Guard {
         let (keyring, inbox) = (Arc::clone(self), Arc::clone(&self.inbox));
         let refused = move |who| inbox.refuse(LINK, Refusal::NoWire, Some(who));
@@ -199,7 +201,7 @@ impl Keyring {
         self.opener_in(&mut self.state(), of, key)
     }
 
-    /// Returns how calls go over a wire to who serves them on this key, and hears on the other who waits no more.
+    /// Returns how calls go over a wire to the server of this key, which hears of cancelled calls on the other key.
     pub(super) fn way(&self, wire: u32, (key, cancel_key): (&str, &str)) -> CallWay {
         let mut state = self.state();
         CallWay::Sealed {
@@ -265,7 +267,8 @@ impl Keyring {
     fn shared(&self, partner: &Partner, sealing: Sealing, about: &str) -> Option<SealKey> {
         let secret = self.identity.keys().wire(&partner.keys, sealing, about);
         let secret = secret.inspect_err(|error| tracing::warn!(about, %error, "there is no key")).ok()?;
-        // What goes from one program to another of the machine is nobody else's, so there it is enough to show who has sent it.
+        // No third program can read messages between programs of the machine, so there it is enough to prove the
+        // sender.
         Some(SealKey::new(&secret, if partner.is_near { Cover::Sender } else { Cover::Bytes }))
     }
 

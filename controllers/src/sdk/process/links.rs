@@ -68,7 +68,7 @@ pub(super) struct Links {
 struct PendingConfig {
     /// How data moves.
     shapes: BTreeMap<u32, Shape>,
-    /// What it calls.
+    /// Its calls of others.
     calls: Vec<CallRoute>,
     /// Whether the others run already.
     rejoins: bool,
@@ -135,13 +135,13 @@ impl Links {
         self.are_made.load(Ordering::Acquire)
     }
 
-    /// Waits until nobody else adds links.
+    /// Waits until no other thread adds links.
     pub(super) fn turn(&self) -> MutexGuard<'_, ()> {
         self.turn.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Makes every link; the wires stay closed. What is linked already stays as it is, open or closed, unless it is not in
-    /// these orders any more. If something cannot be made, nothing changes.
+    /// Makes every link; the wires stay closed. Existing links stay as they are, open or closed, unless these orders no
+    /// longer contain them. If one cannot be made, nothing changes.
     pub(super) fn make(
         &self,
         session: &Arc<DataSession>,
@@ -192,7 +192,8 @@ impl Links {
         }
         let names = (&*orders.robot, &*orders.instance);
         self.callers.take((session, keyring), names.1, interface, (&calls, inbox))?;
-        // Consumers have their inputs before anybody sends: a value that is sent once must not find nobody there.
+        // Consumers have their inputs before any producer sends: a value that is sent once must find its consumer
+        // there.
         for wire in made.wires.values() {
             if let Transport::Push(Push { publisher, .. }) = &wire.way
                 && !publisher.wait_heard(budget.left())
@@ -222,8 +223,8 @@ impl Links {
         self.flip(&flip);
     }
 
-    /// Closes and opens wires between two values. What was sent before is not delivered late, but for the last value of a latched
-    /// wire. Done once more, it only says the same once more.
+    /// Closes and opens wires between two values. Earlier values are not delivered late, except the last value of a
+    /// latched wire. Repeated, it only repeats the boundaries.
     pub(super) fn flip(&self, flip: &Flip) {
         let Flip { generation, close, open } = flip;
         let opened: Vec<u32> = open.iter().map(|opening| opening.wire).collect();
@@ -254,7 +255,7 @@ impl Links {
         }
     }
 
-    /// Sends a value of an output to whoever is to have it now.
+    /// Sends a value of an output to all of its present consumers.
     pub(super) fn send(&self, port: &str, bytes: Vec<u8>) {
         let (mut made, now) = (self.lock(), now());
         made.devices.taps.pass(port, &bytes);
@@ -297,7 +298,7 @@ impl Links {
         true
     }
 
-    /// Publishes signals, or what they do not show.
+    /// Publishes signals, or the peaks between them.
     pub(super) fn show(&self, signals: &impl Enveloped) {
         self.lock().devices.show(signals);
     }
@@ -312,7 +313,7 @@ impl Links {
         self.lock().inputs.values().any(|(_, hearing)| hearing.of_producer(session))
     }
 
-    /// Hears anew what a program sends that was started again on this host. It takes some time; to be called in one's [`Links::turn`].
+    /// Hears a restarted program on this host again. It takes some time; to be called in one's [`Links::turn`].
     pub(super) fn relink(&self, session: &DataSession, inbox: &Arc<Inbox>, (lost, found): (&str, &Dial)) {
         let of_lost = |_: &u32, (_, hearing): &mut (Responder, WireInput)| hearing.of_producer(lost);
         let moved: Vec<_> = self.lock().inputs.extract_if(.., of_lost).collect();
@@ -435,7 +436,7 @@ mod tests {
             producer.answer(key, move || held.lock().unwrap().recv().ok().map(|()| Vec::new())).unwrap()
         };
         let responders: Vec<_> = keys.iter().map(silent).collect();
-        // What is declared before this publisher is known when it is.
+        // Earlier declarations are known when this publisher is.
         let publisher = consumer.publisher(&key::wire("pulls", 1, 99), Priority::Wire).unwrap();
         let subscriptions = producer.on_sample(&key::wire("pulls", 1, 99), |_| ()).unwrap();
         let location = producer.location();
@@ -466,7 +467,7 @@ mod tests {
         let number = move || count.fetch_add(1, Ordering::Relaxed);
         let _answering = producer.answer(&key, move || Some(number().to_le_bytes().to_vec())).unwrap();
         let _hearing = producer.on_sample(&key::wire("late", 1, 1), |_| ()).unwrap();
-        // What is declared before this publisher's other end is known when that is.
+        // Earlier declarations are known when this publisher's other end is.
         let publisher = consumer.publisher(&key::wire("late", 1, 1), Priority::Wire).unwrap();
         let locators = vec![format!("unixsock-stream/{}", folder.join("x.sock").display())];
         consumer.dial(&Dial { session: producer.location().session, locators }, LONG).unwrap();

@@ -1,9 +1,9 @@
 //! The program's line to its node, which outlives every channel: a node that was killed and started again is looked for,
 //! and told what it has missed.
 //!
-//! Both sides count what they send and what they take since the program's start. Invariant: an order that was taken is
-//! obeyed, and counted, before the next one is taken; a notice is kept before it is sent. So whatever was on its way when a
-//! channel broke is sent once more by whoever has sent it, and nothing twice.
+//! Both sides count the messages they send and take since the program's start. Invariant: an order that was taken is
+//! obeyed, and counted, before the next one is taken; a notice is kept before it is sent. So each message in transit
+//! when a channel broke is repeated by its sender, and none is delivered twice.
 
 use comms::io::clock::{Wakeup, now};
 use comms::io::control::{self, ControlError, NoticeSender, OrderReceiver, Received};
@@ -20,15 +20,15 @@ use thiserror::Error;
 const CONNECT_WITHIN: Duration = Duration::from_secs(10);
 /// How long a program that begins looks for its node.
 const FIRST_WITHIN: Duration = Duration::from_secs(60);
-/// When a lost node is looked for the first time; from then on half as often each time.
+/// The delay before a lost node is first looked for; each further delay is twice as long.
 const DIAL_FIRST: Duration = Duration::from_millis(5);
-/// How often it is looked for in the end. So long a node may take to take the connection, too.
+/// The longest pause between two tries. A node also has this long to accept the connection.
 const DIAL_EVERY: Duration = Duration::from_millis(100);
 /// How long a node has to answer before it is dialled once more: it may be suspended, or another one in its place.
 const ANSWER_WITHIN: Duration = Duration::from_secs(10);
 /// How many notices are kept at most.
 const KEPT_MAX: usize = 64;
-/// How many bytes of the newest notices are kept at least; the notice in which they begin is kept, too.
+/// How many bytes of the newest notices are kept at least; the notice in which they begin is also kept.
 const KEPT_SIZE: usize = 4 << 20;
 
 /// Why no more orders come.
@@ -134,7 +134,7 @@ impl NoticeLog {
         if let Some(channel) = &log.channel
             && let Err(error) = channel.send_frame(frame)
         {
-            // Whoever takes orders hears the end of the channel, and looks for a node that reads.
+            // The reader of orders gets the end of the channel, and looks for a node that reads.
             tracing::warn!(%error, "the node does not take notices");
             channel.close();
             log.channel = None;
@@ -142,8 +142,8 @@ impl NoticeLog {
         Ok(())
     }
 
-    /// Sends what concerns the present channel alone, and keeps nothing; never waits. Returns the number of the channel, or none if
-    /// there is no node.
+    /// Sends a notice for the present channel alone, and keeps nothing; never waits. Returns the number of the channel,
+    /// or none if there is no node.
     ///
     /// # Errors
     /// If it is too long.
@@ -231,10 +231,10 @@ impl Kept {
 }
 
 impl NodeLine {
-    /// Waits for the next order, however long there is no node that could give it. [`Order::Resumed`] says that there is one again.
+    /// Waits for the next order, however long there is no node. [`Order::Resumed`] shows that there is one again.
     ///
     /// # Errors
-    /// If there is no node and the program's parent is gone, too, or what the node says is not to be understood.
+    /// If there is no node and the program's parent is also gone, or the node's message cannot be understood.
     pub(super) fn next(&mut self) -> Result<Order, LineError> {
         loop {
             match self.receiver.recv() {
@@ -290,7 +290,7 @@ impl NodeLine {
         Err(NotFound::Silent)
     }
 
-    /// Without node and parent nobody is there who would ever end this program.
+    /// Without node and parent, nothing would ever end this program.
     fn check_parent(&self) -> Result<(), LineError> {
         if parent_id() == self.parent { Ok(()) } else { Err(LineError::Gone) }
     }

@@ -1,4 +1,4 @@
-//! What a program exports, and what it calls of others: between its loop and its data session.
+//! The exports of a program, and its calls of others: between its loop and its data session.
 //!
 //! Calls that arrive wait in the inbox of the loop. Calls of its own go out on a thread for it, since a link that takes nothing
 //! may hold up who sends.
@@ -22,7 +22,7 @@ use std::time::Duration;
 /// How many calls wait to be sent.
 const JOBS_MAX: usize = 64;
 
-/// What serves the exports of a program, from its first links on.
+/// Serves the exports of a program, from its first links on.
 #[derive(Debug, Default)]
 pub(super) struct Serving {
     _server: Option<ObjectServer>,
@@ -46,7 +46,7 @@ struct Shared {
 /// Names a call of this program: its activation, which call of the interface, its number.
 pub(super) type Call = (u32, &'static str, u64);
 
-/// The way to what is called.
+/// The way to the called export.
 #[derive(Clone, Debug)]
 struct Route {
     call: &'static str,
@@ -85,7 +85,7 @@ impl Serving {
             session.serve_calls((&key, &cancel_key), gate, move |event| of.hear(event))
         };
         let server = Some(exports).filter(|exports| !exports.is_empty()).map(serve).transpose()?;
-        // What exports nothing says so, too: silence means that it was not reached.
+        // A program without exports answers as well: silence means that it was not reached.
         let exports = interface.exports.iter().map(ExportInterface::exported).collect();
         let described = codec::encode(&Exports { exports }).ok();
         let describing = session.answer(&key::exports(robot, instance), move || described.clone())?;
@@ -191,7 +191,7 @@ impl Callers {
     /// Waits for no answer any more.
     pub(super) fn cancel_all(&self) {
         if let Some(jobs) = &*self.jobs() {
-            // Where there is no room, calls end with their time.
+            // If the queue is full, calls end with their time.
             jobs.try_send(Job::CancelAll).unwrap_or_default();
         }
     }

@@ -34,7 +34,8 @@ impl Watch {
         }
     }
 
-    /// Returns what the sample of `time` does not show, and begins anew with it. It was looked at last.
+    /// Returns the peaks that the sample of `time` does not show, and starts again with it. It is the last one looked
+    /// at.
     pub(super) fn sampled(&mut self, sample: &[Signal], time: Time) -> Vec<Peak> {
         let mut missed = Vec::new();
         for (index, (largest, at)) in self.largest.iter().enumerate() {

@@ -22,7 +22,7 @@ impl Arguments {
                 return Err(io::Error::new(io::ErrorKind::NotFound, format!("no parameter `{name}` is a secret")));
             }
         };
-        // In one piece from the start: what grows leaves copies behind.
+        // Allocated at full size from the start: a buffer that grows leaves copies behind.
         let mut secret = Zeroizing::new(Vec::with_capacity(SECRET_MAX + 1));
         File::open(path)?.take(SECRET_MAX as u64 + 1).read_to_end(&mut secret)?;
         if secret.len() > SECRET_MAX { Err(io::ErrorKind::FileTooLarge.into()) } else { Ok(secret) }

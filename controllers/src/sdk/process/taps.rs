@@ -1,4 +1,4 @@
-//! The outputs of a program as people look at them while it works: each value goes to whoever listens, over no wire.
+//! The outputs of a program for people who watch it at work: each value goes to the watching clients, over no wire.
 
 use crate::sdk::interface::{Direction, Interface};
 use crate::sdk::module::InnerValue;
@@ -11,7 +11,7 @@ use comms::logic::{codec, key};
 #[derive(Debug, Default)]
 pub(super) struct Taps {
     taps: Vec<Tap>,
-    /// Those of the outputs inside a group, in the order of [`Interface::inner`].
+    /// The taps of the outputs inside a group, in the order of [`Interface::inner`].
     inner: Vec<Tap>,
     _describing: Option<Responder>,
 }
@@ -25,7 +25,7 @@ struct Tap {
 }
 
 impl Tap {
-    /// Shows a value to whoever listens.
+    /// Shows a value to the watching clients.
     fn show(&self, tapped: &Tapped) {
         if let Err(error) = codec::encode(tapped)
             .map_err(|error| error.to_string())
@@ -54,17 +54,18 @@ impl Taps {
         Ok(Self { taps, inner, _describing: Some(describing) })
     }
 
-    /// Returns whether somebody looks at an output.
+    /// Returns whether an output is watched.
     pub(super) fn is_heard(&self, output: &str) -> bool {
         self.taps.iter().any(|tap| tap.output == output && tap.publisher.is_heard())
     }
 
-    /// Counts a value of an output at which nobody looks.
+    /// Counts a value of an output that is not watched.
     pub(super) fn count(&mut self, output: &str) {
         self.taps.iter_mut().filter(|tap| tap.output == output).for_each(|tap| tap.number += 1);
     }
 
-    /// Counts a value of an output, and shows it to whoever listens. One that is too long to be shown is counted all the same.
+    /// Counts a value of an output, and shows it to the watching clients. A value that is too long to be shown is still
+    /// counted.
     pub(super) fn pass(&mut self, output: &str, bytes: &[u8]) {
         let Some(tap) = self.taps.iter_mut().find(|tap| tap.output == output) else { return };
         tap.number += 1;
@@ -73,7 +74,7 @@ impl Taps {
         }
     }
 
-    /// Shows values of outputs inside a group, and says at which of them somebody looks from now on.
+    /// Shows values of outputs inside a group, and sets which of them are watched from now on.
     pub(super) fn show_inner(&self, values: &mut Vec<InnerValue>, heard: &mut [bool]) {
         for InnerValue { at, number, bytes } in values.drain(..) {
             if let Some(tap) = self.inner.get(at) {

@@ -37,7 +37,7 @@ pub(super) struct Wire {
 }
 
 impl Wire {
-    /// Sends a value that has passed to a consumer on the same host. Says whether nobody else is to have it.
+    /// Sends a value that has passed to a consumer on the same host. Returns whether it has no other receiver.
     pub(super) fn send_directly(&self, parcel: &mut Parcel<'_>) -> bool {
         match &self.way {
             Transport::Push(push) => push.put_directly(parcel, self.flow.number()) && !self.is_seen(),
@@ -118,7 +118,7 @@ impl Transport {
         }
     }
 
-    /// Has this value for who fetches it.
+    /// Keeps this value for fetches.
     pub(super) fn keep(&self, value: Option<Vec<u8>>) {
         if let Self::Pull { latest, .. } = self {
             *latest.lock().unwrap_or_else(PoisonError::into_inner) = value;
@@ -203,7 +203,7 @@ pub(super) fn subscribe(
     subscription.map_err(|error| error.to_string())
 }
 
-/// How a program comes by what is sent to it.
+/// The ways by which values reach a program.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ways<'a> {
     pub(super) session: &'a DataSession,
@@ -220,7 +220,7 @@ pub(super) enum WireInput {
     Direct(Box<DirectInput>),
 }
 
-/// One that has its producer on the same host.
+/// An input that has its producer on the same host.
 #[derive(Debug)]
 pub(super) struct DirectInput {
     incoming: Incoming,

@@ -92,7 +92,8 @@ impl Channel {
         Self { stream, decoder: Decoder::new(1 << 20), made: 0 }
     }
 
-    /// Accepts a program that had lost its node, and has taken so many orders; it says how many notices it has made.
+    /// Accepts a program that had lost its node, and has taken `orders` orders; it reports how many notices it has
+    /// made.
     #[track_caller]
     pub(super) fn resumed(listener: &UnixListener, orders: u64) -> Self {
         let mut channel = Self::accept(listener);

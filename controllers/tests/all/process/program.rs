@@ -10,7 +10,7 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// A program that has said hello.
+/// A program that has sent its hello.
 pub(super) struct Program {
     dir: PathBuf,
     pub(super) child: Child,
@@ -66,7 +66,7 @@ impl Program {
         }
     }
 
-    /// The next notice has to be this one; what wires have lost is told at any time, and does not count.
+    /// The next notice has to be this one; losses of wires are reported at any time, and do not count.
     #[track_caller]
     pub(super) fn expect(&mut self, notice: &Notice) {
         let next = std::iter::from_fn(|| self.next()).find(|next| !matches!(next, Notice::Losses { .. }));

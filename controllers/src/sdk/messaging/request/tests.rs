@@ -66,7 +66,7 @@ impl Client {
     }
 }
 
-/// What becomes of a call on its way.
+/// The fate of a call in transit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Line {
     Good,
@@ -131,8 +131,9 @@ fn clients() -> Vec<Client> {
 }
 
 proptest! {
-    /// Against a list of all requests: each ends once and no later than its deadline and a turn; an answer is that of its own question and
-    /// goes to who has asked; what was turned away was not carried out, and nothing is carried out twice, whatever the lines lose.
+    /// Compared with a list of all requests: each ends once and no later than its deadline and a turn; an answer
+    /// belongs to its own question and goes to its caller; a refused request was not carried out, and nothing is
+    /// carried out twice, with any losses of the lines.
     #[test]
     fn each_request_has_its_own_answer_or_one_reason(
         steps in prop::collection::vec((0..CLIENTS, any::<bool>(), 0_u8..8, 0_u8..8), 1..120),
@@ -185,7 +186,7 @@ proptest! {
     }
 }
 
-/// Each reason why there is no answer, and who hears it.
+/// Each reason why there is no answer, and the party that hears it.
 #[test]
 fn the_reasons_are_told_apart() {
     let within = Duration::from_millis(100);

@@ -20,7 +20,7 @@ impl Message for Wrench {
 /// Where the answer to a call comes.
 type Answer = Receiver<Result<Vec<u8>, ObjectError>>;
 
-/// Who has the router.
+/// The program with the router.
 struct Desk {
     news: Router<Speed>,
 }
@@ -34,7 +34,7 @@ struct Reader<T> {
     taken: Vec<u64>,
 }
 
-/// What becomes of the call and the answer of one turn.
+/// The fate of the call and the answer of one turn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Fate {
     Good,
@@ -90,8 +90,8 @@ fn desk() -> Desk {
 }
 
 proptest! {
-    /// Whatever calls and answers are lost, and however full the queues are: each subscriber takes what its filters take, once and in
-    /// order.
+    /// With any lost calls and answers, and any full queues: each subscriber takes the messages that its filters take,
+    /// once and in order.
     #[test]
     fn each_message_is_taken_once_by_all_that_want_it(
         steps in prop::collection::vec((0_u8..6, 0_usize..3), 0..150),
