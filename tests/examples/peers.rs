@@ -21,8 +21,8 @@ const WATCHED: Duration = Duration::from_secs(5);
 /// The systems that are compared. A program counts once it runs, even if its supervisor still waits for something.
 const KINDS: [Kind; 3] = [Kind::Dca, Kind::Supervisord, Kind::Dora];
 
-/// Has DCA, supervisord and dora run the same programs in turn, in a network namespace, and prints what each takes.
-/// What is not installed is left out, with a word. Needs root.
+/// Has DCA, supervisord and dora run the same programs in turn, in a network namespace, and prints the resources that
+/// each takes. A system that is not installed is skipped with a message. Needs root.
 ///
 /// A line: from nothing to all programs running; from a `kill -9` of one to its successor; how many still run 5 s after
 /// a `kill -9` of all processes of the supervisor; how many of these are the same 5 s after it was started again, and
@@ -107,7 +107,7 @@ struct Round {
     replaced: Duration,
     /// How many run without their supervisor.
     alone: usize,
-    /// How many of those go on with the next one, and how many run then.
+    /// How many of those continue under the next one, and how many run then.
     same: usize,
     after: usize,
     /// None if some are left.

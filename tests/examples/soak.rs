@@ -18,14 +18,14 @@ use std::time::Duration;
 /// Short cuts, which must have no effect, and every fifth one so long that a host is lost.
 const CUT_SHORT: Duration = Duration::from_secs(2);
 const CUT_LONG: Duration = Duration::from_secs(9);
-/// How long the node that was killed stays away at the most.
+/// How long the killed node stays away at most.
 const AWAY_MAX_MS: u64 = 1500;
 /// How long everything may take to run again after a disturbance: a lost host is found again, and its group pauses for
 /// 5 s.
 const RECOVERED_WITHIN: Duration = Duration::from_secs(45);
 /// How often sizes are written down.
 const SIZES_EVERY: Duration = Duration::from_secs(120);
-/// How much the largest size of the last quarter may exceed that of the second one.
+/// How much the largest size of the last quarter may exceed that of the second quarter.
 const GROWTH_MAX: f64 = 1.15;
 
 /// Runs a mission on namespaces for a long time. Each second a program is killed, each minute a cable is pulled (for 2
@@ -330,7 +330,7 @@ fn name(number: usize) -> String {
     format!("c{number}")
 }
 
-/// Returns the host of the group above that of a host.
+/// Returns the host of the group above a host's group.
 fn parent(number: usize) -> usize {
     (number + 1) / 3
 }

@@ -1,4 +1,4 @@
-//! The door survey: flies the door mission in many worlds on virtual time and says how each kind of world ended.
+//! The door survey: flies the door mission in many worlds on virtual time and prints how each kind of world ended.
 
 use clap::Parser;
 use comms::logic::time::Time;
@@ -13,7 +13,7 @@ use std::time::Duration;
 /// A row is a kind of world: one dimension drawn from its range with all else nominal; all dimensions at once, half as
 /// wide (moderate) or as wide (wide) as alone, hinge on either side; or a trigger: the handle is lost, the grip or the
 /// base slips, every hop is delayed, a controller is restarted or killed in each phase of the mission. The same seed
-/// draws the same worlds, and a row draws the same worlds whatever rows are flown beside it.
+/// draws the same worlds, and a row draws the same worlds in any selection of rows.
 ///
 /// success: DONE, and the door really at 60 degrees or more. strict: success, at most 30 N from the approach to the
 /// grasp, and at most 60 N while the door opens. FALSE: DONE with the door below 60 degrees; done deg: the least angle

@@ -1,8 +1,8 @@
 //! Real processes: the workspace's own programs, each started by a test in its own folder.
 //!
-//! A [`Cluster`] is that folder. A [`Host`] is a place in it where commands and nodes are started: this machine, or one
-//! end of a [`Network`]. A [`Program`] is a started command with its output. Everything that descends from a test works
-//! in its folder or names it, so [`Cluster::left`] finds all of it, wherever its parents went.
+//! A [`Cluster`] is the folder of one test. A [`Host`] is a place in it where commands and nodes are started: this
+//! machine, or one end of a [`Network`]. A [`Program`] is a started command with its output. Everything that descends
+//! from a test works in its folder or names it, so [`Cluster::left`] finds all of it, even if its parents have ended.
 
 mod capture;
 mod fakes;
@@ -271,7 +271,7 @@ impl Host {
         Self { run_dir: run_dir.into(), ..self }
     }
 
-    /// Returns the same machine with nodes that log what passes a filter, as `RUST_LOG`.
+    /// Returns the same machine with nodes that log with this filter, as `RUST_LOG`.
     #[must_use]
     pub fn with_log(self, filter: &str) -> Self {
         Self { log: Some(filter.to_owned()), ..self }
@@ -307,7 +307,7 @@ impl Host {
         &self.run_dir
     }
 
-    /// Starts `dca` with these arguments; verbs that talk to nodes are told where.
+    /// Starts `dca` with these arguments; verbs that talk to nodes get the folder.
     pub fn dca(&self, arguments: &[&str]) -> Program {
         Program::start(self.dca_command(arguments))
     }
@@ -408,7 +408,7 @@ impl Host {
         Program::start(command)
     }
 
-    /// Returns what `dca status` says of every node.
+    /// Returns the status of every node from `dca status`.
     ///
     /// # Panics
     /// It is not the documented JSON.

@@ -56,7 +56,7 @@ pub fn pair(sockets: [PathBuf; 2], guards: [Option<Guard>; 2]) -> Result<[End; 2
     Ok([ping, echo])
 }
 
-/// Returns how long each way took, halves of there and back: so many times are taken, after so many that are not.
+/// Returns how long each way took, as halves of round trips: `count` of them, after `warm_up` that do not count.
 ///
 /// # Errors
 /// Nothing comes back.

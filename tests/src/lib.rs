@@ -1,4 +1,4 @@
-//! Whole-system tests: what needs more than one room.
+//! Helpers for whole-system tests, which need more than one room.
 
 pub mod cluster;
 pub mod direct_hop;

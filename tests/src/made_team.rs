@@ -1,4 +1,4 @@
-//! A team whose keys a test has: it makes members and users as it likes, without the ceremonies.
+//! A team with keys in the test: it makes any members and users, without the ceremonies.
 
 use crate::cluster::Host;
 use std::fs;

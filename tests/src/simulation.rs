@@ -151,7 +151,7 @@ impl Simulation {
         })
     }
 
-    /// Kills the leaf whose path ends with `path`, as `kill -9` does; says whether it was active.
+    /// Kills the leaf whose path ends with `path`, like `kill -9`; returns whether it was active.
     pub fn crash(&mut self, path: &str) -> bool {
         let leaf = self.leaf(path).filter(|leaf| self.harness.is_active(*leaf));
         if let Some(leaf) = leaf {
@@ -160,7 +160,7 @@ impl Simulation {
         leaf.is_some()
     }
 
-    /// Starts the leaf whose path ends with `path` again with its memory gone; says whether it was active.
+    /// Restarts the leaf whose path ends with `path` without its memory; returns whether it was active.
     pub fn restart(&mut self, path: &str) -> bool {
         let leaf = self.leaf(path).filter(|leaf| self.harness.is_active(*leaf));
         if let Some(leaf) = leaf {
@@ -174,12 +174,12 @@ impl Simulation {
         &self.steps
     }
 
-    /// Plants a mistake: from now on supervisors lose the commands that `loses` says.
+    /// Plants a mistake: from now on supervisors lose the commands for which `loses` returns true.
     pub fn lose(&mut self, loses: fn(&Command) -> bool) {
         self.loses = Some(loses);
     }
 
-    /// Has `meddler` see, and change, the encoded samples that leaves get from now on; it is told the path of the leaf.
+    /// Lets `meddler` see, and change, the encoded samples that leaves get from now on; it gets the path of the leaf.
     ///
     /// # Panics
     /// A sample comes from a module that is not a leaf, which does not happen.

@@ -37,9 +37,9 @@ pub const OPEN: f64 = 60.0;
 pub const HIT_MAX: f64 = 30.0;
 /// Strict runs open the door with no more than this (N).
 pub const PULL_MAX: f64 = 60.0;
-/// A base that is so far beyond the wall is on the other side: its radius (m).
+/// The distance beyond the wall at which a base is on the other side: its radius (m).
 pub const BEYOND: f64 = 0.31;
-/// From this angle on leaf and wall can be told apart (deg).
+/// The angle from which leaf and wall can be distinguished (deg).
 const SEEN_FROM: f64 = 15.0;
 /// The period at which a mission is looked at: half a window of the world's peaks, so none is missed.
 const LOOK: Duration = Duration::from_millis(20);
@@ -66,9 +66,9 @@ pub struct Mission {
     pub arguments: String,
     /// The task.
     pub task: Task,
-    /// The direction in which the law is told that the door opens, if at all.
+    /// The opening direction that is given to the law, if any.
     pub told: Option<&'static str>,
-    /// The calibration that controllers are told: the beginning of an instance in the spec, and its further arguments.
+    /// The calibration given to controllers: the beginning of an instance in the spec, and its further arguments.
     pub calibration: Vec<(&'static str, String)>,
     /// The disturbance of its network.
     pub disturbance: Disturbance,
@@ -85,7 +85,7 @@ pub enum Task {
     Open,
     /// Then drive through, as `specs/door_through.dca` has it.
     Through,
-    /// Open it, and try again whatever fails, as `specs/door_recovery.dca` has it.
+    /// Open it, and try again after any failure, as in `specs/door_recovery.dca`.
     Recover,
 }
 
@@ -139,12 +139,12 @@ impl Outcome {
         Self { finish, angle, beyond, hit: 0.0, pull: 0.0, worst: 0.0, wrong: 0.0, seconds: 0.0 }
     }
 
-    /// Returns whether it says that the door is open, and it is.
+    /// Returns whether it reports the door as open, and the door is open.
     pub fn is_success(&self) -> bool {
         self.finish == Finish::Done && self.is_there()
     }
 
-    /// Returns whether all is as a mission that is done says.
+    /// Returns whether everything is as required after a mission that is done.
     fn is_there(&self) -> bool {
         self.angle >= OPEN && self.beyond.is_none_or(|beyond| beyond > BEYOND)
     }
@@ -154,7 +154,7 @@ impl Outcome {
         self.is_success() && self.hit <= HIT_MAX && self.pull <= PULL_MAX
     }
 
-    /// Returns whether it says that the door is open, and it is not.
+    /// Returns whether it reports the door as open, and the door is not.
     pub fn is_false(&self) -> bool {
         self.finish == Finish::Done && !self.is_there()
     }
@@ -299,7 +299,7 @@ pub fn active_in_phases(text: &str, limit: Duration) -> Result<Vec<Phase>, Strin
     Ok(phases)
 }
 
-/// Flies missions on so many threads; `told` hears how many have been flown. The outcomes are in the missions' order.
+/// Flies missions on `threads` threads; `told` hears how many have been flown. The outcomes are in the missions' order.
 ///
 /// # Errors
 /// The first that a mission meets.

@@ -130,7 +130,7 @@ impl<const IN_GROUP: bool> Controller for Sink<IN_GROUP> {
 impl<const IN_GROUP: bool> Drop for Sink<IN_GROUP> {
     fn drop(&mut self) {
         let bytes: Vec<u8> = self.ages.iter().flat_map(|age| age.to_le_bytes()).collect();
-        // The reader says that the file is missing.
+        // The reader reports a missing file.
         std::fs::write(&self.file, bytes).unwrap_or_default();
     }
 }

@@ -17,7 +17,7 @@ use std::time::Duration;
 
 /// How often everything is measured, in turn.
 const ROUNDS: u32 = 5;
-/// How many programs are killed in a round, each once: who dies again and again has to wait.
+/// How many programs are killed in a round, each once: a program that dies again and again has to wait.
 const PROGRAMS: usize = 20;
 /// The most that a successor may take of a bare spawn.
 const TARGET: f64 = 2.0;

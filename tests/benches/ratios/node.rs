@@ -54,7 +54,7 @@ pub(crate) struct Deployment {
 }
 
 impl Node {
-    /// Starts the node that stands beside this program, after bringing it up to date.
+    /// Starts the node in the folder of this program, after bringing it up to date.
     pub(crate) async fn start(dir: &Path) -> anyhow::Result<Self> {
         let program = built()?.join("dca-node");
         let child = Command::new(&program)
@@ -125,7 +125,7 @@ impl Deployment {
         Ok(Some(report))
     }
 
-    /// Waits for GO; says how long it took from PREPARE, as the node says.
+    /// Waits for GO; returns how long it took from PREPARE, by the node's clock.
     pub(crate) async fn go(&mut self) -> anyhow::Result<Duration> {
         loop {
             if let Report::Go { took, .. } = self.next().await?.context("it ended before GO")? {

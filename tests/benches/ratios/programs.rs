@@ -217,7 +217,7 @@ impl Controller for Turn {
 
 impl Drop for Turn {
     fn drop(&mut self) {
-        // The reader says that the file is missing.
+        // The reader reports a missing file.
         std::fs::write(&self.file, value_of(&self.times)).unwrap_or_default();
     }
 }
@@ -257,7 +257,7 @@ impl Controller for Beat {
 
 impl Drop for Beat {
     fn drop(&mut self) {
-        // The reader says that the file is missing.
+        // The reader reports a missing file.
         std::fs::write(&self.file, value_of(&self.times)).unwrap_or_default();
     }
 }
@@ -314,7 +314,7 @@ impl Controller for Callee {
     }
 }
 
-/// The period of a [`Shout`] that shouts at times, and of one that never rests, in nanoseconds.
+/// The period of a [`Shout`] that pauses, and of one that never pauses, in nanoseconds.
 const PACED: u64 = 2_000_000;
 const FLOOD: u64 = 1000;
 

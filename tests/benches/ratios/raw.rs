@@ -29,7 +29,7 @@ pub(crate) enum Transport {
     ZenohCallback,
     /// A query of zenoh, handed to a thread and answered by it.
     ZenohQuery,
-    /// Memory that both have: bytes are copied in and out, and a Unix socket says that they are there.
+    /// Shared memory: bytes are copied in and out, and a Unix socket announces them.
     Memory,
 }
 
@@ -78,7 +78,7 @@ impl Pair {
             let arguments = ["raw", side, transport.word()];
             Command::new(&program).args(arguments).arg(&path).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn()
         };
-        // The side that answers listens; it says when it does.
+        // The answering side listens; it prints when it does.
         let mut echo = start("echo")?;
         let mut said = String::new();
         BufReader::new(echo.stdout.take().context("no pipe")?).read_line(&mut said)?;

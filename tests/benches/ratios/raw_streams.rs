@@ -30,7 +30,7 @@ impl Transport {
     }
 }
 
-/// Runs one sender and its listeners; returns what each of them had.
+/// Runs one sender and its listeners; returns the samples of each listener.
 pub(crate) fn measure(transport: Transport, dir: &Path, load: Load) -> anyhow::Result<Vec<Tally>> {
     let path = dir.join(format!("stream-{}", transport.word()));
     let start = |side: &str| {

@@ -1,4 +1,4 @@
-//! Controllers as programs of their own, with this process in the place of their node.
+//! Controllers as separate programs, with this process in the place of their node.
 
 use crate::streams::{Load, Tally};
 use anyhow::{Context, bail, ensure};
@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-/// How long a program has for anything that it is told.
+/// How long a program has for each order.
 const WITHIN: Duration = Duration::from_secs(20);
 
 /// Where programs report.
@@ -24,7 +24,7 @@ pub(crate) struct Place {
     dir: PathBuf,
 }
 
-/// A program that has said hello.
+/// A program that has sent its hello.
 #[derive(Debug)]
 pub(crate) struct Program {
     sender: ControlSender,
@@ -47,7 +47,7 @@ impl Place {
         Ok(command.env("DCA_DATA_SOCKET", self.dir.join(format!("{instance}.sock"))).spawn()?)
     }
 
-    /// Waits for the next program to say hello.
+    /// Waits for the hello of the next program.
     pub(crate) async fn hello(&self) -> anyhow::Result<Program> {
         let (sender, mut receiver) = tokio::time::timeout(WITHIN, self.listener.accept()).await??;
         let hello = tokio::time::timeout(WITHIN, receiver.recv()).await??;
@@ -180,7 +180,7 @@ impl Callee {
     }
 }
 
-/// Bytes as a message, whose length stands before them.
+/// Bytes as a message, with their length before them.
 fn blob(size: u32) -> Vec<u8> {
     [postcard_length(size), vec![1; size as usize]].concat()
 }
@@ -228,7 +228,7 @@ impl Pair {
             devices: Vec::new(),
         };
         let (to_ping, to_echo) = (ping.dial()?, echo.dial()?);
-        // Each waits for the other to come, so both are told before either has answered.
+        // Each waits for the other to come, so both get their orders before either has answered.
         let (to_ping, to_echo) = (connect(1, to_ping), connect(0, to_echo));
         let connected = tokio::try_join!(ping.order(&to_echo), echo.order(&to_ping))?;
         ensure!(connected == (Notice::Connected, Notice::Connected), "not connected: {connected:?}");
@@ -257,7 +257,7 @@ impl Pair {
     }
 }
 
-/// Starts one program that sends and some that listen; returns what each of them had.
+/// Starts one program that sends and some that listen; returns the samples of each listener.
 pub(crate) async fn stream(dir: &Path, load: Load) -> anyhow::Result<Vec<Tally>> {
     let dir = dir.join("stream");
     std::fs::create_dir(&dir)?;
@@ -274,7 +274,7 @@ pub(crate) async fn stream(dir: &Path, load: Load) -> anyhow::Result<Vec<Tally>>
     let outgoing = |wire: &u32| Outgoing { wire: *wire, port: "Out".into(), key: key(wire), pull: false };
     let connect =
         |incoming, outgoing| Order::Connect { robot: "bench".into(), incoming, outgoing, devices: Vec::new() };
-    // Each waits for the other to come, so all are told before one has answered.
+    // Each waits for the other to come, so all get their orders before one has answered.
     sender.sender.send(&connect(Vec::new(), wires.iter().map(outgoing).collect()))?;
     for (wire, listener) in wires.iter().zip(&mut listeners) {
         let port = "In".to_owned();

@@ -1,4 +1,4 @@
-//! From the request to a running deployment, beside starting the same programs with nothing around them.
+//! From the request to a running deployment, compared with starting the same programs alone.
 
 use crate::figures::{Round, Subject, Table, cell};
 use crate::node::{HOST, Node};
@@ -41,7 +41,7 @@ pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()>
     node.end().await
 }
 
-/// Starts controllers side by side; returns when the last has said hello.
+/// Starts controllers side by side; returns when the last has sent its hello.
 async fn start_bare(dir: &Path, size: u32) -> anyhow::Result<Duration> {
     let dir = dir.join("bare");
     std::fs::create_dir_all(&dir)?;
@@ -98,7 +98,7 @@ async fn deploy_controllers(node: &mut Node, size: u32) -> anyhow::Result<Durati
     Ok(took)
 }
 
-/// Plain programs are executed at their activation, so what counts is when the last one runs.
+/// Plain programs are executed at their activation, so the time of the last one counts.
 async fn deploy_plain(node: &mut Node, size: u32) -> anyhow::Result<Duration> {
     let instances: String =
         (0..size).fold(String::new(), |text, number| text + &format!("p{number} instof Sleep(\"{HOST}\"); "));

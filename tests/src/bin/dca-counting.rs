@@ -197,7 +197,7 @@ impl Controller for Pulse {
 
 /// How often something beats.
 const BEAT: Duration = Duration::from_millis(10);
-/// So many bytes fill the buffers of a link whose reader is suspended in less than a second.
+/// The padding with which beats fill the buffers of a link with a suspended reader in less than a second.
 const PADDING: usize = 4096;
 /// The padding with which a beat travels in shared memory.
 const LONG_PADDING: usize = 100_000;

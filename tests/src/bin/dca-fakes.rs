@@ -121,7 +121,7 @@ impl Module for Fake {
     }
 }
 
-/// A stand-in that looks for orders as often as all of them do.
+/// A stand-in that looks for orders as often as all others.
 fn fake(interface: &Interface, _: &Arguments) -> Result<Box<dyn Module>, String> {
     let path = std::env::var("DCA_INSTANCE").unwrap_or_default();
     Ok(Box::new(Fake { interface: interface.clone(), path, works: false, heard: BTreeMap::new(), looks: 0 }))

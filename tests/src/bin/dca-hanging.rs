@@ -1,4 +1,4 @@
-//! A controller for tests: it hangs where it is told to, or works well at 1 kHz.
+//! A controller for tests: it hangs in the requested place, or works well at 1 kHz.
 
 use comms::io::clock::Wakeup;
 use controllers::sdk::{About, Arguments, Controller, Kind, Parameter, Progress, Registry, Tick, process};

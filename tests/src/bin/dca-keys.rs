@@ -22,7 +22,7 @@ struct Asks {
     database: Database,
 }
 
-/// A file of lines, each of which is there once it was written.
+/// A file of lines, each complete once it was written.
 struct Log(File);
 
 impl Log {

@@ -47,7 +47,7 @@ impl<'c> Fakes<'c> {
         std::fs::write(&draft, order).and_then(|()| std::fs::rename(&draft, &file)).expect("an order is a file");
     }
 
-    /// Returns what each program has last said, by its path.
+    /// Returns the last journal entry of each program, by its path.
     ///
     /// # Panics
     /// Panics if the time of a journal entry is not a number.
@@ -76,7 +76,7 @@ impl<'c> Fakes<'c> {
         active.filter(|path| is_alive(path)).collect()
     }
 
-    /// Returns how many samples an input of a program has got, as far as it says.
+    /// Returns how many samples an input of a program has got, from its journal.
     pub fn heard(&self, path: &str, port: &str) -> u64 {
         let text = std::fs::read_to_string(self.file("heard", path)).unwrap_or_default();
         let mut lines = text.lines().filter_map(|line| line.split_once(' '));

@@ -1,4 +1,4 @@
-//! A control group whose processes nothing can end: not even SIGKILL reaches them before they are thawed.
+//! A control group whose processes cannot be ended: not even SIGKILL reaches them before they are thawed.
 
 use super::{SOON, wait_until};
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ static FREEZERS: AtomicU32 = AtomicU32::new(0);
 pub struct Freezer(PathBuf);
 
 impl Freezer {
-    /// Makes a group; none, said aloud, where a test cannot have one.
+    /// Makes a group; none, with a printed note, if a test cannot have one.
     ///
     /// # Panics
     /// Panics if the new group cannot be removed.

@@ -1,4 +1,4 @@
-//! Hosts on a network of their own: namespaces, each with one end of a wire, the other ends on a bridge.
+//! Hosts on a separate network: namespaces, each with one end of a wire, the other ends on a bridge.
 //!
 //! The bridge has a namespace too, so nothing of the machine's own network is touched, and several tests can have the
 //! same addresses at the same time.

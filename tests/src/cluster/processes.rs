@@ -57,7 +57,7 @@ impl Process {
 pub struct Busy(Vec<Child>);
 
 impl Busy {
-    /// Starts so many, as nice as `niceness` says: 19 gives way to everybody else.
+    /// Starts `count` processes with this niceness: 19 gives way to all others.
     ///
     /// # Panics
     /// Panics if there is no shell.
@@ -97,7 +97,7 @@ pub fn memory(pid: u32) -> u64 {
     pages.split(' ').nth(1).and_then(|pages| pages.parse::<u64>().ok()).unwrap_or(0) * 4096
 }
 
-/// Returns what each open file descriptor of a process stands for.
+/// Returns the target of each open file descriptor of a process.
 pub fn descriptors(pid: u32) -> Vec<String> {
     let entries = std::fs::read_dir(format!("/proc/{pid}/fd")).into_iter().flatten().flatten();
     let targets = entries.filter_map(|entry| std::fs::read_link(entry.path()).ok());

@@ -51,7 +51,7 @@ impl fmt::Display for Ended {
     }
 }
 
-/// The bytes that a thread has read from a pipe so far.
+/// The bytes that a thread has read from a pipe up to now.
 #[derive(Debug)]
 struct Captured {
     text: Arc<Text>,
@@ -94,7 +94,7 @@ impl Captured {
         String::from_utf8_lossy(&self.text.lock().0).into_owned()
     }
 
-    /// Waits until the text has `wanted` this many times; says whether it has.
+    /// Waits until the text has `wanted` this many times; returns whether it has.
     fn wait_for(&self, wanted: &str, times: usize, within: Duration) -> bool {
         let has = |text: &[u8]| String::from_utf8_lossy(text).matches(wanted).count() >= times;
         let goes_on = |state: &mut (Vec<u8>, bool)| !state.1 && !has(&state.0);

@@ -1,4 +1,4 @@
-//! A command on a terminal, which it cannot tell from a person's.
+//! A command on a terminal, which it cannot distinguish from a person's.
 
 use super::SOON;
 use comms::io::clock::now;

@@ -49,7 +49,7 @@ impl Trace {
         Self { folder: folder.to_owned(), mission: run.mission(), run }
     }
 
-    /// Returns whether the page of the run stands beside its record and closes its last tag.
+    /// Returns whether the page of the run is beside its record and closes its last tag.
     pub fn has_page(&self) -> bool {
         let page = std::fs::read_to_string(self.folder.join("report.html")).unwrap_or_default();
         page.trim_end().ends_with("</html>")
@@ -80,7 +80,7 @@ impl Trace {
         finished.expect("the record of a run that is over has its end")
     }
 
-    /// Returns what happened to the process with this path, in order.
+    /// Returns the changes of the process with this path, in order.
     pub fn changes(&self, wanted: &str) -> Vec<&Change> {
         let changes = self.reports().filter_map(|report| match report {
             Report::Process { path, change, .. } => (path == wanted).then_some(change),
@@ -143,7 +143,7 @@ impl Trace {
             Entry::Signals { .. } | Entry::Report(_) | Entry::Output { .. } | Entry::Port { .. } => None,
         };
         let mut samples: Vec<Sample> = self.run.entries.iter().filter_map(sample).collect();
-        // A peak between two samples is told after the second.
+        // A peak between two samples is reported after the second.
         samples.sort_by_key(|sample| sample.at);
         samples
     }

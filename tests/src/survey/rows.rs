@@ -57,7 +57,7 @@ pub struct Row {
 }
 
 impl Row {
-    /// Returns what tells it from all others: its name, or its group's where there is one row in it.
+    /// Returns a unique label: its name, or its group's if the group has one row.
     pub fn label(&self) -> &str {
         match self.group {
             Group::Single | Group::Push | Group::Room | Group::Through | Group::Trigger => &self.name,
@@ -421,7 +421,8 @@ pub fn rows(worlds: u32, seed: u64, phases: &[Phase]) -> Vec<Row> {
     rows.push(draw.together(Group::Wide, 1.0));
     rows.push(draw.trigger("handle lost", "rad", "lose_at", [3.0 * DEGREE, 60.0 * DEGREE]));
     rows.push(draw.trigger("grip slips", "N", "slip_force", [10.0, 18.0]));
-    // With today's laws the door opens from 14 s to 23 s; the two rows below hit press and opening whenever they are.
+    // With the present laws the door opens from 14 s to 23 s; the two rows below disturb the opening and the press
+    // independent of their time.
     rows.push(draw.trigger("base slips by the clock", "s", "base_slip_at", [18.0, 28.0]));
     rows.push(draw.trigger("base slips in the opening", "rad", "base_slip_door", [0.0, 60.0 * DEGREE]));
     rows.push(draw.trigger("base slips in the press", "rad", "base_slip_lever", [0.0, 28.0 * DEGREE]));

@@ -14,7 +14,7 @@ pub struct Summary {
     pub success: usize,
     /// The number that did with no more force than they may use.
     pub strict: usize,
-    /// The number that said so with the door shut.
+    /// The number of runs that reported success with the door shut.
     pub false_successes: usize,
     /// The least true angle at which one was done (deg), if one was.
     pub angle_min: Option<f64>,

@@ -1,4 +1,4 @@
-//! The reports on a node that does not answer any more, and on the processes that may run there.
+//! The reports on a node that no longer answers, and on the processes that may run there.
 
 use comms::io::clock::now;
 use dca_tests::cluster::{Cluster, Host, Program, SOON, wait_until};
@@ -25,7 +25,7 @@ fn kill(node: Program) {
     assert_eq!(node.ended(SOON).signal, Some(9));
 }
 
-/// From the moment it is dead to the moment it is lost, it has a row that does not say that it is well.
+/// From the moment it is dead to the moment it is lost, it has a row that does not show it as well.
 #[test]
 fn a_node_that_was_killed_a_moment_ago_has_a_row() {
     let cluster = Cluster::new();

@@ -81,7 +81,7 @@ fn a_link_that_is_not_made_is_told() {
     assert!(wait_until(SOON, told).is_some(), "{}", host.ask(&["nodes"]));
 }
 
-/// Carries each connection on to another place, and back, every byte so much later. Its threads end with the test.
+/// Relays each connection to another place, and back, with a delay for every byte. Its threads end with the test.
 fn relay(listener: &TcpListener, to: SocketAddr, delay: Duration) {
     for near in listener.incoming().map_while(Result::ok) {
         let Ok(far) = TcpStream::connect(to) else { continue };
@@ -114,7 +114,7 @@ fn carry(mut from: TcpStream, mut to: TcpStream, delay: Duration) {
     });
 }
 
-/// Two nodes that reach each other over a satellite alone see each other, and go on to.
+/// Two nodes that reach each other only over a satellite see each other, and keep doing so.
 #[test]
 fn nodes_3_s_of_round_trip_apart_see_each_other() {
     let Some(network) = Network::new(3) else { return };

@@ -88,7 +88,8 @@ fn a_door_that_is_open_is_not_let_go_of() {
     assert!(end.why == "done" && end.angle > 68.0 && end.force > 15.0 && end.fastest < 0.01, "{end:?}");
 }
 
-/// A visitor who pushed the hand while it was looking for the handle pushed on with all 150 N, and the arm served on.
+/// A visitor who pushed the hand while it was looking for the handle once pushed on with all 150 N, and the arm kept
+/// servoing.
 #[test]
 fn a_force_on_the_hand_stops_the_arm_whatever_it_does() {
     for at in [2, 8] {
@@ -125,7 +126,8 @@ fn a_base_that_meets_what_it_does_not_see_goes_back() {
     }
 }
 
-/// Single readings of the force sensor say 153 N to 198 N. The doors ended with `the force on the hand exceeds 80 N`.
+/// Single readings of the force sensor show 153 N to 198 N. The doors once ended with
+/// `the force on the hand exceeds 80 N`.
 #[test]
 fn spikes_of_the_force_sensor_end_no_opening() {
     for (door, spike, share) in [

@@ -36,7 +36,7 @@ fn deploy(here: &Host, spec: &str) -> BTreeMap<String, u32> {
     pids
 }
 
-/// Waits until the events of the mission say this.
+/// Waits until the events of the mission contain this.
 fn told(here: &Host, words: &str) {
     let said = || here.ask(&["events", "endless"]).out;
     assert!(wait_until(RESUMED, || said().contains(words)).is_some(), "{}", said());
@@ -108,7 +108,7 @@ fn what_waits_is_listed_and_a_stop_ends_it() {
     assert_eq!((waiting.len(), here.pids().len()), (0, 0));
 }
 
-/// Without a word in the spec a reboot ends it, which is told.
+/// Without `on_boot` in the spec a reboot ends the mission, which is reported.
 #[test]
 fn a_mission_that_says_nothing_is_told_as_over() {
     let cluster = Cluster::new();

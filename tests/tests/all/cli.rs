@@ -64,7 +64,7 @@ process main(robot: Host = c1, word: Text = "old") {
 }
 "#;
 
-/// `--set` gives parameters of `main` other values: for a check, a proof and a run, whose record has them.
+/// `--set` gives parameters of `main` other values: for a check, a proof and a run, and its record has them.
 #[test]
 fn parameters_of_the_root_are_set_for_one_robot() {
     let cluster = Cluster::new();
@@ -94,7 +94,7 @@ fn parameters_of_the_root_are_set_for_one_robot() {
     }
 }
 
-/// `dca verify` says by its exit code whether everything holds, something fails, or a limit came first.
+/// The exit code of `dca verify` shows whether everything holds, something fails, or a limit came first.
 #[test]
 fn proofs_have_their_exit_codes() {
     let corpus = |file: &str| format!("{}/../verify/tests/corpus/{file}.dca", env!("CARGO_MANIFEST_DIR"));

@@ -8,7 +8,7 @@ fn clocks(ended: &Ended) -> Value {
     serde_json::from_str(&ended.out).unwrap_or_else(|why| panic!("{why}: {ended}"))
 }
 
-/// Asks until each of these hosts has answered; then each clock is as far away as its bound says, or less.
+/// Asks until each of these hosts has answered; then each clock is within the reported bound.
 #[track_caller]
 fn check(host: &Host, expected: &[&str]) {
     let mut last = None;

@@ -27,7 +27,7 @@ fn door() -> (String, Sites) {
     (text, sites.expect("the door has a plan"))
 }
 
-/// Opens the door once; `seed` says which program dies, and when.
+/// Opens the door once; `seed` chooses the program that dies, and when.
 fn opened(text: &str, sites: &Sites, seed: u64, loses: Option<fn(&Command) -> bool>) -> (bool, Conformance) {
     let plan = plan("door_opening", text).unwrap_or_else(|error| panic!("{error}"));
     let mut simulation =
@@ -138,7 +138,7 @@ fn real_runs_with_kills_conform_and_a_planted_deviation_is_found() {
     assert!(compared.code == Some(1) && compared.err.contains("`main/cell` differs"), "{compared}");
 }
 
-/// The kind of the part of a record behind which no data is any more.
+/// The kind of the part of a record that ends its data.
 const END_OF_DATA: u8 = 0x0f;
 
 /// Where the parts of a record begin, where it ends, and where its data does: each part has a byte for its kind and

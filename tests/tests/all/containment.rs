@@ -23,7 +23,7 @@ for _ in range(20):
 while True:
     signal.pause()
 ";
-/// Each process of it makes another one, and goes on to do so.
+/// Each of its processes makes another one, again and again.
 const BOMB: &str = "
 import os, signal, time
 signal.signal(signal.SIGTERM, signal.SIG_IGN)
@@ -100,7 +100,7 @@ fn nothing_is_left_on_any_rung() {
     refuses(&hidden);
 }
 
-/// A host that cannot hold a limit says so, and starts nothing.
+/// A host that cannot hold a limit reports this, and starts nothing.
 fn refuses(hidden: &[&str]) {
     let cluster = Cluster::new();
     let bare = cluster.here().without_mounts(hidden);

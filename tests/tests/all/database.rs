@@ -148,7 +148,7 @@ impl Robots {
         ended.out
     }
 
-    /// Waits until all have everything that any has, and so many of them are members; returns how long it took.
+    /// Waits until all have all data of the others, and `members` of them are members; returns how long it took.
     #[track_caller]
     fn expect_agreement(&self, members: usize) -> Duration {
         let agreed = || {
@@ -381,7 +381,7 @@ fn a_team_is_begun_once() {
     assert!(wait_until(SOON, is_one).is_some(), "{}", here.ask(&["db", "status", "--robot", "r3"]));
 }
 
-/// With `--json` every output is JSON, also that of a failure.
+/// With `--json` every output is JSON, even that of a failure.
 #[test]
 fn json_is_never_prose() {
     let cluster = Cluster::new();

@@ -20,7 +20,7 @@ fn check(cluster: &Cluster, ended: &Ended, code: i32, sentence: &[&str]) {
     assert_eq!(ended.code, Some(code), "{ended}");
     let mut lines = ended.err.lines().chain(ended.out.lines());
     assert!(lines.any(|line| sentence.iter().all(|part| line.contains(part))), "expected {sentence:?}\n{ended}");
-    // A cause that is told twice, or as a programmer sees it.
+    // A cause that is printed twice, or in a programmer's form.
     for noise in ["(os error 2): No such", "panicked", "Error {", "RUST_BACKTRACE"] {
         assert!(!ended.err.contains(noise), "{ended}");
     }
@@ -267,7 +267,7 @@ fn a_program_that_offers_no_controllers() {
 #[test]
 fn a_folder_that_cannot_be_used() {
     let cluster = Cluster::new();
-    // A file stands where the folder should be, which stops even root.
+    // A file is in the place of the folder, which stops even root.
     let file = cluster.file("file", "");
     let node = cluster.here().with_run_dir(format!("{file}/n")).start_node("c1", &[]);
     check_node(&cluster, node, &["/file` is a file, where a folder is expected", "`--run-dir`"]);

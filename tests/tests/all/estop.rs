@@ -111,7 +111,7 @@ fn who_does_not_answer_is_named() {
     assert!(wait_until(SOON, || estop_json(&here, &[]).0 == Some(0)).is_some());
 }
 
-/// In a team everybody stops everything, without a key; who lets programs begin again has to be an operator.
+/// In a team every user can stop everything, without a key; only an operator can release it.
 #[test]
 fn in_a_team_everybody_stops_and_an_operator_releases() {
     let Some(network) = Network::new(1) else { return };

@@ -1,4 +1,4 @@
-//! Every example, run as its page says, by real processes.
+//! Every example, run as described on its page, by real processes.
 
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
@@ -47,7 +47,7 @@ fn changed(text: &str, from: &str, to: &str) -> String {
 #[test]
 fn a_pid_loop_brings_a_motor_to_its_speeds() {
     check_done(&run("pid", |text, _| text), "pid");
-    // Without any gain the motor stands, and the deadline says so.
+    // Without any gain the motor does not move, and the deadline reports it.
     let stands = run("pid", |text, _| {
         let text = changed(&text, "kp = 0.05, ki = 0.5", "kp = 0, ki = 0, kd = 0");
         changed(&text, "slow[goal] within 10 s", "slow[goal] within 1 s")

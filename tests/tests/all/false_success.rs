@@ -66,7 +66,7 @@ fn check_survey(worlds: u32, mut chosen: impl FnMut(&Row) -> bool) {
     let wrong = flown.iter().flat_map(|(_, outcomes)| outcomes).filter(|outcome| outcome.finish == Finish::Done);
     let wrong = wrong.map(|outcome| outcome.wrong).fold(0.0, f64::max);
     assert!(wrong <= WRONG_MAX, "the laser was wrong by {wrong:.1} deg\n{text}\n{failures}");
-    // Not by refusing everything: the nominal world is strict, and a lost handle says so.
+    // Not by refusing everything: the nominal world is strict, and a lost handle is reported.
     assert!(named("nominal").iter().all(Outcome::is_strict), "{text}\n{failures}");
     let told = |outcome: &Outcome| outcome.reason().contains("lost the handle");
     assert!(named("handle lost").iter().all(told), "{text}\n{failures}");

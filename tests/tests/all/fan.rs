@@ -19,7 +19,7 @@ const MANY: usize = 20;
 const BEAT: Duration = Duration::from_millis(10);
 /// How many beats are waited for.
 const SOME: usize = 50;
-/// TCP repeats what such a cut holds up.
+/// TCP repeats the data that such a cut delays.
 const SHORT_CUT: Duration = Duration::from_millis(500);
 /// Long enough to lose links, too short to lose hosts.
 const LONG_CUT: Duration = Duration::from_secs(3);
@@ -28,7 +28,7 @@ const LONG_CUT: Duration = Duration::from_secs(3);
 const LONG_CUTS_MAX: usize = 5;
 /// How long a reader is suspended: too short for its node to report a hang.
 const SUSPENDED: Duration = Duration::from_secs(3);
-/// No busy machine holds up a loop for so long, and a write to a reader that does not read would.
+/// No busy machine delays a loop for this long, but a blocking write to a suspended reader would.
 const HELD_UP_MAX: Duration = Duration::from_secs(2);
 
 /// A beat that a reader has received.

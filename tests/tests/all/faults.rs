@@ -174,7 +174,7 @@ fn pipes_and_damage_in_its_folders_do_not_keep_a_node_from_starting() {
     cluster.expect_nothing_left(SOON);
 }
 
-/// A node that could not live within its limits says so, and does not begin.
+/// A node that could not live within its limits reports this, and does not begin.
 #[test]
 fn a_node_refuses_limits_that_it_could_not_live_with() {
     let cluster = Cluster::new();

@@ -6,7 +6,7 @@ use rustix::process::Signal;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// A spec with these instances, whose controllers hang in the place that they name.
+/// A spec with these instances, whose controllers hang in the named place.
 fn spec(cluster: &Cluster, instances: &[(&str, &str, &str)], expression: &str) -> String {
     let program = executable("dca-hanging").display().to_string();
     let instance = |(name, place, policy): &(&str, &str, &str)| {

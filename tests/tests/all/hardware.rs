@@ -133,7 +133,7 @@ fn missions_come_and_go_and_the_hardware_stays() {
     assert_eq!(next.ended(SOON * 2).code, Some(0), "it has the lock, and drives");
     assert!(number(&motion(&here), "travelled") >= before + 1.0 - 1e-9);
     assert_eq!(here.pids()["main/base"], pid, "the hardware was never started again");
-    // The hardware ends: a mission that watches it aborts, and says why.
+    // The hardware ends: a mission that watches it aborts, and reports the reason.
     let last = example.deploy(&here, &example.endless);
     moves(&here);
     let stop = here.ask(&["stop", "hardware"]);

@@ -69,7 +69,7 @@ fn a_stop_reaches_every_host() {
     hosts.end();
 }
 
-/// `dca logs` follows a process wherever it runs.
+/// `dca logs` follows a process on any host.
 #[test]
 fn logs_come_from_any_host() {
     let Some(hosts) = four_hosts() else { return };
@@ -226,7 +226,7 @@ process main() {
 }
 ";
 
-/// Wakes up once a period for so long, as a control loop does; returns the largest gap, in milliseconds.
+/// Wakes up once a period for this time, like a control loop; returns the largest gap, in milliseconds.
 fn beat(time: Duration) -> f64 {
     let (began, wakeup) = (now(), Wakeup::default());
     let (mut last, mut largest, mut due) = (began, Duration::ZERO, began);

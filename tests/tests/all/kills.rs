@@ -1,5 +1,5 @@
-//! `kill -9` of any one controller, each of the twenty-two once: the mission ends as the rules say, says why,
-//! and leaves nothing.
+//! `kill -9` of any one controller, each of the twenty-two once: the mission ends according to the rules, reports the
+//! reason, and leaves nothing.
 //!
 //! `mission::killing_any_controller_ends_the_mission_with_its_name` kills each of them on virtual time. Here they are
 //! real programs: two in the quick tests, the others in the long ones.
@@ -13,8 +13,8 @@ const MISSION_MAX: Duration = Duration::from_secs(90);
 const SERVO: &str = "▸ (visualserv # distdetect)";
 const APPROACH: &str = "▸ ((opengrip, approach) # hit)";
 
-/// Starts the mission; kills the program of `leaf` when standard error has had `line` so many `times` (the first is the
-/// beginning of a phase, the next one comes 2 s later).
+/// Starts the mission; kills the program of `leaf` when standard error has had `line` for `times` times (the first is
+/// the beginning of a phase, the next one comes 2 s later).
 fn kill(cluster: &Cluster, leaf: &str, line: &str, times: usize) -> Program {
     let mission = cluster.here().dca(&["run", &spec("door_opening")]);
     mission.wait_for_times(Stream::Err, line, times, MISSION_MAX);
@@ -128,7 +128,7 @@ fn before_its_turn() {
     assert!(changes.contains(&&Change::Died(FailureCause::Signal(9))), "{changes:?}");
 }
 
-/// One whose turn is over is not missed: the door opens.
+/// A program whose turn is over is not needed any more: the door opens.
 #[test]
 #[ignore = "long: real doors"]
 fn after_its_turn() {

@@ -51,7 +51,7 @@ fn run(cluster: &Cluster, command: &str) -> String {
         ["dca", arguments @ ..] => {
             let ended = cluster.here().ask(arguments);
             assert!(ended.code == Some(0) || ended.code == Some(1), "{command}: {ended}");
-            // How long a proof took differs from run to run, and the page says so in words.
+            // The time of a proof differs from run to run, and the page says so in words.
             let said = ended.err.lines().filter(|line| !line.starts_with("it took "));
             ended.out + &said.map(|line| format!("{line}\n")).collect::<String>()
         }

@@ -9,7 +9,7 @@ const GROUPS: usize = 5;
 const LEAVES_PER_GROUP: usize = 40;
 /// How many programs one `dca stop` has to end.
 const PROGRAMS: usize = 500;
-/// How long the node's sockets, and shims that have said their last word, may take to settle after a round.
+/// How long the node's sockets, and ending shims, may take to settle after a round.
 const SETTLE: Duration = Duration::from_secs(5);
 /// How long threads of a pool may stay without work: tokio keeps them for 10 s.
 const POOL: Duration = Duration::from_secs(30);
@@ -32,7 +32,7 @@ fn come_and_go(times: usize) {
     let here = cluster.here();
     let node = here.node("local", &[]);
     let file = cluster.file("many.dca", &nested());
-    // The network's library begins its threads with the first who asks.
+    // The network's library starts its threads with the first caller.
     assert_eq!(here.ask(&["nodes"]).code, Some(0));
     let threads_first = threads(node.pid());
     let mut descriptors_first = None;
@@ -40,13 +40,13 @@ fn come_and_go(times: usize) {
         let deployed = here.dca(&["deploy", "--no-record", &file]);
         deployed.wait_for(Stream::Err, "200 programs on 1 host, started in", SOON);
         if round == 1 {
-            // GO is given to all at once, and each shim says when its program runs.
+            // GO is given to all at once, and each shim reports when its program runs.
             let all_run = || running(&here.statuses(&[])) == GROUPS * LEAVES_PER_GROUP;
             assert!(wait_until(SETTLE, all_run).is_some(), "{:#?}", here.statuses(&[]));
         }
         let stop = here.ask(&["stop", "many"]);
         assert_eq!(stop.code, Some(0), "{stop}");
-        // A shim that has said its last word takes a moment to end.
+        // A shim takes a moment to end after its last report.
         let is_other = |process: &Process| {
             process.pid.cast_unsigned() != node.pid() && process.pid.cast_unsigned() != deployed.pid()
         };

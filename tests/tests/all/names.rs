@@ -92,7 +92,7 @@ fn names_of_a_host_that_is_gone_leave_within_a_lease() {
     assert!(warned.err.contains("warning: `c2` "), "{warned}");
 }
 
-/// The ports that a wire joins have names, and the types that the programs say.
+/// The ports that a wire joins have names, and the types that the programs declare.
 #[test]
 fn ports_have_types() {
     let cluster = Cluster::new();

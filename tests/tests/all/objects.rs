@@ -199,7 +199,7 @@ fn what_nobody_reads_ends() {
     let (here, _running) = deployed(&cluster);
     let dca = executable("dca").display().to_string();
     let ended = |arguments: &[&str], reader: &str| {
-        // The limit of `timeout` is there for a command that does not end.
+        // The limit of `timeout` only matters for a command that does not end.
         let script = format!("timeout 60 \"$@\" {reader}; exit ${{PIPESTATUS[0]}}");
         let mut command = std::process::Command::new("bash");
         command.args(["-c", &script, "bash", &dca]).args(arguments).arg("--run-dir").arg(here.run_dir());

@@ -21,9 +21,9 @@ const WORLD: &str = "main/world";
 const NOT_FINITE: [f64; 3] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
 /// The greatest force in any run, whatever is poisoned (N).
 const FORCE_MAX: f64 = 100.0;
-/// Two samples that are poisoned are so far apart: each is one sample that is missing.
+/// The time between two poisoned samples: each counts as one missing sample.
 const APART: Duration = Duration::from_millis(24);
-/// An input that has had so many samples in a phase was poisoned in it.
+/// An input with at least this many samples in a phase was poisoned in it.
 const SAMPLES: u64 = 12;
 
 /// Returns `bytes` with `number` in one place of the message; as it was if it has no number.
@@ -201,7 +201,7 @@ fn nor_does_it_on_the_way_through_the_door() {
     expect_one_of_each_does_no_harm(THROUGH, &[phases(), vec!["/letgo", "/passage"]].concat(), 60.0);
 }
 
-/// A mission whose input has nothing else from one phase on. It may end well, where another witness is enough.
+/// A mission whose input has only poisoned samples from one phase on. It may end well if another sensor is enough.
 fn expect_true_end(input: &str, phase: &str, number: f64) -> String {
     let flight = fly((DOOR, &phases()), &Which::All(input, phase), number);
     let what = format!("{number} at `{input}` from {phase} on");
@@ -216,7 +216,7 @@ fn expect_true_end(input: &str, phase: &str, number: f64) -> String {
     }
 }
 
-/// Sensors that say nothing else: the reason names the device.
+/// Sensors with only such values: the reason names the device.
 #[test]
 fn a_sensor_that_says_nothing_finite_is_named() {
     for (input, phase, number) in [

@@ -1,4 +1,4 @@
-//! The fate of programs that die, and of programs on a host that is cut off, as the spec says.
+//! The fate of programs that die, and of programs on a host that is cut off, under the policies of the spec.
 
 use comms::io::clock::now;
 use dca_tests::cluster::{Cluster, Network, Program, SOON, Stream, Trace, spec, wait_until};
@@ -126,7 +126,7 @@ fn who_is_started_again_is_found_from_other_hosts() {
     end(&cluster, nodes);
 }
 
-/// The host of three programs is cut off: one stops when it says so, one with its host, one goes on until it is back.
+/// The host of three programs is cut off: one stops by its own policy, one with its host, one goes on until it is back.
 #[test]
 fn a_host_that_is_cut_off_does_as_its_programs_say() {
     let cluster = Cluster::new();

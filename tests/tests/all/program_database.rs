@@ -14,7 +14,7 @@ use std::time::Duration;
 const SOME: usize = 300;
 /// How long hosts are cut off: shorter than until they are taken for lost, which would end the mission.
 const CUT: Duration = Duration::from_secs(3);
-/// No answer of a database takes so long, however busy the machine is.
+/// No answer of a database takes this long, even on a busy machine.
 const LATE: Duration = Duration::from_secs(5);
 
 /// Deploys a spec of writers, watchers and counters; each is
@@ -51,7 +51,7 @@ fn lines(cluster: &Cluster, name: &str, word: &str) -> Vec<String> {
     whole.lines().filter_map(rest).collect()
 }
 
-/// Waits until a log has so many more lines that begin with a word.
+/// Waits until a log has `more` further lines that begin with a word.
 #[track_caller]
 fn wait_for_more(cluster: &Cluster, name: &str, word: &str, more: usize) {
     let before = lines(cluster, name, word).len();
@@ -87,7 +87,7 @@ fn expect_whole(changes: &[Changed], keys: usize) {
     }
 }
 
-/// Says how long it took from the calculation that wrote to the calculation that was told.
+/// Returns how long it took from the calculation that wrote to the calculation that got the news.
 fn figures(what: &str, changes: &[Changed]) -> Duration {
     let mut times: Vec<Duration> =
         changes.iter().map(|change| Duration::from_nanos(change.at.saturating_sub(change.values[0]))).collect();
@@ -121,7 +121,7 @@ fn a_program_writes_100_keys_a_second_and_another_one_hears_of_each() {
     assert!(told.starts_with("begin\npresent ") && told.contains("\ncomplete\nchanged "), "{told}");
     let changes = changes(&cluster, "watcher");
     expect_whole(&changes, 1);
-    // From the first one to the last one each commit that the writer has heard of was told once, in order.
+    // From the first one to the last one, each acknowledged commit of the writer was reported once, in order.
     let number = |txn: &String| txn.split(':').nth(1).and_then(|seq| seq.parse::<u64>().ok()).expect("it is a name");
     let told: Vec<u64> = changes.iter().map(|change| number(&change.txn)).collect();
     assert!(told.is_sorted_by(|one, next| one < next), "{told:?}");

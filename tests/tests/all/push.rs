@@ -1,4 +1,5 @@
-//! Doors that the robot has to push: they open without touching jamb or leaf, and a law that is told otherwise says so.
+//! Doors that the robot has to push: they open without touching jamb or leaf, and a law that is told the wrong
+//! direction reports it.
 
 use dca_tests::survey::{Group, Mission, Outcome, Row, fly_all, rows, table};
 use std::time::Duration;
@@ -61,7 +62,8 @@ fn doors_with_strong_levers_are_pushed_gently() {
     }
 }
 
-/// In the opening the laser does not see the wall any more, so wheels that turn on the spot made doors of 53 and 58 degrees look open.
+/// During the opening the laser loses sight of the wall, so wheels that turned on the spot made doors of 53 and 58
+/// degrees look open.
 #[test]
 fn wheels_that_turn_on_the_spot_open_no_door() {
     let world = "seed = 940, swing = \"push\", radius = 0.746 m, base_slip_door = 0.892 rad, base_slip_for = 7.6 s";

@@ -15,7 +15,7 @@ const QUIET: Duration = Duration::from_millis(200);
 const RATIO: u32 = 3;
 /// How often each command is measured; the quickest run counts, since others use this machine as well.
 const TIMES: usize = 7;
-/// How soon a command says that its mission is lost.
+/// How soon a command reports that its mission is lost.
 const LOST_WITHIN: Duration = Duration::from_secs(6);
 
 /// Tests that measure have the machine one at a time.
@@ -93,7 +93,7 @@ fn says_that_it_is_lost(mission: Program, since: comms::logic::time::Time) -> Du
     took
 }
 
-/// The home of a mission is killed, or its cable is pulled: the command on another host says so.
+/// The home of a mission is killed, or its cable is pulled: the command on another host reports this.
 #[test]
 fn a_mission_whose_home_died_is_told_as_lost() {
     let _alone = alone();

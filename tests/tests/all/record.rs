@@ -90,7 +90,7 @@ fn a_program_that_was_started_again_is_recorded_on() {
     assert_eq!(ended.code, Some(0), "{ended}");
     let last = shown(&folder).last().map(|sample| sample.at);
     let (killed, last) = (killed.expect("it was seen"), last.expect("it was seen"));
-    // A second at the most until it is started again and dialled, on a machine that does other things.
+    // At most a second until it is restarted and dialled, on a machine with other work.
     assert!(last > killed + Duration::from_millis(1500), "seen until {last:?}, killed after {killed:?}: {ended}");
 }
 
@@ -100,7 +100,7 @@ fn a_record_that_breaks_off_is_an_error() {
     let cluster = Cluster::new();
     let node = cluster.here().node("c3", &[]);
     let file = cluster.file("force.dca", SPEC);
-    // A limit of the shell, of 64 kB, stands for the disk.
+    // A limit of the shell, of 64 kB, acts as the disk.
     let script = "trap '' XFSZ; ulimit -f 128; exec \"$0\" deploy --run-dir \"$1\" --record all \"$2\"";
     let told = Command::new("sh")
         .args(["-c", script])
@@ -111,7 +111,7 @@ fn a_record_that_breaks_off_is_an_error() {
         .expect("there is a shell");
     let why = String::from_utf8_lossy(&told.stderr);
     assert!(told.status.code() == Some(1), "{why}");
-    // `the record breaks off here` is said only if the mission goes on for long enough.
+    // `the record breaks off here` is printed only if the mission continues long enough.
     assert!(why.contains("the mission is done, but not all of it is kept"), "{why}");
     let folder = cluster.folder().join("runs/force-1");
     assert!(!Trace::so_far(&folder).signal("main/world", "contact force").is_empty(), "what came before is there");

@@ -135,7 +135,7 @@ fn an_intruder_forges_repeats_and_reads_nothing() {
     assert!(stolen.wait_heard(SOON));
     stolen.put_numbered(vec![9; 40], 4).expect("it is open");
     assert_eq!(ends.refused.recv_timeout(SOON), Ok(Refusal::OtherKey));
-    // The wire goes on.
+    // The wire continues.
     wire.put_numbered(vec![4; 40], 4).expect("it is open");
     assert_eq!(next(), Arrival::Value(vec![4; 40]));
     // A value that was caught, held back and changed now has the number of the next one: it is not accepted.

@@ -21,7 +21,7 @@ fn run(program: &str, arguments: &[&str]) -> Output {
     Command::new(executable(program)).args(arguments).output().expect("it can be started")
 }
 
-/// The manager hears that the node is ready, that its loop turns, that it stands still, and that it leaves.
+/// The manager learns that the node is ready, that its loop turns, that it has stopped, and that it leaves.
 #[test]
 fn a_service_manager_hears_how_a_node_is() {
     let cluster = Cluster::new();

@@ -9,7 +9,8 @@ use std::time::Duration;
 const BACKLOG: usize = 600;
 /// A radio of 50 kbit/s, in bytes a second.
 const RADIO: f64 = 6250.0;
-/// How long nodes take to find each other again, and databases to say what they have: a word each 3 s, and four ways of 1 s.
+/// How long nodes take to find each other again, and databases to exchange their state: a message each 3 s, and four
+/// ways of 1 s.
 const FOUND_WITHIN: Duration = Duration::from_secs(9);
 
 /// Returns how many keys of the backlog a robot has.

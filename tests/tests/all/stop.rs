@@ -184,7 +184,7 @@ fn a_second_node_leaves_the_first_alone_whose_folder_is_gone() {
     assert_eq!(sleeps(), None);
 }
 
-/// A process that may run on a lost host is reported until the host has said that nothing is left, or a person has.
+/// A process that may run on a lost host is reported until the host, or a person, has confirmed that nothing is left.
 #[test]
 fn what_a_lost_host_has_not_confirmed_is_told_until_it_is_back() {
     let cluster = Cluster::new();
@@ -215,7 +215,7 @@ fn what_a_lost_host_has_not_confirmed_is_told_until_it_is_back() {
     }
     let json: serde_json::Value = serde_json::from_str(&here.ask(&["status", "--json"]).out).expect("it is JSON");
     assert_eq!(json[0]["absent"]["ends"][0]["hosts"][0]["why"], "lost", "{json}");
-    // Another node of the home knows it from its journal, once there is nothing to take over any more.
+    // The next node of the home knows it from its journal, once there is nothing left to adopt.
     let inputs = here.run_dir().join("c1/inputs");
     wait_until(SOON, || !inputs.exists()).expect("the end is long told");
     nodes[0].kill();
@@ -303,7 +303,7 @@ fn sockets_go_with_their_deployment() {
         wait_until(SOON, || here.ask(&["logs", "sleep"]).out.contains(word)).expect("it runs");
         assert!(sockets().len() >= 4, "{:?}", sockets());
         if kills {
-            // Both at once: the end of one is that of the mission.
+            // Both at once: the end of one is the end of the mission.
             let programs = ["main/source", "main/sleep"].map(|path| cluster.expect_leaf(path));
             programs.iter().for_each(|program| program.signal(Signal::KILL));
         }

@@ -1,4 +1,4 @@
-//! Stories that `dca verify` tells: kept as tests, played in the simulator, gone once the spec is repaired.
+//! Stories of `dca verify`: kept as tests, played in the simulator, gone once the spec is repaired.
 
 use dca_tests::cluster::Cluster;
 

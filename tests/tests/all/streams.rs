@@ -31,7 +31,7 @@ struct Passage {
 }
 
 impl Passage {
-    /// Opens one to the node `r1` of a host, on which so many bytes pass: more than one answer, less than all.
+    /// Opens a relay to the node `r1` of a host, which passes this many bytes: more than one answer, less than all.
     fn open(cluster: &Cluster, node: Program, passed: usize) -> Self {
         let folder = cluster.folder().join("p/r1");
         std::fs::create_dir_all(&folder).expect("a test can write in its own folder");
@@ -137,7 +137,7 @@ fn a_broken_list_is_no_list() {
     assert_eq!(ended.out, "");
 }
 
-/// The output of a program that breaks off is told to be a part.
+/// The output of a program that breaks off is marked as incomplete.
 #[test]
 fn a_broken_log_is_told() {
     let cluster = Cluster::new();

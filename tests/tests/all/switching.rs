@@ -177,7 +177,7 @@ fn a_person_switches_what_runs() {
     assert!(all.windows(2).all(|pair| pair[1].0 == pair[0].1 + 1), "numbers were lost or doubled: {all:?}");
 }
 
-/// A producer that does not do its part: it is not confirmed, and the command says whose.
+/// A producer that does not carry out its part: it is not confirmed, and the command names it.
 #[test]
 fn a_switch_that_somebody_does_not_confirm_has_exit_code_3() {
     let cluster = Cluster::new();

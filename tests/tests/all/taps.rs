@@ -31,7 +31,7 @@ fn deployed(cluster: &Cluster) -> (Host, [dca_tests::cluster::Program; 2]) {
     (here, [node, deploy])
 }
 
-/// Every value is there with its number and its time, in order; the last line says that it was the last.
+/// Every value is there with its number and its time, in order; the last line marks the end.
 #[test]
 fn values_are_echoed_with_their_numbers() {
     let cluster = Cluster::new();
@@ -78,7 +78,8 @@ fn a_rate_is_that_of_the_program() {
     assert_eq!(nobody.code, Some(1), "{nobody}");
 }
 
-/// A program that dies and is started again is heard on, and its listener told. When all is over, the listener ends.
+/// A program that dies and is restarted is heard again, and its listener is informed. When all is over, the listener
+/// ends.
 #[test]
 fn an_echo_outlives_its_program_and_ends_with_the_deployment() {
     let cluster = Cluster::new();
@@ -109,7 +110,7 @@ fn a_listener_that_hangs_delays_nobody() {
     assert_eq!(hangs.ended(SOON).code, Some(0));
 }
 
-/// The node of the home is killed and takes over: what its deployment does after that is heard as before.
+/// The node of the home is killed and adopts its programs: later events of its deployment are heard as before.
 #[test]
 fn an_echo_outlives_its_home() {
     let cluster = Cluster::new();

@@ -108,7 +108,7 @@ fn a_log_that_was_cut_or_written_anew_is_found_out() {
     }
     let refused = robots.verify(&forged);
     assert!(refused.code == Some(1) && refused.err.contains("is not the one that"), "{refused}");
-    // The node goes on with a shorter one: the other one signs that no more, and writes it down.
+    // The node continues with a shorter log: the other node no longer signs it, and writes this down.
     robots.stop(1);
     let short: String = forged.lines().take(2).map(|line| format!("{line}\n")).collect();
     fs::write(robots.file(1, "audit"), short).expect("a file of ours");

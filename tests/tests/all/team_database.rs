@@ -28,7 +28,7 @@ use trust::request;
 use trust::role::Role;
 use trust::team::Credential;
 
-/// The name of the database of robots that were told of none.
+/// The default name of a robots' database.
 const TEAM: &str = "dca";
 /// The hash of nothing, for a transaction that has seen no other. Source: BLAKE3, the empty input.
 const NOTHING_SEEN: ChainHash = ChainHash([0xaf, 0x13, 0x49, 0xb9, 0xf5, 0xf9, 0xa1, 0xa6]);
@@ -68,7 +68,7 @@ struct Thief {
 }
 
 impl Thief {
-    /// Has the admin begin the database on `c1`; returns whether it has said so.
+    /// Makes the admin found the database on `c1`; returns whether it has confirmed this.
     async fn found(&self, number: u64) -> bool {
         let asked = Request::Database(Question::Found);
         let now = team::now();
@@ -88,7 +88,7 @@ impl Thief {
         self.session.call(&key::rpc("c1", "request"), bytes, Duration::from_secs(2)).await.is_ok()
     }
 
-    /// Returns the replicas of `c1` and `c2`, once both say that they are members.
+    /// Returns the replicas of `c1` and `c2`, once both report that they are members.
     async fn members(&self) -> BTreeMap<String, ReplicaId> {
         let mut news = self.session.subscribe(&key::db_news_any(TEAM), Policy::reject(256)).expect("it is open");
         let mut members = BTreeMap::new();
@@ -118,7 +118,7 @@ impl Thief {
         drop(asked);
     }
 
-    /// Writes as an origin, dated so many milliseconds after 1970, signed by the thief.
+    /// Writes as an origin, dated `millis` milliseconds after 1970, signed by the thief.
     fn write(&self, origin: ReplicaId, (epoch, millis): (u16, u64), write: Write) {
         let stamp = Timestamp { epoch, hlc: millis << 16, origin };
         let txn = Txn {
@@ -265,7 +265,7 @@ fn a_member_writes_for_itself_and_only_what_it_may() {
     refused("is admitted without a claim of its own");
     refused("`c3` dates what it writes at the end of time");
     refused("`c3` leaves out epochs of dates");
-    // The team goes on.
+    // The team continues.
     for number in [1, 2] {
         let stolen = robbed.host(number).ask(&["db", "get", "team/stolen"]);
         assert!(!stolen.out.contains("stolen"), "{stolen}");

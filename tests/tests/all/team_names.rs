@@ -18,7 +18,7 @@ use tokio::sync::Notify;
 /// The boot that the thief gives itself.
 const BOOT: u64 = 77;
 
-/// Two nodes of a team, `c1` and `c2`, on hosts of their own; the third host is the thief's.
+/// Two nodes of a team, `c1` and `c2`, on separate hosts; the third host is the thief's.
 struct Robbed {
     nodes: Vec<Program>,
     thief: Option<std::thread::JoinHandle<()>>,
@@ -64,7 +64,7 @@ impl Robbed {
         self.cluster.host(&self.network, number)
     }
 
-    /// Returns what and why of each refusal of a message in the audit log of `c1`.
+    /// Returns the subject and the reason of each refused message in the audit log of `c1`.
     fn refusals(&self) -> Vec<String> {
         let log = fs::read_to_string(self.host(1).state().join("c1/team/audit")).unwrap_or_default();
         let fields = |line: &str| {

@@ -29,7 +29,7 @@ struct Team {
 }
 
 impl Team {
-    /// Begins a team on a network of so many hosts.
+    /// Begins a team on a network of `hosts` hosts.
     fn new(hosts: usize) -> Option<Self> {
         static ALONE: Mutex<()> = Mutex::new(());
         let alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
@@ -277,7 +277,7 @@ fn attacks_start_nothing_and_slow_nothing_down() {
 #[test]
 fn a_revoked_robot_is_cut_off() {
     let Some(team) = Team::of_three(3) else { return };
-    // Whose status comes to a host; nothing while that is not settled.
+    // The hosts whose status another host gets; none while that is not settled.
     let seen = |from: usize| {
         let status = team.host(from).ask(&["status", "--json"]);
         let nodes: Vec<serde_json::Value> = serde_json::from_str(&status.out).ok()?;
@@ -286,7 +286,7 @@ fn a_revoked_robot_is_cut_off() {
     };
     let sees = |from: usize, name: &str| seen(from).is_none_or(|names| names.iter().any(|other| other == name));
     assert!(sees(2, "c3") && sees(3, "c2"));
-    // Host 1 cannot reach host 3, so that only host 2 can tell it.
+    // Host 1 cannot reach host 3, so only host 2 can inform it.
     team.network.keep_apart(&[1, 3]);
     let run_dir = team.host(1).run_dir().display().to_string();
     let revoked = team.host(1).ask(&with(&["team", "revoke", "c3", "--run-dir", &run_dir], &team.keys));
@@ -358,7 +358,7 @@ module Idle(host) { exec \"sleep 3600\"; plain; }
 process main() { host { c1 } instantiated_processes { a instof Idle(c2); } internal_event_actions { a } }
 ";
 
-/// A user makes a key on another machine, gets a certificate, and may do what its role says.
+/// A user makes a key on another machine, gets a certificate, and may do what its role allows.
 #[test]
 fn a_user_does_what_the_role_says() {
     let Some(team) = Team::of_three(3) else { return };

@@ -165,7 +165,7 @@ fn the_search_finds_what_is_there(robots: &Robots) {
     assert!(capture.end().iter().any(|packet| has_secret(packet)), "a packet that has it is seen");
 }
 
-/// Instead of bytes that say nothing; only a file keeps them, and can be imported.
+/// Instead of unreadable bytes; only a file keeps them, and can be imported.
 fn every_verb_says_who_may_read(robots: &Robots) {
     let phrase = "secret for r2, generation 1";
     for verb in [&["history"][..], &["history", KEY], &["diff", "0"], &["at", "now"]] {

@@ -166,7 +166,7 @@ impl Attacked {
         log.lines().filter_map(fields).collect()
     }
 
-    /// Returns who, what and why of each refusal in the audit log.
+    /// Returns the user, the subject and the reason of each refusal in the audit log.
     fn refusals(&self) -> Vec<String> {
         self.records().iter().filter_map(|line| Some(line.strip_prefix("refused|")?.to_owned())).collect()
     }

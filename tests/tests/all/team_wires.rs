@@ -101,7 +101,7 @@ impl Team {
         let name = MEMBERS[number - 1];
         let socket = self.host(number).run_dir().join(name).join("node.sock");
         let asked = Request::Locations { deployment: Deployment { name: deployment.to_owned(), epoch } };
-        // Zenoh begins its threads in the network where it is used first: that of the intruder.
+        // Zenoh starts its threads in the network where it is used first: the intruder's.
         let ask = move || {
             let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build();
             runtime.expect("threads").block_on(async {
@@ -119,7 +119,7 @@ impl Team {
         }
     }
 
-    /// Returns what and why of each refusal in the audit log of a node that is about a wire or a call.
+    /// Returns the subject and the reason of each refusal in the audit log of a node that is about a wire or a call.
     fn refusals(&self, number: usize) -> Vec<String> {
         self.audited(number, "refused")
     }
@@ -415,7 +415,7 @@ fn programs_that_are_started_again_go_on_with_new_keys() {
     let deployed = team.host(1).dca(&team.with(&["deploy", &team.cluster.file("beats.dca", text)]));
     deployed.wait_for(Stream::Err, "▸", SOON);
     let runs = team.cluster.folder().join("runs/beats-1");
-    // Waits until so many more values have come.
+    // Waits until `more` further values have come.
     let received = |path: &str| Trace::so_far(&runs).signal(path, "received").last().map_or(0.0, |last| last.value);
     let beats = |count: f64| {
         let began = received("main/monitor");

@@ -2,7 +2,7 @@
 
 use dca_tests::cluster::Cluster;
 
-/// A name that is not declared, so there is something to say with carets.
+/// An undeclared name, which gives a diagnostic with carets.
 const WRONG: &str =
     "process main(){ host{ c1 } instantiated_processes{ a instof A(c1); } internal_event_actions{ bee } }";
 

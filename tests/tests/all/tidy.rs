@@ -89,7 +89,7 @@ const HIDDEN_INPUTS: [&str; 21] = [
 /// Strings that look like key expressions and are names of encodings.
 const NO_KEYS: [&str; 4] = ["dca/refused", "dca/here", "dca/end", "dca/broken"];
 
-/// Returns whether `word` stands in `line` and is not the end or the beginning of another word.
+/// Returns whether `word` is in `line` and is not the end or the beginning of another word.
 fn names(line: &str, word: &str) -> bool {
     let part = |character: char| character.is_alphanumeric() || character == '_';
     line.match_indices(word).any(|(at, _)| {
@@ -99,7 +99,7 @@ fn names(line: &str, word: &str) -> bool {
     })
 }
 
-/// Returns the lines of `sources` for which `breaks` says why they break a rule.
+/// Returns the lines of `sources` for which `breaks` returns a reason.
 fn broken<'a>(
     sources: impl IntoIterator<Item = &'a Source>,
     strings: Strings,
@@ -254,7 +254,7 @@ fn one_place_of_each_program_prints() {
     only_in("only `output` prints, and the one place of the shim and of a controller", &places, &words);
 }
 
-/// Spans of time have `comms::logic::human::span`, paths stand between backticks.
+/// Spans of time are printed with `comms::logic::human::span`, paths between backticks.
 #[test]
 fn people_read_no_debug_text() {
     let all = sources();

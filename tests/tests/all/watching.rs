@@ -15,7 +15,7 @@ process main() {
 }
 ";
 
-/// A cluster with a spec that runs until its files are there.
+/// A cluster with a spec that runs until its files exist.
 fn with_spec() -> (Cluster, Host, String) {
     let cluster = Cluster::new();
     let text = TWO.replace("FOLDER", &cluster.folder().display().to_string());
@@ -35,7 +35,7 @@ fn told(objects: &[Value]) -> Vec<(u64, String, Option<String>)> {
     objects.iter().filter_map(event).collect()
 }
 
-/// Returns when each event of one deployment was, as it was told: by its number.
+/// Returns the time of each event of one deployment, by its number.
 fn times(objects: &[Value]) -> BTreeMap<u64, String> {
     objects.iter().filter_map(|one| Some((one["number"].as_u64()?, one["time"].to_string()))).collect()
 }
@@ -90,7 +90,7 @@ fn events_are_told_as_they_come_and_again_afterwards() {
 #[test]
 fn a_node_that_is_lost_is_told_and_heard_again() {
     let (cluster, here, spec) = with_spec();
-    // The second keeps the command's connection, and has nothing to tell.
+    // The second node keeps the command's connection, and has no events.
     let (_other, node) = (here.node("a0", &[]), here.node("c1", &[]));
     let _deploy = here.dca(&["deploy", "--no-record", &spec]);
     let following = here.dca(&["events", "-f", "--json"]);

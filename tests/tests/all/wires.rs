@@ -37,7 +37,7 @@ fn one_end() {
     println!("alone");
 }
 
-/// A producer and a consumer notice a cut wire by themselves, without a node that tells them.
+/// A producer and a consumer notice a cut wire by themselves, without a message of a node.
 #[test]
 fn a_cut_wire_is_noticed_before_the_lease_is_over() {
     let Some(network) = Network::new(2) else { return };

@@ -64,7 +64,7 @@ fn kill_all(hosts: &Hosts, number: usize) {
     }
 }
 
-/// Nothing is active any more, and the last that was has stopped in time.
+/// Nothing is active any more, and the last active process has stopped in time.
 fn expect_safe(game: &Game<'_>, began: Time) {
     let (row, within) = (game.row, game.row.safe_within.expect("a row that is safe has a time"));
     let is_idle = || game.fakes.active().is_empty();

@@ -22,13 +22,13 @@ pub(crate) enum Strike {
     Signal(Signal),
     /// The program is suspended, until the watchdog finds it.
     Suspend,
-    /// The program goes on, sends nothing and does not end.
+    /// The program continues, sends nothing and does not end.
     Hang,
     /// Nothing can end the program, so its stop is not answered.
     Freeze,
 }
 
-/// Which step of a race ends first, if the test goes on with the mission.
+/// The step of a race that ends first, if the test continues the mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum First {
     /// The step that guards the others.
@@ -37,7 +37,7 @@ pub(crate) enum First {
     Others,
 }
 
-/// The steps of the door in which something ends, what guards others first.
+/// The steps of the door in which a process ends, with the guarding ones first.
 const DETECTORS: [&str; 5] =
     ["distdetect/threshold", "hit/threshold", "closegrip/fingers", "presshandle", "dooropen/model"];
 

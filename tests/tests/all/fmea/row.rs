@@ -30,7 +30,7 @@ pub(crate) fn path(name: &str) -> String {
     format!("main/{name}")
 }
 
-/// Whether a path is that of a process or lies below it.
+/// Whether a path is a process or lies below it.
 pub(crate) fn is_below(path: &str, process: &str) -> bool {
     path.strip_prefix(process).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
 }

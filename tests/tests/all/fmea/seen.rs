@@ -80,7 +80,7 @@ pub(crate) fn expect_running(row: &Row, fakes: &Fakes<'_>, within: Duration) {
     assert!(is_so(), "{}", said());
 }
 
-/// The wires that the row names carry nothing any more.
+/// The wires that the row names carry no values any more.
 pub(crate) fn expect_dead_wires(row: &Row, fakes: &Fakes<'_>) {
     let wires = row.at_once.split_once(" no longer arrives").map_or("", |(wires, _)| wires);
     let inputs: Vec<(String, &str)> = wires
@@ -98,7 +98,7 @@ pub(crate) fn expect_dead_wires(row: &Row, fakes: &Fakes<'_>) {
     wait_until(SOON, is_dead).unwrap_or_else(|| panic!("{}: {inputs:?} still get something", row.name));
 }
 
-/// Inputs get nothing any more from a program that hangs, if the row says that something goes blind, and only then.
+/// Inputs get no more values from a program that hangs, if the row says that something goes blind, and only then.
 pub(crate) fn expect_blind(row: &Row, fakes: &Fakes<'_>, plan: &Plan, program: &str) {
     let active = fakes.active();
     let sends = |leaf: u32| plan.leaves[leaf as usize].path == program;

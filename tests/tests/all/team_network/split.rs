@@ -15,7 +15,7 @@ impl Team {
         ["--keys".to_owned(), to, self.keys[2].clone(), self.keys[3].clone()].to_vec()
     }
 
-    /// Asks on a host with a folder of the operator; its node is told.
+    /// Runs a command on a host with a folder of the operator; its node is informed.
     fn operator(&self, number: usize, arguments: &[&str], keys: &[String]) -> Ended {
         let run_dir = self.host(number).run_dir().display().to_string();
         let ended = self.host(number).ask(&with(&[arguments, &["--run-dir", &run_dir]].concat(), keys));
