@@ -37,7 +37,7 @@ enum Now {
     Free,
     /// It has claimed a room, and waits for the answer.
     Asking(u64),
-    /// It explores a room, for so long yet (s).
+    /// It explores a room; the remaining time (s).
     Exploring(f64),
 }
 

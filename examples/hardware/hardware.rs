@@ -17,9 +17,9 @@ use std::time::Duration;
 const WATCHDOG: Duration = Duration::from_millis(100);
 /// How long a grant of the lock lasts without a renewal.
 const LEASE: Duration = Duration::from_millis(300);
-/// How often a pilot says how fast to go.
+/// How often a pilot sends its speed.
 const EVERY: Duration = Duration::from_millis(20);
-/// How long a command is worth sending: then the next one says more.
+/// How long a command is worth sending: after that the next one is newer.
 const COMMAND_WITHIN: Duration = Duration::from_millis(80);
 /// How long the base has to answer.
 const WITHIN: Duration = Duration::from_secs(1);

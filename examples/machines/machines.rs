@@ -15,7 +15,7 @@ const WORK: Duration = Duration::from_millis(300);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(crate = "controllers::sdk::serde")]
 enum MachineCommand {
-    /// Make this part; said again and again until it is there.
+    /// Make this part; repeated until it is there.
     Make { part: u32 },
     /// Open the doors and take out the jammed part.
     Clear,
@@ -51,7 +51,7 @@ struct MachineOutputs {
     state: Out<MachineState>,
 }
 
-/// Makes parts, one in 0.3 s; jams in the middle of its first parts, as often as its argument says.
+/// Makes parts, one in 0.3 s; jams in the middle of its first parts, as often as its argument requires.
 #[derive(Debug)]
 struct Machine {
     jams_left: f64,
@@ -130,7 +130,7 @@ struct ClientOutputs {
 /// Makes one part; aborts when the machine jams.
 #[derive(Debug, Default)]
 struct MakePart {
-    /// The number of the part; known once the machine has said how many there are.
+    /// The number of the part; known once the machine has reported how many there are.
     part: Option<u32>,
 }
 

@@ -100,7 +100,7 @@ impl Controller for PatrolBase {
         if self.charge <= 0.0 {
             return Progress::Aborted("the battery is empty".to_owned());
         }
-        // A command that is old counts as none: the base stands.
+        // An old command counts as none: the base stops.
         if let Some(velocity) = inputs.velocity.fresh_within(tick.now, FRESH) {
             self.pose.x += velocity.x * dt;
             self.pose.y += velocity.y * dt;
@@ -135,7 +135,7 @@ struct DriveTo {
     speed: f64,
 }
 
-/// How near is there (m).
+/// The distance at which a place counts as reached (m).
 const NEAR: f64 = 0.02;
 
 /// Returns how to move from a place to another at a speed, slower when it is near; none when it is there.

@@ -41,7 +41,7 @@ struct Clerk {
     /// How long this one still takes (s).
     left: f64,
     orders: Queue<Order>,
-    /// Whose order it is that is worked on, and its marker.
+    /// The customer of the present order, and its marker.
     of: Option<(String, u64, Order)>,
     ready: Router<Order>,
     amount: f64,

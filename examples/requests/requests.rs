@@ -51,7 +51,7 @@ impl Message for Way {
 
 #[derive(Outputs)]
 struct PlannerOutputs {
-    /// The queues of answers of all who ask.
+    /// The queues for the answers, of all callers.
     #[calls("Answers")]
     answers: Calls<QueueMessage, Receipt>,
 }

@@ -1,6 +1,6 @@
 //! A driver for a thermometer with a heater on a serial port, and such a device, simulated on a pseudo-terminal.
 //!
-//! The protocol: the device says `T 21.50` each 50 ms (°C) and obeys `H 1` and `H 0` (heater on, off), a line each.
+//! The protocol: the device sends `T 21.50` each 50 ms (°C) and obeys `H 1` and `H 0` (heater on, off), a line each.
 
 use crate::headline;
 use controllers::sdk::serde::{Deserialize, Serialize};
@@ -41,7 +41,7 @@ struct Line {
 }
 
 impl Line {
-    /// Opens a serial port, raw, at what speed it has.
+    /// Opens a serial port, raw, at its present speed.
     fn open(path: &str) -> Result<Self, String> {
         let failed = |why: Errno| format!("cannot open the serial port `{path}`: {why}");
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
@@ -226,7 +226,7 @@ struct Ends {
 }
 
 impl FakeDevice {
-    /// Makes the terminal, and a link to it under the name that the driver is told.
+    /// Makes the terminal, and a link to it under the name that the driver gets.
     fn plug_in(&self) -> Result<Ends, String> {
         let failed = |why: Errno| format!("cannot make a pseudo-terminal: {why}");
         let device = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).map_err(failed)?;

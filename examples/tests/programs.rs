@@ -1,4 +1,4 @@
-//! The programs of the examples say which controllers they have. As a test of this package it also has cargo build them, which
+//! The programs of the examples list their controllers. As a test of this package it also makes cargo build them, which
 //! the tests of whole missions need.
 
 use std::process::Command;
